@@ -1,0 +1,15 @@
+"""Shape and dtype aliases for annotations, checked at run time in the tests (jaxtyping, beartype)."""
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Array, ArrayLike, Bool, Float, Int, Num, PyTree
+
+AnyArray = Array | np.ndarray
+
+#: One recording of one channel, or several channels with time first.
+Series = Num[AnyArray, " n"] | Num[AnyArray, "n channels"]
+
+Scalar = Float[AnyArray, ""] | float
+
+__all__ = ["Any", "AnyArray", "Array", "ArrayLike", "Bool", "Float", "Int", "Num", "PyTree", "Scalar", "Series"]

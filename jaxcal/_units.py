@@ -1,0 +1,224 @@
+"""Units: strings to SI factors, and the units in which noise coefficients are quoted.
+
+SI inside, always: rad/s, m/s^2, T, s, degC. The factors of the noise coefficients are those of IEEE Std 952 and of
+inertial data sheets. A random walk coefficient N is two-sided; a data-sheet "noise density" is one-sided and
+sqrt(2) larger (`density_from_random_walk`).
+"""
+
+import math
+import re
+
+from ._errors import UnitError
+
+STANDARD_GRAVITY = 9.80665
+_DEG = math.pi / 180.0
+
+#: quantity -> (SI unit, {unit: factor to SI})
+_QUANTITIES: dict[str, tuple[str, dict[str, float]]] = {
+    "time": ("s", {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}),
+    "gyro": (
+        "rad/s",
+        {
+            "rad/s": 1.0,
+            "mrad/s": 1e-3,
+            "deg/s": _DEG,
+            "mdeg/s": _DEG * 1e-3,
+            "deg/h": _DEG / 3600.0,
+            "rpm": 2.0 * math.pi / 60.0,
+        },
+    ),
+    "accel": (
+        "m/s^2",
+        {
+            "m/s^2": 1.0,
+            "mm/s^2": 1e-3,
+            "cm/s^2": 1e-2,
+            "g": STANDARD_GRAVITY,
+            "mg": STANDARD_GRAVITY * 1e-3,
+            "ug": STANDARD_GRAVITY * 1e-6,
+            "ft/s^2": 0.3048,
+        },
+    ),
+    "mag": ("T", {"T": 1.0, "mT": 1e-3, "uT": 1e-6, "nT": 1e-9, "G": 1e-4, "mG": 1e-7}),
+    "temperature": ("degC", {"degC": 1.0, "K": 1.0, "degF": 5.0 / 9.0}),
+}
+_OFFSETS = {"K": -273.15, "degF": -160.0 / 9.0}
+
+#: spellings met in headers and on command lines -> the unit above
+_SPELLINGS = {
+    "sec": "s", "secs": "s", "second": "s", "seconds": "s", "msec": "ms", "millis": "ms", "usec": "us", "micros": "us",
+    "nsec": "ns", "nanos": "ns", "hour": "h", "hours": "h",
+    "rps": "rad/s", "rads": "rad/s", "rad_s": "rad/s", "radps": "rad/s", "rad/sec": "rad/s",
+    "dps": "deg/s", "degs": "deg/s", "deg_s": "deg/s", "deg/sec": "deg/s", "degps": "deg/s", "\u00b0/s": "deg/s",
+    "mdps": "mdeg/s", "dph": "deg/h", "deg/hr": "deg/h", "\u00b0/h": "deg/h",
+    "m/s2": "m/s^2", "m/s/s": "m/s^2", "m/s**2": "m/s^2", "m/s\u00b2": "m/s^2", "mps2": "m/s^2", "ms2": "m/s^2",
+    "m_s2": "m/s^2", "m_s_2": "m/s^2", "ms-2": "m/s^2", "m s^-2": "m/s^2", "gal": "cm/s^2", "gs": "g", "gee": "g",
+    "milli-g": "mg", "ft/s2": "ft/s^2",
+    "tesla": "T", "ut": "uT", "\u00b5t": "uT", "\u03bct": "uT", "nt": "nT", "mt": "mT", "t": "T",
+    "gauss": "G", "ga": "G", "mgauss": "mG", "mga": "mG", "milligauss": "mG",
+    "c": "degC", "\u00b0c": "degC", "celsius": "degC", "degc": "degC", "k": "K", "kelvin": "K",
+    "f": "degF", "\u00b0f": "degF", "degf": "degF", "fahrenheit": "degF",
+}  # fmt: skip
+
+
+def quantities() -> tuple[str, ...]:
+    """Names of the physical quantities of a log: time, gyro, accel, mag, temperature."""
+    return tuple(_QUANTITIES)
+
+
+def si_unit(quantity: str) -> str:
+    """SI unit string of a quantity.
+
+    Examples
+    --------
+    >>> from jaxcal._units import si_unit
+    >>> si_unit("accel")
+    'm/s^2'
+    """
+    return _QUANTITIES[quantity][0]
+
+
+def find_unit(text: str, quantity: str) -> str | None:
+    """Canonical unit that `text` spells for `quantity`, or None.
+
+    Examples
+    --------
+    >>> from jaxcal._units import find_unit
+    >>> find_unit("dps", "gyro"), find_unit("m/s2", "accel"), find_unit("dps", "accel")
+    ('deg/s', 'm/s^2', None)
+    """
+    table = _QUANTITIES[quantity][1]
+    text = re.sub(r"\s+", " ", text.strip())
+    for candidate in (text, _SPELLINGS.get(text.lower(), "")):
+        if candidate in table:
+            return candidate
+    lowered = {unit.lower(): unit for unit in table}
+    # only where lower case is unambiguous: mT and mt, G and g mean different things
+    return lowered.get(text.lower()) if quantity in ("time", "gyro", "accel") else None
+
+
+def factor(unit: str, quantity: str) -> float:
+    """SI value of one `unit` of `quantity` (temperature: of one degree; see `to_si` for the offset).
+
+    Raises
+    ------
+    UnitError
+        If the quantity or the unit is unknown.
+
+    Examples
+    --------
+    >>> from jaxcal._units import factor
+    >>> factor("g", "accel")
+    9.80665
+    """
+    if quantity not in _QUANTITIES:
+        raise UnitError(f"unknown quantity {quantity!r}; expected one of {', '.join(_QUANTITIES)}")
+    found = find_unit(unit, quantity)
+    if found is None:
+        known = ", ".join(_QUANTITIES[quantity][1])
+        raise UnitError(f"{unit!r} is not a unit of {quantity}; use one of {known}")
+    return _QUANTITIES[quantity][1][found]
+
+
+def to_si(values, unit: str, quantity: str):
+    """Convert values of `quantity` from `unit` to SI (rad/s, m/s^2, T, s, degC).
+
+    Examples
+    --------
+    >>> from jaxcal._units import to_si
+    >>> round(to_si(300.0, "K", "temperature"), 2)
+    26.85
+    """
+    scale = factor(unit, quantity)
+    offset = _OFFSETS.get(find_unit(unit, quantity) or "", 0.0) if quantity == "temperature" else 0.0
+    return values if scale == 1.0 and offset == 0.0 else values * scale + offset
+
+
+#: (term, sensor) -> {unit: SI value of one unit}; the first entry is the one printed
+_NOISE: dict[tuple[str, str], dict[str, float]] = {
+    ("Q", "gyro"): {"arcsec": _DEG / 3600, "deg": _DEG, "rad": 1.0},
+    ("N", "gyro"): {"deg/sqrt(h)": _DEG / 60, "deg/sqrt(s)": _DEG, "deg/s/sqrt(Hz)": _DEG, "rad/sqrt(s)": 1.0},
+    ("B", "gyro"): {"deg/h": _DEG / 3600, "deg/s": _DEG, "rad/s": 1.0},
+    ("K", "gyro"): {
+        "deg/h/sqrt(s)": _DEG / 3600,
+        "deg/h/sqrt(h)": _DEG * 3600**-1.5,
+        "deg/h^(3/2)": _DEG * 3600**-1.5,
+        "deg/s/sqrt(s)": _DEG,
+        "rad/s/sqrt(s)": 1.0,
+    },
+    ("R", "gyro"): {"deg/h^2": _DEG / 3600**2, "deg/h/s": _DEG / 3600, "rad/s^2": 1.0},
+    ("Q", "accel"): {"m/s": 1.0},
+    ("N", "accel"): {
+        "m/s/sqrt(h)": 1 / 60,
+        "ug/sqrt(Hz)": STANDARD_GRAVITY * 1e-6,
+        "mg/sqrt(Hz)": STANDARD_GRAVITY * 1e-3,
+        "m/s/sqrt(s)": 1.0,
+        "m/s^2/sqrt(Hz)": 1.0,
+    },
+    ("B", "accel"): {"mg": STANDARD_GRAVITY * 1e-3, "ug": STANDARD_GRAVITY * 1e-6, "m/s^2": 1.0},
+    ("K", "accel"): {
+        "m/s/h^(3/2)": 3600**-1.5,
+        "mg/sqrt(s)": STANDARD_GRAVITY * 1e-3,
+        "m/s^2/sqrt(s)": 1.0,
+    },
+    ("R", "accel"): {"mg/h": STANDARD_GRAVITY * 1e-3 / 3600, "m/s^3": 1.0},
+    ("Q", "mag"): {"uT s": 1e-6, "T s": 1.0},
+    ("N", "mag"): {"nT/sqrt(Hz)": 1e-9, "T/sqrt(Hz)": 1.0},
+    ("B", "mag"): {"nT": 1e-9, "T": 1.0},
+    ("K", "mag"): {"nT/sqrt(s)": 1e-9, "T/sqrt(s)": 1.0},
+    ("R", "mag"): {"nT/h": 1e-9 / 3600, "T/s": 1.0},
+}  # fmt: skip
+
+
+def noise_units(term: str, sensor: str) -> tuple[str, ...]:
+    """Units in which a noise coefficient is quoted: the printed one first, the SI one last.
+
+    Examples
+    --------
+    >>> from jaxcal._units import noise_units
+    >>> noise_units("B", "gyro")
+    ('deg/h', 'deg/s', 'rad/s')
+    """
+    return tuple(_noise_table(term, sensor))
+
+
+def noise_factor(term: str, sensor: str, unit: str) -> float:
+    """SI value of one `unit` of a noise coefficient.
+
+    Parameters
+    ----------
+    term : "Q", "N", "B", "K" or "R".
+    sensor : "gyro", "accel" or "mag".
+    unit : as listed by `noise_units`.
+
+    Examples
+    --------
+    9.07 m/s/h^(3/2) is 4.1991e-5 m/s^2/sqrt(s):
+
+    >>> from jaxcal._units import noise_factor
+    >>> round(9.07 * noise_factor("K", "accel", "m/s/h^(3/2)"), 9)
+    4.1991e-05
+    """
+    table = _noise_table(term, sensor)
+    if unit not in table:
+        raise UnitError(f"{unit!r} is not a unit of {term} of a {sensor}; use one of {', '.join(table)}")
+    return table[unit]
+
+
+def density_from_random_walk(n: float) -> float:
+    """One-sided data-sheet noise density ND = sqrt(2) N of a two-sided random walk coefficient N."""
+    return math.sqrt(2.0) * n
+
+
+def random_walk_from_density(density: float) -> float:
+    """Two-sided random walk coefficient N = ND / sqrt(2) of a one-sided data-sheet noise density ND."""
+    return density / math.sqrt(2.0)
+
+
+def _noise_table(term: str, sensor: str) -> dict[str, float]:
+    try:
+        return _NOISE[term, sensor]
+    except KeyError:
+        raise UnitError(
+            f"no noise units for term {term!r} of sensor {sensor!r}; terms are Q, N, B, K, R and sensors gyro, accel, mag"
+        ) from None

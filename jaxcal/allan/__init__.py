@@ -1,0 +1,3 @@
+"""Time-domain statistics of a record."""
+
+from ._result import Deviation as Deviation

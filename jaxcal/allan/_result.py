@@ -1,0 +1,47 @@
+"""`Deviation`: a time-domain statistic with its uncertainty."""
+
+import equinox as eqx
+
+from .._types import AnyArray
+
+
+class Deviation(eqx.Module):
+    """A time-domain deviation at several cluster sizes, with chi-square intervals.
+
+    Every array has the cluster sizes first; a second axis is there where the record had channels.
+
+    Attributes
+    ----------
+    tau : (clusters,) cluster time in s.
+    m : (clusters,) cluster size in samples.
+    deviation : (clusters,) or (clusters, channels), in the unit of the record (tdev: that unit times s).
+    lower, upper : limits of the interval at level `confidence`, same shape and unit as `deviation`.
+    edf : equivalent degrees of freedom of the variance, same shape.
+    count : number of differences averaged, same shape; less than the full number where gaps were left out.
+    alpha : noise type identified at each cluster size (2 white phase or quantisation, 1 flicker phase, 0 white
+        rate, -1 flicker rate, -2 random walk of rate), same shape.
+    kind : name of the statistic.
+    rate : sampling rate in Hz.
+    confidence : level of the interval.
+    skipped : number of differences left out because they touch a gap, same shape as `count`.
+    """
+
+    tau: AnyArray
+    m: AnyArray
+    deviation: AnyArray
+    lower: AnyArray
+    upper: AnyArray
+    edf: AnyArray
+    count: AnyArray
+    alpha: AnyArray
+    skipped: AnyArray
+    kind: str = eqx.field(static=True)
+    rate: float = eqx.field(static=True)
+    confidence: float = eqx.field(static=True)
+
+    def channel(self, index: int) -> "Deviation":
+        """The same result for one channel of a record with several."""
+        if self.deviation.ndim == 1:
+            raise IndexError("this deviation is of a single channel; there is nothing to pick")
+        pick = {name: getattr(self, name)[:, index] for name in ("deviation", "lower", "upper", "edf", "count", "alpha", "skipped")}
+        return Deviation(tau=self.tau, m=self.m, kind=self.kind, rate=self.rate, confidence=self.confidence, **pick)
