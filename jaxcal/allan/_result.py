@@ -24,6 +24,7 @@ class Deviation(eqx.Module):
     rate : sampling rate in Hz.
     confidence : level of the interval.
     skipped : number of differences left out because they touch a gap, same shape as `count`.
+    warnings : sentences, where a cluster size had to be left out.
     """
 
     tau: AnyArray
@@ -38,10 +39,11 @@ class Deviation(eqx.Module):
     kind: str = eqx.field(static=True)
     rate: float = eqx.field(static=True)
     confidence: float = eqx.field(static=True)
+    warnings: tuple[str, ...] = eqx.field(static=True, default=())
 
     def channel(self, index: int) -> "Deviation":
         """The same result for one channel of a record with several."""
         if self.deviation.ndim == 1:
             raise IndexError("this deviation is of a single channel; there is nothing to pick")
         pick = {name: getattr(self, name)[:, index] for name in ("deviation", "lower", "upper", "edf", "count", "alpha", "skipped")}
-        return Deviation(tau=self.tau, m=self.m, kind=self.kind, rate=self.rate, confidence=self.confidence, **pick)
+        return Deviation(tau=self.tau, m=self.m, kind=self.kind, rate=self.rate, confidence=self.confidence, warnings=self.warnings, **pick)

@@ -1,0 +1,267 @@
+"""`deviation`: the host driver of the time-domain statistics."""
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._errors import DataError
+from .._precision import host_float64, is_traced
+from ._edf import degrees_of_freedom, interval_factors
+from ._identify import identify
+from ._kinds import Kind, cluster_sizes, find_kind
+from ._phase import BLOCK, padded_length, phase_from_rate, running_sum_of_phase
+from ._result import Deviation
+from ._sums import block_sums, direct_sums
+
+_PARALLEL_FROM = 4_000_000  # differences; below, a second thread costs more than it brings
+
+
+@host_float64
+def deviation(y, rate, *, kind="oadev", m="log", data="rate", confidence=0.95, alpha=None) -> Deviation:
+    r"""Allan, modified Allan, time or Hadamard deviation with noise type, degrees of freedom and interval.
+
+    With the phase :math:`\theta_k = \sum_{t<k} (y_t - \bar y)` in units of samples,
+
+    .. math:: \sigma^2(m\,dt) = \frac{1}{2 m^2 M} \sum_k (\theta_{k+2m} - 2\theta_{k+m} + \theta_k)^2
+
+    over all M starting points k (oadev) or every m-th (adev); hdev and ohdev use third differences and 6 m^2; mdev averages
+    the phase over m points first; tdev is mdev times tau/sqrt(3). Every cluster size is exact.
+
+    Parameters
+    ----------
+    y : (n,) or (n, channels) rate samples in any unit (rad/s, m/s^2), or phase in that unit times s. NaN marks a gap:
+        differences that touch it are left out and counted.
+    rate : sampling rate in Hz.
+    kind : "adev", "oadev" (default), "mdev", "tdev", "hdev" or "ohdev".
+    m : cluster sizes in samples: "log" (default, about 15 per decade), "octave", "decade", "all", or integers.
+    data : "rate" (default) or "phase".
+    confidence : level of the intervals, 0.95 by default.
+    alpha : noise type for the degrees of freedom (2 .. -2), instead of the one identified at each cluster size.
+
+    Returns
+    -------
+    Deviation
+        tau in s, deviation and its limits in the unit of y, edf, counts and noise types.
+
+    Raises
+    ------
+    DataError
+        If y is not a finite numeric record (NaN apart), is too short for the statistic or for a cluster size, or if an option is unknown.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> white = np.random.default_rng(0).standard_normal(100_000)
+    >>> result = jaxcal.allan.deviation(white, rate=100.0, m=[1, 100])
+    >>> bool(abs(result.deviation[1] / 0.1 - 1) < 0.05)
+    True
+
+    References
+    ----------
+    W. J. Riley, Handbook of Frequency Stability Analysis, NIST SP 1065, 2008, section 5; IEEE Std 952-1997, annex C;
+    intervals: Greenhall and Riley, PTTI 2003; noise type: Riley and Greenhall, EFTF 2004.
+    """
+    statistic, rate = find_kind(kind), _checked_rate(rate)
+    if data not in ("rate", "phase"):
+        raise DataError(f'unknown data {data!r}; expected "rate" (samples of rate or force) or "phase" (their integral)')
+    if not 0.0 < confidence < 1.0:
+        raise DataError(f"confidence must lie between 0 and 1; got {confidence!r} (0.95 is 95 %)")
+    y = _checked_record(y)
+    samples = y.shape[0] - (1 if data == "phase" else 0)
+    sizes = cluster_sizes(m, statistic, samples)
+    columns = y if y.ndim == 2 else y[:, None]
+    if is_traced(y):
+        total, count, noise = _traced(columns, sizes, statistic, rate, data, samples)
+        xp = jnp
+    else:
+        total, count, noise = _measured(columns, sizes, statistic, rate, data, samples)
+        xp = np
+    if alpha is not None:
+        noise = xp.full_like(noise, alpha)
+    expected = statistic.count(samples, sizes)[:, None]
+    warnings: tuple[str, ...] = ()
+    if xp is np:
+        kept = np.all(count > 0, axis=1)
+        if not kept.any():
+            raise DataError(f"no cluster size has a difference free of gaps: {int(np.isnan(columns).any(axis=1).sum())} of {len(y)} samples are missing")
+        if not kept.all():
+            lost = ", ".join(f"{size / rate:g}" for size in sizes[~kept])
+            warnings = (f"no difference free of gaps at tau = {lost} s: left out",)
+            total, count, noise, sizes, expected = total[kept], count[kept], noise[kept], sizes[kept], expected[kept]
+    else:
+        total = eqx.error_if(total, xp.any(count == 0), "a cluster size has no difference free of gaps; choose smaller m")
+    result = xp.sqrt(total / count * statistic.scale(sizes, rate)[:, None].astype(total.dtype))
+    edf, low, high = _uncertainty(noise, count / expected, sizes, statistic, samples, confidence, xp)
+    arrays = {"deviation": result, "lower": result * low, "upper": result * high, "edf": edf, "count": count}
+    arrays |= {"alpha": noise.astype(np.int64) if xp is np else noise, "skipped": expected - count}
+    if y.ndim == 1:
+        arrays = {name: value[:, 0] for name, value in arrays.items()}
+    return Deviation(tau=sizes / rate, m=sizes, kind=kind, rate=rate, confidence=confidence, warnings=warnings, **arrays)
+
+
+def _checked_rate(rate) -> float:
+    try:
+        value = float(rate)
+    except (TypeError, ValueError):
+        raise DataError(f"rate must be a number in Hz; got {rate!r}") from None
+    if not (np.isfinite(value) and value > 0):
+        raise DataError(f"rate must be positive and finite, in Hz; got {value!r}")
+    return value
+
+
+def _checked_record(y):
+    if is_traced(y):
+        if y.ndim not in (1, 2):
+            raise DataError(f"y must be (n,) or (n, channels); got shape {y.shape}")
+        return y
+    y = np.asarray(y)
+    if y.dtype.kind not in "fiu":
+        raise DataError(f"y must hold real numbers; got dtype {y.dtype}")
+    if y.ndim not in (1, 2) or 0 in y.shape:
+        raise DataError(f"y must be (n,) or (n, channels), time first, and not empty; got shape {y.shape}")
+    if y.ndim == 2 and y.shape[1] > y.shape[0]:
+        raise DataError(f"y has more channels than samples: shape {y.shape}; time is the first axis, so transpose it (y.T)")
+    y = y.astype(np.float64, copy=False)
+    if np.isinf(np.sum(y)) or np.isnan(np.sum(y)):  # one cheap pass decides; the second only on trouble
+        infinite = np.argwhere(np.isinf(y))
+        if len(infinite):
+            raise DataError(f"y has {len(infinite)} infinite values, the first at sample {infinite[0][0]}; replace them by NaN to mark a gap")
+        empty = np.flatnonzero(np.isnan(y.reshape(len(y), -1)).all(axis=0))
+        if len(empty):
+            raise DataError(f"channel {empty[0]} holds nothing but NaN; leave it out")
+    return y
+
+
+def _uncertainty(noise, share, sizes, statistic: Kind, samples: int, confidence: float, xp):
+    """edf and interval factors; in a trace, where the noise type is not known yet, chosen from a table over all types."""
+    if xp is np:
+        edf = np.maximum(degrees_of_freedom(sizes[:, None], noise, statistic, samples) * share, 1.0)
+        return edf, *interval_factors(edf, confidence)
+    types = np.arange(2, -3 if statistic.order == 2 else -5, -1)
+    table = degrees_of_freedom(sizes[:, None], types[None, :], statistic, samples)
+    low, high = interval_factors(table, confidence)
+    index = jnp.clip(2 - noise, 0, len(types) - 1).astype(jnp.int32)
+    tables = (jnp.asarray(t, dtype=share.dtype) for t in (table, low, high))
+    return tuple(jnp.take_along_axis(t, index, axis=1) for t in tables)
+
+
+def _traced(columns, sizes, statistic: Kind, rate: float, data: str, samples: int):
+    """Sums, counts and noise types of a traced record: plain algebra that JAX can differentiate."""
+    gone = jnp.isnan(columns)
+    missing, rule, less = _gap_rule(gone, statistic, data, jnp)
+    clean = jnp.where(gone, 0.0, columns)
+    if data == "rate":
+        present = jnp.sum(~gone, axis=0).astype(columns.dtype)
+        mean = jnp.sum(clean, axis=0) / present
+        theta = jnp.cumsum(jnp.where(gone, 0.0, columns - mean[None, :]), axis=0)
+        theta = jnp.concatenate([jnp.zeros_like(theta[:1]), theta])
+    else:
+        line = jnp.linspace(0.0, 1.0, samples + 1, dtype=columns.dtype)[:, None]
+        theta = (clean - clean[:1] - line * (clean[-1:] - clean[:1])) * rate
+    parts = theta
+    if statistic.modified:
+        parts = jnp.concatenate([jnp.zeros_like(theta[:1]), jnp.cumsum(theta, axis=0)])
+    number = statistic.count(samples, sizes)
+
+    def channel(arrays):
+        part, lost = arrays
+        return direct_sums((part,), lost, jnp.asarray(sizes), jnp.asarray(number), less, order=statistic.difference, strided=not statistic.overlapped, rule=rule)  # fmt: skip
+
+    total, count = jax.lax.map(channel, (parts.T, missing.T))
+    marks = missing if data == "phase" and rule == "points" else gone.astype(jnp.int32) if data == "phase" else missing
+    noise = identify(jax.lax.stop_gradient(theta), marks, sizes, statistic, samples, data, jnp)
+    return total.T, count.T.astype(columns.dtype), noise
+
+
+def _gap_rule(gone, statistic: Kind, data: str, xp):
+    """What marks missing samples for the kernels, the rule, and how much shorter than order*m the reach is."""
+    if data == "phase" and not statistic.modified:
+        return gone.astype(np.int32), "points", 0
+    running = xp.cumsum(gone, axis=0, dtype=np.int32)
+    running = xp.concatenate([xp.zeros_like(running[:1]), running])
+    if statistic.modified and data == "rate":
+        # one phase point more than rate samples: the last is reached through its neighbour
+        running = xp.concatenate([running, running[-1:]])
+    return running, "span", 1 if statistic.modified and data == "rate" else 0
+
+
+def _aligned(length: int, dtype=np.float64) -> np.ndarray:
+    """Uninitialised array whose address suits JAX, so that handing it over copies nothing."""
+    item = np.dtype(dtype).itemsize
+    raw = np.empty(length + 64 // item, dtype)
+    return raw[(-raw.ctypes.data // item) % (64 // item) :][:length]
+
+
+def _measured(columns, sizes, statistic: Kind, rate: float, data: str, samples: int):
+    """Sums, counts and noise types of a record at hand, (clusters, channels), by the block kernel on every core."""
+    order = np.argsort(sizes, kind="stable")
+    ascending = sizes[order]
+    number = statistic.count(samples, ascending)
+    channels = columns.shape[1]
+    workers = min(os.cpu_count() or 1, 16) if jax.default_backend() == "cpu" else 1
+    if channels * int(number.sum()) < _PARALLEL_FROM:
+        workers = 1
+    # the same work for each part: the number of cluster sizes that visit a block falls along the record
+    split = workers if channels == 1 else 1
+    blocks = -(-int(number[0]) // BLOCK)
+    per_block = np.sum(number[None, :] > np.arange(blocks)[:, None] * BLOCK, axis=1) if split > 1 else np.ones(blocks)
+    edges = np.searchsorted(np.cumsum(per_block), np.linspace(0, per_block.sum(), split + 1)[1:-1])
+    edges = [0, *(int(e) for e in edges), blocks]
+
+    def channel(column):
+        with jax.enable_x64(True):  # thread-local
+            parts, theta, marks, missing, rule, less = _prepare(column, statistic, rate, data, samples)
+
+            def part(span):
+                with jax.enable_x64(True):
+                    sums = block_sums(
+                        parts, missing, jnp.asarray(ascending), jnp.asarray(number), span[0], span[1], less,
+                        order=statistic.difference, strided=not statistic.overlapped, rule=rule,
+                    )  # fmt: skip
+                    return [np.asarray(s) for s in sums]
+
+            spans = [(jnp.asarray(a), jnp.asarray(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+            found = list(pool.map(part, spans)) if split > 1 else [part(span) for span in spans]
+            total, count = (sum(values) for values in zip(*found, strict=True))
+            return total, count, identify(theta, marks, ascending, statistic, samples, data)[:, 0]
+
+    with ThreadPoolExecutor(workers) as pool:
+        run = pool.map if split == 1 and workers > 1 else map
+        results = list(run(channel, columns.T))
+    back = np.argsort(order, kind="stable")
+    return tuple(np.stack(values, axis=1)[back] for values in zip(*results, strict=True))
+
+
+def _prepare(column, statistic: Kind, rate: float, data: str, samples: int):
+    """Padded arrays of one channel for the block kernel, and its phase and gap marks for the identification."""
+    length = padded_length(samples)
+    gone = np.isnan(column)
+    gaps = bool(gone.any())
+    marks = missing = None
+    rule, less = "none", 0
+    if gaps:
+        marks, rule, less = _gap_rule(gone[:, None], statistic, data, np)
+        held = np.zeros(length, np.int32)
+        held[: len(marks)] = marks[:, 0]
+        missing = jnp.asarray(held)
+        if data == "phase":
+            marks = gone[:, None].astype(np.int32)
+    values = _aligned(length)
+    if data == "rate":
+        values[:samples] = column
+        mean = float(np.mean(column[~gone]) if gaps else np.mean(column))
+        device = jax.device_put(values, may_alias=True)
+        theta = phase_from_rate(jnp.zeros(length), device, jnp.asarray(mean), jnp.asarray(samples))
+    else:
+        clean = np.where(gone, 0.0, column) if gaps else column
+        ends = clean[[0, -1]]
+        np.subtract(clean, np.linspace(ends[0], ends[1], samples + 1), out=values[: samples + 1])
+        values[: samples + 1] *= rate
+        theta = jax.device_put(values, may_alias=True)
+    parts = running_sum_of_phase(theta) if statistic.modified else (theta,)
+    return parts, np.asarray(theta)[: samples + 1, None], marks, missing, rule, jnp.asarray(less)

@@ -1,0 +1,111 @@
+"""The statistics by name: which differences they average, how many there are, and how they are scaled."""
+
+import equinox as eqx
+import numpy as np
+
+from .._errors import DataError
+from .._types import Int
+
+
+class Kind(eqx.Module):
+    """One statistic: differences of `order` of the phase (or of its running sum, if `modified`), all or every m-th."""
+
+    name: str
+    order: int  # 2 Allan, 3 Hadamard: what the edf formulas call d
+    modified: bool  # averages the phase over m points first
+    overlapped: bool  # all starting points, or every m-th
+    timed: bool = False  # multiplied by tau/sqrt(3)
+
+    @property
+    def difference(self) -> int:
+        """Order of the difference of the array that is summed: 3 for the running sum of phase (NIST SP 1065, 5.2.5)."""
+        return 3 if self.modified else self.order
+
+    def count(self, samples: int, m: Int[np.ndarray, " clusters"]) -> Int[np.ndarray, " clusters"]:
+        """Number of differences in a record of `samples` rate samples (one more phase point) at cluster sizes m."""
+        if not self.overlapped:
+            return samples // m - self.order + 1
+        return samples - self.difference * m + (2 if self.modified else 1)
+
+    def largest(self, samples: int) -> int:
+        """Largest cluster size with at least one difference."""
+        if not self.overlapped:
+            return samples // self.order
+        return (samples + (1 if self.modified else 0)) // self.difference
+
+    def scale(self, m: np.ndarray, rate: float) -> np.ndarray:
+        """Factor from the mean squared difference to the variance."""
+        m = np.asarray(m, dtype=np.float64)
+        factor = 1.0 / ((2.0 if self.order == 2 else 6.0) * m**2)
+        if self.modified:
+            factor = factor / m**2
+        if self.timed:
+            factor = factor * (m / rate) ** 2 / 3.0
+        return factor
+
+
+_KINDS = {
+    kind.name: kind
+    for kind in (
+        Kind("adev", order=2, modified=False, overlapped=False),
+        Kind("oadev", order=2, modified=False, overlapped=True),
+        Kind("mdev", order=2, modified=True, overlapped=True),
+        Kind("tdev", order=2, modified=True, overlapped=True, timed=True),
+        Kind("hdev", order=3, modified=False, overlapped=False),
+        Kind("ohdev", order=3, modified=False, overlapped=True),
+    )
+}
+
+
+def find_kind(name: str) -> Kind:
+    """The statistic called `name`."""
+    if name not in _KINDS:
+        raise DataError(f"unknown kind {name!r}; expected one of {', '.join(_KINDS)}")
+    return _KINDS[name]
+
+
+#: cluster sizes per decade of the "log" grid
+_PER_DECADE = 15
+
+
+def cluster_sizes(m, kind: Kind, samples: int) -> Int[np.ndarray, " clusters"]:
+    """Cluster sizes of a named grid, or the given ones, checked against the length of the record.
+
+    Parameters
+    ----------
+    m : "log" (about 15 per decade), "octave" (1, 2, 4, ...), "decade" (1, 2, 4, 10, 20, 40, ...), "all", or integers.
+    kind : the statistic.
+    samples : number of rate samples.
+
+    Raises
+    ------
+    DataError
+        If the record is too short for the statistic, or a given size is not an integer within 1 .. the largest possible.
+    """
+    largest = kind.largest(samples)
+    if largest < 1:
+        need = kind.difference - (1 if kind.modified else 0)
+        raise DataError(f"{kind.name} needs at least {max(need, 2)} rate samples (one more phase point); got {samples}")
+    if isinstance(m, str):
+        if m == "log":
+            decades = np.log10(largest)
+            sizes = np.round(np.logspace(0.0, decades, int(np.ceil(decades * _PER_DECADE)) + 1)).astype(np.int64)
+        elif m == "octave":
+            sizes = 2 ** np.arange(int(np.log2(largest)) + 1)
+        elif m == "decade":
+            sizes = (10 ** np.arange(int(np.log10(largest)) + 1)[:, None] * np.array([1, 2, 4])).ravel()
+        elif m == "all":
+            sizes = np.arange(1, largest + 1)
+        else:
+            raise DataError(f'unknown grid of cluster sizes {m!r}; expected "log", "octave", "decade", "all" or integers')
+        return np.unique(sizes[sizes <= largest]).astype(np.int64)
+    sizes = np.atleast_1d(np.asarray(m))
+    if sizes.ndim != 1 or sizes.size == 0 or not np.issubdtype(sizes.dtype, np.number) or np.any(sizes != np.round(sizes)):
+        raise DataError(f"cluster sizes must be a list of whole numbers of samples; got {m!r} (tau in s is m / rate)")
+    sizes = sizes.astype(np.int64)
+    bad = sizes[(sizes < 1) | (sizes > largest)]
+    if bad.size:
+        raise DataError(
+            f"cluster size {bad[0]} is outside 1 .. {largest}, the sizes that {kind.name} can have in a record of {samples} samples"
+        )
+    return sizes

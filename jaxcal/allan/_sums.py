@@ -1,0 +1,158 @@
+"""Sums of squared differences at many cluster sizes, in one pass over blocks that stay in the cache."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from .._types import Array, Float, Int
+from ._phase import BLOCK
+
+_LANE = 2048  # points per vector operation; BLOCK // _LANE of them are unrolled
+
+Parts = tuple[Float[Array, " padded"], ...]
+
+
+def _difference(parts: Parts, take, order: int):
+    """Difference of `order` of the sum of `parts`, formed from neighbours first so that large values cancel early."""
+    total = None
+    for part in parts:
+        points = [take(part, j) for j in range(order + 1)]
+        while len(points) > 1:
+            points = [b - a for a, b in zip(points[:-1], points[1:], strict=True)]
+        total = points[0] if total is None else total + points[0]
+    return total
+
+
+def _valid(missing, take, order: int, rule: str, less, m, start):
+    """Which differences touch no missing sample ("span": every sample in reach; "points": the phase points used)."""
+    if rule == "points":
+        used = [take(missing, j) for j in range(order + 1)]
+        return sum(used[1:], used[0]) == 0
+    last = take(missing, order, less)
+    return last == take(missing, 0)
+
+
+@functools.partial(jax.jit, static_argnames=("order", "strided", "rule"))
+def block_sums(
+    parts: Parts,
+    missing: Int[Array, " padded"] | None,
+    m: Int[Array, " clusters"],
+    count: Int[Array, " clusters"],
+    first: Int[Array, ""],
+    last: Int[Array, ""],
+    less: Int[Array, ""],
+    *,
+    order: int,
+    strided: bool,
+    rule: str,
+) -> tuple[Float[Array, " clusters"], Int[Array, " clusters"]]:
+    """Sum of squared differences, and how many were valid, over the blocks first..last-1 of starting points.
+
+    Every cluster size visits a block of starting points before the next block is loaded. `m` is ascending, `count` (number of
+    differences of the whole record) descending: the cluster sizes for which a block is full come first, then those for
+    which it is cut by the end of the record. Both are data: nothing here depends on the length of the record.
+
+    Parameters
+    ----------
+    parts : arrays whose sum is differenced (phase, or high and low part of its running sum).
+    missing : for rule "span" the number of missing samples before each point, for "points" 1 where a point is missing.
+    m, count : cluster sizes and number of differences.
+    first, last : range of blocks.
+    less : for rule "span": by how many samples the reach is shorter than order * m.
+    order : order of the difference.
+    strided : starting points 0, m, 2m, ... instead of all.
+    rule : "none", "span" or "points".
+    """
+    clusters = m.shape[0]
+
+    def lane(start, j, limit):
+        """Sum of squares over one lane, elementwise; `limit` cuts it at the end of the record."""
+        size = m[j]
+
+        def take(array, shift, back=0):
+            offset = shift * size - back
+            if strided:
+                return array[(start + jnp.arange(_LANE)) * size + offset]
+            return lax.dynamic_slice(array, (start + offset,), (_LANE,))
+
+        d = _difference(parts, take, order)
+        keep = None
+        if rule != "none":
+            keep = _valid(missing, take, order, rule, less, size, start)
+        if limit is not None:
+            inside = start + jnp.arange(_LANE) < limit
+            keep = inside if keep is None else keep & inside
+        if keep is None:
+            return d * d, None
+        # the points beyond the record are arbitrary (they may be NaN): select before squaring
+        d = jnp.where(keep, d, 0.0)
+        return d * d, keep.astype(jnp.int32)
+
+    def block(index, carry):
+        start = index * BLOCK
+        full = jnp.sum(start + BLOCK <= count)
+        begun = jnp.sum(start < count)
+
+        def whole(j, carry):
+            squares, valid = carry
+            pieces = [lane(start + q * _LANE, j, None) for q in range(BLOCK // _LANE)]
+            total = sum((p[0] for p in pieces[1:]), pieces[0][0])
+            squares = squares.at[j].add(total)
+            if rule == "none":
+                return squares, valid.at[j].add(BLOCK)
+            return squares, valid.at[j].add(sum(jnp.sum(p[1]) for p in pieces).astype(valid.dtype))
+
+        def cut(j, carry):
+            squares, valid = carry
+
+            def piece(q, carry):
+                squares, valid = carry
+                total, kept = lane(start + q * _LANE, j, count[j])
+                return squares.at[j].add(total), valid.at[j].add(jnp.sum(kept).astype(valid.dtype))
+
+            return lax.fori_loop(0, BLOCK // _LANE, piece, (squares, valid))
+
+        carry = lax.fori_loop(0, full, whole, carry)
+        return lax.fori_loop(full, begun, cut, carry)
+
+    zero = (jnp.zeros((clusters, _LANE), parts[0].dtype), jnp.zeros(clusters, count.dtype))
+    squares, valid = lax.fori_loop(first, last, block, zero)
+    return jnp.sum(squares, axis=1), valid
+
+
+def direct_sums(
+    parts: Parts,
+    missing: Int[Array, " points"] | None,
+    m: Int[Array, " clusters"],
+    count: Int[Array, " clusters"],
+    less: int,
+    *,
+    order: int,
+    strided: bool,
+    rule: str,
+) -> tuple[Float[Array, " clusters"], Int[Array, " clusters"]]:
+    """The same sums, one cluster size at a time over the whole record: plain, and differentiable in both directions.
+
+    The block kernel's loops run for as long as the data ask, which reverse mode cannot follow. Used where the record is
+    traced, and as the definition that the block kernel is tested against.
+    """
+    points = parts[0].shape[0]
+    index = jnp.arange(points)
+
+    @jax.checkpoint
+    def one(args):
+        size, number = args
+
+        def take(array, shift, back=0):
+            where = index * (size if strided else 1) + shift * size - back
+            return array[jnp.clip(where, 0, array.shape[0] - 1)]
+
+        keep = index < number
+        if rule != "none":
+            keep = keep & _valid(missing, take, order, rule, less, size, 0)
+        d = jnp.where(keep, _difference(parts, take, order), 0.0)
+        return jnp.sum(d * d), jnp.sum(keep)
+
+    return lax.map(one, (m, count))
