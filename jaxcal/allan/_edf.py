@@ -60,7 +60,7 @@ def _sz(t, f: float, alpha: int, order: int):
     return total
 
 
-def _basic_sum(j: int, m: float, s: float, f: float, alpha: int, order: int) -> float:
+def _basic_sum(j: int, m: float | int, s: float, f: float, alpha: int, order: int) -> float:
     inner = np.arange(1, j)
     total = _sz(np.zeros(()), f, alpha, order) ** 2 + (1 - j / m) * _sz(np.float64(j / s), f, alpha, order) ** 2
     return float(total + 2 * np.sum((1 - inner / m) * _sz(inner / s, f, alpha, order) ** 2))

@@ -23,30 +23,30 @@ def _without_polynomial(z, degree: int, xp: ModuleType):
     weight = valid.astype(z.dtype)
     gram = xp.einsum("tp,tc,tq->cpq", basis, weight, basis)
     right = xp.einsum("tp,tc->cp", basis, xp.where(valid, z, 0.0))
-    coefficient = xp.linalg.solve(gram + 1e-12 * n * np.eye(degree + 1, dtype=z.dtype), right[..., None])[..., 0]
+    coefficient = xp.linalg.solve(gram + 1e-12 * n * np.eye(degree + 1, dtype=z.dtype)[None], right[..., None])[..., 0]
     return z - xp.einsum("tp,cp->tc", basis, coefficient)
 
 
 def _lag_one(z, xp: ModuleType):
     """Lag-1 autocorrelation over pairs without a missing point."""
-    z = z - xp.nanmean(z, axis=0)
+    z = z - xp.nanmean(z, axis=0, keepdims=True)
     product = z[1:] * z[:-1]
     variance = xp.nanmean(z * z, axis=0)
     return xp.where(variance > 0, xp.nanmean(product, axis=0) / xp.where(variance > 0, variance, 1.0), 0.0)
 
 
 def _alpha_of(z, degree: int, highest: int, xp: ModuleType):
-    """alpha of averaged rate (degree 1) or decimated phase (degree 2), per channel."""
+    """Noise type of averaged rate (degree 1) or decimated phase (degree 2), per channel."""
     z = _without_polynomial(z, degree, xp)
-    alpha = None
+    alpha = settled = None
     for differences in range(highest + 1):
         r1 = _lag_one(z, xp)
         # r1 = -1 would divide by zero: it belongs to a pure alternation, far below every noise type
         rho = r1 / (1.0 + xp.where(r1 > -0.99, r1, -0.99))
         # half up rather than to even, so that a boundary is the same for every number of differences
         here = -xp.floor(2.0 * rho + 0.5) - 2.0 * differences + (2.0 if degree == 2 else 0.0)
-        alpha = here if alpha is None else xp.where(settled, alpha, here)  # noqa: F821
-        settled = (rho < 0.25) if differences == 0 else settled | (rho < 0.25)
+        alpha = here if settled is None else xp.where(settled, alpha, here)
+        settled = rho < 0.25 if settled is None else settled | (rho < 0.25)
         z = z[1:] - z[:-1]
     return alpha
 
@@ -81,7 +81,7 @@ def identify(theta, missing, m: np.ndarray, kind: Kind, samples: int, data: str,
                 lost = lost[1:] != lost[:-1] if data == "rate" else lost != 0
                 z = xp.where(lost, xp.nan, z)
             enough = xp.sum(~xp.isnan(z), axis=0) >= _FEWEST
-            z = xp.where(enough, z, theta[: z.shape[0]])  # keeps the algebra finite; not used
+            z = xp.where(enough[None, :], z, theta[: z.shape[0]])  # keeps the algebra finite; not used
             alpha = _alpha_of(z, 1 if data == "rate" else 2, kind.order, xp)
             carried = xp.where(enough, xp.clip(alpha, -2 if kind.order == 2 else -4, 2), carried)
         found.append(carried)

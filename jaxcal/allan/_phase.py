@@ -53,14 +53,14 @@ def phase_from_rate(
 
 
 def _two_sum(a, b):
-    """a + b as the rounded sum and what rounding lost (Knuth, TAOCP 2, 4.2.2)."""
+    """Sum a + b as the rounded sum and what rounding lost (Knuth, TAOCP 2, 4.2.2)."""
     total = a + b
     shadow = total - a
     return total, (a - (total - shadow)) + (b - shadow)
 
 
 def _two_product(a, b):
-    """a * b as the rounded product and what rounding lost (Dekker 1971, splitting without fused multiply-add)."""
+    """Product a * b as the rounded product and what rounding lost (Dekker 1971, splitting without fused multiply-add)."""
     split = 2.0**27 + 1.0 if a.dtype == jnp.float64 else 2.0**12 + 1.0
     split = jnp.asarray(split, a.dtype)
     ca, cb = split * a, split * b

@@ -1,6 +1,7 @@
 """Sums of squared differences at many cluster sizes, in one pass over blocks that stay in the cache."""
 
 import functools
+import itertools
 
 import jax
 import jax.numpy as jnp
@@ -20,7 +21,7 @@ def _difference(parts: Parts, take, order: int):
     for part in parts:
         points = [take(part, j) for j in range(order + 1)]
         while len(points) > 1:
-            points = [b - a for a, b in zip(points[:-1], points[1:], strict=True)]
+            points = [b - a for a, b in itertools.pairwise(points)]
         total = points[0] if total is None else total + points[0]
     return total
 

@@ -1,0 +1,214 @@
+"""Every statistic against its definition, gaps, grids, channels, and the messages for input that cannot be used."""
+
+import math
+
+import hypothesis
+import hypothesis.strategies as st
+import jax
+import numpy as np
+import pytest
+
+import jaxcal
+from jaxcal import DataError
+from jaxcal.allan import deviation
+
+KINDS = ("adev", "oadev", "mdev", "tdev", "hdev", "ohdev")
+
+
+def by_definition(y, m, kind, data="rate"):
+    """Deviation at rate 1 and number of differences, term by term, leaving out terms that touch a NaN; extended precision."""
+    y = np.asarray(y, dtype=np.longdouble)
+    order = 3 if kind in ("hdev", "ohdev") else 2
+    points = len(y) + (1 if data == "rate" else 0)
+    total, count = np.longdouble(0.0), 0
+    averaged = kind in ("mdev", "tdev")
+    starts = range(0, points - order * m, m if kind in ("adev", "hdev") else 1)
+    if averaged:
+        starts = range(points - 3 * m + 1)
+    mean = np.nanmean(y) if data == "rate" else np.longdouble(0.0)
+    for k in starts:
+        if data == "rate":
+            reach = y[k : k + (3 * m - 1 if averaged else order * m)]
+            if np.isnan(reach).any():
+                continue
+            theta = np.concatenate([[np.longdouble(0.0)], np.cumsum(reach - mean)])
+        else:
+            theta = y[k : k + (3 * m if averaged else order * m + 1)]
+            used = theta if averaged else theta[::m]
+            if np.isnan(used).any():
+                continue
+        if averaged:
+            d = np.mean([theta[i + 2 * m] - 2 * theta[i + m] + theta[i] for i in range(m)])
+        elif order == 2:
+            d = theta[2 * m] - 2 * theta[m] + theta[0]
+        else:
+            d = theta[3 * m] - 3 * theta[2 * m] + 3 * theta[m] - theta[0]
+        total, count = total + d * d, count + 1
+    if not count:
+        return math.nan, 0
+    variance = total / count / ((2.0 if order == 2 else 6.0) * m**2)
+    return float(np.sqrt(variance * (m**2 / 3.0 if kind == "tdev" else 1.0))), count
+
+
+@pytest.mark.parametrize("data", ["rate", "phase"])
+@pytest.mark.parametrize("kind", KINDS)
+@hypothesis.settings(max_examples=15, deadline=None)
+@hypothesis.given(
+    length=st.integers(12, 120), seed=st.integers(0, 2**32 - 1), gaps=st.integers(0, 3), offset=st.sampled_from([0.0, 9.81, 1e4])
+)
+def test_equals_the_definition_with_and_without_gaps(kind, data, length, seed, gaps, offset):
+    random = np.random.default_rng(seed)
+    y = random.standard_normal(length)
+    if data == "phase":
+        y = np.cumsum(y)
+    y = y + offset
+    for _ in range(gaps):
+        start = random.integers(0, length)
+        y[start : start + random.integers(1, 4)] = np.nan
+    m = np.unique(random.integers(1, max(length // 4, 2), size=4))
+    expected = [by_definition(y, int(size), kind, data) for size in m]
+    if all(count == 0 for _, count in expected) or np.isnan(y).all():
+        with pytest.raises(DataError):
+            deviation(y, 1.0, kind=kind, m=m, data=data)
+        return
+    found = deviation(y, 1.0, kind=kind, m=m, data=data)
+    kept = [(size, *pair) for size, pair in zip(m, expected, strict=True) if pair[1]]
+    np.testing.assert_array_equal(found.m, [k[0] for k in kept])
+    np.testing.assert_array_equal(found.count, [k[2] for k in kept])
+    np.testing.assert_allclose(found.deviation, [k[1] for k in kept], rtol=1e-9, atol=1e-12 * (1 + offset))
+    assert len(found.warnings) == (1 if len(kept) < len(m) else 0)
+    for values in (found.lower, found.upper, found.edf):
+        assert np.all(np.isfinite(values))
+    full = deviation(np.where(np.isnan(y), 0.0, y), 1.0, kind=kind, m=found.m, data=data)
+    np.testing.assert_array_equal(found.count + found.skipped, full.count)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_blocks_and_threads_do_not_show(kind):
+    """Longer than several blocks, over the length at which a record is shared among threads, against plain slices."""
+    y = np.random.default_rng(3).standard_normal(60_000).cumsum() + np.random.default_rng(4).standard_normal(60_000)
+    m = np.array([1, 2, 7, 100, 4095, 8192, 8193, 20_000])
+    m = m[m <= (20_000 if kind in ("adev", "oadev", "hdev", "ohdev") else 19_999)]
+    found = deviation(np.tile(y[:, None], (1, 3)), 2.0, kind=kind, m=m)
+    alone = deviation(y, 2.0, kind=kind, m=m)
+    long = np.longdouble
+    theta = np.concatenate([[long(0)], np.cumsum(y.astype(long) - y.astype(long).mean())])
+    for i, size in enumerate(m):
+        if kind in ("mdev", "tdev"):
+            c = np.concatenate([[long(0)], np.cumsum(theta)])
+            d = c[3 * size :] - 3 * c[2 * size : -size] + 3 * c[size : -2 * size] - c[: -3 * size]
+            d = d / size
+        elif kind in ("adev", "oadev"):
+            d = theta[2 * size :] - 2 * theta[size:-size] + theta[: -2 * size]
+        else:
+            d = theta[3 * size :] - 3 * theta[2 * size : -size] + 3 * theta[size : -2 * size] - theta[: -3 * size]
+        if kind in ("adev", "hdev"):
+            d = d[::size]
+        expected = float(np.sqrt(np.mean(d**2) / ((6.0 if "h" in kind else 2.0) * size**2)))
+        expected *= size / 2.0 / math.sqrt(3.0) if kind == "tdev" else 1.0
+        assert alone.count[i] == len(d)
+        np.testing.assert_allclose(alone.deviation[i], expected, rtol=1e-9)
+    for channel in range(3):
+        np.testing.assert_allclose(found.channel(channel).deviation, alone.deviation, rtol=1e-12)
+        np.testing.assert_array_equal(found.alpha[:, channel], alone.alpha)
+
+
+def test_a_long_record_is_shared_among_threads_without_a_trace():
+    y = np.random.default_rng(5).standard_normal(300_000)
+    found = deviation(y, 1.0, m=np.arange(1, 40))
+    theta = np.concatenate([[0.0], np.cumsum(y - y.mean())])
+    expected = [np.sqrt(np.mean((theta[2 * m :] - 2 * theta[m:-m] + theta[: -2 * m]) ** 2) / (2 * m**2)) for m in found.m]
+    np.testing.assert_allclose(found.deviation, expected, rtol=1e-11)
+
+
+def test_mdev_keeps_its_digits_on_a_random_walk():
+    """The running sum of the phase of a random walk of rate is of the size n^2.5: float64 alone would lose small clusters."""
+    y = np.random.default_rng(0).standard_normal(200_000).cumsum()
+    m = np.array([1, 3, 30])
+    theta = np.concatenate([[np.longdouble(0)], np.cumsum(y.astype(np.longdouble) - y.astype(np.longdouble).mean())])
+    expected = []
+    for size in m:
+        starts = len(theta) - 3 * size + 1
+        third, second, first = (np.stack([theta[i + j * size : i + j * size + starts] for i in range(size)]) for j in (2, 1, 0))
+        d = np.mean(third - 2 * second + first, axis=0)
+        expected.append(float(np.sqrt(np.mean(d**2) / (2 * size**2))))
+    np.testing.assert_allclose(deviation(y, 1.0, kind="mdev", m=m).deviation, expected, rtol=1e-8)
+
+
+def test_grids():
+    y = np.random.default_rng(0).standard_normal(1000)
+    assert deviation(y, 1.0, m="octave").m.tolist() == [1, 2, 4, 8, 16, 32, 64, 128, 256]
+    assert deviation(y, 1.0, m="decade").m.tolist() == [1, 2, 4, 10, 20, 40, 100, 200, 400]
+    assert deviation(y[:20], 1.0, m="all").m.tolist() == list(range(1, 11))
+    log = deviation(y, 1.0).m
+    assert log[0] == 1
+    assert log[-1] == 500
+    assert np.all(np.diff(log) > 0)
+    assert deviation(y, 1.0, m=[8, 2]).m.tolist() == [8, 2]
+    assert deviation(y, 50.0, m=[10]).tau.tolist() == [0.2]
+
+
+def test_interval_of_white_noise_covers_as_often_as_it_says():
+    """500 records of 512 samples at four cluster sizes; the count of covering intervals is binomial."""
+    runs = 500
+    y = np.random.default_rng(11).standard_normal((512, runs))
+    m = np.array([1, 8, 32, 64])
+    found = deviation(y, 1.0, m=m, alpha=0)
+    truth = 1.0 / np.sqrt(m)[:, None]
+    share = np.mean((found.lower <= truth) & (truth <= found.upper), axis=1)
+    # 5 standard errors of a binomial share at 0.95, and 1 % for the chi-square approximation
+    assert np.all(np.abs(share - 0.95) < 5 * math.sqrt(0.95 * 0.05 / runs) + 0.01), share
+    np.testing.assert_allclose(found.edf[:, 0], 2 / np.var(found.deviation**2 / truth**2, axis=1), rtol=0.35)
+
+
+def test_a_constant_has_deviation_zero():
+    found = deviation(np.full(100, 9.81), 10.0)
+    assert np.all(found.deviation == 0.0)
+    assert np.all(found.upper == 0.0)
+
+
+def test_no_setting_of_jax_is_changed_and_precision_does_not_matter(precision):
+    before = jax.config.jax_enable_x64
+    y = 9.81 + 1e-3 * np.random.default_rng(2).standard_normal(5000)
+    found = deviation(y, 100.0, m=[1, 10])
+    assert jax.config.jax_enable_x64 == before
+    assert isinstance(found.deviation, np.ndarray)
+    assert found.deviation.dtype == np.float64
+    np.testing.assert_allclose(found.deviation, [by_definition(y, m, "oadev")[0] for m in (1, 10)], rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("y", "options", "words"),
+    [
+        ([], {}, "not empty"),
+        ([1.0], {}, "at least 2 rate samples"),
+        ([1.0, math.inf, 2.0], {}, "1 infinite values, the first at sample 1"),
+        ([math.nan] * 5, {}, "nothing but NaN"),
+        (["a", "b"], {}, "real numbers"),
+        (np.zeros((2, 2, 2)), {}, "(n,) or (n, channels)"),
+        (np.zeros((3, 100)), {}, "y.T"),
+        (np.arange(100.0), {"kind": "madev"}, "expected one of adev, oadev"),
+        (np.arange(100.0), {"m": "dense"}, "unknown grid"),
+        (np.arange(100.0), {"m": [0]}, "outside 1 .. 50"),
+        (np.arange(100.0), {"m": [51]}, "outside 1 .. 50"),
+        (np.arange(100.0), {"m": [1.5]}, "whole numbers"),
+        (np.arange(100.0), {"data": "frequency"}, '"rate"'),
+        (np.arange(100.0), {"confidence": 95}, "between 0 and 1"),
+    ],
+)
+def test_messages(y, options, words):
+    with pytest.raises(DataError) as caught:
+        deviation(np.array(y) if not isinstance(y, np.ndarray) else y, 1.0, **options)
+    assert words in str(caught.value)
+
+
+@pytest.mark.parametrize("rate", [0.0, -1.0, math.nan, math.inf, "fast", None])
+def test_messages_about_the_rate(rate):
+    with pytest.raises(DataError, match="rate must be"):
+        deviation(np.arange(10.0), rate)
+
+
+def test_a_single_channel_has_none_to_pick():
+    with pytest.raises(IndexError, match="single channel"):
+        deviation(np.arange(10.0), 1.0).channel(0)
+    assert jaxcal.allan.deviation is deviation
