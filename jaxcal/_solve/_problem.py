@@ -1,0 +1,116 @@
+"""`Problem`: residuals, start, bounds and options of one fit, checked on the host before anything is compiled."""
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+
+from .._errors import FitError
+from .._precision import is_traced
+from .._types import Array
+from ._loss import AbstractLoss
+from ._parameters import common_dtype, names_of, spread, to_floats, vector_of
+
+
+class Problem(eqx.Module):
+    """Everything that defines one fit. Arrays are data, so that new values never recompile; the rest is static."""
+
+    start: Any
+    data: Any
+    lower: Array
+    upper: Array
+    scale: Array | None
+    starts: Array | None
+    loss: AbstractLoss | None
+    residuals: Callable = eqx.field(static=True)
+    solver: optx.AbstractLeastSquaresSolver | None = eqx.field(static=True)
+    free: tuple[int, ...] = eqx.field(static=True)
+    names: tuple[str, ...] = eqx.field(static=True)
+    max_steps: int = eqx.field(static=True)
+    rtol: float = eqx.field(static=True)
+
+    def values(self) -> Array:
+        """Free parameters of the start."""
+        return vector_of(self.start)[0][jnp.asarray(self.free)]
+
+    def model(self, x: Array) -> Any:
+        """Model with the free parameters `x`; the others keep the values of the start."""
+        vector, put = vector_of(self.start)
+        return put(vector.at[jnp.asarray(self.free)].set(x))
+
+    def residual(self, x: Array) -> Array:
+        """All residuals in one vector; their shape is checked here, which costs nothing once compiled."""
+        r = self.residuals(self.model(x), self.data)
+        if not (isinstance(r, (jnp.ndarray, np.ndarray)) and jnp.issubdtype(r.dtype, jnp.floating)):
+            raise FitError(f"The residual function returned {type(r).__name__}; it must return one floating-point array.")
+        if r.size < x.size:
+            raise FitError(
+                f"{r.size} residuals cannot determine {x.size} parameters ({', '.join(self.names)}); "
+                "add data, or hold parameters fixed with `free`."
+            )
+        return jnp.ravel(r)
+
+
+def define(residuals, start, data, *, free, bounds, scale, loss, solver, starts, max_steps, rtol) -> Problem:
+    """Bring the arguments of `solve` into one shape and dtype."""
+    dtype = common_dtype(start, data)
+    start, data, loss = (to_floats(tree, dtype) for tree in (start, data, loss))
+    names = names_of(start)
+    index = np.arange(len(names)) if free is None else np.flatnonzero(spread(free, start, "`free`"))
+    if not index.size:
+        raise FitError("There is nothing to fit: the start has no floating-point number, or `free` holds every one fixed.")
+    if bounds is not None and solver is not None:
+        raise FitError("Bounds need the default solver, but another one was given; leave out `solver` or `bounds`.")
+
+    def chosen(spec: Any, what: str) -> Array:
+        return jnp.asarray(spread(spec, start, what)[index], dtype=dtype)
+
+    low, high = (-np.inf, np.inf) if bounds is None else bounds
+    return Problem(
+        start=start,
+        data=data,
+        lower=chosen(low, "The lower bound"),
+        upper=chosen(high, "The upper bound"),
+        scale=None if scale is None else chosen(scale, "`scale`"),
+        starts=None if starts is None else eqx.filter_vmap(lambda s: vector_of(s)[0][index])(to_floats(starts, dtype)),
+        loss=loss,
+        residuals=residuals,
+        solver=solver,
+        free=tuple(index.tolist()),
+        names=tuple(names[i] for i in index),
+        max_steps=max_steps,
+        rtol=float(jnp.finfo(dtype).eps) ** 0.5 if rtol is None else rtol,
+    )
+
+
+def check(problem: Problem) -> None:
+    """Refuse a start that cannot work, with the parameter's name (host only)."""
+    if is_traced(problem):
+        return
+    values = np.atleast_2d(np.asarray(problem.values() if problem.starts is None else problem.starts))
+    lower, upper = np.asarray(problem.lower), np.asarray(problem.upper)
+    for i, name in enumerate(problem.names):
+        if not np.isfinite(values[:, i]).all():
+            raise FitError(f"The start has {name} = {values[:, i].tolist()}; give a finite number.")
+        if not lower[i] <= upper[i]:
+            raise FitError(f"The bounds of {name} are [{lower[i]:g}, {upper[i]:g}]; the lower one must not exceed the upper.")
+        if not ((lower[i] <= values[:, i]) & (values[:, i] <= upper[i])).all():
+            raise FitError(
+                f"The bounds [{lower[i]:g}, {upper[i]:g}] exclude the start {name} = {values[:, i].tolist()}; "
+                "move the start or widen the bounds."
+            )
+
+
+def check_residuals(at_start: Array) -> None:
+    """Refuse residuals that are not finite at the start, and say which (host only)."""
+    if is_traced(at_start):
+        return
+    bad = np.flatnonzero(~np.isfinite(np.asarray(at_start)))
+    if bad.size:
+        raise FitError(
+            f"{bad.size} of {np.size(at_start)} residuals are not finite at the start, the first at {bad[:5].tolist()}; "
+            "remove NaN and infinite data, or start where the model is defined."
+        )

@@ -1,0 +1,102 @@
+"""Profile-likelihood intervals: the parameter values that the data do not rule out."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import scipy.optimize
+import scipy.stats
+
+from .._errors import FitError
+from ._covariance import covariance
+from ._fit import run
+from ._result import Fit
+
+_DOUBLINGS = 12
+
+
+class Interval(eqx.Module):
+    """Interval of one parameter: `low` and `high` at level `confidence`; infinite where the data set no limit."""
+
+    low: float
+    high: float
+    confidence: float = eqx.field(static=True)
+
+
+def profile_interval(fit: Fit, name: str, *, confidence: float = 0.95, scaled: bool = False) -> Interval:
+    """Interval of a parameter by refitting all others with it held fixed.
+
+    The ends are where the sum of squares exceeds its minimum by the chi-square quantile of one degree of freedom; with
+    `scaled` (and with a robust loss) by s^2 times the F(1, n-p) quantile. Unlike a standard error it follows the curvature of
+    the model (D. M. Bates and D. G. Watts, Nonlinear Regression Analysis, 1988, section 6.1). At a bound it is one-sided: that end is
+    the bound. Host only; it reuses the compiled fit.
+
+    Parameters
+    ----------
+    fit
+        A fit of `solve` that converged.
+    name
+        Name of the parameter, one of `fit.names`.
+    confidence
+        Level of the interval.
+    scaled
+        For residuals whose standard deviation was not known.
+
+    Returns
+    -------
+    Interval, in the unit of the parameter.
+
+    Raises
+    ------
+    FitError
+        If the name is unknown, the fit did not converge, or a better fit turns up on the way.
+
+    Examples
+    --------
+    >>> import jax.numpy as jnp
+    >>> from jaxcal._solve import profile_interval, solve
+    >>> fit = solve(lambda mean, y: (mean - y) / 2, {"mean": 0.0}, jnp.array([1.0, 5.0, 3.0, 3.0]))
+    >>> interval = profile_interval(fit, "mean")
+    >>> round(interval.low, 3), round(interval.high, 3)
+    (1.04, 4.96)
+    """
+    if name not in fit.names:
+        raise FitError(f"There is no parameter {name!r}; the fit has {', '.join(fit.names)}.")
+    if fit.problem is None:
+        raise FitError("A fit out of many does not keep its data; solve it by itself for a profile.")
+    fit.checked()
+    problem = eqx.tree_at(lambda p: p.starts, fit.problem, None, is_leaf=lambda leaf: leaf is None)
+    j, best, least = fit.names.index(name), np.asarray(fit.parameters), 2 * float(fit.cost)
+    if scaled or fit.robust:
+        rise = float(fit.variance * fit.mean_curvature) * scipy.stats.f.ppf(confidence, 1, int(fit.degrees_of_freedom))
+    else:
+        rise = scipy.stats.chi2.ppf(confidence, 1)
+    # The first guess is the ellipse of the covariance; a parameter at its bound has one once the bound is lifted.
+    lifted = eqx.tree_at(lambda f: f.at_bound, fit, jnp.asarray(fit.at_bound).at[j].set(False))
+    matrix = np.asarray(covariance(lifted))
+    step, line = np.sqrt(rise * matrix[j, j]), matrix[:, j] / matrix[j, j]
+
+    def excess(value: float) -> float:
+        """Root of the rise at `value`, in units of the allowed one, less one: nearly linear in the value."""
+        x = jnp.clip(jnp.asarray(best + line * (value - best[j])), problem.lower, problem.upper).at[j].set(value)
+        held = (problem.model(x), problem.lower.at[j].set(value), problem.upper.at[j].set(value))
+        refit = run(eqx.tree_at(lambda p: (p.start, p.lower, p.upper), problem, held))[0]
+        if not bool(refit.usable):
+            raise FitError(f"The profile of {name} stopped at {value:g}. {refit.message}")
+        gain = 2 * float(refit.cost) - least
+        if gain < -1e-3 * rise:
+            raise FitError(f"A better fit than the given one turned up at {name} = {value:g}; start there, or use several starts.")
+        return np.sqrt(max(gain, 0.0) / rise) - 1
+
+    def end(side: int, bound: float) -> float:
+        inner = float(best[j])
+        for doubling in range(_DOUBLINGS):
+            outer = best[j] + side * step * 2.0**doubling
+            outer = bound if side * outer >= side * bound else outer
+            if inner == bound or (excess(outer) < 0 and outer == bound):
+                return bound
+            if excess(outer) >= 0:
+                return scipy.optimize.brentq(excess, inner, outer, xtol=1e-6 * step)
+            inner = outer
+        return side * np.inf
+
+    return Interval(end(-1, float(problem.lower[j])), end(1, float(problem.upper[j])), confidence)

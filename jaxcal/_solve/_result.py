@@ -1,0 +1,106 @@
+"""`Fit`: what a solve returns."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._errors import FitError
+from .._types import AnyArray, Array
+from ._outcome import Outcome
+from ._problem import Problem
+
+
+class Fit(eqx.Module):
+    """A fitted model and everything needed to say how well it is known.
+
+    Attributes
+    ----------
+    model : the fitted model, of the type of the start.
+    outcome : an item of `Outcome`.
+    cost : half the sum of the squared residuals (of the loss, where there is one).
+    parameters : (p,) free parameters, in the order of `names`.
+    residuals : (n,) whitened residuals at the solution, without the loss.
+    jacobian : (n, p) their derivative with respect to `parameters`.
+    weights : (n,) weight of each residual under the loss, one without it.
+    curvature : (n,) second derivative of the loss, one without it.
+    at_bound : (p,) True where a bound holds the parameter.
+    steps : evaluations of the residuals.
+    names : one name per free parameter.
+    robust : whether there was a loss.
+    problem : what was solved, for `profile_interval`; None for one of many.
+    """
+
+    model: Any
+    outcome: Any
+    cost: AnyArray
+    parameters: AnyArray
+    residuals: AnyArray
+    jacobian: AnyArray
+    weights: AnyArray
+    curvature: AnyArray
+    at_bound: AnyArray
+    steps: AnyArray
+    names: tuple[str, ...] = eqx.field(static=True)
+    robust: bool = eqx.field(static=True)
+    problem: Problem | None = None
+
+    @property
+    def usable(self) -> Array:
+        """True where the fit converged, inside its bounds or on one."""
+        return (self.outcome == Outcome.converged) | (self.outcome == Outcome.at_bound)
+
+    @property
+    def counted(self) -> Array:
+        """(n,) False for padding: entries that are zero with zero derivative."""
+        return (self.residuals != 0) | jnp.any(self.jacobian != 0, axis=-1)
+
+    @property
+    def count(self) -> Array:
+        """Number of residuals that are not padding."""
+        return jnp.sum(self.counted, axis=-1, dtype=self.residuals.dtype)
+
+    @property
+    def free(self) -> Array:
+        """Number of parameters that no bound holds."""
+        return jnp.sum(~self.at_bound, axis=-1, dtype=self.residuals.dtype)
+
+    @property
+    def degrees_of_freedom(self) -> Array:
+        """`count` less `free`."""
+        return self.count - self.free
+
+    @property
+    def mean_curvature(self) -> Array:
+        """Mean second derivative of the loss over the residuals: one without it."""
+        return jnp.sum(jnp.where(self.counted, self.curvature, 0), axis=-1) / self.count
+
+    @property
+    def variance(self) -> Array:
+        """Variance of a whitened residual that explains the fit: reduced chi-square, or its counterpart for a robust loss."""
+        return jnp.sum((self.weights * self.residuals) ** 2, axis=-1) / jnp.maximum(self.degrees_of_freedom, 1) / self.mean_curvature**2
+
+    @property
+    def chi_square(self) -> Array:
+        """Sum of the squared residuals: chi-square distributed if they are whitened, normal and without loss."""
+        return jnp.sum(self.residuals**2, axis=-1)
+
+    @property
+    def goodness(self) -> Array:
+        """Probability of a larger chi-square by chance (p value); one where no degree of freedom is left."""
+        tail = jax.scipy.special.gammaincc(jnp.maximum(self.degrees_of_freedom, 1) / 2, self.chi_square / 2)
+        return jnp.where(self.degrees_of_freedom > 0, tail, 1)
+
+    @property
+    def message(self) -> str:
+        """The outcome's sentence, with the names of parameters at a bound (host only, one fit)."""
+        held = [name for name, at in zip(self.names, np.asarray(self.at_bound), strict=True) if at]
+        return Outcome[self.outcome] + (f" At its bound: {', '.join(held)}." if held else "")
+
+    def checked(self) -> "Fit":
+        """This fit, or a `FitError` with the outcome's sentence where it did not converge (host only, one fit)."""
+        if not bool(self.usable):
+            raise FitError(self.message)
+        return self

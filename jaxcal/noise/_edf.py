@@ -1,0 +1,123 @@
+"""Method "edf": one Allan deviation curve in, one `NoiseFit` out."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy.stats
+
+from .._errors import FitError
+from .._precision import is_traced
+from ..allan import Deviation
+from ..allan._edf import interval_factors
+from ._allanfit import Curve, fit_band
+from ._columns import allan_column
+from ._covariance import covariance_tensor
+from ._model import Noise
+from ._result import NoiseFit
+from ._sentences import sentences_of_fit, sentences_of_octaves
+
+#: cluster sizes of the fit: the curve is so strongly correlated that more would add nothing
+CLUSTERS = 25
+#: drops of the chi-square above which a term is hinted at, and is present: 5 % and 1 % by chance, for a coefficient that
+#: cannot be negative
+_HINT, _PRESENT = 2.71, 5.41
+
+_fit_band = jax.jit(fit_band)
+
+
+def fit_curve(curve: Deviation, samples: int, terms: tuple[str, ...], inside, automatic: bool, confidence: float) -> NoiseFit:
+    """Fit one channel's overlapped Allan deviation.
+
+    Parameters
+    ----------
+    curve : the deviation, at no more than `CLUSTERS` cluster sizes.
+    samples : number of rate samples of the record.
+    terms : names of the terms.
+    inside : (clusters,) cluster sizes that may take part.
+    automatic : whether short cluster times at which the model does not hold are left out.
+    confidence : level of the intervals.
+    """
+    traced = is_traced(curve.deviation)
+    problem, unit = _problem(curve, samples, terms, inside)
+    levels = scipy.stats.chi2.ppf(confidence, 1), scipy.stats.norm.ppf(confidence) ** 2
+    if traced:
+        found, xp = fit_band(problem, automatic, *levels), jnp
+    else:
+        found, xp = _fit_band(problem, jnp.asarray(automatic), *(jnp.asarray(level) for level in levels)), np
+        found, unit = jax.tree.map(np.asarray, found), np.asarray(unit)
+        if not np.all(np.isfinite(found.estimate.theta)):
+            raise FitError("the fit gave no finite coefficients; fit fewer terms (terms=) or other cluster times (band=)")
+    theta, spread = found.estimate.theta * unit, found.estimate.covariance * unit**2
+    positive = theta > 0.0
+    guarded = xp.where(positive, theta, 1.0)  # keeps the derivative of the root finite where the coefficient is zero
+    value = xp.where(positive, xp.sqrt(guarded), 0.0)
+    low, high, upper = (xp.sqrt(getattr(found.limits, end) * unit) for end in ("low", "high", "upper"))
+    relative = xp.sqrt(xp.diagonal(spread)) / (2.0 * guarded)
+    duration = samples / curve.rate
+    longer = xp.where(positive, duration * (relative / 0.1) ** 2, xp.inf)
+    used = found.used[: len(curve.m)]
+    verdict, left_out, warnings = {}, (), ()
+    if not traced:
+        verdict = {term: _verdict(drop) for term, drop in zip(terms, found.limits.significance, strict=True)}
+        curve = _with_model_edf(curve, used, found.edf)
+        modelled = np.sqrt(found.modelled[: len(curve.m)] * unit)
+        left_out = sentences_of_octaves(curve, used, modelled, automatic)
+        warnings = curve.warnings + sentences_of_fit(found, curve, used, verdict)
+
+    def table(values):
+        return {term: values[i] for i, term in enumerate(terms)}
+
+    return NoiseFit(
+        noise=Noise(**table(value)),
+        interval={term: (low[i], high[i]) for i, term in enumerate(terms)},
+        upper_limit=table(upper),
+        verdict=verdict,
+        significance=table(found.limits.significance),
+        covariance=spread,
+        goodness=found.goodness,
+        longer_record=table(longer),
+        band=(xp.min(xp.where(used, curve.tau, xp.inf)), xp.max(xp.where(used, curve.tau, 0.0))),
+        left_out=left_out,
+        warnings=warnings,
+        deviation=curve,
+        used=used,
+        duration=duration,
+        terms=terms,
+        confidence=confidence,
+        method="edf",
+    )
+
+
+def _problem(curve: Deviation, samples: int, terms: tuple[str, ...], inside):
+    """The curve as arrays of `CLUSTERS` entries, so that every record shares one compilation, and the unit of its variance."""
+    variance = jnp.asarray(curve.deviation) ** 2
+    dtype = variance.dtype
+    unit = jnp.max(variance)  # squares of small coefficients would leave the range of float32
+    pad = CLUSTERS - len(curve.m)
+    dt = 1.0 / curve.rate
+    columns = jnp.stack([allan_column(term, jnp.asarray(curve.tau, dtype=dtype), dt) for term in terms], axis=1)
+    tensor = np.pad(covariance_tensor(samples, tuple(int(m) for m in curve.m), dt, terms), [(0, 0), (0, 0), (0, pad), (0, pad)])
+    count = jnp.asarray(curve.count, dtype=dtype)
+    problem = Curve(
+        v=jnp.pad(variance / unit, (0, pad), constant_values=1.0),
+        columns=jnp.pad(columns, ((0, pad), (0, 0))),
+        tensor=jnp.asarray(tensor, dtype=dtype),
+        share=jnp.pad((count + jnp.asarray(curve.skipped, dtype=dtype)) / count, (0, pad), constant_values=1.0),
+        used=jnp.pad(jnp.asarray(inside) & (variance > 0.0), (0, pad)),
+    )
+    return problem, unit
+
+
+def _verdict(drop: float) -> str:
+    return "present" if drop > _PRESENT else "hint" if drop > _HINT else "not detected"
+
+
+def _with_model_edf(curve: Deviation, used, edf) -> Deviation:
+    """The deviation with the edf of the fitted model, and the limits that follow, where the model holds."""
+    edf = np.where(used, np.maximum(edf[: len(curve.m)], 1.0), curve.edf)
+    low, high = interval_factors(edf, curve.confidence)
+    arrays = {name: getattr(curve, name) for name in ("tau", "m", "deviation", "count", "alpha", "skipped")}
+    return Deviation(
+        **arrays, edf=edf, lower=curve.deviation * low, upper=curve.deviation * high, kind=curve.kind, rate=curve.rate,
+        confidence=curve.confidence, warnings=curve.warnings,
+    )  # fmt: skip

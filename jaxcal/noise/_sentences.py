@@ -1,0 +1,55 @@
+"""What a fit tells its reader: octaves left out, and warnings."""
+
+import numpy as np
+
+from ..allan import Deviation
+from ._allanfit import Banded
+
+
+def sentences_of_octaves(curve: Deviation, used, modelled, automatic: bool) -> tuple[str, ...]:
+    """One sentence for each octave of cluster time that the fit leaves out, with how far the curve is from the model there."""
+    octave = np.floor(np.log2(curve.m)).astype(int)
+    ratio = curve.deviation / np.where(modelled > 0.0, modelled, 1.0)
+    said = []
+    for number in np.unique(octave[~used]):
+        these = (octave == number) & ~used
+        worst = ratio[these][np.argmax(np.abs(np.log(np.maximum(ratio[these], 1e-300))))]
+        low, high = 2**number / curve.rate, 2 ** (number + 1) / curve.rate
+        reason = "the model does not hold there" if automatic else "outside of the band asked for"
+        said.append(f"{low:.3g} to {high:.3g} s: {reason} (measured deviation {worst:.2f} times the model's)")
+    return tuple(said)
+
+
+def sentences_of_fit(found: Banded, curve: Deviation, used, verdict: dict[str, str]) -> tuple[str, ...]:
+    """Warnings about the fit of one channel."""
+    said = []
+    shortest = curve.tau[used].min()
+    cut = bool(np.any(~used & (curve.tau < shortest)))
+    if not found.holds:
+        said.append(
+            f"the noise model does not hold in any range of cluster times (chance {float(found.goodness):.1g}): the coefficients "
+            "describe the curve roughly, and the intervals are not to be relied on; look at the plot for vibration, temperature "
+            "drift or steps"
+        )
+    elif found.inflation > 1.0:
+        said.append(
+            f"the curve departs from the model slightly, but by more than its noise allows (chance {float(found.goodness):.1g}): the "
+            f"intervals are widened {np.sqrt(float(found.inflation)):.1f} times"
+        )
+    if found.estimate.step > 1e-4:
+        change = float(found.estimate.step)
+        said.append(f"the weights of the fit have not settled (last change {change:.1g}); fit fewer terms or another band")
+    if cut and verdict.get("Q") in ("present", "hint"):
+        said.append(
+            f"Q rests on cluster times from {shortest:.3g} s on, far above the sampling interval of {1 / curve.rate:.3g} s: a vibration "
+            "or an oscillation looks the same there; do not take it for quantisation noise"
+        )
+    if cut and verdict.get("N") == "not detected":
+        said.append(f"N cannot be told from the other terms in the cluster times that are left, {shortest:.3g} s and longer")
+    lost = curve.skipped / (curve.skipped + curve.count)
+    if np.any(lost > 0.0):
+        said.append(
+            f"gaps: up to {100 * lost.max():.2g} % of the differences at a cluster time touch a missing sample and were left out; "
+            "the intervals allow for it"
+        )
+    return tuple(said)
