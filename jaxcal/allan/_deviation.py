@@ -11,10 +11,11 @@ import numpy as np
 
 from .._errors import DataError
 from .._precision import host_float64, is_traced
+from .._types import Any
 from ._edf import degrees_of_freedom, interval_factors
 from ._identify import identify
 from ._kinds import Kind, cluster_sizes, find_kind
-from ._phase import BLOCK, padded_length, phase_from_rate, running_sum_of_phase
+from ._phase import BLOCK, padded_length, running_sum_of_phase
 from ._result import Deviation
 from ._sums import block_sums, direct_sums
 
@@ -22,7 +23,7 @@ _PARALLEL_FROM = 4_000_000  # differences; below, a second thread costs more tha
 
 
 @host_float64
-def deviation(y, rate, *, kind="oadev", m="log", data="rate", confidence=0.95, alpha=None) -> Deviation:
+def deviation(y, rate, *, kind="oadev", m: Any = "log", data="rate", confidence=0.95, alpha=None) -> Deviation:
     r"""Allan, modified Allan, time or Hadamard deviation with noise type, degrees of freedom and interval.
 
     With the phase :math:`\theta_k = \sum_{t<k} (y_t - \bar y)` in units of samples,
@@ -77,13 +78,11 @@ def deviation(y, rate, *, kind="oadev", m="log", data="rate", confidence=0.95, a
     sizes = cluster_sizes(m, statistic, samples)
     columns = y if y.ndim == 2 else y[:, None]
     if is_traced(y):
-        total, count, noise = _traced(columns, sizes, statistic, rate, data, samples)
+        total, count, noise = _traced(columns, sizes, statistic, rate, data, samples, alpha)
         xp = jnp
     else:
-        total, count, noise = _measured(columns, sizes, statistic, rate, data, samples)
+        total, count, noise = _measured(columns, sizes, statistic, rate, data, samples, alpha)
         xp = np
-    if alpha is not None:
-        noise = xp.full_like(noise, alpha)
     expected = statistic.count(samples, sizes)[:, None]
     warnings: tuple[str, ...] = ()
     if xp is np:
@@ -160,7 +159,7 @@ def _uncertainty(noise, share, sizes, statistic: Kind, samples: int, confidence:
     return edf, *factors
 
 
-def _traced(columns, sizes, statistic: Kind, rate: float, data: str, samples: int):
+def _traced(columns, sizes, statistic: Kind, rate: float, data: str, samples: int, alpha):
     """Sums, counts and noise types of a traced record: plain algebra that JAX can differentiate."""
     gone = jnp.isnan(columns)
     missing, rule, less = _gap_rule(gone, statistic, data, jnp)
@@ -187,7 +186,10 @@ def _traced(columns, sizes, statistic: Kind, rate: float, data: str, samples: in
 
     total, count = jax.lax.map(channel, (parts.T, missing.T))
     marks = missing if data == "phase" and rule == "points" else gone.astype(jnp.int32) if data == "phase" else missing
-    noise = identify(jax.lax.stop_gradient(theta), marks, sizes, statistic, samples, data, jnp)
+    if alpha is None:
+        noise = identify(jax.lax.stop_gradient(theta), marks, sizes, statistic, samples, data, jnp)
+    else:
+        noise = jnp.full(total.T.shape, float(alpha), dtype=columns.dtype)
     return total.T, count.T.astype(columns.dtype), noise
 
 
@@ -210,7 +212,7 @@ def _aligned(length: int, dtype=np.float64) -> np.ndarray:
     return raw[(-raw.ctypes.data // item) % (64 // item) :][:length]
 
 
-def _measured(columns, sizes, statistic: Kind, rate: float, data: str, samples: int):
+def _measured(columns, sizes, statistic: Kind, rate: float, data: str, samples: int, alpha):
     """Sums, counts and noise types of a record at hand, (clusters, channels), by the block kernel on every core."""
     order = np.argsort(sizes, kind="stable")
     ascending = sizes[order]
@@ -241,7 +243,9 @@ def _measured(columns, sizes, statistic: Kind, rate: float, data: str, samples: 
             spans = [(jnp.asarray(a), jnp.asarray(b)) for a, b in itertools.pairwise(edges)]
             found = list(pool.map(part, spans)) if split > 1 else [part(span) for span in spans]
             total, count = (sum(values) for values in zip(*found, strict=True))
-            return total, count, identify(theta, marks, ascending, statistic, samples, data)[:, 0]
+            if alpha is None:
+                return total, count, identify(theta, marks, ascending, statistic, samples, data)[:, 0]
+            return total, count, np.full(len(ascending), float(alpha))
 
     with ThreadPoolExecutor(workers) as pool:
         run = pool.map if split == 1 and workers > 1 else map
@@ -259,22 +263,22 @@ def _prepare(column, statistic: Kind, rate: float, data: str, samples: int):
     rule, less = "none", 0
     if gaps:
         marks, rule, less = _gap_rule(gone[:, None], statistic, data, np)
-        held = np.zeros(length, np.int32)
-        held[: len(marks)] = marks[:, 0]
-        missing = jnp.asarray(held)
+        missing = jnp.asarray(np.pad(marks[:, 0], (0, length - len(marks))))
         if data == "phase":
             marks = gone[:, None].astype(np.int32)
-    values = _aligned(length)
+    clean = np.where(gone, 0.0, column) if gaps else column
+    buffer = _aligned(length)  # what lies beyond the record stays arbitrary
+    held = buffer[: samples + 1]
     if data == "rate":
-        values[:samples] = column
-        mean = float(np.mean(column[~gone]) if gaps else np.mean(column))
-        device = jax.device_put(values, may_alias=True)
-        theta = phase_from_rate(jnp.zeros(length), device, jnp.asarray(mean), jnp.asarray(samples))
+        # the mean comes off first, so that the sum stays small: the statistics do not see it, and its digits are not lost
+        held[0] = 0.0
+        np.subtract(clean, np.mean(column[~gone]) if gaps else np.mean(column), out=held[1:])
+        if gaps:
+            held[1:][gone] = 0.0
+        np.cumsum(held[1:], out=held[1:])
     else:
-        clean = np.where(gone, 0.0, column) if gaps else column
-        ends = clean[[0, -1]]
-        np.subtract(clean, np.linspace(ends[0], ends[1], samples + 1), out=values[: samples + 1])
-        values[: samples + 1] *= rate
-        theta = jax.device_put(values, may_alias=True)
+        np.subtract(clean, np.linspace(clean[0], clean[-1], samples + 1), out=held)
+        held *= rate
+    theta = jax.device_put(buffer, may_alias=True)
     parts = running_sum_of_phase(theta) if statistic.modified else (theta,)
-    return parts, np.asarray(theta)[: samples + 1, None], marks, missing, rule, jnp.asarray(less)
+    return parts, held[:, None], marks, missing, rule, jnp.asarray(less)

@@ -21,10 +21,11 @@ def _without_polynomial(z, degree: int, xp: ModuleType):
     t = np.linspace(-1.0, 1.0, n)
     basis = np.stack([t**p for p in range(degree + 1)], axis=1).astype(z.dtype)  # points, powers
     weight = valid.astype(z.dtype)
-    gram = xp.einsum("tp,tc,tq->cpq", basis, weight, basis)
-    right = xp.einsum("tp,tc->cp", basis, xp.where(valid, z, 0.0))
+    products = (basis[:, :, None] * basis[:, None, :]).reshape(n, -1)
+    gram = (weight.T @ products).reshape(-1, degree + 1, degree + 1)
+    right = xp.where(valid, z, 0.0).T @ basis
     coefficient = xp.linalg.solve(gram + 1e-12 * n * np.eye(degree + 1, dtype=z.dtype)[None], right[..., None])[..., 0]
-    return z - xp.einsum("tp,cp->tc", basis, coefficient)
+    return z - basis @ coefficient.T
 
 
 def _lag_one(z, xp: ModuleType):

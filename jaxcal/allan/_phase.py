@@ -1,55 +1,19 @@
-"""Phase: the running sum of a record, and the running sum of phase, block by block and without loss."""
-
-import functools
+"""The running sum of phase, without loss, and the buckets of length that all kernels share."""
 
 import jax
 import jax.numpy as jnp
 from jax import lax
 
-from .._types import Array, Float, Int
+from .._types import Array, Float
 
-#: samples summed at a time; the padding of every record is at least this
+#: starting points taken at a time; the padding of every record is at least this
 BLOCK = 8192
-_ROW = 32  # a row is summed by a product with a triangle of ones, which is what processors do best
+_ROW = 32
 
 
 def padded_length(samples: int) -> int:
     """Length of the bucket (a power of two) for a record: kernels compile once per bucket, not once per length."""
     return 1 << max(samples + 2 + BLOCK - 1, 1).bit_length()
-
-
-def _running(block: Float[Array, " n"]) -> Float[Array, " n"]:
-    """Inclusive running sum of a block whose length is a power of `_ROW` or below it."""
-    if block.shape[0] <= _ROW:
-        return jnp.cumsum(block)
-    triangle = jnp.triu(jnp.ones((_ROW, _ROW), block.dtype))
-    rows = block.reshape(-1, _ROW) @ triangle
-    before = _running(rows[:, -1]) - rows[:, -1]
-    return (rows + before[:, None]).reshape(-1)
-
-
-@functools.partial(jax.jit, donate_argnums=0)
-def phase_from_rate(
-    buffer: Float[Array, " padded"], values: Float[Array, " padded"], mean: Float[Array, ""], samples: Int[Array, ""]
-) -> Float[Array, " padded"]:
-    """theta_k = sum_{t<k} (x_t - mean), k = 0..samples, in units of samples; missing samples (NaN) add nothing.
-
-    Writes into `buffer`; what lies beyond theta_samples is arbitrary. Subtracting the mean first keeps the sum small: the
-    statistics do not see it.
-    """
-
-    def step(index, carry):
-        theta, last = carry
-        start = index * BLOCK
-        x = lax.dynamic_slice(values, (start,), (BLOCK,)) - mean
-        x = jnp.where(jnp.isnan(x) | (start + jnp.arange(BLOCK) >= samples), 0.0, x)
-        total = last + _running(x)
-        # theta_0 = 0 stands before the first sum, hence the shift by one
-        return lax.dynamic_update_slice(theta, total, (start + 1,)), total[-1]
-
-    blocks = (samples + BLOCK - 1) // BLOCK
-    theta = buffer.at[0].set(0.0)
-    return lax.fori_loop(0, blocks, step, (theta, jnp.zeros((), values.dtype)))[0]
 
 
 def _two_sum(a, b):

@@ -2,6 +2,7 @@
 
 import functools
 import itertools
+import operator
 
 import jax
 import jax.numpy as jnp
@@ -17,13 +18,13 @@ Parts = tuple[Float[Array, " padded"], ...]
 
 def _difference(parts: Parts, take, order: int):
     """Difference of `order` of the sum of `parts`, formed from neighbours first so that large values cancel early."""
-    total = None
+    differences = []
     for part in parts:
         points = [take(part, j) for j in range(order + 1)]
         while len(points) > 1:
             points = [b - a for a, b in itertools.pairwise(points)]
-        total = points[0] if total is None else total + points[0]
-    return total
+        differences.append(points[0])
+    return functools.reduce(operator.add, differences)
 
 
 def _valid(missing, take, order: int, rule: str, less, m, start):
@@ -69,7 +70,7 @@ def block_sums(
     clusters = m.shape[0]
 
     def lane(start, j, limit):
-        """Sum of squares over one lane, elementwise; `limit` cuts it at the end of the record."""
+        """Squares over one lane and which are valid; `limit` cuts it at the end of the record."""
         size = m[j]
 
         def take(array, shift, back=0):
@@ -86,7 +87,7 @@ def block_sums(
             inside = start + jnp.arange(_LANE) < limit
             keep = inside if keep is None else keep & inside
         if keep is None:
-            return d * d, None
+            return d * d, jnp.ones(_LANE, jnp.int32)
         # the points beyond the record are arbitrary (they may be NaN): select before squaring
         d = jnp.where(keep, d, 0.0)
         return d * d, keep.astype(jnp.int32)
@@ -99,11 +100,12 @@ def block_sums(
         def whole(j, carry):
             squares, valid = carry
             pieces = [lane(start + q * _LANE, j, None) for q in range(BLOCK // _LANE)]
-            total = sum((p[0] for p in pieces[1:]), pieces[0][0])
+            total = functools.reduce(operator.add, [p[0] for p in pieces])
             squares = squares.at[j].add(total)
             if rule == "none":
                 return squares, valid.at[j].add(BLOCK)
-            return squares, valid.at[j].add(sum(jnp.sum(p[1]) for p in pieces).astype(valid.dtype))
+            kept = functools.reduce(operator.add, [p[1] for p in pieces])
+            return squares, valid.at[j].add(jnp.sum(kept).astype(valid.dtype))
 
         def cut(j, carry):
             squares, valid = carry
@@ -123,6 +125,7 @@ def block_sums(
     return jnp.sum(squares, axis=1), valid
 
 
+@functools.partial(jax.jit, static_argnames=("less", "order", "strided", "rule"))
 def direct_sums(
     parts: Parts,
     missing: Int[Array, " points"] | None,

@@ -20,13 +20,14 @@ class Curve(eqx.Module):
     """An Allan variance curve with what its fit needs.
 
     v : measured variances. columns : A. tensor : T. share : full count over count of differences, 1 without gaps.
-    used : which cluster sizes take part.
+    octave : base-2 logarithm of the cluster size. used : which cluster sizes take part.
     """
 
     v: Float[Array, " clusters"]
     columns: Float[Array, "clusters p"]
     tensor: Float[Array, "p p clusters clusters"]
     share: Float[Array, " clusters"]
+    octave: Float[Array, " clusters"]
     used: Bool[Array, " clusters"]
 
     def covariance(self, theta: Float[Array, " p"]) -> Float[Array, "clusters clusters"]:
@@ -38,8 +39,11 @@ class Curve(eqx.Module):
     def without(self, index, value) -> "Curve":
         """The curve left when coefficient `index` is held at `value`: its part is taken out, its column is zero."""
         gone = jnp.arange(self.columns.shape[1]) == index
-        v = self.v - self.columns[:, index] * value
-        return eqx.tree_at(lambda c: (c.v, c.columns), self, (v, jnp.where(gone[None, :], 0.0, self.columns)))
+        return eqx.tree_at(lambda c: c.v, self.only(~gone), self.v - self.columns[:, index] * value)
+
+    def only(self, terms) -> "Curve":
+        """The curve with the columns of the other terms zero, which keeps their coefficients at zero."""
+        return eqx.tree_at(lambda c: c.columns, self, jnp.where(terms[None, :], self.columns, 0.0))
 
 
 class Estimate(eqx.Module):
@@ -97,17 +101,19 @@ def chi_square(curve: Curve, at, *, held=None, extra=0.0):
     return nonnegative(a.T @ a, a.T @ b).cost + b @ b
 
 
-def estimate(curve: Curve, *, extra=0.0) -> Estimate:
-    """The fit, with the covariance G (A'D C D A) G, D = 1/diag C, G = (A' D A)^-1, and its chi-square."""
+def estimate(curve: Curve, independent, *, extra=0.0) -> Estimate:
+    """The fit, with the covariance G (A'D C D A) G, D = 1/diag C, G = (A' D A)^-1, of the `independent` columns, and its chi-square."""
     theta, step = weighted(curve)
     c = curve.covariance(theta)
     inverse = jnp.where(curve.used, 1.0 / jnp.diagonal(c), 0.0)
-    rows = curve.columns * inverse[:, None]
-    gram = curve.columns.T @ rows
+    columns = curve.only(independent).columns
+    rows = columns * inverse[:, None]
+    gram = columns.T @ rows
     scale = jnp.sqrt(jnp.diagonal(gram))
     scale = jnp.where(scale > 0.0, scale, 1.0)
-    # scaled to unit diagonal: columns differ by many powers of ten
-    g = jnp.linalg.inv(gram / scale[:, None] / scale[None, :]) / scale[:, None] / scale[None, :]
+    # scaled to unit diagonal: columns differ by many powers of ten, and one held at zero is set apart
+    apart = jnp.diag(jnp.where(jnp.diagonal(gram) > 0.0, 0.0, 1.0))
+    g = jnp.linalg.inv(gram / scale[:, None] / scale[None, :] + apart) / scale[:, None] / scale[None, :]
     spread = g @ (rows.T @ c @ rows) @ g
     return Estimate(theta, spread, chi_square(curve, theta, extra=extra), step)
 
@@ -128,13 +134,13 @@ class Limits(eqx.Module):
     significance: Float[Array, " p"]
 
 
-def limits(curve: Curve, theta, spread, two_sided, one_sided) -> Limits:
+def limits(curve: Curve, admitted, theta, spread, two_sided, one_sided) -> Limits:
     """Where `drop` reaches the levels `two_sided` and `one_sided`: inversion of the test of each value of each coefficient.
 
     A lower end is 0 where zero cannot be excluded. Upper ends are sought outwards from theta in doubling steps of `spread`,
-    then by bisection, all of them together.
+    then by bisection, all of them together. Row i of `admitted` tells which coefficients are free while the i-th is tested.
     """
-    p = len(theta)
+    p = admitted.shape[0]
     index = jnp.tile(jnp.arange(p), 3)
     inside, reach = theta[index], jnp.maximum(spread, 1e-9 * jnp.max(theta))[index]
     level = jnp.concatenate([jnp.full(2 * p, two_sided), jnp.full(p, one_sided)])
@@ -142,10 +148,10 @@ def limits(curve: Curve, theta, spread, two_sided, one_sided) -> Limits:
 
     def search(state, k):
         inside, outside, found = state
-        outward = inside + reach * 2.0 ** (k - 1)
+        outward = inside + reach * jnp.exp2(k - 1.0)
         value = jnp.where(found, 0.5 * (inside + outside), outward)
         value = jnp.where(below & (k == 0), 0.0, value)
-        rise = jax.vmap(lambda i, t: drop(curve, i, t))(index, value)
+        rise = jax.vmap(lambda i, t: drop(curve.only(admitted[i]), i, t))(index, value)
         within = rise <= level
         # a lower search that finds zero inside stays there: both ends become zero
         inside = jnp.where(within, value, inside)
@@ -153,7 +159,7 @@ def limits(curve: Curve, theta, spread, two_sided, one_sided) -> Limits:
         return (inside, outside, found | ~within), rise[:p]
 
     start = (inside, jnp.zeros_like(inside), below)
-    (inside, outside, found), rises = jax.lax.scan(search, start, jnp.arange(_SEARCH))
+    (inside, outside, found), rises = jax.lax.scan(search, start, jnp.arange(_SEARCH, dtype=theta.dtype))
     ends = jnp.where(found, 0.5 * (inside + outside), jnp.inf)
     return Limits(ends[:p], ends[p : 2 * p], ends[2 * p :], rises[0])
 
@@ -161,16 +167,21 @@ def limits(curve: Curve, theta, spread, two_sided, one_sided) -> Limits:
 class Banded(eqx.Module):
     """The fit in the band where the model holds.
 
-    used : cluster sizes in the band. holds : whether the model holds there. goodness : p value of the chi-square.
+    theta : squared coefficients of the terms. covariance : theirs. limits : their limits. used : cluster sizes in the band.
+    cut : whether short cluster times were left out. holds : whether the model holds. goodness : p value of the chi-square.
     inflation : factor on the covariance and on every level, above 1 where the curve scatters more than the noise model says.
+    step : last step of the weights. modelled, edf : variance of the fitted terms, and its degrees of freedom.
     """
 
-    estimate: Estimate
+    theta: Float[Array, " p"]
+    covariance: Float[Array, "p p"]
     limits: Limits
     used: Bool[Array, " clusters"]
+    cut: Bool[Array, ""]
     holds: Bool[Array, ""]
     goodness: Float[Array, ""]
     inflation: Float[Array, ""]
+    step: Float[Array, ""]
     modelled: Float[Array, " clusters"]
     edf: Float[Array, " clusters"]
 
@@ -182,39 +193,71 @@ _REFUSED = 0.001
 _WIDENED = 0.01
 
 
-def fit_band(curve: Curve, automatic, two_sided, one_sided) -> Banded:
-    """Fit the curve from the shortest cluster time on from which the model holds; all of it unless `automatic`.
+#: octaves left out beyond the first cluster time at which the model passes, for there it only just does
+_MARGIN = 1.0
+
+
+def fit_band(curve: Curve, short, automatic, two_sided, one_sided) -> Banded:
+    r"""Fit the curve from the shortest cluster time on from which the model holds; all of it unless `automatic`.
 
     Filters and output averaging in a sensor spoil short cluster times, so these are left out one by one until the chi-square
-    of the rest, with a misfit of 0.25 % of the deviation allowed, is no worse than one in a thousand.
+    of the rest, with a misfit of 0.25 % of the deviation allowed, is no worse than one in a thousand; then an octave more.
+    What a filter of white noise, or a line of the spectrum, leaves at cluster times well above its own is N^2/tau + c/tau^2
+    with c of either sign. So with a cut band a tail of that slope, the last column, is fitted beside the terms; it takes the
+    place of those that only `short` cluster times show (Q), which are then not estimated.
+
+    Parameters
+    ----------
+    curve : the curve; its last column is that of the tail, of negative sign.
+    short : (p,) which terms only short cluster times show.
+    automatic : whether to choose the band.
+    two_sided, one_sided : rise of the chi-square at the ends of intervals and at upper limits.
     """
-    p = curve.columns.shape[1]
+    p = len(short)
     size = jnp.sum(curve.used)
-    order = jnp.cumsum(curve.used) - 1  # rank of each used cluster size
+    last = jnp.maximum(size - p - 5, 0)  # the latest start that leaves enough to fit
+    ranked = jnp.sort(jnp.where(curve.used, curve.octave, jnp.inf))
+    is_tail = jnp.arange(p + 1) == p
 
-    def fitted(first):
-        part = eqx.tree_at(lambda c: c.used, curve, curve.used & (order >= first))
-        found = estimate(part, extra=(2.0 * _TOLERANCE * part.v) ** 2)
-        freedom = jnp.sum(part.used) - jnp.sum(found.theta > 0.0)
+    def fitted(curve, start, cut):
+        part = eqx.tree_at(lambda c: c.used, curve, curve.used & (curve.octave >= start)).only(~is_tail | cut)
+        found = estimate(part, ~jnp.append(short & cut, False), extra=(2.0 * _TOLERANCE * part.v) ** 2)
+        freedom = (jnp.sum(part.used) - jnp.sum(found.theta > 0.0)).astype(curve.v.dtype)
         allowed = jax.scipy.stats.chi2.sf(found.chi2, freedom)
-        strict = chi_square(part, found.theta)
-        return part, found, strict, freedom, allowed
+        return part, found, freedom, allowed
 
-    candidates = jnp.arange(max(len(curve.v) - p - 4, 1))
-    chances = jax.lax.map(lambda first: fitted(first)[-1], candidates)
-    possible = (candidates <= jnp.maximum(size - p - 4, 0)) & ((candidates == 0) | automatic)
+    fixed = jax.lax.stop_gradient(curve)  # neither the choice of the band nor the interval carries a derivative
+    candidates = jnp.arange(max(len(curve.v) - p - 5, 1))
+    chances = jax.lax.map(lambda first: fitted(fixed, ranked[first], first > 0)[-1], candidates)
+    possible = (candidates <= last) & ((candidates == 0) | automatic)
     chances = jnp.where(possible & jnp.isfinite(chances), chances, -1.0)
     enough = chances >= _REFUSED
     holds = jnp.any(enough)
-    part, found, strict, freedom, _ = fitted(jnp.where(holds, jnp.argmax(enough), jnp.argmax(chances)))
+    first = jnp.where(holds, jnp.argmax(enough), jnp.argmax(chances))
+    cut = first > 0
+    start = jnp.where(cut, jnp.minimum(ranked[first] + _MARGIN, ranked[last]), ranked[0])
+    part, found, freedom, _ = fitted(curve, start, cut)
 
+    strict = chi_square(part, found.theta)
     goodness = jax.scipy.stats.chi2.sf(strict, freedom)
     inflation = jnp.where(goodness < _WIDENED, jnp.maximum(strict / freedom, 1.0), 1.0)
-    spread = found.covariance * inflation
-    ends = limits(part, found.theta, jnp.sqrt(jnp.diagonal(spread)), two_sided * inflation, one_sided * inflation)
-    found = eqx.tree_at(lambda e: e.covariance, found, spread)
-    ends = eqx.tree_at(lambda e: e.significance, ends, ends.significance / inflation)
-    modelled = curve.columns @ found.theta
-    variance = jnp.diagonal(part.covariance(found.theta))
-    edf = 2.0 * modelled**2 / jnp.where(part.used, variance, 1.0)
-    return Banded(found, jax.lax.stop_gradient(ends), part.used, holds, goodness, inflation, modelled, edf)
+    reported = ~(short & cut)
+    theta = jnp.where(reported, found.theta[:p], 0.0)
+    spread = jnp.where(reported[:, None] & reported[None, :], found.covariance[:p, :p], 0.0) * inflation
+    # a short term is tested without the tail, which has its slope and no sign and would leave it without a limit
+    own = jnp.arange(p)[:, None] == jnp.arange(p + 1)[None, :]
+    others = jnp.append(reported, False)[None, :]
+    admitted = jnp.where(reported[:, None], ~is_tail[None, :] | cut, own | others)
+    reach = jnp.sqrt(jnp.where(reported, jnp.diagonal(found.covariance)[:p], found.covariance[p, p]))
+    still, middle, reach, widened = jax.lax.stop_gradient((part, theta, reach, inflation))
+    alone, _ = weighted(still.only(~is_tail))
+    ends = limits(still, admitted, jnp.where(reported, middle, alone[:p]), reach, two_sided * widened, one_sided * widened)
+    ends = eqx.tree_at(
+        lambda e: (e.low, e.significance),
+        ends,
+        (jnp.where(reported, ends.low, 0.0), jnp.where(reported, ends.significance / widened, 0.0)),
+    )
+    modelled = curve.columns[:, :p] @ theta
+    variance = jnp.diagonal(part.covariance(jnp.append(theta, 0.0)))
+    edf = 2.0 * modelled**2 / jnp.where(part.used & (variance > 0.0), variance, 1.0)
+    return Banded(theta, spread, ends, part.used, cut, holds, goodness, inflation, found.step, modelled, edf)

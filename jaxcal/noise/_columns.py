@@ -14,11 +14,13 @@ import math
 import jax
 import jax.numpy as jnp
 
+from .._types import Any
+
 #: x below which the Gauss-Markov forms lose their digits to cancellation and the random-walk limit is exact to 1e-5
 _SHORT = 2e-5
 
 
-def allan_column(term: str, tau, dt=None, scale=None):
+def allan_column(term: str, tau, dt=None, scale: Any = None):
     """Allan variance per squared coefficient at cluster time tau (s); `scale` is Tc (markov) or f0 (sinusoid)."""
     m = None if dt is None else tau / dt
     if term == "Q":
@@ -58,12 +60,12 @@ def _markov(tau, dt, correlation):
         full = correlation / x * (1.0 - u * (2.0 + u) / (2.0 * x))
     else:
         m = tau / dt
-        a, p = jnp.exp(-dt / correlation), jnp.exp(-x)
-        full = correlation / 2.0 * (m * (1.0 - a**2) - a * (1.0 - p) * (3.0 - p)) / (m * jnp.expm1(-dt / correlation)) ** 2
+        e, q = -jnp.expm1(-dt / correlation), -jnp.expm1(-x)  # 1 - a and 1 - a^m without losing digits
+        full = correlation / 2.0 * (m * e * (2.0 - e) - (1.0 - e) * q * (2.0 + q)) / (m * e) ** 2
     return jnp.where(short, walk, full)
 
 
-def spectral_column(term: str, f, dt=None, scale=None):
+def spectral_column(term: str, f, dt=None, scale: Any = None):
     """Two-sided density per squared coefficient at frequency f (Hz); `scale` is Tc (markov)."""
     omega = 2.0 * math.pi * f if dt is None else 2.0 / dt * jnp.sin(math.pi * f * dt)
     if term == "Q":

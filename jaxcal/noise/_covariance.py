@@ -40,7 +40,7 @@ def covariance_tensor(samples: int, m: tuple[int, ...], dt: float, terms: tuple[
     tensor = np.zeros((len(terms), len(terms), clusters, clusters))
     for i, small in enumerate(m):
         for j in range(i, clusters):
-            values = _pair(samples, *sorted((small, m[j])), dt, terms)
+            values = _pair(samples, min(small, m[j]), max(small, m[j]), dt, terms)
             tensor[:, :, i, j] = tensor[:, :, j, i] = values
     tensor.flags.writeable = False
     return tensor

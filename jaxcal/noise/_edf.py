@@ -12,7 +12,7 @@ from ..allan._edf import interval_factors
 from ._allanfit import Curve, fit_band
 from ._columns import allan_column
 from ._covariance import covariance_tensor
-from ._model import Noise
+from ._model import with_coefficients
 from ._result import NoiseFit
 from ._sentences import sentences_of_fit, sentences_of_octaves
 
@@ -40,14 +40,14 @@ def fit_curve(curve: Deviation, samples: int, terms: tuple[str, ...], inside, au
     traced = is_traced(curve.deviation)
     problem, unit = _problem(curve, samples, terms, inside)
     levels = scipy.stats.chi2.ppf(confidence, 1), scipy.stats.norm.ppf(confidence) ** 2
-    if traced:
-        found, xp = fit_band(problem, automatic, *levels), jnp
-    else:
-        found, xp = _fit_band(problem, jnp.asarray(automatic), *(jnp.asarray(level) for level in levels)), np
+    short = jnp.asarray([term == "Q" for term in terms])
+    found = _fit_band(problem, short, jnp.asarray(automatic), *(jnp.asarray(level, dtype=problem.v.dtype) for level in levels))
+    xp = jnp if traced else np
+    if not traced:
         found, unit = jax.tree.map(np.asarray, found), np.asarray(unit)
-        if not np.all(np.isfinite(found.estimate.theta)):
+        if not np.all(np.isfinite(found.theta)):
             raise FitError("the fit gave no finite coefficients; fit fewer terms (terms=) or other cluster times (band=)")
-    theta, spread = found.estimate.theta * unit, found.estimate.covariance * unit**2
+    theta, spread = found.theta * unit, found.covariance * unit**2
     positive = theta > 0.0
     guarded = xp.where(positive, theta, 1.0)  # keeps the derivative of the root finite where the coefficient is zero
     value = xp.where(positive, xp.sqrt(guarded), 0.0)
@@ -62,13 +62,13 @@ def fit_curve(curve: Deviation, samples: int, terms: tuple[str, ...], inside, au
         curve = _with_model_edf(curve, used, found.edf)
         modelled = np.sqrt(found.modelled[: len(curve.m)] * unit)
         left_out = sentences_of_octaves(curve, used, modelled, automatic)
-        warnings = curve.warnings + sentences_of_fit(found, curve, used, verdict)
+        warnings = curve.warnings + sentences_of_fit(found, curve, used, verdict, automatic)
 
     def table(values):
         return {term: values[i] for i, term in enumerate(terms)}
 
     return NoiseFit(
-        noise=Noise(**table(value)),
+        noise=with_coefficients(table(value)),
         interval={term: (low[i], high[i]) for i, term in enumerate(terms)},
         upper_limit=table(upper),
         verdict=verdict,
@@ -95,14 +95,17 @@ def _problem(curve: Deviation, samples: int, terms: tuple[str, ...], inside):
     unit = jnp.max(variance)  # squares of small coefficients would leave the range of float32
     pad = CLUSTERS - len(curve.m)
     dt = 1.0 / curve.rate
-    columns = jnp.stack([allan_column(term, jnp.asarray(curve.tau, dtype=dtype), dt) for term in terms], axis=1)
-    tensor = np.pad(covariance_tensor(samples, tuple(int(m) for m in curve.m), dt, terms), [(0, 0), (0, 0), (0, pad), (0, pad)])
+    tau = jnp.asarray(curve.tau, dtype=dtype)
+    # the tail comes last: an adjustment of the curve, which adds nothing to its scatter
+    columns = jnp.stack([*(allan_column(term, tau, dt) for term in terms), -1.0 / tau**2], axis=1)
+    tensor = np.pad(covariance_tensor(samples, tuple(int(m) for m in curve.m), dt, terms), [(0, 1), (0, 1), (0, pad), (0, pad)])
     count = jnp.asarray(curve.count, dtype=dtype)
     problem = Curve(
         v=jnp.pad(variance / unit, (0, pad), constant_values=1.0),
         columns=jnp.pad(columns, ((0, pad), (0, 0))),
         tensor=jnp.asarray(tensor, dtype=dtype),
         share=jnp.pad((count + jnp.asarray(curve.skipped, dtype=dtype)) / count, (0, pad), constant_values=1.0),
+        octave=jnp.pad(jnp.log2(jnp.asarray(curve.m, dtype=dtype)), (0, pad)),
         used=jnp.pad(jnp.asarray(inside) & (variance > 0.0), (0, pad)),
     )
     return problem, unit

@@ -29,7 +29,9 @@ def fit(y, rate, *, method="edf", terms=("Q", "N", "B", "K"), confidence=0.95, b
     chi-square test of each value of a coefficient: the covariance is that under the value tested.
 
     Short cluster times at which the model does not hold (a filter, averaging or an oscillation in the sensor) are left out and
-    named. Where the curve scatters more than the noise model allows, the intervals are widened to the scatter, with a warning.
+    named. What these leave at longer cluster times falls as 1/tau^2 with either sign; a tail of that form is then fitted beside
+    the terms, so that it biases none of them, and Q, which has the same slope, is not estimated. Where the curve scatters more
+    than the noise model allows, the intervals are widened to the scatter, with a warning.
 
     Parameters
     ----------
@@ -72,7 +74,8 @@ def fit(y, rate, *, method="edf", terms=("Q", "N", "B", "K"), confidence=0.95, b
     terms = _checked_terms(terms)
     y = y if is_traced(y) else np.asarray(y)
     samples = y.shape[0] if y.ndim else 0
-    curve = deviation(y, rate, m=_clusters(samples, terms), confidence=confidence)
+    # the noise type serves the plot outside of the band; a traced record has no plot
+    curve = deviation(y, rate, m=_clusters(samples, terms), confidence=confidence, alpha=0 if is_traced(y) else None)
     if not is_traced(y):
         _refuse_constant(curve.deviation)
     inside = _inside(curve.tau, band, terms)

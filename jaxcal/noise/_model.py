@@ -170,3 +170,8 @@ class Noise(eqx.Module):
             for strength, scale in pairs:
                 total = total + shaped(strength) ** 2 * column(kind, x, dt, shaped(scale))
         return total
+
+
+def with_coefficients(values: dict[str, Any]) -> Noise:
+    """Noise of the named terms alone."""
+    return Noise(**values)

@@ -9,7 +9,7 @@ import numpy as np
 
 from .._types import AnyArray
 from ..allan import Deviation
-from ._model import Noise
+from ._model import Noise, with_coefficients
 
 
 class NoiseFit(eqx.Module):
@@ -113,7 +113,7 @@ def stacked(fits: list[NoiseFit]) -> NoiseFit:
         confidence=first.confidence, warnings=first.deviation.warnings, **arrays,
     )  # fmt: skip
     return NoiseFit(
-        noise=Noise(**{term: join(lambda f, t=term: getattr(f.noise, t)) for term in first.terms}),
+        noise=with_coefficients({t: join(lambda f, t=t: getattr(f.noise, t)) for t in first.terms}),
         interval={t: (join(lambda f, t=t: f.interval[t][0]), join(lambda f, t=t: f.interval[t][1])) for t in first.terms},
         upper_limit={t: join(lambda f, t=t: f.upper_limit[t]) for t in first.terms},
         verdict={t: tuple(f.verdict[t] for f in fits) for t in first.verdict},

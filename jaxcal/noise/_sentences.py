@@ -20,14 +20,14 @@ def sentences_of_octaves(curve: Deviation, used, modelled, automatic: bool) -> t
     return tuple(said)
 
 
-def sentences_of_fit(found: Banded, curve: Deviation, used, verdict: dict[str, str]) -> tuple[str, ...]:
+def sentences_of_fit(found: Banded, curve: Deviation, used, verdict: dict[str, str], automatic: bool) -> tuple[str, ...]:
     """Warnings about the fit of one channel."""
     said = []
     shortest = curve.tau[used].min()
-    cut = bool(np.any(~used & (curve.tau < shortest)))
     if not found.holds:
+        where = "any range of cluster times" if automatic else "the band asked for"
         said.append(
-            f"the noise model does not hold in any range of cluster times (chance {float(found.goodness):.1g}): the coefficients "
+            f"the noise model does not hold in {where} (chance {float(found.goodness):.1g}): the coefficients "
             "describe the curve roughly, and the intervals are not to be relied on; look at the plot for vibration, temperature "
             "drift or steps"
         )
@@ -36,15 +36,15 @@ def sentences_of_fit(found: Banded, curve: Deviation, used, verdict: dict[str, s
             f"the curve departs from the model slightly, but by more than its noise allows (chance {float(found.goodness):.1g}): the "
             f"intervals are widened {np.sqrt(float(found.inflation)):.1f} times"
         )
-    if found.estimate.step > 1e-4:
-        change = float(found.estimate.step)
+    if found.step > 1e-4:
+        change = float(found.step)
         said.append(f"the weights of the fit have not settled (last change {change:.1g}); fit fewer terms or another band")
-    if cut and verdict.get("Q") in ("present", "hint"):
+    if found.cut and "Q" in verdict:
         said.append(
-            f"Q rests on cluster times from {shortest:.3g} s on, far above the sampling interval of {1 / curve.rate:.3g} s: a vibration "
-            "or an oscillation looks the same there; do not take it for quantisation noise"
+            f"Q was not fitted: it shows at cluster times below the {shortest:.3g} s from which the fit starts; its upper limit is "
+            "what the rest of the curve allows"
         )
-    if cut and verdict.get("N") == "not detected":
+    if found.cut and verdict.get("N") == "not detected":
         said.append(f"N cannot be told from the other terms in the cluster times that are left, {shortest:.3g} s and longer")
     lost = curve.skipped / (curve.skipped + curve.count)
     if np.any(lost > 0.0):

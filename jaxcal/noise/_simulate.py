@@ -8,10 +8,10 @@ first-order recursion from its stationary law. R: a line. Sinusoid: random phase
 import math
 
 import numpy as np
-import scipy.fft
 import scipy.signal
 
 from .._errors import DataError
+from .._types import Any
 
 
 def simulate(noise, n, rate, seed) -> np.ndarray:
@@ -43,7 +43,7 @@ def _one(noise, n: int, dt: float, random: np.random.Generator) -> np.ndarray:
         sigma = float(strength) * math.sqrt(correlation / 2.0)
         z = random.standard_normal(n)
         z[1:] *= math.sqrt(-math.expm1(-2.0 * dt / correlation))
-        x += sigma * scipy.signal.lfilter([1.0], [1.0, -a], z)
+        x += sigma * np.asarray(scipy.signal.lfilter([1.0], [1.0, -a], z))
     for amplitude, frequency in noise.sinusoid:
         x += float(amplitude) * np.sin(2.0 * math.pi * frequency * dt * np.arange(n) + random.uniform(0.0, 2.0 * math.pi))
     return x
@@ -51,24 +51,24 @@ def _one(noise, n: int, dt: float, random: np.random.Generator) -> np.ndarray:
 
 def _flicker(n: int, random: np.random.Generator) -> np.ndarray:
     """Flicker of unit B: running sum of increments drawn by circulant embedding, which is exact here."""
-    half = scipy.fft.next_fast_len(n, real=True)
+    half = 1 << (n - 1).bit_length()  # a quick length for the transform; any from n on is exact
     h = np.arange(half + 1, dtype=float)
     row = -(4.0 / math.pi) / (4.0 * h**2 - 1.0)
-    eigenvalues = np.maximum(scipy.fft.rfft(np.concatenate([row, row[-2:0:-1]])).real, 0.0)  # rounding only
+    eigenvalues = np.maximum(np.fft.rfft(np.concatenate([row, row[-2:0:-1]])).real, 0.0)  # rounding only
     length = 2 * half
     z = random.standard_normal(half + 1) + 1j * random.standard_normal(half + 1)
     z[[0, -1]] = z[[0, -1]].real * math.sqrt(2.0)
-    return np.cumsum(scipy.fft.irfft(np.sqrt(eigenvalues * length / 2.0) * z, length)[:n])
+    return np.cumsum(np.fft.irfft(np.sqrt(eigenvalues * length / 2.0) * z, length)[:n])
 
 
-def _coefficients(noise):
+def _coefficients(noise) -> list[Any]:
     return [noise.Q, noise.N, noise.B, noise.K, noise.R, *(v for pair in (*noise.markov, *noise.sinusoid) for v in pair)]
 
 
-def _checked(noise, n, rate) -> tuple[int, float]:
+def _checked(noise, n: Any, rate: Any) -> tuple[int, float]:
     if not (isinstance(n, (int, np.integer)) and n >= 1):
         raise DataError(f"n must be a positive whole number of samples; got {n!r}")
-    if not (np.isscalar(rate) and np.isfinite(rate) and rate > 0):
+    if not (isinstance(rate, (int, float, np.number)) and 0.0 < float(rate) < math.inf):
         raise DataError(f"rate must be positive and finite, in Hz; got {rate!r}")
     for value in _coefficients(noise):
         if not np.all(np.isfinite(value)) or np.any(np.asarray(value) < 0):
