@@ -1,18 +1,26 @@
 """`Log`: one recording in SI on a uniform time grid."""
 
+import dataclasses
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import equinox as eqx
 import numpy as np
 
 from ._errors import DataError
+from ._quality import all_finite, inspect, mark_missing
+from ._timebase import place, span
 from ._types import AnyArray
+from ._units import si_unit
 
 #: sensor field -> channel name suffixes
 _AXES = {"gyro": ("_x", "_y", "_z"), "accel": ("_x", "_y", "_z"), "mag": ("_x", "_y", "_z"), "temperature": ("",)}
+#: a sensor present in less than this part of the samples is slow, not full of gaps
+_SPARSE = 0.5
 
 
-class Gap(eqx.Module):
+@dataclasses.dataclass(frozen=True)
+class Gap:
     """A stretch of missing samples: `start` (s, of the first missing sample), `length` (s), `samples` lost."""
 
     start: float
@@ -21,7 +29,53 @@ class Gap(eqx.Module):
 
 
 class Log(eqx.Module):
-    """One recording in SI on a uniform time grid; missing samples are NaN rows."""
+    """One recording in SI on a uniform time grid; missing samples are NaN rows.
+
+    The stamps are put in order and their steps compared with the sampling period: samples that repeat a stamp and its values
+    are dropped, a wrapped counter is unwrapped, stamps in bursts or of low resolution are spaced evenly, and a step longer than
+    1.5 periods that later steps do not make up becomes a gap of NaN rows. The rate is the number of steps over their length,
+    gaps left out. Infinite values and the repeats of a frozen sensor (more than 50 equal vectors) become NaN. Whatever was
+    mended stands in `warnings`, one sentence each.
+
+    Parameters
+    ----------
+    time : (n,) stamps in s (or datetime64), or None where `rate` is given. Only differences count.
+    gyro : (n, 3) angular rate, rad/s. Like `accel` and `mag` it may also be (n,) or have fewer columns: x, then y.
+    accel : (n, 3) specific force, m/s^2.
+    mag : (n, 3) magnetic field, T.
+    temperature : (n,) degC.
+    rate : Hz. With stamps it is checked against them (0.5 %) and kept; without, it makes the grid.
+    notes, warnings : sentences from whoever read the recording, put before those found here.
+    provenance : where the recording comes from. `epoch_ns`, the stamp of the first sample, is filled in.
+
+    Attributes
+    ----------
+    time : (n,) s from the first sample.
+    gyro, accel, mag, temperature : as given, on the grid; None where not recorded.
+    rate : Hz.
+    gaps : tuple of `Gap`: stretches in which a sensor is missing.
+    notes : tuple of sentences, for the record: steps of quantisation, warm-up, small jitter.
+    warnings : tuple of sentences on what makes results from these data doubtful.
+    provenance : dict.
+
+    Raises
+    ------
+    DataError
+        If there are fewer than 2 samples, nothing but NaN in a channel, no regular recording behind the stamps, a `rate` that
+        contradicts them, or more missing samples than a log can hold (a gap of years).
+
+    Examples
+    --------
+    A gap of two samples:
+
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> log = jaxcal.Log([0.0, 0.1, 0.2, 0.5, 0.6], temperature=[20.0, 20.1, 20.2, 20.5, 20.6])
+    >>> log.rate, len(log.time), log.gaps[0].samples
+    (10.0, 7, 2)
+    >>> list(log.channels())
+    ['temperature']
+    """
 
     time: AnyArray
     gyro: AnyArray | None
@@ -34,16 +88,245 @@ class Log(eqx.Module):
     warnings: tuple[str, ...]
     provenance: dict[str, Any]
 
-    def __init__(self, time, gyro=None, accel=None, mag=None, temperature=None, rate=None, *, notes=(), warnings=(), provenance=None):
-        raise DataError("not written yet")
+    def __init__(
+        self,
+        time: Any,
+        gyro: Any = None,
+        accel: Any = None,
+        mag: Any = None,
+        temperature: Any = None,
+        rate: float | int | None = None,
+        *,
+        notes: Iterable[str] = (),
+        warnings: Iterable[str] = (),
+        provenance: Mapping[str, Any] | None = None,
+    ):
+        notes, warnings, provenance = list(notes), list(warnings), dict(provenance or {})
+        given = {"gyro": gyro, "accel": accel, "mag": mag, "temperature": temperature}
+        sensors = {name: _columns(name, values) for name, values in given.items() if values is not None}
+        stamps, epoch = _stamps(time)
+        n = _common_length(stamps, sensors)
+        rate = _checked_rate(rate)
+        for name, values in sensors.items():
+            sensors[name] = mark_missing(name, _channel_names(name, values), values, warnings)
+
+        if stamps is None:
+            if rate is None:
+                raise DataError("no time stamps: give rate= (Hz), or the time column")
+            if n < 2:
+                raise DataError(f"{n} sample: a recording needs at least 2")
+            size = n
+        else:
+
+            def equal(i: np.ndarray, j: np.ndarray) -> np.ndarray:
+                return np.all([np.all((v[i] == v[j]) | (np.isnan(v[i]) & np.isnan(v[j])), axis=1) for v in sensors.values()], axis=0)
+
+            grid = place(stamps, rate, equal)
+            sensors = {name: _on_grid(values, grid) for name, values in sensors.items()}
+            rate, size = grid.rate, grid.size
+            epoch += round(grid.start * 1e9)
+            notes += grid.notes
+            warnings += grid.warnings
+
+        for name, values in sensors.items():
+            sensors[name] = inspect(name, _channel_names(name, values), values, rate, notes, warnings)
+        self.time = np.arange(size) / rate
+        self.gyro, self.accel, self.mag = (sensors.get(name) for name in ("gyro", "accel", "mag"))
+        self.temperature = sensors["temperature"][:, 0] if "temperature" in sensors else None
+        self.rate = rate
+        self.gaps = _gaps(sensors, rate, warnings)
+        self.notes, self.warnings = tuple(notes), tuple(warnings)
+        self.provenance = provenance | {"epoch_ns": int(provenance.get("epoch_ns", 0)) + epoch}
+
+    @property
+    def duration(self) -> float:
+        """Length of the recording, s: samples / rate."""
+        return len(self.time) / self.rate
 
     def channels(self) -> dict[str, np.ndarray]:
-        """Every channel as a name -> (n,) array map: gyro_x .. mag_z, temperature."""
+        """Every channel as a name -> (n,) array map: gyro_x .. mag_z, temperature (SI)."""
         found = {}
-        for field, suffixes in _AXES.items():
-            values = getattr(self, field)
-            if values is None:
-                continue
-            columns = values.reshape(len(values), -1)
-            found |= {field + suffix: columns[:, i] for i, suffix in enumerate(suffixes)}
+        for name, values in self._sensors().items():
+            found |= dict(zip(_channel_names(name, values), values.T, strict=True))
         return found
+
+    def select(self, start: float | int | None = None, stop: float | int | None = None) -> "Log":
+        """Part of the recording between two times.
+
+        Parameters
+        ----------
+        start, stop : s from the start of the recording (None: its start, its end). Negative times count from the end.
+
+        Returns
+        -------
+        Log
+            With its own time from 0 and its own gaps; `notes` and `warnings` are those of the whole recording, and
+            `provenance["selected"]` says which part it is, in s.
+
+        Raises
+        ------
+        DataError
+            If fewer than 2 samples lie between `start` and `stop`, or a channel has no value there.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import jaxcal
+        >>> log = jaxcal.Log(None, gyro=np.random.default_rng(0).normal(size=(1000, 3)), rate=100.0)
+        >>> log.select(2.0, 5.0).duration
+        3.0
+        """
+        bounds = [0.0 if start is None else float(start), self.duration if stop is None else float(stop)]
+        bounds = [bound + self.duration if bound < 0 else bound for bound in bounds]
+        # a bound on a sample belongs to that sample, whatever the last digit of its time
+        first, last = (int(np.clip(np.ceil(bound * self.rate - 1e-6), 0, len(self.time))) for bound in bounds)
+        if last - first < 2:
+            raise DataError(
+                f"select({start}, {stop}) leaves {max(last - first, 0)} samples; the recording is {self.duration:.6g} s long at "
+                f"{self.rate:.6g} Hz"
+            )
+        sensors = {name: values[first:last] for name, values in self._sensors().items()}
+        for name, values in sensors.items():
+            mark_missing(name, _channel_names(name, values), values, [])
+        part = object.__new__(Log)
+        parent = self.provenance
+        offset = parent.get("selected", (0.0, 0.0))[0]
+        fields = {
+            "time": self.time[: last - first],
+            "gyro": sensors.get("gyro"),
+            "accel": sensors.get("accel"),
+            "mag": sensors.get("mag"),
+            "temperature": sensors["temperature"][:, 0] if "temperature" in sensors else None,
+            "rate": self.rate,
+            "gaps": _gaps(sensors, self.rate, []),
+            "notes": self.notes,
+            "warnings": self.warnings,
+            "provenance": parent
+            | {
+                "selected": (offset + first / self.rate, offset + last / self.rate),
+                "epoch_ns": parent["epoch_ns"] + round(first / self.rate * 1e9),
+            },
+        }
+        for name, value in fields.items():
+            object.__setattr__(part, name, value)
+        return part
+
+    def summary(self) -> str:
+        """A few readable lines: length, rate, gaps, and mean and standard deviation of every channel.
+
+        Examples
+        --------
+        >>> import jaxcal
+        >>> print(jaxcal.Log(None, temperature=[20.0, 20.5, 21.0, 21.5], rate=10.0).summary())
+        4 samples at 10 Hz, 0.4 s, no gaps
+        temperature  mean 20.75  std 0.559  degC
+        """
+        lost = sum(gap.samples for gap in self.gaps)
+        count = f"{len(self.gaps)} gap{'s' * (len(self.gaps) != 1)}"
+        gaps = f"{count}, {lost} samples ({100 * lost / len(self.time):.2g} %) missing" if self.gaps else "no gaps"
+        lines = [f"{len(self.time)} samples at {self.rate:.6g} Hz, {span(self.duration)}, {gaps}"]
+        channels = self.channels()
+        width = max(map(len, channels))
+        for name, column in channels.items():
+            present = column[np.isfinite(column)]
+            sensor = name.split("_")[0]
+            lines.append(f"{name:<{width}}  mean {present.mean():.4g}  std {present.std():.4g}  {si_unit(sensor)}")
+        return "\n".join(lines)
+
+    def _sensors(self) -> dict[str, np.ndarray]:
+        """The recorded sensors as (n, channels) arrays."""
+        present = {name: getattr(self, name) for name in _AXES if getattr(self, name) is not None}
+        return {name: values.reshape(len(values), -1) for name, values in present.items()}
+
+
+def _channel_names(sensor: str, values: np.ndarray) -> list[str]:
+    return [sensor + suffix for suffix in _AXES[sensor][: values.shape[1]]]
+
+
+def _columns(sensor: str, values: Any) -> np.ndarray:
+    """Values of one sensor as (n, channels) in float64, each channel contiguous, since channels are looked at one by one."""
+    axes = len(_AXES[sensor])
+    try:
+        array = np.asarray(values)
+        array = array.astype(np.float64, copy=False) if array.dtype.kind in "iufb" else np.asarray(array, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise DataError(f"{sensor} does not hold numbers ({error}); give an array of shape (n, {axes})") from error
+    if array.ndim == 1:
+        array = array[:, None]
+    if array.ndim != 2 or not 1 <= array.shape[1] <= axes:
+        wanted = "(n,)" if axes == 1 else "(n, 3)"
+        hint = "; time is the first axis: transpose it" if array.ndim == 2 and array.shape[0] <= axes else ""
+        raise DataError(f"{sensor} has shape {np.shape(values)}; expected {wanted}{hint}")
+    return np.asfortranarray(array)
+
+
+def _stamps(time: Any) -> tuple[np.ndarray | None, int]:
+    """Stamps in s, and the ns to add to them."""
+    if time is None:
+        return None, 0
+    stamps = np.asarray(time)
+    if stamps.ndim != 1:
+        raise DataError(f"time has shape {stamps.shape}; expected (n,)")
+    if np.issubdtype(stamps.dtype, np.datetime64):
+        ns = stamps.astype("datetime64[ns]")
+        missing = np.isnat(ns)
+        ns = ns.astype(np.int64)
+        epoch = int(ns[~missing][0]) if not missing.all() else 0
+        return np.where(missing, np.nan, (ns - epoch) * 1e-9), epoch
+    if stamps.dtype.kind not in "iuf":
+        raise DataError(f"time holds {stamps.dtype} values; expected seconds as numbers, or datetime64")
+    return stamps.astype(np.float64, copy=False), 0
+
+
+def _common_length(stamps: np.ndarray | None, sensors: dict[str, np.ndarray]) -> int:
+    if not sensors:
+        raise DataError("a log needs at least one of gyro, accel, mag and temperature")
+    lengths = {name: len(values) for name, values in sensors.items()} | ({} if stamps is None else {"time": len(stamps)})
+    if len(set(lengths.values())) > 1:
+        raise DataError("all arrays need one row per sample, but " + ", ".join(f"{name} has {n}" for name, n in lengths.items()))
+    return next(iter(lengths.values()))
+
+
+def _checked_rate(rate: float | int | None) -> float | None:
+    if rate is None:
+        return None
+    if not (np.isfinite(rate) and rate > 0):
+        raise DataError(f"rate={rate} is not a sampling rate; give a positive number of Hz")
+    return float(rate)
+
+
+def _on_grid(values: np.ndarray, grid: Any) -> np.ndarray:
+    if grid.source is not None:
+        values = values[grid.source]
+    if grid.slot is None:
+        return values
+    placed = np.full((values.shape[1], grid.size), np.nan).T
+    placed[grid.slot] = values
+    return placed
+
+
+def _gaps(sensors: dict[str, np.ndarray], rate: float, warnings: list[str]) -> tuple[Gap, ...]:
+    """Stretches in which a sensor is missing; adds a sentence on them, and one on each sensor slower than the log."""
+    absent = {name: np.any(np.isnan(values), axis=1) for name, values in sensors.items() if not all_finite(values)}
+    if not absent:
+        return ()
+    lost = np.logical_and.reduce(list(absent.values())) if len(absent) == len(sensors) else np.zeros(len(next(iter(absent.values()))), bool)
+    rows = len(lost) - np.count_nonzero(lost)
+    missing = lost
+    for name, gone in absent.items():
+        present = (len(gone) - np.count_nonzero(gone)) / rows if rows else 0.0
+        if present < _SPARSE:
+            warnings.append(f"{name} is present in {100 * present:.3g} % of the samples (about {present * rate:.3g} Hz)")
+        else:
+            missing = missing | gone
+    if not missing.any():
+        return ()
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], missing, [False]]).astype(np.int8)))
+    starts, lengths = edges[::2], edges[1::2] - edges[::2]
+    gaps = tuple(Gap(start / rate, length / rate, length) for start, length in zip(starts.tolist(), lengths.tolist(), strict=True))
+    longest = max(gaps, key=lambda gap: gap.samples)
+    warnings.append(
+        f"missing samples: {lengths.sum()} of {len(missing)}, in {len(gaps)} gap{'s' * (len(gaps) > 1)}, the longest "
+        f"{longest.length:.4g} s at {longest.start:.6g} s"
+    )
+    return gaps

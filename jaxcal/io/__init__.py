@@ -1,1 +1,3 @@
-"""placeholder"""
+"""Readers: logs in, `Log` out."""
+
+from ._read import read as read

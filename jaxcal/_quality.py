@@ -1,0 +1,153 @@
+"""What is wrong with, or worth knowing about, the values of one sensor: missing, frozen, clipped, coarse, not yet warm."""
+
+import numpy as np
+
+from ._errors import DataError
+from ._units import si_unit
+
+#: this many equal vectors in a row are a frozen sensor
+_FROZEN = 50
+#: samples looked at for the quantisation step
+_LOOK = 100_000
+_WARM_UP = 60.0
+
+
+def all_finite(values: np.ndarray) -> bool:
+    """Whether every value is finite, by a sum where that decides it: a quarter of the time of looking at each."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return bool(np.isfinite(values.sum()) or np.isfinite(values).all())
+
+
+def mark_missing(sensor: str, names: list[str], values: np.ndarray, warnings: list[str]) -> np.ndarray:
+    """Turn infinite values into missing ones (NaN), and refuse a channel that holds nothing.
+
+    Raises
+    ------
+    DataError
+        If a channel has no finite value at all; the message names it.
+    """
+    if all_finite(values):
+        return values
+    infinite = np.isinf(values)
+    if infinite.any():
+        warnings.append(f"{sensor}: infinite values, treated as missing: {np.count_nonzero(infinite)}")
+        values = np.where(infinite, np.nan, values)
+    empty = [name for name, column in zip(names, values.T, strict=True) if np.isnan(column).all()]
+    if empty:
+        raise DataError(
+            f"{', '.join(empty)}: no finite value in {len(values)} samples; check the column, or leave the sensor out with columns="
+        )
+    return values
+
+
+def inspect(sensor: str, names: list[str], values: np.ndarray, rate: float, notes: list[str], warnings: list[str]) -> np.ndarray:
+    """Look at the values of one sensor on the grid, add sentences, and return them with frozen stretches as NaN.
+
+    Parameters
+    ----------
+    sensor : "gyro", "accel", "mag" or "temperature".
+    names : names of its channels.
+    values : (n, channels), SI.
+    rate : Hz.
+    """
+    unit = si_unit(sensor)
+    low, high = np.fmin.reduce(values, axis=0), np.fmax.reduce(values, axis=0)
+    constant = [f"{name} ({value:.6g})" for name, value, top in zip(names, low, high, strict=True) if value == top]
+    if constant and sensor != "temperature":
+        warnings.append(f"constant in every sample, so nothing can be said about its noise: {', '.join(constant)} {unit}")
+    if sensor != "temperature":
+        if len(constant) < len(names):
+            values = _thaw(sensor, values, rate, warnings)
+        for name, column, bottom, top in zip(names, values.T, low, high, strict=True):
+            _clipping(name, column, float(bottom), float(top), unit, warnings)
+    _resolution(sensor, names, values, notes)
+    _transient(sensor, values, rate, notes)
+    return values
+
+
+def _thaw(sensor: str, values: np.ndarray, rate: float, warnings: list[str]) -> np.ndarray:
+    # a run of more than 50 covers two neighbouring samples of every 25th
+    coarse = values[:: _FROZEN // 2]
+    if not (coarse[1:] == coarse[:-1]).all(axis=1).any():
+        return values
+    repeats = np.concatenate([[False], (values[1:] == values[:-1]).all(axis=1), [False]])
+    edges = np.flatnonzero(repeats[1:] != repeats[:-1])
+    start, stop = edges[::2], edges[1::2]
+    runs = stop - start >= _FROZEN
+    if not runs.any():
+        return values
+    start, stop = start[runs], stop[runs]
+    lost = int(np.sum(stop - start))
+    if len(start) > 3 and lost > 0.2 * len(values):
+        distinct = len(values) - np.count_nonzero(repeats)
+        warnings.append(
+            f"{sensor}: {100 * lost / len(values):.2g} % of the samples stand in runs of more than {_FROZEN} equal ones; it changes only "
+            f"{distinct * rate / len(values):.3g} times a second: sampled more slowly than the log, or too coarse to show its noise"
+        )
+        return values
+    longest = np.argmax(stop - start)
+    warnings.append(
+        f"{sensor} is frozen: {len(start)} runs of more than {_FROZEN} equal samples, the longest {(stop - start)[longest] / rate:.3g} s "
+        f"at {start[longest] / rate:.6g} s; the repeats ({lost} samples) are treated as missing"
+    )
+    values = values.copy()
+    for first, last in zip(start, stop, strict=True):
+        values[first + 1 : last + 1] = np.nan
+    return values
+
+
+def _clipping(name: str, column: np.ndarray, low: float, high: float, unit: str, warnings: list[str]) -> None:
+    """A pile of samples at the extreme value, at least thrice the next value's, is a full scale."""
+    for extreme in (low, high):
+        at = np.count_nonzero(column == extreme)
+        if at < 10 or low == high:
+            continue
+        others = column[(column != extreme) & np.isfinite(column)]
+        neighbour = others.min() if extreme == low else others.max()
+        # few levels in all (a coarse sensor at rest) pile up anywhere
+        if abs(neighbour - extreme) < 0.05 * (high - low) and at > 3 * np.count_nonzero(column == neighbour):
+            warnings.append(f"{name} is clipped: {at} samples stand at the extreme value {extreme:.6g} {unit}")
+
+
+def _resolution(sensor: str, names: list[str], values: np.ndarray, notes: list[str]) -> None:
+    found = []
+    for name, column in zip(names, values[:_LOOK].T, strict=True):
+        column = column[np.isfinite(column)]
+        steps = np.abs(np.diff(column))
+        steps = steps[steps > 0]
+        if len(steps) < 10:
+            continue
+        smallest = steps.min()
+        counts = steps / smallest
+        # multiples of one step, few enough of them that this is no accident
+        if counts.max() < 1e5 and np.abs(counts - np.round(counts)).max() < 0.01:
+            found.append((name, f"{smallest:.4g}"))
+    if found:
+        same = len({step for _, step in found}) == 1 and len(found) == len(names)
+        text = found[0][1] if same else ", ".join(f"{name} {step}" for name, step in found)
+        notes.append(f"{sensor}: values come in steps of {text} {si_unit(sensor)}")
+
+
+def _transient(sensor: str, values: np.ndarray, rate: float, notes: list[str]) -> None:
+    block = round(_WARM_UP * rate)
+    if block < 1 or len(values) < 10 * block:
+        return
+    blocks = values[: len(values) // block * block].reshape(-1, block, values.shape[1])
+    present = np.isfinite(blocks) if np.isnan(blocks.sum()) else None
+    if present is None:
+        means = blocks.mean(axis=1)
+    else:
+        count = present.sum(axis=1)
+        means = np.where(count > 0, np.where(present, blocks, 0.0).sum(axis=1) / np.maximum(count, 1), np.nan)
+        means = means[np.isfinite(means).all(axis=1)]
+    if len(means) < 10:
+        return
+    settled = np.median(means[1:], axis=0)
+    scatter = 1.4826 * np.median(np.abs(means[1:] - settled), axis=0)
+    moved = np.abs(means[0] - settled)
+    if np.any((moved > 6 * scatter) & (scatter > 0)):
+        shift = moved[np.argmax(moved)]
+        notes.append(
+            f"{sensor}: the mean of the first {_WARM_UP:g} s is off the rest by {shift:.3g} {si_unit(sensor)} (warm-up?); "
+            f"log.select({_WARM_UP:g}, None) leaves them out"
+        )

@@ -1,0 +1,310 @@
+"""Time stamps as recorded -> places on a uniform grid, with sentences on everything that was mended."""
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+
+from ._errors import DataError
+from ._quality import all_finite
+
+#: counters that wrap, and the ticks (s) in which they count
+_WRAPS = (2.0**16, 2.0**31, 2.0**32)
+_TICKS = (1e-9, 1e-6, 1e-3, 1.0)
+#: a step longer than this many periods that later steps do not make up is a gap
+_GAP = 1.5
+#: rate= may differ from the stamps by this much
+_RATE_TOLERANCE = 0.005
+#: rms jitter, in periods, from which it is worth a warning
+_JITTER = 0.02
+
+ADVICE = (
+    "check that the right column is read as time (columns={'time': ...}), or leave the stamps out (columns={'time': None}) and give rate="
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Placement:
+    """Where each sample belongs: `source` rows (None: all, as they are) go to `slot`s (None: in turn) of a grid of `size`."""
+
+    source: np.ndarray | None
+    slot: np.ndarray | None
+    size: int
+    rate: float
+    start: float
+    notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+def place(stamps: np.ndarray, rate: float | None, equal: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> Placement:
+    """Place samples with the given stamps (s) on a uniform grid.
+
+    Parameters
+    ----------
+    stamps : (n,) s, in any order.
+    rate : Hz, or None; checked against the stamps, and kept where it agrees.
+    equal : ``equal(i, j)`` says for which pairs of rows all sensors have the same values.
+
+    Raises
+    ------
+    DataError
+        If there is no regular recording behind the stamps, or `rate` contradicts them.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal._timebase import place
+    >>> grid = place(np.array([0.0, 0.01, 0.02, 0.05, 0.06]), None, lambda i, j: i == j)
+    >>> grid.slot.tolist(), grid.rate
+    ([0, 1, 2, 5, 6], 100.0)
+    """
+    warnings: list[str] = []
+    stamps, source = _finite(stamps, warnings)
+    if len(stamps) < 2:
+        count = f"{len(stamps)} sample{'s' * (len(stamps) != 1)}"
+        raise DataError(f"{count}: a recording needs at least 2; check the file, or the columns that are read")
+    mean_step = (float(stamps.max()) - float(stamps.min())) / (len(stamps) - 1)
+    if mean_step and not 1e-9 < mean_step < 1e9:
+        raise DataError(f"the time stamps are {mean_step:.3g} s apart on average; give their unit with units={{'time': ...}}, or {ADVICE}")
+    if np.any(np.diff(stamps) < 0):
+        stamps = _unwrap(stamps, warnings)
+        stamps, source = _sort(stamps, source, warnings)
+    if stamps[-1] == stamps[0]:
+        raise DataError(f"all {len(stamps)} time stamps are equal ({stamps[0]:g} s); {ADVICE}")
+    stamps, source = _drop_duplicates(stamps, source, equal, warnings)
+
+    steps = np.diff(stamps)
+    period, even = _period(stamps, steps)
+    missing, at = _gaps(steps, period, even)
+    regular = np.ones(len(steps), bool)
+    regular[at] = False
+    kept = steps if not len(at) else steps[regular]
+    if not kept.any():
+        raise DataError(f"no two of the {len(stamps)} time stamps follow each other without a gap; {ADVICE}")
+    estimate = len(kept) / float(kept.sum())
+    # no more digits than the stamps carry, so that 0.01 s steps give 100 Hz
+    carried = np.spacing(np.abs(stamps[[0, -1]]).max()) / (stamps[-1] - stamps[0])
+    estimate = float(f"{estimate:.{int(np.clip(-np.log10(carried), 6, 12))}g}")
+    jitter = float(np.sqrt(np.mean((kept - 1.0 / estimate) ** 2)) * estimate)
+    notes = _describe(stamps, steps, estimate, jitter, even, warnings)
+    chosen = _agreed_rate(rate, estimate, notes)
+
+    slot, size = None, len(stamps)
+    if len(at):
+        increments = np.ones(len(steps), np.int64)
+        increments[at] += missing
+        slot = np.concatenate([[0], np.cumsum(increments)])
+        size = int(slot[-1]) + 1
+    return Placement(source, slot, size, chosen, float(stamps[0]), tuple(notes), tuple(warnings))
+
+
+def _finite(stamps: np.ndarray, warnings: list[str]) -> tuple[np.ndarray, np.ndarray | None]:
+    if all_finite(stamps):
+        return stamps, None
+    good = np.flatnonzero(np.isfinite(stamps))
+    warnings.append(f"samples without a time stamp, left out: {len(stamps) - len(good)}")
+    return stamps[good], good
+
+
+def _unwrap(stamps: np.ndarray, warnings: list[str]) -> np.ndarray:
+    """Undo the overflow of a 16, 31 or 32 bit counter: a step back that the counter's range turns into an ordinary step."""
+    steps = np.diff(stamps)
+    back = np.flatnonzero(steps < 0)
+    period = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
+    for ticks in _WRAPS:
+        for tick in _TICKS:
+            span = ticks * tick
+            if span < 20 * period:
+                continue
+            wrapped = back[np.abs(steps[back] + span - period) < min(10 * period, span / 4)]
+            # after a wrap the count goes on from below; after a late stamp it jumps up again
+            wrapped = wrapped[[not np.any(steps[i + 1 : i + 50] > span / 2) for i in wrapped]]
+            if len(wrapped):
+                turns = np.zeros(len(stamps))
+                turns[wrapped + 1] = span
+                times = "once" if len(wrapped) == 1 else f"{len(wrapped)} times"
+                warnings.append(f"the time counter wraps {times}, by 2^{int(np.log2(ticks))} ticks of {tick:g} s; it is unwrapped")
+                return stamps + np.cumsum(turns)
+    return stamps
+
+
+def _sort(stamps: np.ndarray, source: np.ndarray | None, warnings: list[str]) -> tuple[np.ndarray, np.ndarray | None]:
+    largest = -np.diff(stamps).min()
+    if largest <= 0:
+        return stamps, source
+    late = np.count_nonzero(np.maximum.accumulate(stamps) > stamps)
+    warnings.append(
+        f"time stamps out of order: {late} (largest step back {largest:.6g} s); the samples are sorted by time"
+    )
+    order = np.argsort(stamps, kind="stable")
+    return stamps[order], order if source is None else source[order]
+
+
+def _drop_duplicates(stamps, source, equal, warnings: list[str]) -> tuple[np.ndarray, np.ndarray | None]:
+    """Keep one of the samples with equal stamp and equal values; leave those with different values to the even spacing."""
+    same = np.flatnonzero(np.diff(stamps) == 0)
+    if not len(same):
+        return stamps, source
+    rows = np.arange(len(stamps)) if source is None else source
+    copies = same[equal(rows[same], rows[same + 1])]
+    if len(copies):
+        warnings.append(f"samples that repeat both the time stamp and the values of the one before: {len(copies)}; one of each is kept")
+    others = len(same) - len(copies)
+    if others:
+        warnings.append(
+            f"samples that share the time stamp of the one before but not its values: {others}; all are kept and spaced evenly"
+        )
+    keep = np.ones(len(stamps), bool)
+    keep[copies + 1] = False
+    if len(copies) == len(stamps) - 1:
+        raise DataError(f"the {len(stamps)} samples are copies of one; check the file")
+    return (stamps[keep], rows[keep]) if len(copies) else (stamps, source)
+
+
+def _period(stamps: np.ndarray, steps: np.ndarray) -> tuple[float, bool]:
+    """Sampling period, robust against gaps, and whether single steps show it (False: bursts or coarse stamps)."""
+    median = float(np.median(steps if steps.min() > 0 else steps[steps > 0]))
+    block = max(1, min(256, len(steps) // 8))
+    typical = float(np.median(stamps[block::block] - stamps[:-block:block])) / block
+    # where half of the samples are lost, the median and the mean step agree on the wrong period
+    if abs(typical / median - 1.0) > 0.05 or np.count_nonzero(steps < 0.75 * median) > 0.1 * len(steps):
+        lossy = _period_of_lossy(stamps, steps)
+        if lossy is None and abs(typical / median - 1.0) > 0.05:
+            _refuse_irregular(stamps, steps, typical)
+            return typical, False
+        median = lossy or median
+    near = (steps > 0.5 * median) & (steps < _GAP * median)
+    if not near.any():
+        _refuse_irregular(stamps, steps, typical)
+        return typical, False
+    return (float(np.mean(steps)) if near.all() else float(np.mean(steps[near]))), True
+
+
+def _period_of_lossy(stamps: np.ndarray, steps: np.ndarray) -> float | None:
+    """Period if long steps are lost samples: whole multiples of the period that, unlike coarse stamps, stray from any line."""
+    shortest = np.quantile(steps, 0.1)
+    period = float(np.mean(steps[steps <= _GAP * shortest]))
+    ratio = steps / period if period > 0 else np.zeros(1)
+    whole = (np.abs(ratio - np.round(ratio)) < 0.2) & (ratio > 0.5)
+    return period if np.mean(whole) > 0.98 and _astray(stamps, 512) > 0.75 * period else None
+
+
+def _refuse_irregular(stamps: np.ndarray, steps: np.ndarray, period: float) -> None:
+    """Bursts and coarse stamps keep near an even clock, within about the wait between two bursts; anything else is no clock."""
+    if period == 0.0:
+        raise DataError(f"most of the {len(stamps)} time stamps equal their neighbours; {ADVICE}")
+    long = steps[steps > _GAP * period]
+    wait, burst = (float(np.median(long)), len(steps) // len(long)) if len(long) else (period, 1)
+    astray = _astray(stamps, max(512, 4 * burst))
+    if astray > 1.5 * wait:
+        raise DataError(
+            f"the time stamps are not those of a regular recording: they stray {astray / period:.3g} steps from an even clock; {ADVICE}"
+        )
+
+
+def _astray(stamps: np.ndarray, length: int) -> float:
+    """Largest distance from a line through (index, stamp), typical of blocks of `length` samples."""
+    length = min(length, len(stamps))
+    blocks = stamps[: len(stamps) // length * length].reshape(-1, length)
+    blocks = blocks - blocks.mean(axis=1, keepdims=True)
+    index = np.arange(length) - (length - 1) / 2
+    slope = blocks @ index / (index @ index)
+    return float(np.median(np.abs(blocks - slope[:, None] * index[None, :]).max(axis=1)))
+
+
+def _gaps(steps: np.ndarray, period: float, even: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Samples missing in, and indices of, the steps that are gaps.
+
+    A long step is a gap only if the lag behind an even clock stays: a late stamp, or the wait between two bursts, is made up
+    by the short steps around it.
+    """
+    long = np.flatnonzero(steps > _GAP * period)
+    if not len(long):
+        return np.zeros(0, np.int64), long
+    from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
+    # wide enough to hold a burst
+    window = 20 if even else int(np.clip(3 * (len(steps) // len(long)), 20, 5000))
+    lag = np.concatenate([[0.0], np.cumsum(steps - period)])
+    least_after = minimum_filter1d(lag, window, mode="nearest", origin=-(window // 2))[long + 1]
+    most_before = maximum_filter1d(lag, window, mode="nearest", origin=(window - 1) // 2)[long]
+    lost = least_after - most_before
+    if even:
+        # the extremes of 20 jittered stamps lie 1.87 sigma out on either side
+        lost += 2 * 1.87 * np.std(steps[(steps > 0.5 * period) & (steps < _GAP * period)]) / np.sqrt(2.0)
+        missing = lost
+    else:
+        missing = least_after - minimum_filter1d(lag, window, mode="nearest", origin=(window - 1) // 2)[long]
+    real = lost > 0.5 * period
+    missing = np.maximum(np.round(missing[real] / period), 1.0)
+    _refuse_absurd(missing, long[real], steps)
+    return missing.astype(np.int64), long[real]
+
+
+def _refuse_absurd(missing: np.ndarray, at: np.ndarray, steps: np.ndarray) -> None:
+    if not len(at):
+        return
+    n, total, longest = len(steps) + 1, float(missing.sum()), float(steps[at].max())
+    if total > max(n, 1_000_000, min(10 * n, 20_000_000)):
+        raise DataError(
+            f"the recording of {n} samples has {total:.3g} missing ones ({len(at)} gaps, the longest {span(longest)}); split it at the "
+            f"long gaps and read the parts one by one, or, if the time unit is wrong, give it with units={{'time': ...}}"
+        )
+    if len(at) > 0.6 * len(steps):
+        raise DataError(f"{len(at)} of {len(steps)} steps in time are gaps: these are not the stamps of a regular recording; {ADVICE}")
+
+
+def _describe(stamps, steps, rate: float, jitter: float, even: bool, warnings: list[str]) -> list[str]:
+    """Notes and warnings on how regular the stamps are."""
+    notes = []
+    single = ""
+    if np.spacing(np.float32(np.abs(stamps[-1]))) > 0.01 / rate and np.array_equal(stamps.astype(np.float32), stamps):
+        single = " (they are single precision)"
+    if not even:
+        head = steps[:4096] if steps[:4096].any() else steps
+        lengths = np.unique(np.round(head * rate, 3)) / rate
+        resolution = min(np.diff(lengths).min(initial=np.inf), lengths[lengths > 0].min())
+        cause = f"resolve only {resolution:.3g} s{single}" if len(lengths) < 4 else "come in bursts"
+        warnings.append(f"the time stamps {cause}; the samples are spaced evenly at the mean rate of {rate:.6g} Hz")
+    elif jitter > _JITTER:
+        warnings.append(
+            f"the time stamps jitter by {100 * jitter:.2g} % of a step (rms){single}; the samples are taken as evenly spaced at "
+            f"{rate:.6g} Hz, which is right if the sensor samples by its own clock"
+        )
+    elif jitter > 1e-4:
+        notes.append(f"rate: {rate:.6g} Hz from the stamps, which jitter by {100 * jitter:.2g} % of a step (rms)")
+    return notes
+
+
+def _agreed_rate(rate: float | None, estimate: float, notes: list[str]) -> float:
+    if rate is None:
+        return estimate
+    difference = rate / estimate - 1.0
+    if abs(difference) > _RATE_TOLERANCE:
+        raise DataError(
+            f"rate={rate:g} Hz contradicts the time stamps, which say {estimate:.6g} Hz; leave rate= out, correct the time unit "
+            f"(units={{'time': ...}}), or leave the stamps out (columns={{'time': None}})"
+        )
+    if abs(difference) > 1e-6:
+        notes.append(f"rate: {rate:g} Hz as given; the stamps say {estimate:.6g} Hz")
+    return float(rate)
+
+
+def span(seconds: float) -> str:
+    """Length of time in words.
+
+    Examples
+    --------
+    >>> from jaxcal._timebase import span
+    >>> span(10000.0), span(0.25), span(4e8)
+    ('2 h 46 min 40 s', '0.25 s', '12.7 years')
+    """
+    if seconds >= 2 * 365.25 * 86400:
+        return f"{seconds / (365.25 * 86400):.1f} years"
+    if seconds >= 2 * 86400:
+        return f"{seconds / 86400:.1f} days"
+    if seconds < 60:
+        return f"{seconds:.4g} s"
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes} min {rest} s" if hours else f"{minutes} min {rest} s"

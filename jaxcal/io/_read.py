@@ -1,0 +1,198 @@
+"""`read`: any readable recording -> `Log`."""
+
+import concurrent.futures
+import contextlib
+import hashlib
+import importlib.metadata
+import os
+import pathlib
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from .._errors import DataError, JaxcalError
+from .._log import Log
+from ._csv import read_csv
+from ._detect import FORMATS, detect
+from ._numpy import read_npy, read_npz
+from ._options import Columns, parse_columns, parse_topics, parse_units
+from ._parquet import read_parquet
+from ._ros import read_ros
+from ._table import Signals, interpret
+
+_TABLES = {"csv": read_csv, "npy": read_npy, "npz": read_npz, "parquet": read_parquet}
+_NAMES = {
+    "csv": "a text table",
+    "npy": "a NumPy array",
+    "npz": "NumPy arrays",
+    "parquet": "Parquet",
+    "rosbag1": "a ROS 1 bag",
+    "rosbag2": "a ROS 2 recording",
+}
+
+
+def read(
+    path: str | os.PathLike[str],
+    *,
+    format: str | None = None,
+    columns: Mapping[str, Any] | str | None = None,
+    units: Mapping[str, Any] | str | None = None,
+    rate: float | int | None = None,
+    topics: Sequence[str] | str | None = None,
+    quiet: bool = False,
+) -> Log:
+    r"""Read a recording of an inertial or magnetic sensor into a `Log`, in SI and on a uniform time grid.
+
+    Text tables (any delimiter, with or without header, plain or gzipped), NumPy .npy and .npz, Parquet, ROS 1 bags and ROS 2
+    recordings (sqlite3 or MCAP) are told apart by their content. What the file does not say is guessed: columns from their names
+    (or, without names, from their values), the unit of time from the size of the steps, units of sensors from gravity, the
+    Earth's field and the size of the rates. Every guess is one sentence in `Log.notes` with its reason and the option that
+    overrides it.
+
+    Parameters
+    ----------
+    path : file, or folder of a ROS 2 recording.
+    format : "csv", "npy", "npz", "parquet", "rosbag1" or "rosbag2"; by default told from the first bytes.
+    columns : which column holds what, by number (from 0) or name: ``{"time": 0, "gyro": [1, 2, 3]}``, ``{"gyro_x": "wx", ...}``,
+        or as a string, ``"time=0,gyro=1:3"``, in which ``1:3`` means columns 1 to 3. Sensors not named are left out;
+        ``{"time": None}`` ignores the stamps (give `rate`).
+    units : unit of each quantity, ``{"gyro": "deg/s", "accel": "g", "time": "us"}`` or ``"gyro=deg/s,accel=g"``. A number before
+        the unit is the size of one count: ``{"gyro": "0.05 deg/s"}``.
+    rate : sampling rate, Hz. Needed where there are no stamps; with stamps, a contradiction of more than 0.5 % is an error.
+    topics : ROS topics to read, where there are several of one type.
+    quiet : do not print notes and warnings on stderr.
+
+    Returns
+    -------
+    Log
+        `notes` tell what was guessed, `warnings` what was mended, `provenance` the file (name, size, sha256), the format, and
+        the columns and units used.
+
+    Raises
+    ------
+    DataError
+        If the file cannot be read, or what it holds cannot be told; the message names the option that helps.
+    UnitError
+        If `units` holds an unknown unit.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import jaxcal
+    >>> rows = "".join(f"{i / 100},{i % 7},{i % 5},1,0.01,{i % 3 / 100},0.99\n" for i in range(500))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "static.csv")
+    ...     _ = path.write_text("time_s,gyro_x_dps,gyro_y_dps,gyro_z_dps,ax_g,ay_g,az_g\n" + rows)
+    ...     log = jaxcal.read(path, quiet=True)
+    >>> log.rate, len(log.time), round(float(log.accel[0, 2]), 4)
+    (100.0, 500, 9.7086)
+    >>> print(log.notes[0])
+    time: column 0 (time_s), s (from the name); override with --columns time=0 --units time=s
+    """
+    path = pathlib.Path(path)
+    with _named(path):
+        log = _read(path, format, parse_columns(columns), parse_units(units), rate, parse_topics(topics))
+    if not quiet:
+        for sentence in log.notes:
+            print(f"note: {sentence}", file=sys.stderr)
+        for sentence in log.warnings:
+            print(f"warning: {sentence}", file=sys.stderr)
+    return log
+
+
+def _read(
+    path: pathlib.Path, format: str | None, columns: Columns, units: dict[str, str], rate: float | int | None, topics: list[str] | None
+) -> Log:
+    if format is not None and format not in FORMATS:
+        raise DataError(f"format={format!r} is unknown; use one of {', '.join(FORMATS)}")
+    with _faults("a recording"):
+        kind, source = detect(path)
+    kind = format or kind
+    if kind in _TABLES and topics:
+        raise DataError(f"this is {_NAMES[kind]}, and topics= belongs to ROS recordings; choose with columns= (--columns)")
+    if kind not in _TABLES and columns:
+        raise DataError(f"this is {_NAMES[kind]}, and columns= belongs to tables; choose with topics= (--topics)")
+    with _faults(_NAMES[kind]), concurrent.futures.ThreadPoolExecutor(1) as pool:
+        # hashing lets go of the interpreter, so it costs nothing beside the parsing
+        digest = pool.submit(_fingerprint, source)
+        found = _TABLES[kind](source) if kind in _TABLES else read_ros(source, 1 if kind == "rosbag1" else 2, topics, units)
+        size, sha256 = digest.result()
+    if isinstance(found, Signals):
+        signals = found
+        signals.rate = rate
+    else:
+        signals = interpret(found, columns, units, rate)
+    provenance = {
+        "file": path.name,
+        "size": size,
+        "sha256": sha256,
+        "format": kind,
+        "columns": signals.columns,
+        "units": signals.units,
+        "jaxcal": importlib.metadata.version("jaxcal"),
+        "epoch_ns": signals.epoch_ns,
+    }
+    return _build(signals, provenance)
+
+
+def _build(signals: Signals, provenance: dict[str, Any]) -> Log:
+    def log(warnings: list[str]) -> Log:
+        return Log(signals.time, **signals.sensors, rate=signals.rate, notes=signals.notes, warnings=warnings, provenance=provenance)
+
+    built = log(signals.warnings)
+    if signals.nominal is None or abs(signals.nominal / built.rate - 1.0) < 0.005:
+        return built
+    stated = f"the file states a rate of {signals.nominal:g} Hz, but its stamps say {built.rate:.6g} Hz, which is used"
+    return log([*signals.warnings, stated])
+
+
+def _fingerprint(path: pathlib.Path) -> tuple[int, str]:
+    """Size and sha256 of a file, or of the files of a folder in the order of their names."""
+    if path.is_file():
+        with path.open("rb") as file:
+            return path.stat().st_size, hashlib.file_digest(file, "sha256").hexdigest()
+    total, digest = 0, hashlib.sha256()
+    for file in sorted(file for file in path.iterdir() if file.is_file()):
+        size, inner = _fingerprint(file)
+        total += size
+        digest.update(f"{file.name} {inner}\n".encode())
+    return total, digest.hexdigest()
+
+
+@contextlib.contextmanager
+def _named(path: pathlib.Path) -> Iterator[None]:
+    """Put the name of the file before every message."""
+    try:
+        yield
+    except JaxcalError as error:
+        raise type(error)(f"{path.name or path}: {error}") from error.__cause__
+
+
+@contextlib.contextmanager
+def _faults(kind: str) -> Iterator[None]:
+    """Turn every fault of a reader library into a `DataError`."""
+    try:
+        yield
+    except JaxcalError:
+        raise
+    except PermissionError as error:
+        raise DataError("no permission to read it; change its mode, or copy it to where you may read") from error
+    except MemoryError as error:
+        raise DataError(
+            f"reading it as {kind} asks for more memory than there is; it is damaged, or too long to be read in one piece"
+        ) from error
+    except Exception as error:
+        raise _fault(kind, error) from error
+    except BaseException as error:
+        # a panic inside polars is no Exception; keyboard interrupts and exits go on
+        if type(error).__name__ != "PanicException":
+            raise
+        raise _fault(kind, error) from error
+
+
+def _fault(kind: str, error: BaseException) -> DataError:
+    said = str(getattr(error, "strerror", None) or error).strip().splitlines()
+    if "allow_pickle" in str(error) or "Python objects" in str(error):
+        return DataError("it holds Python objects (a pickle), which are not loaded from files; save arrays of numbers alone")
+    text = said[0] if said else type(error).__name__
+    return DataError(f"it cannot be read as {kind} ({type(error).__name__}: {text}); it may be cut off or damaged: copy it again")

@@ -1,0 +1,288 @@
+"""Whatever is put before `read`, the answer is a sentence that names the file and what mends it."""
+
+import builtins
+import gzip
+import os
+
+import numpy as np
+import polars as pl
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from jaxcal import DataError, JaxcalError, read
+
+HEADER = "time,gyro_x,gyro_y,gyro_z,accel_x,accel_y,accel_z\n"
+
+
+def body(still):
+    values = np.column_stack([still.time, still.gyro, still.accel])
+    return "".join(",".join(f"{v:.9g}" for v in row) + "\n" for row in values)
+
+
+@pytest.fixture
+def fails(tmp_path):
+    """``fails(content, name)`` -> the message of the error."""
+
+    def run(content, name="log.csv", **options):
+        path = tmp_path / name
+        if content is not None:
+            path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        with pytest.raises(DataError) as caught:
+            read(path, quiet=True, **options)
+        message = str(caught.value)
+        assert message.startswith(name), message
+        assert "\n" not in message
+        return message
+
+    return run
+
+
+def test_a_missing_file(fails):
+    assert fails(None) == "log.csv: there is no such file; check the path"
+
+
+@pytest.mark.parametrize("content", [b"", b"\n\n", gzip.compress(b""), b"\xef\xbb\xbf"])
+def test_an_empty_file(content, fails):
+    assert fails(content) == "log.csv: the file is empty"
+
+
+@pytest.mark.parametrize("name", ["log.npz", "log.npy", "log.parquet", "log.bag", "log.mcap", "log.db3"])
+def test_an_empty_file_of_another_kind(name, fails):
+    assert fails(b"", name) == f"{name}: the file is empty"
+
+
+def test_a_header_alone(fails):
+    assert fails(HEADER) == f"log.csv: there are no rows of numbers; the first line is '{HEADER.strip()}'"
+
+
+def test_prose(fails):
+    assert "there are no rows of numbers; the first line is 'Dear reader,'" in fails("Dear reader,\nthis is a letter.\n")
+
+
+def test_one_sample(fails):
+    assert "1 sample: a recording needs at least 2" in fails(HEADER + "0,0.1,0.1,0.1,0,0,9.8\n", units="time=s,gyro=rad/s")
+
+
+def test_a_channel_of_nan(still, fails):
+    lines = [line.rsplit(",", 1)[0] + ",nan" for line in body(still).splitlines()]
+    assert "accel_z: no finite value in 400 samples" in fails(HEADER + "\n".join(lines))
+
+
+def test_everything_nan(fails):
+    message = fails(HEADER + "".join(f"{i / 100},nan,nan,nan,nan,nan,nan\n" for i in range(100)))
+    assert "gyro_x, gyro_y, gyro_z: no finite value in 100 samples" in message
+
+
+def test_infinite_values_are_missing(still, tmp_path):
+    lines = body(still).splitlines()
+    lines[7] = lines[7].rsplit(",", 1)[0] + ",inf"
+    (tmp_path / "log.csv").write_text(HEADER + "\n".join(lines))
+    log = read(tmp_path / "log.csv", quiet=True)
+    assert "accel: infinite values, treated as missing: 1" in log.warnings
+    assert [g.samples for g in log.gaps] == [1]
+
+
+def test_equal_stamps(still, fails):
+    lines = ["5" + line[line.index(",") :] for line in body(still).splitlines()]
+    assert "the time column never rises; name another one with columns={'time': ...}" in fails(HEADER + "\n".join(lines))
+    assert "all 400 time stamps are equal (5 s)" in fails(HEADER + "\n".join(lines), units="time=s")
+
+
+def test_random_stamps(still, fails):
+    stamps = np.random.default_rng(0).normal(size=400)
+    lines = [f"{v:.6f}" + line[line.index(",") :] for v, line in zip(stamps, body(still).splitlines(), strict=True)]
+    assert "the time stamps are not those of a regular recording" in fails(HEADER + "\n".join(lines))
+
+
+def test_a_gap_of_years(still, fails):
+    lines = body(still).splitlines()
+    lines[200:] = [f"{4e8 + i / 100:.2f}" + line[line.index(",") :] for i, line in enumerate(lines[200:])]
+    message = fails(HEADER + "\n".join(lines))
+    assert "the longest 12.7 years); split it at the long gaps" in message
+
+
+def test_no_time_and_no_rate(still, fails):
+    message = fails("\n".join(line.split(",", 1)[1] for line in (HEADER + body(still)).splitlines()))
+    assert "there is no time column among 0 (gyro_x), 1 (gyro_y)" in message
+    assert "rate= (--rate)" in message
+    assert "columns={'time': ...}" in message
+
+
+def test_a_folder_without_a_recording(tmp_path, fails):
+    (tmp_path / "folder").mkdir()
+    assert "the folder holds no ROS 2 recording (no metadata.yaml, .mcap or .db3)" in fails(None, "folder")
+    for name in ("a.mcap", "b.mcap"):
+        (tmp_path / "folder" / name).write_bytes(b"\x89MCAP0\r\n")
+    assert "2 parts of a recording but no metadata.yaml; run `ros2 bag reindex`" in fails(None, "folder")
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
+def test_a_file_without_permission(tmp_path, fails):
+    (tmp_path / "log.csv").write_text(HEADER)
+    (tmp_path / "log.csv").chmod(0)
+    assert "no permission to read it" in fails(None)
+
+
+def test_a_refused_permission_is_told(tmp_path, fails, monkeypatch):
+    (tmp_path / "log.csv").write_text(HEADER)
+
+    def refuse(*_, **__):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("pathlib.Path.open", refuse)
+    assert fails(None) == "log.csv: no permission to read it; change its mode, or copy it to where you may read"
+
+
+def test_a_pipe(tmp_path, fails):
+    os.mkfifo(tmp_path / "log.csv")
+    assert "this is not a regular file" in fails(None)
+
+
+@pytest.mark.parametrize("share", [0.02, 0.5, 0.99])
+def test_a_gzip_file_cut_off(share, still, fails):
+    content = gzip.compress((HEADER + body(still)).encode())
+    message = fails(content[: int(share * len(content))], "log.csv.gz")
+    assert "the gzip file is damaged or cut off" in message
+    assert "copy it again" in message
+
+
+def test_a_large_gzip_file_cut_off(make, fails):
+    content = gzip.compress((HEADER + body(make(n=8000))).encode(), 1)
+    assert "cut off or damaged: copy it again" in fails(content[:-100], "log.csv.gz")
+
+
+def test_a_damaged_gzip_file(make, fails):
+    content = bytearray(gzip.compress((HEADER + body(make(n=8000))).encode(), 1))
+    content[len(content) // 2] ^= 0x5A
+    assert "damaged" in fails(bytes(content), "log.csv.gz")
+
+
+def test_damage_inside_zipped_arrays(still, tmp_path, fails):
+    np.savez_compressed(tmp_path / "log.npz", time=still.time, gyro=still.gyro)
+    content = bytearray((tmp_path / "log.npz").read_bytes())
+    content[len(content) // 2] ^= 0x5A
+    assert "it cannot be read as NumPy arrays (" in fails(bytes(content), "log.npz")
+
+
+@pytest.mark.parametrize("share", [0.001, 0.3, 0.99])
+@pytest.mark.parametrize("kind", ["npz", "npy", "parquet"])
+def test_files_cut_off(kind, share, still, tmp_path, fails):
+    path = tmp_path / f"log.{kind}"
+    if kind == "npz":
+        np.savez(path, time=still.time, gyro=still.gyro)
+    elif kind == "npy":
+        np.save(path, np.column_stack([still.time, still.gyro, still.accel]))
+    else:
+        pl.DataFrame({"time": still.time, "gx": still.gyro[:, 0]}).write_parquet(path)
+    content = path.read_bytes()
+    assert "damaged" in fails(content[: max(12, int(share * len(content)))], path.name)
+
+
+@pytest.mark.parametrize("name", ["log.csv", "log.bin", "log", "log.txt"])
+def test_binary_rubbish(name, fails):
+    message = fails(np.random.default_rng(0).bytes(5000), name)
+    assert message == f"{name}: this is neither text nor a format that is known by its first bytes; convert it to CSV or NPZ"
+
+
+@pytest.mark.parametrize("name", ["log.npz", "log.npy", "log.parquet", "log.mcap", "log.db3", "log.bag"])
+def test_rubbish_with_a_known_suffix(name, fails):
+    assert f"the name ends in {name[3:]}, but the file does not begin as such a file does" in fails(b"x" * 500, name)
+
+
+@pytest.mark.parametrize(
+    "start",
+    [
+        b"\x93NUMPY", b"\x93NUMPY\x01\x00\x76\x00", b"PK\x03\x04", b"PAR1", b"#ROSBAG V2.0\n", b"SQLite format 3\0", b"\x89MCAP0\r\n",
+        b"\x1f\x8b\x08",
+    ],
+)  # fmt: skip
+@given(rest=st.binary(max_size=300))
+@settings(max_examples=25, deadline=None)
+def test_rubbish_behind_every_beginning(start, rest, tmp_path_factory):
+    suffix = {b"SQLite format 3\0": ".db3", b"\x89MCAP0\r\n": ".mcap"}.get(start, ".csv")
+    path = tmp_path_factory.mktemp("rubbish") / f"log{suffix}"
+    path.write_bytes(start + rest)
+    with pytest.raises(JaxcalError, match=r"^log\."):
+        read(path, quiet=True)
+
+
+@given(text=st.text(alphabet="0123456789.,;\t -+eE#\n\"naif", max_size=300))
+@settings(max_examples=150, deadline=None)
+def test_any_text_is_a_log_or_a_sentence(text, tmp_path_factory):
+    path = tmp_path_factory.mktemp("text") / "log.csv"
+    path.write_bytes(text.encode())
+    try:
+        log = read(path, rate=10.0, quiet=True)
+    except JaxcalError as error:
+        assert str(error).startswith("log.csv: ")  # noqa: PT017
+        assert "Error:" not in str(error), error  # noqa: PT017
+    else:
+        assert len(log.time) >= 2
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"\x89HDF\r\n\x1a\n" + b"\0" * 50, "an HDF5 file"),
+        (b"MATLAB 5.0 MAT-file" + b"\0" * 50, "a MATLAB file"),
+        (b"ULog\x01\x12\x35\x01" + b"\0" * 50, "a PX4 ULog, which is not read; convert it with `ulog2csv`"),
+        (b"\xa3\x95\x80\x80" + b"\0" * 50, "an ArduPilot DataFlash log"),
+    ],
+)
+def test_known_formats_that_are_not_read(content, said, fails):
+    assert said in fails(content)
+
+
+def test_options_of_the_other_kind(still, fails):
+    message = fails(HEADER + body(still), topics="/imu")
+    assert message == "log.csv: this is a text table, and topics= belongs to ROS recordings; choose with columns= (--columns)"
+    assert "format='xml' is unknown; use one of csv, npy" in fails(HEADER, format="xml")
+
+
+def test_columns_do_not_choose_in_ros_recordings(still, write_bag):
+    stamps = (np.arange(400) + 1) * 10_000_000
+    path = write_bag("ros1", {"/imu": ("Imu", stamps, np.column_stack([still.gyro, still.accel]))})
+    with pytest.raises(DataError, match=r"record.bag: this is a ROS 1 bag, and columns= belongs to tables; choose with topics="):
+        read(path, columns="gyro=1:3", quiet=True)
+
+
+@pytest.mark.parametrize(("module", "content", "name", "extra"), [
+    ("polars", HEADER.encode(), "log.csv", "csv"), ("polars", b"PAR1" + b"\0" * 20, "log.parquet", "parquet"),
+    ("rosbags.rosbag1", b"#ROSBAG V2.0\n", "log.bag", "ros"),
+])  # fmt: skip
+def test_a_reader_that_is_not_installed_is_named(module, content, name, extra, fails, monkeypatch):
+    real = builtins.__import__
+
+    def without(wanted, *args, **kwargs):
+        if wanted.split(".")[0] == module.split(".")[0]:
+            raise ImportError(wanted)
+        return real(wanted, *args, **kwargs)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    assert f'pip install "jaxcal[{extra}]"' in fails(content, name)
+
+
+def test_panics_and_lack_of_memory_are_sentences(still, fails, monkeypatch):
+    from jaxcal.io import _read
+
+    PanicException = type("PanicException", (BaseException,), {})
+    panic = PanicException("called unwrap on None")
+    for error, said in ((panic, "PanicException: called unwrap"), (MemoryError(), "more memory than there is")):
+
+        def reader(_, error=error):
+            raise error
+
+        monkeypatch.setitem(_read._TABLES, "csv", reader)
+        assert said in fails(HEADER + body(still))
+
+
+def test_an_interrupt_goes_through(tmp_path, monkeypatch):
+    from jaxcal.io import _read
+
+    def reader(_):
+        raise KeyboardInterrupt
+
+    (tmp_path / "log.csv").write_text(HEADER)
+    monkeypatch.setitem(_read._TABLES, "csv", reader)
+    with pytest.raises(KeyboardInterrupt):
+        read(tmp_path / "log.csv", quiet=True)

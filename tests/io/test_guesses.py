@@ -1,0 +1,280 @@
+"""Every rule by which columns and units are guessed."""
+
+import numpy as np
+import pytest
+
+from jaxcal import DataError, read
+from jaxcal.io import _guess as guess
+
+DEG, G = np.pi / 180.0, 9.80665
+
+
+@pytest.fixture
+def save(tmp_path):
+    def write(values, names=None, form="%.10g"):
+        path = tmp_path / "log.csv"
+        head = "" if names is None else ",".join(names) + "\n"
+        path.write_text(head + "".join(",".join(v if isinstance(v, str) else form % v for v in row) + "\n" for row in values))
+        return path
+
+    return write
+
+
+# the unit of time
+
+
+@pytest.mark.parametrize(
+    ("integer", "step", "unit", "certain"),
+    [
+        (True, 10, "ms", True), (True, 2500, "us", True), (True, 10_000, "us", True), (True, 2_500_000, "ns", True),
+        (True, 1, "ms", False), (True, 40, "ms", False), (True, 200, "us", False), (True, 40_000, "us", False),
+        (True, 200_000, "ns", False),
+        (False, 0.005, "s", True), (False, 0.1, "s", True), (False, 0.4, "s", False), (False, 10.0, "ms", True), (False, 1.0, "ms", False),
+        (False, 2500.5, "us", True), (False, 2.5e6, "ns", True),
+    ],
+)  # fmt: skip
+def test_the_median_step_tells_the_unit_of_time(integer, step, unit, certain):
+    found = guess.time_unit(7.0 + step * np.arange(100), integer, None)
+    assert found.unit == unit
+    assert ("uncertain, could be" in found.reason) == (not certain)
+    assert found.other != unit
+
+
+@pytest.mark.parametrize(("unit", "ticks"), [("s", 1.0), ("ms", 1e3), ("us", 1e6), ("ns", 1e9)])
+def test_an_epoch_tells_the_unit_of_time(unit, ticks):
+    found = guess.time_unit(1.7e9 * ticks + 0.01 * ticks * np.arange(100), unit != "s", None)
+    assert (found.unit, found.reason) == (unit, f"starts at {1.7e9 * ticks:.4g}, as time since 1970 does")
+
+
+def test_microseconds_since_boot_are_no_epoch():
+    assert guess.time_unit(1.7e9 + 2500.0 * np.arange(100), True, None).unit == "us"
+
+
+@pytest.mark.parametrize(("rate", "unit"), [(100.0, "us"), (100_000.0, "ms")])
+def test_a_given_rate_settles_the_unit_of_time(rate, unit):
+    step = {"us": 10_000.0, "ms": 0.01}[unit]
+    assert guess.time_unit(step * np.arange(100), False, rate).unit == unit
+
+
+# units of sensors
+
+STILL = np.random.default_rng(0).normal(scale=0.01, size=(400, 3))
+Z = np.array([0.0, 0.0, 1.0])
+
+
+@pytest.mark.parametrize(("unit", "gravity"), [("m/s^2", 9.80665), ("g", 1.0), ("mg", 1000.0)])
+@pytest.mark.parametrize("share", [0.9, 1.0, 1.1])
+def test_gravity_tells_the_unit_of_the_accelerometer(unit, gravity, share):
+    found = guess.accel_unit(gravity * (STILL * 0.1 + [0.6 * share, 0.0, -0.8 * share]))
+    assert (found.unit, "uncertain" in found.reason) == (unit, False)
+
+
+def test_a_strange_gravity_is_uncertain():
+    assert "uncertain" in guess.accel_unit(np.array([[0.0, 0.0, 12.5]])).reason
+
+
+@pytest.mark.parametrize(("values", "said"), [(np.round(16384 * (STILL + Z)), "raw counts"), (STILL + 3.0, "units={'accel': 'g'}")])
+def test_an_accelerometer_of_unknown_size_is_asked_about(values, said):
+    with pytest.raises(DataError, match=f"the unit of accel cannot be told .*{said}"):
+        guess.accel_unit(values)
+
+
+def test_whole_milli_g_are_no_counts():
+    assert guess.accel_unit(np.round(1000 * (STILL + 1.2 * Z))).unit == "mg"
+
+
+def test_a_gyroscope_beyond_35_is_in_degrees():
+    values = STILL.copy()
+    values[100, 1] = -36.0
+    assert guess.gyro_unit(values, None, 100.0).unit == "deg/s"
+
+
+def test_a_still_gyroscope_with_a_large_bias_is_in_degrees():
+    assert guess.gyro_unit(STILL + np.array([0.3, -0.3, 0.1]), None, 100.0).unit == "deg/s"
+
+
+def test_a_still_gyroscope_is_assumed_in_radians():
+    found = guess.gyro_unit(STILL, None, 100.0)
+    assert found.unit == "rad/s"
+    assert found.reason.startswith("assumed: ")
+
+
+def turns(rate=100.0):
+    """Still, a turn of 90 degrees about x in 2 s, still, a turn of 90 degrees about y, still; gyro in rad/s, accel in m/s^2."""
+    rng = np.random.default_rng(3)
+    gyro, accel, down = [], [], np.array([0.0, 0.0, 1.0])
+    for axis in (None, 0, None, 1, None):
+        n = int(2 * rate) if axis is not None else int(4 * rate)
+        for _ in range(n):
+            w = np.zeros(3)
+            if axis is not None:
+                w[axis] = np.pi / 4
+                down = down - np.cross(w, down) / rate
+                down /= np.linalg.norm(down)
+            gyro.append(w)
+            accel.append(G * down)
+    gyro, accel = np.array(gyro), np.array(accel)
+    return gyro + 0.002 * rng.normal(size=gyro.shape), accel + 0.02 * rng.normal(size=accel.shape)
+
+
+@pytest.mark.parametrize(("unit", "size"), [("rad/s", 1.0), ("deg/s", DEG)])
+def test_turns_between_still_stretches_tell_the_unit_of_the_gyroscope(unit, size):
+    gyro, accel = turns()
+    # slow enough that the size alone says nothing
+    found = guess.gyro_unit(gyro / size * (1.0 if unit == "rad/s" else 0.7), accel, 100.0)
+    assert found.unit == unit
+    assert "times the turns of gravity" in found.reason
+
+
+def test_a_missing_sample_does_not_stop_the_turn_test():
+    gyro, accel = turns()
+    accel[1000:1003], gyro[30] = np.nan, np.nan
+    assert "times the turns of gravity" in guess.gyro_unit(gyro, accel, 100.0).reason
+
+
+def test_counts_of_a_gyroscope_are_asked_about():
+    with pytest.raises(DataError, match=r"the unit of gyro cannot be told \(all values are whole numbers\): these look like raw counts"):
+        guess.gyro_unit(np.round(300 * STILL + 20), None, 100.0)
+
+
+def directions(n=500):
+    v = np.random.default_rng(5).normal(size=(n, 3))
+    return v / np.linalg.norm(v, axis=1, keepdims=True)
+
+
+@pytest.mark.parametrize(("unit", "size"), [("T", 1e-6), ("G", 1e-2), ("uT", 1.0), ("mG", 10.0), ("nT", 1e3)])
+@pytest.mark.parametrize("field", [23.0, 48.0, 66.0])
+def test_the_field_behind_hard_iron_tells_the_unit_of_the_magnetometer(unit, size, field):
+    # a hard iron thrice the field: the raw norm would say another unit
+    found = guess.mag_unit(size * (field * directions() + [150.0, -20.0, 90.0]))
+    assert (found.unit, found.reason) == (unit, f"sphere radius {field * size:.3g}")
+
+
+def test_a_still_magnetometer_goes_by_its_norm():
+    found = guess.mag_unit(0.48 + np.zeros((100, 3)) * [1, 0, 0] - [0.0, 0.48, 0.48] + 1e-4 * STILL[:100])
+    assert (found.unit, "median norm 0.48" in found.reason) == ("G", True)
+
+
+def test_counts_of_a_magnetometer_are_asked_about():
+    with pytest.raises(DataError, match=r"the unit of mag cannot be told .* raw counts"):
+        guess.mag_unit(np.round(1000 * directions()))
+
+
+@pytest.mark.parametrize(("values", "unit"), [([298.0, 299.0], "K"), ([25.0, 26.0], "degC"), ([-40.0, 85.0], "degC")])
+def test_temperature(values, unit):
+    assert guess.temperature_unit(np.array(values)).unit == unit
+
+
+# columns without names
+
+
+def data(still, order):
+    return {"gyro": still.gyro, "accel": still.accel / G, "mag": still.mag * 1e6, "time": still.time[:, None]}[order]
+
+
+@pytest.mark.parametrize("order", ["gyro accel", "accel gyro", "gyro accel mag", "accel gyro mag", "gyro", "accel", "mag"])
+@pytest.mark.parametrize("at", [0, None])
+def test_triples_are_told_apart_by_their_norm(order, at, still, save):
+    order = order.split()
+    parts = [data(still, name) for name in order]
+    if at is not None:
+        parts.insert(at, still.time[:, None])
+    log = read(save(np.column_stack(parts)), rate=None if at is not None else 100.0, quiet=True)
+    for name in ("gyro", "accel", "mag"):
+        if name in order:
+            np.testing.assert_allclose(getattr(log, name), getattr(still, name), rtol=1e-8, atol=1e-12)
+        else:
+            assert getattr(log, name) is None
+
+
+def test_time_may_be_the_last_column(still, save):
+    log = read(save(np.column_stack([still.gyro, still.accel, still.time])), quiet=True)
+    np.testing.assert_allclose(log.gyro, still.gyro, rtol=1e-8)
+    assert log.provenance["columns"] == {"time": [6], "gyro": [0, 1, 2], "accel": [3, 4, 5]}
+
+
+@pytest.mark.parametrize("width", [2, 4, 5, 8])
+def test_other_numbers_of_columns_are_asked_about(width, still, save):
+    values = np.column_stack([still.time, np.tile(still.gyro, (1, 3))[:, :width]])
+    with pytest.raises(DataError, match=rf"{width + 1} columns without names, .* \(column 0 rises, as time does\): 3, 6 or 9 columns"):
+        read(save(values), quiet=True)
+
+
+def test_six_columns_without_gravity_are_asked_about(still, save):
+    with pytest.raises(DataError, match=r"neither triple of columns has the norm of gravity.*columns={'time': 0"):
+        read(save(np.column_stack([still.time, still.gyro, still.gyro])), quiet=True)
+
+
+def test_names_that_say_nothing_are_listed(still, save):
+    with pytest.raises(DataError, match=r"the columns 0 \(a\), 1 \(b\), 2 \(c\), 3 \(d\) do not say .*--columns time=0"):
+        read(save(np.column_stack([still.time, still.gyro]), "abcd"), quiet=True)
+
+
+def test_two_of_three_axes_are_asked_about(still, save):
+    with pytest.raises(DataError, match=r"only the axes x, z of gyro are recognised .*columns={'gyro': \[...\]}"):
+        read(save(np.column_stack([still.time, still.gyro[:, :2]]), ["time", "gx", "gz"]), quiet=True)
+
+
+def test_a_rising_column_of_unknown_name_is_time(still, save):
+    log = read(save(np.column_stack([still.gyro, still.time]), ["gx", "gy", "gz", "tow"]), quiet=True)
+    assert log.provenance["columns"]["time"] == [3]
+
+
+# what is said, and what overrides it
+
+
+def test_every_guess_is_one_sentence_with_its_override(still, save):
+    ns = [str(2_500_000 * i) for i in range(400)]
+    path = save([[t, *row] for t, row in zip(ns, np.column_stack([still.gyro, still.accel]).tolist(), strict=True)])
+    log = read(path, quiet=True)
+    why = guess.gyro_unit(still.gyro, None, 400.0).reason
+    assert log.notes == (
+        "time: column 0, ns (median step 2.5e+06, integer); override with --columns time=0 --units time=us",
+        f"gyro: columns 1-3, rad/s ({why}); override with --columns gyro=1:3 --units gyro=deg/s",
+        f"accel: columns 4-6, m/s^2 ({guess.accel_unit(still.accel).reason}); override with --columns accel=4:6 --units accel=g",
+    )
+    assert log.rate == 400.0
+
+
+def test_explicit_options_switch_every_guess_off(still, save):
+    path = save(np.column_stack([still.time * 1e3, still.gyro, still.accel]))
+    log = read(path, columns="time=0,gyro=4:6,accel=1:3", units="time=ms,gyro=deg/s,accel=g", quiet=True)
+    assert log.notes == ()
+    assert log.rate == pytest.approx(100.0)
+    np.testing.assert_allclose(log.gyro, still.accel * DEG, rtol=1e-8)
+    np.testing.assert_allclose(log.accel, still.gyro * G, rtol=1e-8)
+    assert log.provenance["units"] == {"time": "ms", "gyro": "deg/s", "accel": "g"}
+
+
+def test_an_explicit_unit_wins_over_the_header(still, save):
+    path = save(np.column_stack([still.time, still.gyro]), ["time_s", "gx_dps", "gy_dps", "gz_dps"])
+    log = read(path, units={"gyro": "rad/s"}, quiet=True)
+    np.testing.assert_allclose(log.gyro, still.gyro, rtol=1e-8)
+
+
+def test_named_columns_select_the_sensors(still, save):
+    path = save(np.column_stack([still.time, still.gyro, still.accel]), ["t", "gx", "gy", "gz", "ax", "ay", "az"])
+    log = read(path, columns={"accel": ["ax", "ay", "az"]}, quiet=True)
+    assert log.gyro is None
+    assert log.provenance["columns"] == {"accel": [4, 5, 6], "time": [0]}
+    single = read(path, columns={"gyro_x": "gz"}, quiet=True)
+    np.testing.assert_allclose(single.gyro[:, 0], still.gyro[:, 2], rtol=1e-8)
+
+
+def test_stamps_can_be_left_out(still, save):
+    path = save(np.column_stack([still.time, still.gyro]), ["t", "gx", "gy", "gz"])
+    assert read(path, columns={"time": None}, rate=7.0, quiet=True).rate == 7.0
+    assert read(path, columns="time=none,gyro=1:3", rate=7.0, quiet=True).rate == 7.0
+
+
+def test_a_rate_that_contradicts_the_stamps_is_refused(still, save):
+    path = save(np.column_stack([still.time, still.gyro]), ["time_s", "gx", "gy", "gz"])
+    with pytest.raises(DataError, match="rate=102 Hz contradicts the time stamps, which say 100 Hz"):
+        read(path, rate=102, quiet=True)
+
+
+def test_dates_without_a_header(still, save):
+    stamps = [f"2024-05-01T12:00:{t:06.3f}" for t in still.time]
+    log = read(save([[s, *row] for s, row in zip(stamps, np.column_stack([still.gyro, still.accel]).tolist(), strict=True)]), quiet=True)
+    assert log.rate == 100.0
+    np.testing.assert_allclose(log.accel, still.accel, rtol=1e-8)

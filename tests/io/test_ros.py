@@ -1,0 +1,233 @@
+"""ROS 1 bags, ROS 2 sqlite3 and MCAP recordings, written here with the writers of rosbags."""
+
+import numpy as np
+import pytest
+
+from jaxcal import DataError, read
+
+START = 1_700_000_000_000_000_000
+STORAGES = ["ros1", "sqlite3", "mcap"]
+DEG, G = np.pi / 180.0, 9.80665
+
+
+def ns(n=400, rate=100.0, start=START):
+    return start + np.round(np.arange(n) * 1e9 / rate).astype(np.int64)
+
+
+def imu(still):
+    return np.column_stack([still.gyro, still.accel])
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+@pytest.mark.parametrize("frame", ["imu", "", "a/longer frame", "abc", "abcd"])
+def test_an_imu_topic_is_read_exactly(storage, frame, still, write_bag):
+    log = read(write_bag(storage, {"/imu/data_raw": ("Imu", ns(), imu(still))}, frame=frame), quiet=True)
+    np.testing.assert_array_equal(log.gyro, still.gyro)
+    np.testing.assert_array_equal(log.accel, still.accel)
+    assert (log.rate, log.warnings) == (100.0, ())
+    assert log.provenance["epoch_ns"] == START
+    assert log.provenance["columns"] == {"topics": ["/imu/data_raw"]}
+    assert log.provenance["units"] == {"gyro": "rad/s", "accel": "m/s^2"}
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+def test_frame_names_may_change(storage, still, write_bag):
+    path = write_bag(storage, {"/imu": ("Imu", ns(), imu(still))}, frame=lambda i: "f" * (i % 11))
+    np.testing.assert_array_equal(read(path, quiet=True).gyro, still.gyro)
+
+
+def test_many_messages_are_decoded_in_pieces(make, write_bag):
+    still = make(n=5000)
+    log = read(write_bag("sqlite3", {"/imu": ("Imu", ns(5000), imu(still))}), quiet=True)
+    np.testing.assert_array_equal(log.accel, still.accel)
+
+
+def test_a_file_of_a_recording_can_be_read_alone(still, write_bag):
+    folder = write_bag("mcap", {"/imu": ("Imu", ns(), imu(still))})
+    np.testing.assert_array_equal(read(folder / "record.mcap", quiet=True).gyro, still.gyro)
+    (folder / "metadata.yaml").unlink()
+    np.testing.assert_array_equal(read(folder, quiet=True).gyro, still.gyro)
+    database = write_bag("sqlite3", {"/imu": ("Imu", ns(), imu(still))}, name="other") / "other.db3"
+    np.testing.assert_array_equal(read(database, quiet=True).gyro, still.gyro)
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+def test_field_and_temperature_come_on_topics_of_their_own(storage, still, write_bag):
+    topics = {
+        "/imu/data_raw": ("Imu", ns(), imu(still)),
+        "/imu/mag": ("MagneticField", ns(40, 10.0) + 1_000_000, still.mag[:40]),
+        "/imu/temperature": ("Temperature", ns(5, 1.0), 20.0 + np.arange(5.0)),
+        "/chatter": ("String", ns(3), np.zeros(3)),
+    }
+    log = read(write_bag(storage, topics), quiet=True)
+    np.testing.assert_array_equal(log.mag[::10], still.mag[:40])
+    assert np.isnan(np.delete(log.mag, np.arange(0, 400, 10), axis=0)).all()
+    np.testing.assert_allclose(log.temperature, 20.0 + np.arange(400) / 100, rtol=1e-12)
+    assert log.gaps == ()
+    assert any("mag is present in 10 % of the samples (about 10 Hz)" in w for w in log.warnings)
+    alone = read(write_bag(storage, topics, name="again"), topics="/imu/mag", quiet=True)
+    np.testing.assert_array_equal(alone.mag, still.mag[:40])
+    assert (alone.rate, alone.gyro) == (10.0, None)
+
+
+def test_temperature_alone(write_bag):
+    log = read(write_bag("ros1", {"/t": ("Temperature", ns(50, 1.0), np.linspace(20, 30, 50))}), quiet=True)
+    np.testing.assert_allclose(log.temperature, np.linspace(20, 30, 50))
+
+
+def test_stamps_out_of_order_keep_their_samples(still, write_bag):
+    order = np.arange(400)
+    order[[100, 101]] = [101, 100]
+    topics = {"/imu": ("Imu", ns()[order], imu(still)[order]), "/mag": ("MagneticField", ns(), still.mag)}
+    log = read(write_bag("mcap", topics, received=ns()), quiet=True)
+    np.testing.assert_array_equal(log.gyro, still.gyro)
+    np.testing.assert_array_equal(log.mag, still.mag)
+
+
+# which topic
+
+
+def test_several_topics_of_a_type_are_listed(still, write_bag):
+    path = write_bag("mcap", {"/a/imu": ("Imu", ns(), imu(still)), "/b/imu": ("Imu", ns(200), imu(still)[:200])})
+    listed = r"/a/imu \(Imu, 400 messages, 100 Hz\); /b/imu \(Imu, 200 messages, 49.87 Hz\)"
+    with pytest.raises(DataError, match=rf"several topics of type Imu: name those to read with topics= \(--topics\): {listed}"):
+        read(path, quiet=True)
+    assert len(read(path, topics=["/b/imu"], quiet=True).time) == 200
+    with pytest.raises(DataError, match=r"topics=: /c not among /a/imu"):
+        read(path, topics="/c", quiet=True)
+    with pytest.raises(DataError, match=r"accel and gyro in more than one of the topics: /a/imu \(gyro\)"):
+        read(path, topics="/a/imu,/b/imu", quiet=True)
+
+
+def test_the_raw_topic_is_preferred(still, write_bag):
+    path = write_bag("sqlite3", {"/imu/data": ("Imu", ns(), 2 * imu(still)), "/imu/data_raw": ("Imu", ns(), imu(still))})
+    log = read(path, quiet=True)
+    np.testing.assert_array_equal(log.gyro, still.gyro)
+    assert log.notes[0] == "topic: /imu/data_raw, the raw one of /imu/data, /imu/data_raw; override with --topics"
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+def test_gyro_and_accel_on_two_topics_are_joined_on_request(storage, still, write_bag):
+    zero = np.zeros((400, 3))
+    topics = {
+        "/camera/gyro/sample": ("Imu", ns(), np.column_stack([still.gyro, zero])),
+        "/camera/accel/sample": ("Imu", ns(200, 50.0), np.column_stack([zero, still.accel])[:200]),
+    }
+    path = write_bag(storage, topics)
+    with pytest.raises(DataError, match="several topics of type Imu"):
+        read(path, quiet=True)
+    log = read(path, topics=list(topics), quiet=True)
+    np.testing.assert_array_equal(log.gyro, still.gyro)
+    np.testing.assert_array_equal(log.accel[::2], still.accel[:200])
+    assert read(path, topics="/camera/accel/sample", quiet=True).rate == 50.0
+
+
+def test_a_measurement_marked_as_absent_is_left_out(still, write_bag):
+    log = read(write_bag("ros1", {"/imu": ("Imu", ns(), imu(still))}, covariance=(-1.0, 0.0)), quiet=True)
+    assert log.gyro is None
+    assert "gyro: marked as not provided in /imu, so left out" in log.notes
+    with pytest.raises(DataError, match="/imu: no measurement in them"):
+        read(write_bag("ros1", {"/imu": ("Imu", ns(), imu(still))}, covariance=(-1.0, -1.0), name="none"), quiet=True)
+
+
+def test_a_recording_of_other_topics_lists_them(write_bag):
+    with pytest.raises(DataError, match=r"no topic of type sensor_msgs Imu, .*; the topics are: /chatter \(std_msgs/msg/String\)"):
+        read(write_bag("mcap", {"/chatter": ("String", ns(3), np.zeros(3))}), quiet=True)
+
+
+# what is doubtful
+
+
+@pytest.mark.parametrize(
+    ("topic", "attitude", "why"),
+    [
+        ("/imu/data", (0.0, 0.0, 0.0, 1.0), "its name"),
+        ("/imu/filtered", (0.0,) * 4, "its name"),
+        ("/imu", (0.1, 0.0, 0.0, 0.99), "the attitude it carries"),
+    ],
+)
+def test_a_filtered_topic_is_warned_about(topic, attitude, why, still, write_bag):
+    log = read(write_bag("mcap", {topic: ("Imu", ns(), imu(still))}, attitude=attitude), quiet=True)
+    assert log.warnings == (f"{topic} has probably passed a filter ({why}): noise found from it is too small; record the raw topic",)
+
+
+def test_the_identity_attitude_is_no_filter(still, write_bag):
+    assert read(write_bag("mcap", {"/imu": ("Imu", ns(), imu(still))}, attitude=(0.0, 0.0, 0.0, 1.0)), quiet=True).warnings == ()
+
+
+@pytest.mark.parametrize(("name", "unit", "size"), [("accel", "g", G), ("gyro", "deg/s", 1e-4), ("mag", "uT", 1e-6), ("mag", "G", 1e-4)])
+def test_values_in_another_unit_are_warned_about_and_can_be_mended(name, unit, size, still, write_bag):
+    values = {"gyro": still.gyro, "accel": still.accel, "mag": still.mag}
+    values[name] = values[name] / size
+    topics = {"/imu": ("Imu", ns(), np.column_stack([values["gyro"], values["accel"]])), "/mag": ("MagneticField", ns(), values["mag"])}
+    path = write_bag("mcap", topics)
+    log = read(path, quiet=True)
+    assert [w for w in log.warnings if f"{name} looks like {unit} " in w and f"units={{'{name}': '{unit}'}}" in w]
+    mended = read(path, units={name: unit}, quiet=True)
+    assert not [w for w in mended.warnings if "looks like" in w]
+    if name != "gyro":
+        np.testing.assert_allclose(getattr(mended, name), getattr(still, name), rtol=1e-12)
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+@pytest.mark.parametrize("stamp", [0, 5_000_000_000])
+def test_constant_header_stamps_give_way_to_the_times_of_reception(storage, stamp, still, write_bag):
+    log = read(write_bag(storage, {"/imu": ("Imu", np.full(400, stamp), imu(still))}, received=ns()), quiet=True)
+    assert (log.rate, log.provenance["epoch_ns"]) == (100.0, START)
+    assert log.warnings[0] == "/imu: the header stamps are all the same; the times of reception are used, which jitter more"
+
+
+def test_a_dropout_is_a_gap(still, write_bag):
+    keep = np.ones(400, bool)
+    keep[100:120] = False
+    log = read(write_bag("ros1", {"/imu": ("Imu", ns()[keep], imu(still)[keep])}), quiet=True)
+    assert [(g.start, g.samples) for g in log.gaps] == [(1.0, 20)]
+
+
+# damage
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
+def test_a_recording_cut_off_is_an_error(storage, share, still, write_bag):
+    path = write_bag(storage, {"/imu": ("Imu", ns(), imu(still))})
+    file = path if storage == "ros1" else next(f for f in path.iterdir() if f.suffix != ".yaml")
+    content = file.read_bytes()
+    file.write_bytes(content[: int(share * len(content))])
+    with pytest.raises(DataError, match=r"^record(\.bag)?: .*(cut off|damaged)"):
+        read(path, quiet=True)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "a: [b\n",
+        "!!python/object/apply:os.system ['true']\n",
+        "rosbag2_bagfile_information: 3\n",
+        "rosbag2_bagfile_information: {version: 99}\n",
+    ],
+)
+def test_a_damaged_description_is_an_error(text, still, write_bag):
+    path = write_bag("mcap", {"/imu": ("Imu", ns(), imu(still))})
+    (path / "metadata.yaml").write_text(text)
+    with pytest.raises(DataError, match=r"^record: .*cannot be read"):
+        read(path, quiet=True)
+
+
+def test_a_message_of_the_wrong_length_is_an_error(still, write_bag, monkeypatch):
+    from jaxcal.io import _ros
+
+    monkeypatch.setitem(_ros._TYPES, "sensor_msgs/msg/Imu", 36)
+    with pytest.raises(DataError, match=r"/imu: a message has .* bytes, .* expected; the recording is damaged, or the type"):
+        read(write_bag("mcap", {"/imu": ("Imu", ns(), imu(still))}), quiet=True)
+
+
+def test_big_endian_messages(still):
+    from jaxcal.io._ros import _decode
+
+    body = np.arange(37.0)
+    head = b"\0\0\0\0" + np.array([7, 9, 4], ">u4").tobytes() + b"imu\0"
+    stamps, values = _decode([head + body.astype(">f8").tobytes()] * 2, 37, 2, "/imu")
+    assert stamps.tolist() == [7_000_000_009] * 2
+    np.testing.assert_array_equal(values[1], body)

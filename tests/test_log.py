@@ -1,0 +1,452 @@
+"""The time grid and the state of the values of a `Log`."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from jaxcal import DataError, Log
+
+RATE = 100.0
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(1)
+
+
+def stamps(n=1000, rate=RATE):
+    return np.arange(n) / rate
+
+
+def noise(n=1000, axes=3, seed=2):
+    return np.random.default_rng(seed).normal(size=(n, axes))
+
+
+def test_a_clean_log_is_as_given():
+    gyro, accel = noise(), noise(seed=3)
+    log = Log(stamps() + 5.0, gyro, accel, temperature=noise(axes=1)[:, 0])
+    assert log.rate == RATE
+    assert log.duration == 10.0
+    assert (log.gaps, log.warnings) == ((), ())
+    np.testing.assert_array_equal(log.gyro, gyro)
+    np.testing.assert_array_equal(log.accel, accel)
+    np.testing.assert_allclose(log.time, stamps(), rtol=0, atol=1e-12)
+    assert log.mag is None
+    assert log.provenance["epoch_ns"] == 5 * 10**9
+    assert list(log.channels()) == ["gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z", "temperature"]
+    assert all(column.shape == (1000,) for column in log.channels().values())
+
+
+def test_one_axis_is_enough():
+    assert list(Log(None, gyro=noise(axes=1)[:, 0], rate=RATE).channels()) == ["gyro_x"]
+
+
+def test_a_rate_makes_the_grid_where_there_are_no_stamps():
+    log = Log(None, gyro=noise(), rate=50)
+    assert log.rate == 50.0
+    assert log.time[-1] == pytest.approx(999 / 50)
+
+
+@pytest.mark.parametrize("n", range(2, 12))
+@pytest.mark.parametrize("rate", [1.0, 97.3, 1e4])
+def test_a_few_samples_are_enough(n, rate):
+    log = Log(stamps(n, rate), noise(n))
+    assert (len(log.time), log.gaps) == (n, ())
+    assert log.rate == pytest.approx(rate)
+
+
+@pytest.mark.parametrize("epoch", [0.0, 1.7e9])
+def test_the_rate_carries_no_more_digits_than_the_stamps(epoch):
+    assert Log(epoch + stamps(), noise()).rate == RATE
+
+
+def test_dates_are_stamps(rng):
+    start = np.datetime64("2024-05-01T12:00:00.000000001", "ns")
+    time = start + (np.arange(100) * 5_000_000).astype("timedelta64[ns]")
+    log = Log(time, noise(100))
+    assert log.rate == 200.0
+    assert log.provenance["epoch_ns"] == start.astype(np.int64)
+
+
+# gaps
+
+
+def test_dropouts_become_missing_rows(rng):
+    keep = np.ones(1000, bool)
+    keep[[200, 500, 501, 502]] = False
+    gyro = noise()
+    log = Log(stamps()[keep], gyro[keep])
+    assert [(g.start, g.length, g.samples) for g in log.gaps] == [(2.0, 0.01, 1), (5.0, pytest.approx(0.03), 3)]
+    assert np.isnan(log.gyro[~keep]).all()
+    np.testing.assert_array_equal(log.gyro[keep], gyro[keep])
+    assert "missing samples: 4 of 1000, in 2 gaps, the longest 0.03 s at 5 s" in log.warnings
+    assert "2 gaps, 4 samples (0.4 %) missing" in log.summary()
+
+
+@given(
+    lost=st.sets(st.integers(1, 398), max_size=40),
+    jitter=st.sampled_from([0.0, 0.02, 0.05]),
+    rate=st.sampled_from([10.0, 97.3, 1000.0]),
+    seed=st.integers(0, 10),
+)
+@settings(max_examples=60, deadline=None)
+def test_samples_find_their_place_whatever_is_lost(lost, jitter, rate, seed):
+    n = 400
+    keep = np.ones(n, bool)
+    keep[sorted(lost)] = False
+    moved = np.random.default_rng(seed).uniform(-jitter, jitter, n) / rate
+    gyro = noise(n)
+    log = Log((np.arange(n) / rate + moved)[keep], gyro[keep])
+    assert log.rate == pytest.approx(rate, rel=2e-3)
+    assert len(log.time) == n
+    np.testing.assert_array_equal(log.gyro[keep], gyro[keep])
+    assert np.isnan(log.gyro[~keep]).all()
+
+
+@pytest.mark.parametrize("loss", [0.1, 0.3, 0.5])
+def test_heavy_random_loss_is_loss_not_a_lower_rate(rng, loss):
+    keep = rng.random(5000) > loss
+    keep[[0, -1]] = True
+    log = Log(stamps(5000)[keep], noise(5000)[keep])
+    assert log.rate == RATE
+    assert np.array_equal(np.isfinite(log.gyro[:, 0]), keep)
+
+
+def test_missing_rows_of_one_sensor_are_gaps():
+    accel = noise(seed=4)
+    accel[300:310] = np.nan
+    log = Log(stamps(), noise(), accel)
+    assert [(g.start, g.samples) for g in log.gaps] == [(3.0, 10)]
+    assert np.isfinite(log.gyro).all()
+
+
+def test_a_slow_sensor_is_no_gap():
+    mag = np.full((1000, 3), np.nan)
+    mag[::10] = noise(100)
+    log = Log(stamps(), noise(), mag=mag)
+    assert log.gaps == ()
+    assert any("mag is present in 10 % of the samples (about 10 Hz)" in w for w in log.warnings)
+
+
+def test_long_pauses_between_batches_are_gaps_even_where_they_fill_most_of_the_time():
+    time = np.concatenate([np.arange(1024) * 1e-3 + 3.5 * k for k in range(5)])
+    log = Log(time, noise(len(time)))
+    assert log.rate == 1000.0
+    assert len(log.gaps) == 4
+    assert log.gaps[0].length == pytest.approx(3.5 - 1.024)
+
+
+def test_a_gap_of_years_asks_for_a_split():
+    time = stamps()
+    time[500:] += 4e8
+    with pytest.raises(DataError, match=r"4e\+10 missing ones \(1 gaps, the longest 12.7 years\); split it at the long gaps"):
+        Log(time, noise())
+
+
+# stamps that need mending
+
+
+def test_out_of_order_stamps_are_sorted():
+    order = np.arange(1000)
+    order[[400, 401, 402]] = [402, 400, 401]
+    gyro = noise()
+    log = Log(stamps()[order], gyro[order])
+    np.testing.assert_array_equal(log.gyro, gyro)
+    assert log.warnings == ("time stamps out of order: 2 (largest step back 0.02 s); the samples are sorted by time",)
+
+
+def test_repeated_samples_are_kept_once():
+    gyro = noise()
+    twice = np.sort(np.r_[np.arange(1000), 100, 700])
+    log = Log(stamps()[twice], gyro[twice])
+    np.testing.assert_array_equal(log.gyro, gyro)
+    assert "repeat both the time stamp and the values of the one before: 2; one of each is kept" in log.warnings[0]
+
+
+def test_samples_that_share_a_stamp_are_spaced():
+    time = stamps()
+    time[500] = time[499]
+    gyro = noise()
+    log = Log(time, gyro)
+    np.testing.assert_array_equal(log.gyro, gyro)
+    assert "share the time stamp of the one before but not its values: 1; all are kept and spaced evenly" in log.warnings[0]
+
+
+@pytest.mark.parametrize(("tick", "bits"), [(1e-6, 32), (1e-6, 31), (1e-3, 16)])
+def test_a_wrapped_counter_is_unwrapped(tick, bits):
+    span = 2.0**bits * tick
+    time = np.mod(span - 2.0 + stamps(), span)
+    log = Log(time, noise())
+    assert (len(log.time), log.gaps) == (1000, ())
+    assert log.rate == pytest.approx(RATE, rel=1e-9)
+    assert log.warnings == (f"the time counter wraps once, by 2^{bits} ticks of {tick:g} s; it is unwrapped",)
+
+
+def test_stamps_in_bursts_are_spaced_evenly(rng):
+    time = np.repeat(np.arange(100) * 0.1 + rng.normal(scale=2e-3, size=100), 10) + np.tile(np.arange(10) * 1e-5, 100)
+    gyro = noise()
+    log = Log(time, gyro)
+    np.testing.assert_array_equal(log.gyro, gyro)
+    assert log.rate == pytest.approx(RATE, rel=0.01)
+    assert "come in bursts; the samples are spaced evenly" in log.warnings[0]
+
+
+def test_a_late_batch_is_no_gap():
+    time = stamps()
+    time[500:504] += [0.03, 0.021, 0.012, 0.003]
+    log = Log(time, noise())
+    assert (len(log.time), log.gaps) == (1000, ())
+
+
+def test_single_precision_stamps_are_rebuilt():
+    time = (1.3e5 + stamps(rate=200.0)).astype(np.float32)
+    assert np.unique(np.diff(time)).size < 4
+    log = Log(time, noise())
+    assert (len(log.time), log.gaps) == (1000, ())
+    assert log.rate == pytest.approx(200.0, rel=2e-3)
+    assert any("resolve only 0.00781 s (they are single precision)" in w for w in log.warnings)
+
+
+def test_coarse_stamps_are_rebuilt():
+    log = Log(np.floor(np.arange(1000) * 2.5) * 1e-3, noise())
+    assert (len(log.time), log.gaps) == (1000, ())
+    assert log.rate == pytest.approx(400.0, rel=1e-3)
+    assert "resolve only 0.001 s" in log.warnings[0]
+
+
+def test_five_percent_jitter_works_and_is_told(rng):
+    gyro = noise(20_000)
+    log = Log(stamps(20_000) + rng.normal(scale=0.05 / np.sqrt(2) / RATE, size=20_000), gyro)
+    np.testing.assert_array_equal(log.gyro, gyro)
+    assert log.rate == pytest.approx(RATE, rel=1e-4)
+    assert "jitter by 5 % of a step (rms)" in log.warnings[0]
+
+
+def test_small_jitter_is_a_note(rng):
+    log = Log(stamps() + rng.normal(scale=0.005 / RATE, size=1000), noise())
+    assert log.warnings == ()
+    assert "jitter by 0.7" in log.notes[0]
+
+
+def test_samples_without_a_stamp_are_left_out():
+    time = stamps()
+    time[10] = np.nan
+    log = Log(time, noise())
+    assert log.warnings[0] == "samples without a time stamp, left out: 1"
+    assert np.isnan(log.gyro[10]).all()
+
+
+# the rate given beside stamps
+
+
+def test_a_given_rate_within_half_a_percent_is_kept():
+    log = Log(stamps(), noise(), rate=100.4)
+    assert log.rate == 100.4
+    assert log.notes == ("rate: 100.4 Hz as given; the stamps say 100 Hz",)
+
+
+def test_a_given_rate_that_contradicts_the_stamps_is_refused():
+    with pytest.raises(DataError, match=r"rate=200 Hz contradicts the time stamps, which say 100 Hz; leave rate= out"):
+        Log(stamps(), noise(), rate=200)
+
+
+@pytest.mark.parametrize("rate", [0.0, -1.0, np.nan, np.inf])
+def test_a_rate_is_a_positive_number(rate):
+    with pytest.raises(DataError, match="is not a sampling rate; give a positive number of Hz"):
+        Log(None, noise(), rate=rate)
+
+
+# stamps that cannot be mended
+
+
+@pytest.mark.parametrize(
+    ("time", "said"),
+    [
+        (np.zeros(50), r"all 50 time stamps are equal \(0 s\)"),
+        (np.random.default_rng(0).normal(size=500), "not those of a regular recording"),
+        (np.cumsum(np.random.default_rng(0).exponential(size=2000)), "not those of a regular recording"),
+        (np.full(50, np.nan), "0 samples: a recording needs at least 2"),
+        (np.array([0.0, 1e308, -1e308, 1e308]), "the time stamps are inf s apart on average; give their unit"),
+        (np.array([0.0, 1e-320, 2e-320]), "the time stamps are 1e-320 s apart on average"),
+    ],
+)
+def test_stamps_of_no_recording_are_refused(time, said):
+    with pytest.raises(DataError, match=said):
+        Log(time, noise(len(time)))
+
+
+def test_copies_of_one_sample_are_refused():
+    with pytest.raises(DataError, match="all 3 time stamps are equal"):
+        Log(np.zeros(3), np.ones((3, 3)))
+
+
+@pytest.mark.parametrize("time", [None, [0.0]])
+def test_one_sample_is_refused(time):
+    with pytest.raises(DataError, match="1 sample: a recording needs at least 2"):
+        Log(time, np.ones((1, 3)), rate=1.0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ({"time": None}, "at least one of gyro, accel, mag and temperature"),
+        ({"time": None, "gyro": noise()}, r"no time stamps: give rate= \(Hz\)"),
+        ({"time": stamps(), "gyro": noise(999)}, "gyro has 999, time has 1000"),
+        ({"time": stamps(3), "gyro": np.ones((3, 1000))}, r"gyro has shape \(3, 1000\); expected \(n, 3\); time is the first axis"),
+        ({"time": stamps(), "temperature": np.ones((1000, 2))}, r"temperature has shape \(1000, 2\); expected \(n,\)"),
+        ({"time": np.ones((10, 2)), "gyro": noise(10)}, r"time has shape \(10, 2\)"),
+        ({"time": ["a", "b"], "gyro": noise(2)}, "expected seconds as numbers"),
+        ({"time": stamps(2), "gyro": [["a"] * 3] * 2}, r"gyro does not hold numbers"),
+    ],
+)
+def test_arrays_that_do_not_fit_are_refused(arguments, said):
+    with pytest.raises(DataError, match=said):
+        Log(**arguments)
+
+
+# values
+
+
+def test_infinite_values_are_missing_and_counted():
+    gyro = noise()
+    gyro[5, 1], gyro[9, 2] = np.inf, -np.inf
+    log = Log(stamps(), gyro)
+    assert log.warnings[0] == "gyro: infinite values, treated as missing: 2"
+    assert np.isnan(log.gyro[5, 1])
+    assert [g.samples for g in log.gaps] == [1, 1]
+    assert np.isinf(gyro[5, 1]), "the caller's array is left alone"
+
+
+def test_a_channel_of_nothing_is_named():
+    accel = noise()
+    accel[:, 2] = np.nan
+    with pytest.raises(DataError, match="accel_z: no finite value in 1000 samples"):
+        Log(stamps(), noise(), accel)
+
+
+def test_a_frozen_stretch_is_missing():
+    gyro = noise()
+    gyro[400:480] = gyro[400]
+    log = Log(stamps(), gyro)
+    assert "gyro is frozen: 1 runs of more than 50 equal samples, the longest 0.79 s at 4 s" in log.warnings[0]
+    assert [(g.start, g.samples) for g in log.gaps] == [(4.01, 79)]
+    assert np.isfinite(log.gyro[400]).all()
+
+
+@pytest.mark.parametrize(("equal", "frozen"), [(50, False), (51, True)])
+@pytest.mark.parametrize("start", [0, 13, 25, 949])
+def test_frozen_is_more_than_fifty_wherever_it_starts(equal, frozen, start):
+    gyro = noise()
+    gyro[start : start + equal] = gyro[start]
+    assert bool(Log(stamps(), gyro).gaps) == frozen
+
+
+def test_a_constant_log_is_said_to_be_constant():
+    log = Log(stamps(), np.ones((1000, 3)))
+    assert log.warnings == (
+        "constant in every sample, so nothing can be said about its noise: gyro_x (1), gyro_y (1), gyro_z (1) rad/s",
+    )
+    assert log.gaps == ()
+
+
+def test_a_constant_channel_is_named():
+    gyro = noise()
+    gyro[:, 1] = 0.0
+    assert "gyro_y (0) rad/s" in Log(stamps(), gyro).warnings[0]
+
+
+def test_a_held_sensor_is_slow_not_frozen():
+    mag = np.repeat(noise(20), 100, axis=0)
+    log = Log(stamps(2000, 1000.0), noise(2000), mag=mag)
+    assert np.isfinite(log.mag).all()
+    assert "mag: 99 % of the samples" in log.warnings[0]
+    assert "changes only 10 times a second" in log.warnings[0]
+
+
+def test_clipping_is_counted():
+    accel = 20 * noise(5000)
+    accel = np.round(accel / 0.01) * 0.01
+    accel[:, 0] = np.clip(accel[:, 0], -39.2, 39.2)
+    log = Log(stamps(5000), accel=accel)
+    top, bottom = np.sum(accel[:, 0] == 39.2), np.sum(accel[:, 0] == -39.2)
+    assert f"accel_x is clipped: {bottom} samples stand at the extreme value -39.2 m/s^2" in log.warnings
+    assert f"accel_x is clipped: {top} samples stand at the extreme value 39.2 m/s^2" in log.warnings
+    assert len(log.warnings) == 2
+
+
+def test_a_coarse_sensor_at_rest_is_not_clipped():
+    log = Log(stamps(), np.round(0.4 * noise()))
+    assert log.warnings == ()
+
+
+def test_the_quantisation_step_is_noted():
+    log = Log(stamps(), np.round(noise() / 0.01) * 0.01 * np.pi / 180, accel=noise(seed=5))
+    assert log.notes == ("gyro: values come in steps of 0.0001745 rad/s",)
+
+
+def test_warm_up_is_noted_not_removed():
+    time = stamps(9000, 10.0)
+    gyro = 0.01 * noise(9000)
+    gyro[:300] += 0.02
+    log = Log(time, gyro)
+    assert "the mean of the first 60 s is off the rest by" in log.notes[0]
+    assert "log.select(60, None)" in log.notes[0]
+    assert len(log.time) == 9000
+    assert not any("first 60 s" in note for note in Log(time, 0.01 * noise(9000)).notes)
+
+
+# parts of a log
+
+
+def test_a_part_has_its_own_time_and_gaps():
+    keep = np.ones(1000, bool)
+    keep[[250, 800]] = False
+    log = Log((100.0 + stamps())[keep], noise()[keep])
+    part = log.select(2.0, 5.0)
+    np.testing.assert_array_equal(part.gyro, log.gyro[200:500])
+    assert (part.duration, part.rate, part.time[0]) == (3.0, RATE, 0.0)
+    assert [g.start for g in part.gaps] == [0.5]
+    assert part.provenance["epoch_ns"] == 102 * 10**9
+    again = part.select(1.0, None)
+    np.testing.assert_array_equal(again.gyro, log.gyro[300:500])
+    assert again.provenance["selected"] == (3.0, 5.0)
+    assert log.select(-1.0).duration == 1.0
+
+
+def test_an_empty_part_is_refused():
+    log = Log(stamps(), noise())
+    with pytest.raises(DataError, match=r"select\(20, 30\) leaves 0 samples; the recording is 10 s long at 100 Hz"):
+        log.select(20, 30)
+
+
+def test_a_corrected_log_can_be_built_on_the_grid_of_another():
+    keep = np.ones(1000, bool)
+    keep[100:140] = False
+    log = Log(stamps(rate=97.0)[keep], noise()[keep])
+    again = Log(log.time, gyro=2 * log.gyro, rate=log.rate)
+    assert (again.rate, again.gaps) == (log.rate, log.gaps)
+    np.testing.assert_array_equal(again.gyro, 2 * log.gyro)
+
+
+def test_the_summary_is_a_few_lines():
+    lines = Log(stamps(), noise(), temperature=np.linspace(20, 30, 1000)).summary().splitlines()
+    assert lines[0] == "1000 samples at 100 Hz, 10 s, no gaps"
+    assert [line.split()[0] for line in lines[1:]] == ["gyro_x", "gyro_y", "gyro_z", "temperature"]
+    assert lines[1].endswith("rad/s")
+
+
+@given(
+    st.lists(st.sampled_from([0.0, 1e-3, 0.5, 1.0, 1.0, 1.0, 2.0, 7.0, -1.0, -3.0, 1e6, np.nan]), max_size=60),
+    st.lists(st.sampled_from([0.0, 1.0, 2.0, np.nan, np.inf]), min_size=60, max_size=60),
+)
+@settings(max_examples=200, deadline=None)
+def test_any_stamps_are_a_log_or_a_sentence(steps, values):
+    time = np.cumsum(np.nan_to_num(steps)) + np.where(np.isnan(steps), np.nan, 0.0)
+    try:
+        log = Log(time, np.array(values)[: len(time)])
+    except DataError:
+        return
+    assert log.rate > 0
+    assert np.isfinite(log.rate)
+    assert len(log.time) == len(log.gyro)
+    assert np.isnan(log.gyro[:, 0]).sum() == sum(gap.samples for gap in log.gaps)
