@@ -1,1 +1,3 @@
-"""placeholder"""
+"""Files for other tools."""
+
+from ._write import write as write

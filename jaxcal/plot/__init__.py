@@ -1,1 +1,4 @@
-"""placeholder"""
+"""Figures, with matplotlib's object interface: no window, no global setting."""
+
+from ._allan import allan as allan
+from ._save import save as save

@@ -1,1 +1,4 @@
-"""placeholder"""
+"""Results as one HTML page, and as a JSON document."""
+
+from ._document import noise_document as noise_document
+from ._write import write as write

@@ -1,0 +1,168 @@
+"""`Calibration`: one device in one object, and one file."""
+
+import importlib.metadata
+import json
+import os
+import pathlib
+import re
+from typing import Any
+
+import equinox as eqx
+
+from .._errors import DataError
+from .._files import json_text, write_atomically
+from .._units import si_unit
+from ._form import Nullable, checked, free, from_json, to_json, wrong
+from ._noise import DeviceNoise, device_noise
+
+_MAJOR = 1
+_SCHEMA = f"jaxcal.calibration/{_MAJOR}"
+_SECTIONS = ("noise", "imu", "magnetometer", "temperature")
+
+_COVARIANCE = Nullable({"parameters": [str], "values": (None, None)})
+_FORMS: dict[str, dict[str, Any]] = {
+    "imu": {
+        "accel?": {"unit": si_unit("accel"), "matrix": (3, 3), "bias": (3,), "covariance": _COVARIANCE},
+        "gyro?": {"unit": si_unit("gyro"), "matrix": (3, 3), "bias": (3,), "g_sensitivity": (3, 3), "covariance": _COVARIANCE},
+    },
+    "magnetometer": {
+        "unit": si_unit("mag"),
+        "soft_iron": (3, 3),
+        "hard_iron": (3,),
+        "field": Nullable(float),
+        "covariance": _COVARIANCE,
+    },
+    "temperature": {
+        "unit": si_unit("temperature"),
+        "reference": float,
+        "minimum": float,
+        "maximum": float,
+        "accel?": (3, None),
+        "gyro?": (3, None),
+    },
+}
+
+
+class Calibration(eqx.Module):
+    """Everything known about one device: noise, deterministic models, thermal model, and where it all comes from.
+
+    Parameters
+    ----------
+    noise : what `jaxcal.noise.characterise` returns (channel -> `NoiseFit`), or the stored form: {"rate": Hz, "gyro": {"unit":
+        "rad/s", "Q": (3,), "N": (3,), "B": (3,), "K": (3,), "R": (3,)}, "accel": {...}, "mag": {...}}, with None for what is
+        not known. Held as `DeviceNoise`.
+    imu : {"accel": {"unit": "m/s^2", "matrix": (3, 3), "bias": (3,), "covariance"}, "gyro": {"unit": "rad/s", "matrix", "bias",
+        "g_sensitivity": (3, 3), "covariance"}}, where y = matrix x + bias + g_sensitivity a.
+    magnetometer : {"unit": "T", "soft_iron": (3, 3), "hard_iron": (3,), "field", "covariance"}, where measured = soft_iron true +
+        hard_iron.
+    temperature : {"unit": "degC", "reference", "minimum", "maximum", "accel": (3, powers), "gyro": (3, powers)}: coefficients of
+        the powers 1, 2, ... of the temperature above the reference, in the unit of the sensor.
+    device : name, or a dictionary with "name" and the ids by which flight controllers find a sensor.
+    provenance : dictionary of where the numbers come from: recording ("file", "sha256") and the options used ("options"). The
+        version of jaxcal is added as "version".
+
+    A covariance is None or {"parameters": names in their order, "values": (p, p)}.
+
+    Raises
+    ------
+    DataError
+        If a section lacks a key, or holds something else than numbers of the right shape; the message names the key.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import jaxcal
+    >>> gyro = {"unit": "rad/s", "Q": None, "N": [1e-4] * 3, "B": None, "K": [2e-6] * 3, "R": None}
+    >>> calibration = jaxcal.Calibration(noise={"rate": 200.0, "gyro": gyro}, device="unit 7")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "device.json")
+    ...     calibration.save(path)
+    ...     jaxcal.Calibration.load(path).noise.gyro.N
+    array([0.0001, 0.0001, 0.0001])
+    """
+
+    noise: DeviceNoise | None
+    imu: dict[str, Any] | None
+    magnetometer: dict[str, Any] | None
+    temperature: dict[str, Any] | None
+    device: dict[str, Any] | None
+    provenance: dict[str, Any] | None
+
+    def __init__(self, *, noise=None, imu=None, magnetometer=None, temperature=None, device=None, provenance=None):
+        self.noise = noise if noise is None or isinstance(noise, DeviceNoise) else device_noise(noise)
+        self.imu = _section(imu, "imu")
+        self.magnetometer = _section(magnetometer, "magnetometer")
+        self.temperature = _section(temperature, "temperature")
+        self.device = _free_section({"name": device} if isinstance(device, str) else device, "device")
+        provenance = _free_section(provenance, "provenance")
+        if provenance is not None and "version" not in provenance:
+            provenance["version"] = importlib.metadata.version("jaxcal")
+        self.provenance = provenance
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the calibration as JSON, schema "jaxcal.calibration/1".
+
+        Every number is exact. NaN and infinity, which JSON cannot say, become null, and `reason` in the same section tells
+        which of them it was.
+
+        Parameters
+        ----------
+        path : file to write; an existing one is replaced in one step.
+
+        Raises
+        ------
+        ExportError
+            If the file cannot be written.
+        """
+        document = {"schema": _SCHEMA, "device": self.device, "provenance": self.provenance}
+        held = {name: getattr(self, name) for name in _SECTIONS}
+        write_atomically(path, json_text(document | {name: to_json(section) for name, section in held.items() if section is not None}))
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> "Calibration":
+        """Read what `save` wrote.
+
+        Parameters
+        ----------
+        path : JSON file, schema "jaxcal.calibration/1". Keys that this version does not know are ignored.
+
+        Raises
+        ------
+        DataError
+            If the file is not such a calibration; the message names the key at fault.
+        """
+        path = pathlib.Path(path)
+        try:
+            document = json.loads(path.read_text(encoding="utf-8"))
+        except OSError as error:
+            raise DataError(f"cannot read {path}: {(error.strerror or str(error)).lower()}") from error
+        except ValueError as error:
+            raise DataError(f"{path} is not JSON ({error}); expected a file written by Calibration.save") from error
+        try:
+            _check_schema(document)
+            provenance = document.get("provenance")
+            if isinstance(provenance, dict):
+                provenance.setdefault("version", None)  # it is not for this version to sign
+            sections = {name: from_json(document.get(name)) for name in _SECTIONS}
+            return cls(**sections, device=document.get("device"), provenance=provenance)
+        except DataError as error:
+            raise DataError(f"{path}: {error}") from error
+
+
+def _section(value: Any, name: str) -> dict[str, Any] | None:
+    return None if value is None else checked(value, _FORMS[name], name)
+
+
+def _free_section(value: Any, name: str) -> dict[str, Any] | None:
+    if value is not None and not isinstance(value, dict):
+        raise wrong(value, "a dictionary", name)
+    return free(value, name)
+
+
+def _check_schema(document: Any) -> None:
+    schema = document.get("schema") if isinstance(document, dict) else None
+    found = re.fullmatch(r"jaxcal\.calibration/(\d+)(\.\d+)*", schema) if isinstance(schema, str) else None
+    if found is None:
+        raise DataError(f"schema is {schema!r}; expected {_SCHEMA!r}, as Calibration.save writes it")
+    if int(found[1]) != _MAJOR:
+        raise DataError(f"schema is {schema!r}, but this version of jaxcal reads {_SCHEMA!r}; install the version that wrote the file")

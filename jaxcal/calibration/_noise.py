@@ -1,0 +1,139 @@
+"""Noise of one device: the coefficients of every sensor and, where they were fitted, what is known about them."""
+
+import math
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+
+from .._errors import DataError
+from .._types import AnyArray
+from .._units import si_unit
+from ..noise import NoiseFit
+from ._form import Nullable, checked, wrong
+
+TERMS = ("Q", "N", "B", "K", "R")
+AXES = ("x", "y", "z")
+SENSORS = ("gyro", "accel", "mag")
+
+
+class SensorNoise(eqx.Module):
+    """Noise of the three axes of one sensor: SI, two-sided densities, as in `jaxcal.noise.Noise`.
+
+    Attributes
+    ----------
+    unit : SI unit of the readings.
+    Q, N, B, K, R : (3,) coefficients, NaN for an axis that was not measured; None where no axis was.
+    method, confidence : how the coefficients were fitted, and the level of intervals and limits. These and the fields below
+        are None where the coefficients do not come from a fit.
+    low, high, upper_limit : term -> (3,).
+    verdict : term -> ("present", "hint" or "not detected", None for an axis that was not measured) for the three axes.
+    covariance : {"parameters": ("N^2", ...), "values": (3, terms, terms)} of the squared coefficients.
+    markov, sinusoid : for each axis ((qc, Tc), ...) and ((A, f0), ...).
+    """
+
+    unit: str
+    Q: AnyArray | None
+    N: AnyArray | None
+    B: AnyArray | None
+    K: AnyArray | None
+    R: AnyArray | None
+    method: str | None = None
+    confidence: float | None = None
+    low: dict[str, AnyArray] | None = None
+    high: dict[str, AnyArray] | None = None
+    upper_limit: dict[str, AnyArray] | None = None
+    verdict: dict[str, tuple[str | None, ...]] | None = None
+    covariance: dict[str, Any] | None = None
+    markov: tuple[tuple[tuple[float, ...], ...], ...] | None = None
+    sinusoid: tuple[tuple[tuple[float, ...], ...], ...] | None = None
+
+
+class DeviceNoise(eqx.Module):
+    """Noise of the sensors of one device, and the rate in Hz at which it was recorded."""
+
+    rate: float
+    gyro: SensorNoise | None = None
+    accel: SensorNoise | None = None
+    mag: SensorNoise | None = None
+
+
+def _form(sensor: str) -> dict[str, Any]:
+    numbers = {f"{term}?": (3,) for term in TERMS}
+    return {
+        "unit": si_unit(sensor),
+        **{term: Nullable((3,)) for term in TERMS},
+        "method?": str,
+        "confidence?": float,
+        "low?": numbers,
+        "high?": numbers,
+        "upper_limit?": numbers,
+        "verdict?": {f"{term}?": [Nullable(str)] for term in TERMS},
+        "covariance?": {"parameters": [str], "values": (3, None, None)},
+        "markov?": [[[float]]],
+        "sinusoid?": [[[float]]],
+    }
+
+
+def device_noise(noise: Any) -> DeviceNoise:
+    """The noise of a device, from the fits of its channels or from the stored form.
+
+    Raises
+    ------
+    DataError
+        If a channel is unknown, if the fits do not belong together, or if the stored form is not complete.
+    """
+    if isinstance(noise, dict) and noise and all(isinstance(fit, NoiseFit) for fit in noise.values()):
+        noise = _stored_form(noise)
+    found = checked(noise, {"rate": float, **{f"{sensor}?": _form(sensor) for sensor in SENSORS}}, "noise")
+    if not (math.isfinite(found["rate"]) and found["rate"] > 0):
+        raise wrong(found["rate"], "the sampling rate in Hz", "noise.rate")
+    sensors = {sensor: SensorNoise(**found[sensor]) for sensor in SENSORS if sensor in found}
+    return DeviceNoise(rate=found["rate"], **sensors)
+
+
+def _stored_form(fits: dict[str, NoiseFit]) -> dict[str, Any]:
+    known = [f"{sensor}_{axis}" for sensor in SENSORS for axis in AXES]
+    for name in fits:
+        if name not in known:
+            raise DataError(f"noise holds a channel {name!r}; expected the channels of a log: {', '.join(known)}")
+    rates = {float(fit.deviation.rate) for fit in fits.values()}
+    if len(rates) > 1:
+        raise DataError(f"the channels have different rates ({sorted(rates)} Hz); make one calibration for each recording")
+    stored: dict[str, Any] = {"rate": rates.pop()}
+    for sensor in SENSORS:
+        axes = [fits.get(f"{sensor}_{axis}") for axis in AXES]
+        if any(fit is not None for fit in axes):
+            stored[sensor] = _stored_sensor(sensor, axes)
+    return stored
+
+
+def _stored_sensor(sensor: str, axes: list[NoiseFit | None]) -> dict[str, Any]:
+    measured = [fit for fit in axes if fit is not None]
+    terms, method, confidence = measured[0].terms, measured[0].method, measured[0].confidence
+    if any((fit.terms, fit.method, fit.confidence) != (terms, method, confidence) for fit in measured):
+        raise DataError(f"the axes of {sensor} were fitted with different terms, methods or confidence; fit them in one call")
+
+    def per_term(value, missing: Any = math.nan) -> dict[str, list]:
+        return {term: [missing if fit is None else value(fit, term) for fit in axes] for term in terms}
+
+    def pairs(process: str) -> list | None:
+        found = [[] if fit is None else [[float(x) for x in pair] for pair in getattr(fit.noise, process)] for fit in axes]
+        return found if any(found) else None
+
+    unknown = np.full((len(terms), len(terms)), math.nan)
+    covariances = [unknown if fit is None else fit.covariance for fit in axes]
+    return {
+        "unit": si_unit(sensor),
+        **dict.fromkeys(TERMS),
+        **per_term(lambda fit, term: float(getattr(fit.noise, term))),
+        "method": method,
+        "confidence": confidence,
+        "low": per_term(lambda fit, term: float(fit.interval[term][0])),
+        "high": per_term(lambda fit, term: float(fit.interval[term][1])),
+        "upper_limit": per_term(lambda fit, term: float(fit.upper_limit[term])),
+        "verdict": per_term(lambda fit, term: str(fit.verdict[term]), missing=None),
+        "covariance": {"parameters": [f"{term}^2" for term in terms], "values": covariances},
+        "markov": pairs("markov"),
+        "sinusoid": pairs("sinusoid"),
+    }

@@ -1,0 +1,127 @@
+"""From the noise of three axes to the one density and one random walk that most filters take."""
+
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+
+from .._errors import ExportError
+from ..calibration import Calibration, DeviceNoise, SensorNoise
+from ._options import UNITS, Options, is_positive
+from ._text import number, numbers
+
+_NAMES = {"gyro": "gyroscope", "accel": "accelerometer"}
+_AXES = "xyz"
+#: what filters call it -> term of the noise model, and words
+_QUANTITIES = {"density": ("N", "noise density"), "random_walk": ("K", "random walk")}
+_DROPPED = {"Q": "quantisation", "B": "bias instability", "R": "ramp", "markov": "Gauss-Markov", "sinusoid": "sinusoid"}
+
+
+class Isotropic(eqx.Module):
+    """Noise of one sensor as one number a quantity: `density` (N) and `random_walk` (K), SI per sqrt(Hz), after `inflate`."""
+
+    density: float
+    random_walk: float
+    about: str  # how the two numbers came about
+    warnings: tuple[str, ...]
+
+
+def noise_of(calibration: Calibration) -> DeviceNoise:
+    """Noise of the device, or the reason why there is none to write."""
+    if calibration.noise is None:
+        raise ExportError("the calibration holds no noise; characterise a static log and keep the result as Calibration(noise=...)")
+    return calibration.noise
+
+
+def isotropic(noise: DeviceNoise, sensor: str, options: Options) -> Isotropic:
+    """Density and random walk of one sensor.
+
+    Raises
+    ------
+    ExportError
+        If the noise of the sensor is not known, or if its density or random walk was not found on an axis and the options do not
+        say what to write instead.
+    """
+    n, n_source, n_warnings = _axes(noise, sensor, "density", options)
+    k, k_source, k_warnings = _axes(noise, sensor, "random_walk", options)
+    about = f"{options.axis} axis; per axis N = {numbers(n)}{n_source}; K = {numbers(k)}{k_source}"
+    about += f"; multiplied by {number(options.inflate)}" if options.inflate != 1 else ""
+    combine = np.max if options.axis == "worst" else lambda values: np.sqrt(np.mean(values**2))
+    return Isotropic(
+        density=float(combine(n) * options.inflate),
+        random_walk=float(combine(k) * options.inflate),
+        about=about,
+        warnings=(*n_warnings, *k_warnings, *_dropped(_measured(noise, sensor), sensor)),
+    )
+
+
+def _measured(noise: DeviceNoise, sensor: str) -> SensorNoise:
+    found = getattr(noise, sensor)
+    if found is None:
+        raise ExportError(f"the calibration holds no {_NAMES[sensor]} noise; characterise a static log that has {sensor} readings")
+    return found
+
+
+def _axes(device: DeviceNoise, sensor: str, quantity: str, options: Options) -> tuple[np.ndarray, str, list[str]]:
+    """N or K of the three axes, where it comes from if not from the fit, and warnings."""
+    noise, (term, name) = _measured(device, sensor), _QUANTITIES[quantity]
+    missing = _not_found(noise, term)
+    asked: Any = getattr(options, quantity)
+    if isinstance(asked, dict):
+        asked = asked.get(sensor)
+    elif is_positive(asked):
+        asked = _for_one_sensor(device, asked, sensor, quantity)
+    if is_positive(asked):
+        warning = f"the {name} of the {_NAMES[sensor]} is the value given: {asked:g} {UNITS[quantity][sensor]}"
+        return np.full(3, float(asked)), " (given, not measured)", [warning]
+    values = np.full(3, np.nan) if getattr(noise, term) is None else np.array(getattr(noise, term))
+    if not missing:
+        return values, "", []
+    names = ", ".join(f"{sensor}_{_AXES[i]}" for i in missing)
+    if asked is None:
+        flicker = "" if term == "N" else ". Bias instability B is not a random walk and is not written as one"
+        raise ExportError(
+            f'no {name} {term} was found on {names}; fit a longer record, or give {quantity}="upper_limit" or a value in '
+            f"{UNITS[quantity][sensor]}{flicker}"
+        )
+    limits = (noise.upper_limit or {}).get(term, np.full(3, np.nan))
+    values[missing] = limits[missing]
+    if not np.all(np.isfinite(values) & (values > 0)):
+        raise ExportError(f"no upper limit of {term} is known on {names}; give a value, {quantity}={{{sensor!r}: ...}}")
+    limit = f"{100 * noise.confidence:g} % upper limit" if noise.confidence else "upper limit"
+    return values, f" ({limit} on {names})", [f"{term} was not found on {names}: its {limit} is written"]
+
+
+def _not_found(noise: SensorNoise, term: str) -> list[int]:
+    """Axes on which a term is zero, not known, or not certain."""
+    values = getattr(noise, term)
+    if values is None:
+        return [0, 1, 2]
+    verdict = (noise.verdict or {}).get(term, ("present",) * 3)
+    return [i for i in range(3) if verdict[i] != "present" or not values[i] > 0]
+
+
+def _for_one_sensor(device: DeviceNoise, value: float | int, sensor: str, quantity: str) -> float | int | None:
+    """A lone number is for the one sensor that lacks the quantity; the units of the two differ."""
+    term, name = _QUANTITIES[quantity]
+    lacking = [other for other in _NAMES if _not_found(_measured(device, other), term)]
+    if len(lacking) != 1:
+        state = f"both sensors lack a {name}" if lacking else f"both sensors have a {name} of their own"
+        raise ExportError(f'{quantity}={value!r}: {state}; say for which it is, as {{"gyro": ...}} or {{"accel": ...}}')
+    return value if lacking == [sensor] else None
+
+
+def _dropped(noise: SensorNoise, sensor: str) -> list[str]:
+    found = []
+    for name, words in _DROPPED.items():
+        values = getattr(noise, name)
+        verdict = (noise.verdict or {}).get(name, ("present",) * 3)
+        if name in ("markov", "sinusoid"):
+            there = values is not None
+        else:
+            there = values is not None and any(v > 0 and kind != "not detected" for v, kind in zip(values, verdict, strict=True))
+        if there:
+            found.append(f"{words} {name}" if len(name) == 1 else words)
+    if not found:
+        return []
+    return [f"{_NAMES[sensor]}: {', '.join(found)} not written, for there is no place for it; a larger inflate can cover it"]

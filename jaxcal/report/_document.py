@@ -1,0 +1,118 @@
+"""`noise_document`: the noise of every channel as JSON can say it."""
+
+import importlib.metadata
+import math
+from typing import Any
+
+import numpy as np
+
+from .._errors import DataError
+from .._log import Log
+from .._units import noise_units
+from ..noise import NoiseFit
+
+SCHEMA = "jaxcal.noise/1"
+
+
+def noise_document(results: dict[str, NoiseFit], log: Log | None = None) -> dict[str, Any]:
+    """The noise of every channel as a dictionary for JSON, SI units.
+
+    Parameters
+    ----------
+    results : channel -> `NoiseFit`, as `jaxcal.noise.characterise` returns them.
+    log : the recording, for its provenance, notes and warnings.
+
+    Returns
+    -------
+    Dictionary with `schema` ("jaxcal.noise/1"), `version`, `rate` (Hz), `duration` (s), `provenance`, `notes`, `warnings` (of the
+    log) and `channels`. Each channel holds for every term `value`, `low`, `high`, `upper_limit`, `verdict`, `significance`,
+    `longer_record` (s to reach 10 %) and `unit`; then `method`, `confidence`, `band` (s), `left_out`, `goodness` and `warnings`.
+    What is infinite or not known is None.
+
+    Raises
+    ------
+    DataError
+        If there are no results, or a channel has no known sensor.
+
+    Examples
+    --------
+    >>> import jaxcal
+    >>> y = jaxcal.noise.Noise(N=1e-4).simulate(5000, rate=100.0, seed=0)
+    >>> document = jaxcal.report.noise_document({"gyro_x": jaxcal.noise.fit(y, rate=100.0)})
+    >>> document["channels"]["gyro_x"]["N"]["unit"]
+    'rad/sqrt(s)'
+    """
+    check_results(results)
+    first = next(iter(results.values()))
+    return {
+        "schema": SCHEMA,
+        "version": importlib.metadata.version("jaxcal"),
+        "rate": number(first.deviation.rate),
+        "duration": number(first.duration if log is None else log.duration),
+        "provenance": None if log is None else plain(log.provenance),
+        "notes": [] if log is None else list(log.notes),
+        "warnings": [] if log is None else list(log.warnings),
+        "channels": {name: _channel(fit, sensor_of(name)) for name, fit in results.items()},
+    }
+
+
+def check_results(results: Any) -> None:
+    """Raise a `DataError` unless there is at least one fit, each of a single channel with a known sensor."""
+    if not isinstance(results, dict) or not results:
+        raise DataError("there are no results; give the dictionary channel -> NoiseFit that jaxcal.noise.characterise returns")
+    for name, fit in results.items():
+        if not isinstance(fit, NoiseFit) or np.ndim(fit.deviation.deviation) != 1:
+            raise DataError(f"the result of {name} is not a NoiseFit of one channel; NoiseFit.channel picks one of several")
+        sensor_of(name)
+
+
+def sensor_of(channel: str) -> str:
+    """Sensor that a channel belongs to: gyro_x -> gyro."""
+    sensor = channel.partition("_")[0]
+    if sensor not in ("gyro", "accel", "mag"):
+        raise DataError(f"channel {channel!r} has no known sensor; expected names such as gyro_x, accel_y, mag_z")
+    return sensor
+
+
+def _channel(fit: NoiseFit, sensor: str) -> dict[str, Any]:
+    terms = {
+        term: {
+            "value": number(getattr(fit.noise, term)),
+            "low": number(fit.interval[term][0]),
+            "high": number(fit.interval[term][1]),
+            "upper_limit": number(fit.upper_limit[term]),
+            "verdict": str(fit.verdict[term]),
+            "significance": number(fit.significance[term]),
+            "longer_record": number(fit.longer_record[term]),
+            "unit": noise_units(term, sensor)[-1],
+        }
+        for term in fit.terms
+    }
+    return {
+        **terms,
+        "method": fit.method,
+        "confidence": number(fit.confidence),
+        "band": [number(end) for end in fit.band],
+        "left_out": [str(sentence) for sentence in fit.left_out],
+        "goodness": number(fit.goodness),
+        "warnings": [str(sentence) for sentence in fit.warnings],
+    }
+
+
+def number(value: Any) -> float | None:
+    """A number as JSON has it: None where it is infinite or not known."""
+    value = float(value)
+    return value if math.isfinite(value) else None
+
+
+def plain(value: Any) -> Any:
+    """Provenance as JSON has it."""
+    if isinstance(value, (np.ndarray, np.generic)):
+        value = value.tolist()
+    if isinstance(value, dict):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(item) for item in value]
+    if isinstance(value, float):
+        return number(value)
+    return value if value is None or isinstance(value, (str, bool, int)) else str(value)

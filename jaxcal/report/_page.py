@@ -1,0 +1,89 @@
+"""The frame of a page: head, style, nothing from outside."""
+
+from ._html import Markup, join, tag
+
+_LIGHT = """
+  color-scheme: light;
+  --ink: #1b1f24; --muted: #5d6570; --paper: #ffffff; --grid: #e4e7eb; --shade: #f1f3f5; --line: #d4d9df;
+  --series-0: #0072b2; --series-1: #d55e00; --series-2: #009e73; --series-3: #c4609a; --series-4: #b97f00; --series-5: #2f8fc4;
+  --good: #00694c; --good-back: #e2f3ec; --fair: #7a5200; --fair-back: #fdf0d2; --none-back: #eceff2;
+"""
+_DARK = """
+  color-scheme: dark;
+  --ink: #e8eaed; --muted: #a2abb6; --paper: #14171b; --grid: #2b3138; --shade: #1d2126; --line: #3a424b;
+  --series-0: #56a8e0; --series-1: #f08a4b; --series-2: #3cc79c; --series-3: #e29ac4; --series-4: #f0b83c; --series-5: #8cd0f5;
+  --good: #7fdcbb; --good-back: #143a2e; --fair: #f3c969; --fair-back: #41310c; --none-back: #282e35;
+"""
+_STYLE = (
+    f":root {{{_LIGHT}}}\n@media screen and (prefers-color-scheme: dark) {{ :root {{{_DARK}}} }}"
+    """
+* { box-sizing: border-box; }
+body { margin: 0; background: var(--paper); color: var(--ink); font: 1rem/1.5 system-ui, -apple-system, "Segoe UI", Roboto, sans-serif; }
+header, main, footer { max-width: 56rem; margin: 0 auto; padding: 0 1rem; overflow-wrap: anywhere; }
+header { padding-top: 2rem; }
+h1 { font-size: 1.7rem; line-height: 1.2; margin: 0; }
+h2 { font-size: 1.25rem; line-height: 1.3; margin: 2.5rem 0 .75rem; padding-top: .75rem; border-top: 1px solid var(--line); }
+h3 { font-size: 1.05rem; margin: 1.75rem 0 .5rem; }
+p, ul, dl { margin: .5rem 0; }
+ul { padding-left: 1.25rem; }
+li { margin: .25rem 0; }
+a { color: var(--series-0); }
+.lead { color: var(--muted); font-size: 1.05rem; }
+.small, caption, figcaption { color: var(--muted); font-size: .875rem; }
+table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
+caption { text-align: left; padding: .25rem 0; caption-side: bottom; }
+th, td { text-align: left; vertical-align: top; padding: .5rem .6rem; border-bottom: 1px solid var(--line); font-weight: normal; }
+thead th { border-bottom: 2px solid var(--line); font-weight: 600; }
+.terms { width: 100%; table-layout: fixed; }
+.terms th:first-child { width: 28%; padding-left: 0; }
+.terms tbody th b { font-size: 1.05rem; }
+.terms span, .terms strong { display: block; }
+.terms strong { font-size: 1.05rem; }
+.badge { width: fit-content; padding: 0 .4rem; border-radius: 1rem; font-size: .75rem; white-space: nowrap; }
+.badge { background: var(--none-back); color: var(--ink); }
+.present { background: var(--good-back); color: var(--good); }
+.hint { background: var(--fair-back); color: var(--fair); }
+figure { margin: 1rem 0; }
+.scroll { overflow-x: auto; }
+.scroll svg { display: block; width: 100%; min-width: 34rem; height: auto; }
+.numbers { max-height: 26rem; overflow: auto; }
+.numbers table { font-size: .85rem; white-space: nowrap; }
+.numbers td, .numbers th { padding: .2rem .8rem .2rem 0; }
+.numbers td, .numbers thead th + th { text-align: right; }
+.numbers thead th { position: sticky; top: 0; background: var(--paper); }
+details { border: 1px solid var(--line); border-radius: .4rem; margin: .5rem 0; padding: 0 .8rem; }
+summary { cursor: pointer; padding: .5rem 0; }
+pre { overflow-x: auto; background: var(--shade); padding: .75rem; border-radius: .4rem; font-size: .85rem; }
+dt { font-weight: 600; margin-top: .75rem; }
+dd { margin: 0; }
+footer { color: var(--muted); font-size: .875rem; padding-bottom: 2rem; }
+:focus-visible { outline: 2px solid var(--series-0); outline-offset: 2px; }
+@media (max-width: 36rem) {
+  th, td { padding: .4rem .3rem; font-size: .875rem; }
+  .terms th:first-child { width: 26%; }
+}
+@media print {
+  @page { margin: 15mm; }
+  body { font-size: 10pt; }
+  header, main, footer { max-width: none; padding: 0; }
+  figure, table, li, dd { break-inside: avoid; }
+  h2, h3 { break-after: avoid; }
+  .scroll svg { min-width: 0; }
+}
+"""
+)
+
+
+def page(title: str, lead: str, body: Markup, footer: str) -> str:
+    """A whole document."""
+    head = join(
+        (
+            tag("meta", charset="utf-8"),
+            tag("meta", name="viewport", content="width=device-width, initial-scale=1"),
+            tag("meta", name="color-scheme", content="light dark"),
+            tag("title", title),
+            tag("style", Markup(_STYLE)),
+        )
+    )
+    content = join((tag("header", tag("h1", title), tag("p", lead, class_="lead")), tag("main", body), tag("footer", footer)))
+    return "<!DOCTYPE html>\n" + tag("html", tag("head", head), "\n", tag("body", content), lang="en") + "\n"

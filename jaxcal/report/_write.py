@@ -1,0 +1,67 @@
+"""`write`: results as one HTML page."""
+
+import importlib.metadata
+import os
+import pathlib
+
+from .._files import write_atomically
+from .._log import Log
+from ..noise import NoiseFit
+from ..plot._labels import duration_label
+from ._document import check_results
+from ._html import join
+from ._noise import meaning, plots, provenance, recording, remarks, verdict
+from ._page import page
+
+
+def write(results: dict[str, NoiseFit], path: str | os.PathLike[str], *, log: Log | None = None) -> None:
+    """Write a report: one HTML file that needs nothing else, for screens light and dark, phones and paper.
+
+    It says first what was found, with intervals, then shows the Allan deviations and their numbers, the warnings, what the
+    coefficients mean, and where everything comes from.
+
+    Parameters
+    ----------
+    results : channel -> `NoiseFit`, as `jaxcal.noise.characterise` returns them.
+    path : file to write; an existing one is replaced in one step.
+    log : the recording, for its summary, notes, warnings and provenance.
+
+    Raises
+    ------
+    DataError
+        If there are no results.
+    ExportError
+        If the file cannot be written.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import jaxcal
+    >>> y = jaxcal.noise.Noise(N=1e-4).simulate(5000, rate=100.0, seed=0)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "report.html")
+    ...     jaxcal.report.write({"gyro_x": jaxcal.noise.fit(y, rate=100.0)}, path)
+    ...     path.read_text()[:15]
+    '<!DOCTYPE html>'
+    """
+    check_results(results)
+    version = importlib.metadata.version("jaxcal")
+    first = next(iter(results.values()))
+    count = f"{len(results)} channel{'s' * (len(results) != 1)}"
+    lead = f"{count}, {duration_label(first.duration)} at {first.deviation.rate:.6g} Hz"
+    body = join(
+        (
+            verdict(results, log),
+            plots(results),
+            remarks(results, log),
+            recording(log),
+            meaning(results),
+            provenance(results, log, version),
+        )
+    )
+    write_atomically(path, page(_title(log), lead, body, f"Written by jaxcal {version}"))
+
+
+def _title(log: Log | None) -> str:
+    file = None if log is None else log.provenance.get("file")
+    return f"Noise of {pathlib.PurePath(str(file)).name}" if file else "Sensor noise"

@@ -1,0 +1,238 @@
+"""Kalibr's imu.yaml against its golden file, and what must not get into it."""
+
+import math
+import pathlib
+
+import equinox as eqx
+import numpy as np
+import pytest
+import yaml
+
+import jaxcal
+from jaxcal import Calibration, ExportError
+from jaxcal.export import write
+from jaxcal.export._text import comment, number
+
+FOLDER = pathlib.Path(__file__).parent
+
+
+@pytest.fixture
+def golden():
+    return Calibration.load(FOLDER / "golden.json")
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "imu.yaml"
+
+
+def with_noise(calibration, sensor, **changes):
+    """The calibration with other noise of one sensor."""
+    old = getattr(calibration.noise, sensor)
+    new = type(old)(**({name: getattr(old, name) for name in old.__dataclass_fields__} | changes))
+    return eqx.tree_at(lambda c: getattr(c.noise, sensor), calibration, new, is_leaf=lambda x: x is old)
+
+
+def without_walk(calibration, sensor, limit=(1e-5, 2e-5, 9e-5)):
+    """K found on y alone."""
+    return with_noise(
+        calibration,
+        sensor,
+        K=np.array([0.0, 3e-5, 1e-6]),
+        verdict={"N": ("present",) * 3, "K": ("not detected", "present", "hint")},
+        upper_limit={"K": np.array(limit)},
+        confidence=0.95,
+    )
+
+
+def test_golden_file(golden, path):
+    write(golden, path, provenance=False)
+    assert path.read_text() == (FOLDER / "golden_imu.yaml").read_text()
+
+
+def test_provenance_adds_comments_alone(golden, path):
+    signed = Calibration(noise=golden.noise, device="unit 7\nB: 1", provenance={"file": "a.csv", "sha256": "ab", "version": "0"})
+    warnings = write(signed, path)
+    lines = path.read_text().splitlines()
+    data = [line for line in (FOLDER / "golden_imu.yaml").read_text().splitlines() if not line.startswith("#")]
+    assert [line for line in lines if not line.startswith("#")] == data
+    assert lines[0] == f"# kalibr file written by jaxcal {jaxcal.__version__}"
+    assert "# device: unit 7 B: 1" in lines  # a line break does not get out of the comment
+    assert "# recording: a.csv, SHA-256 ab" in lines
+    assert all(f"# {warning}" in lines for warning in warnings)
+
+
+def test_yaml_readers_get_numbers_in_kalibr_order(golden, path):
+    write(golden, path)
+    found = yaml.safe_load(path.read_text())
+    assert list(found) == [
+        "accelerometer_noise_density", "accelerometer_random_walk", "gyroscope_noise_density", "gyroscope_random_walk", "rostopic",
+        "update_rate",
+    ]  # fmt: skip
+    assert found["rostopic"] == "/imu0"
+    assert all(isinstance(value, float) for key, value in found.items() if key != "rostopic")
+    assert found["gyroscope_random_walk"] == 2.4e-6
+
+
+def test_bias_instability_never_becomes_a_random_walk(golden, path):
+    warnings = write(golden, path)
+    assert not {"4e-05", "5e-06", "6e-05", "7e-06", "4.0e-05", "7.0e-06"} & set(path.read_text().replace(",", " ").split())
+    assert any("gyroscope: bias instability B not written" in warning for warning in warnings)
+    assert any("accelerometer: bias instability B not written" in warning for warning in warnings)
+
+
+def test_rms_and_inflation(golden, path):
+    write(golden, path, axis="rms", inflate=3.0, provenance=False)
+    found = yaml.safe_load(path.read_text())
+    assert math.isclose(found["gyroscope_noise_density"], 3 * math.sqrt((1.6e-4**2 + 1.7e-4**2 + 1.8e-4**2) / 3), rel_tol=1e-8)
+    assert math.isclose(found["accelerometer_random_walk"], 3 * math.sqrt((2.8e-5**2 + 3e-5**2 + 3.2e-5**2) / 3), rel_tol=1e-8)
+    assert "rms axis; per axis N = 0.00016, 0.00017, 0.00018; K = 2.0e-06, 2.2e-06, 2.4e-06; multiplied by 3.0" in path.read_text()
+
+
+@pytest.mark.parametrize("sensor", ["gyro", "accel"])
+def test_missing_random_walk_is_an_error_that_names_the_axes(golden, path, sensor):
+    with pytest.raises(ExportError, match=rf"no random walk K was found on {sensor}_x, {sensor}_z; fit a longer record.*Bias instability"):
+        write(without_walk(golden, sensor), path)
+    assert not path.exists()
+
+
+def test_zero_random_walk_without_a_verdict_is_missing_too(golden, path):
+    with pytest.raises(ExportError, match="no random walk K was found on gyro_x, gyro_y, gyro_z"):
+        write(with_noise(golden, "gyro", K=np.zeros(3)), path)
+    with pytest.raises(ExportError, match="no random walk K was found on gyro_x, gyro_y, gyro_z"):
+        write(with_noise(golden, "gyro", K=None), path)
+
+
+def test_upper_limit_is_written_where_k_was_not_found(golden, path):
+    warnings = write(without_walk(golden, "gyro"), path, random_walk="upper_limit", provenance=False)
+    assert yaml.safe_load(path.read_text())["gyroscope_random_walk"] == 9e-5
+    assert "K = 1.0e-05, 3.0e-05, 9.0e-05 (95 % upper limit on gyro_x, gyro_z)" in path.read_text()
+    assert "K was not found on gyro_x, gyro_z: its 95 % upper limit is written" in warnings
+    assert yaml.safe_load(path.read_text())["accelerometer_random_walk"] == 3.2e-5  # found, so kept
+
+
+def test_upper_limit_that_is_not_known(golden, path):
+    with pytest.raises(ExportError, match=r"no upper limit of K is known on gyro_x, gyro_z; give a value"):
+        write(without_walk(golden, "gyro", limit=(1.0, 1.0, math.inf)), path, random_walk="upper_limit")
+    with pytest.raises(ExportError, match=r"no upper limit of K is known on gyro_x"):
+        write(with_noise(golden, "gyro", K=None), path, random_walk="upper_limit")
+
+
+def test_number_is_for_the_sensor_that_lacks_a_random_walk(golden, path):
+    warnings = write(without_walk(golden, "gyro"), path, random_walk=7e-6, provenance=False)
+    found = yaml.safe_load(path.read_text())
+    assert (found["gyroscope_random_walk"], found["accelerometer_random_walk"]) == (7e-6, 3.2e-5)
+    assert "(given, not measured)" in path.read_text()
+    assert "the random walk of the gyroscope is the value given: 7e-06 rad/s^2/sqrt(Hz)" in warnings
+
+
+def test_number_for_two_sensors_is_refused(golden, path):
+    neither = without_walk(without_walk(golden, "gyro"), "accel")
+    with pytest.raises(ExportError, match="both sensors lack a random walk; say for which it is"):
+        write(neither, path, random_walk=7e-6)
+    with pytest.raises(ExportError, match="both sensors have a random walk of their own"):
+        write(golden, path, random_walk=7e-6)
+    write(neither, path, random_walk={"gyro": 7e-6, "accel": "upper_limit"})
+    found = yaml.safe_load(path.read_text())
+    assert (found["gyroscope_random_walk"], found["accelerometer_random_walk"]) == (7e-6, 9e-5)
+
+
+def test_a_named_value_replaces_a_random_walk_that_was_found(golden, path):
+    write(golden, path, random_walk={"accel": 1})
+    found = yaml.safe_load(path.read_text())
+    assert (found["gyroscope_random_walk"], found["accelerometer_random_walk"]) == (2.4e-6, 1.0)
+
+
+@pytest.mark.parametrize("sensor", ["gyro", "accel"])
+def test_missing_sensor(golden, path, sensor):
+    other = {"gyro": "accel", "accel": "gyro"}[sensor]
+    half = Calibration(noise=type(golden.noise)(rate=200.0, **{other: getattr(golden.noise, other)}))
+    name = {"gyro": "gyroscope", "accel": "accelerometer"}[sensor]
+    with pytest.raises(ExportError, match=f"holds no {name} noise; characterise a static log that has {sensor} readings"):
+        write(half, path)
+
+
+def test_missing_noise(path):
+    with pytest.raises(ExportError, match=r"the calibration holds no noise; .*Calibration\(noise=\.\.\.\)"):
+        write(Calibration(), path)
+
+
+def test_missing_density(golden, path):
+    for n, axis in ((np.array([1.0, 0.0, 1.0]), "y"), (np.array([1.0, 1.0, np.nan]), "z")):
+        with pytest.raises(ExportError, match=rf'no noise density N was found on gyro_{axis}; .*density="upper_limit" or a value'):
+            write(with_noise(golden, "gyro", N=n), path)
+    with pytest.raises(ExportError, match="no noise density N was found on accel_x, accel_y, accel_z"):
+        write(with_noise(golden, "accel", N=None), path)
+
+
+def test_density_from_its_upper_limit_or_given(golden, path):
+    hidden = {"N": ("not detected", "present", "hint"), "K": ("present",) * 3}
+    lacking = with_noise(golden, "accel", verdict=hidden, upper_limit={"N": np.array([5e-3, 1.0, 1e-3])}, confidence=0.9)
+    warnings = write(lacking, path, density="upper_limit", provenance=False)
+    assert yaml.safe_load(path.read_text())["accelerometer_noise_density"] == 5e-3
+    assert "N = 0.005, 0.002, 0.001 (90 % upper limit on accel_x, accel_z); K = 2.8e-05" in path.read_text()
+    assert "N was not found on accel_x, accel_z: its 90 % upper limit is written" in warnings
+    write(lacking, path, density=4e-3)
+    found = yaml.safe_load(path.read_text())
+    assert (found["accelerometer_noise_density"], found["gyroscope_noise_density"]) == (4e-3, 1.8e-4)
+
+
+def test_terms_that_are_there_and_not_written_are_mentioned(golden, path):
+    verdict = {"Q": ("not detected",) * 3, "B": ("not detected",) * 3}
+    processes = (((1.0, 2.0),), (), ())
+    warnings = write(with_noise(golden, "gyro", verdict=verdict, Q=np.ones(3), R=np.ones(3), markov=processes), path)
+    assert any(warning.startswith("gyroscope: ramp R, Gauss-Markov not written") for warning in warnings)  # Q and B: not detected
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"format": "latex"}, "unknown format 'latex'; expected one of kalibr"),
+        ({"axis": "best"}, r"axis='best': expected \"worst\""),
+        ({"inflate": 0.0}, r"inflate=0\.0: expected a number above 0"),
+        ({"inflate": math.nan}, "inflate=nan: expected a number above 0"),
+        ({"random_walk": -1.0}, r"random_walk=-1\.0: expected \"upper_limit\", a number above 0"),
+        ({"random_walk": True}, "random_walk=True: expected"),
+        ({"random_walk": "limit"}, "random_walk='limit': expected"),
+        ({"random_walk": {"gyroscope": 1.0}}, "random_walk names 'gyroscope'; expected gyro or accel"),
+        ({"topic": "/imu0\nevil: 1"}, r"topic='/imu0\\nevil: 1': expected the name of a ROS topic"),
+        ({"density": 0}, "density=0: expected"),
+        ({"density": {"mag": 1.0}}, "density names 'mag'; expected gyro or accel"),
+        ({"topic": ""}, "topic='': expected the name of a ROS topic"),
+    ],
+)
+def test_wrong_options(golden, path, options, message):
+    with pytest.raises(ExportError, match=message):
+        write(golden, path, **options)
+    assert not path.exists()
+
+
+@pytest.mark.parametrize("topic", ["/imu0", "/camera/imu_raw", "imu0", "null", "~imu"])
+def test_topics_reach_the_reader(golden, path, topic):
+    write(golden, path, topic=topic)
+    assert yaml.safe_load(path.read_text())["rostopic"] == topic
+
+
+def test_a_failed_write_leaves_the_old_file(golden, path, monkeypatch):
+    path.write_text("old")
+
+    def fail(*args):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", fail)
+    with pytest.raises(ExportError, match="no space left on device"):
+        write(golden, path)
+    assert path.read_text() == "old"
+
+
+@pytest.mark.parametrize("value", [4e-6, 200.0, 0.0021, 1e-300, 123456789.0, 1.5e16, 1 / 3, 100, 1e9, 3.3e-5])
+def test_number_text_is_a_yaml_float_exact_for_float32(value):
+    found = yaml.safe_load(number(value))
+    assert isinstance(found, float)
+    assert math.isclose(found, value, rel_tol=1e-8)
+    single = np.float32(min(value, 1e30))
+    assert np.float32(yaml.safe_load(number(float(single)))) == single
+
+
+def test_comment_is_one_line():
+    assert comment("a\nb\r\n\tc\u2028d") == "# a b c d"

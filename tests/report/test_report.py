@@ -1,0 +1,261 @@
+"""The report as a page, and the JSON document of the noise."""
+
+import html.parser
+import json
+import math
+import pathlib
+import re
+import runpy
+
+import numpy as np
+import pytest
+
+import jaxcal
+from jaxcal import DataError, ExportError, Log
+from jaxcal._files import json_text
+from jaxcal.noise import NoiseFit
+from jaxcal.report import noise_document, write
+from jaxcal.report._html import tag
+
+_MADE = runpy.run_path(str(pathlib.Path(__file__).parents[1] / "made_fit.py"))
+made_fit, made_results = _MADE["made_fit"], _MADE["made_results"]
+EVIL = "<script>alert('x')</script>"
+
+
+class Page(html.parser.HTMLParser):
+    """What a page holds; fails where an element is not closed, or closed by another's end."""
+
+    def __init__(self, text):
+        super().__init__(convert_charrefs=True)
+        self.open, self.tags, self.attributes, self.words = [], [], [], []
+        self.feed(text)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, name, attributes):
+        self.handle_startendtag(name, attributes)
+        if name not in ("meta", "br", "hr"):
+            self.open.append(name)
+
+    def handle_startendtag(self, name, attributes):
+        self.tags.append(name)
+        self.attributes += [(name, key, value) for key, value in attributes]
+
+    def handle_endtag(self, name):
+        assert self.open.pop() == name
+
+    def handle_data(self, data):
+        if "style" not in self.open:
+            self.words.append(data)
+
+    @property
+    def text(self):
+        return " ".join(" ".join(self.words).split())
+
+    def values(self, key):
+        return [value for _, name, value in self.attributes if name == key]
+
+
+@pytest.fixture(scope="module")
+def log():
+    rng = np.random.default_rng(0)
+    notes = ("gyro: rad/s, assumed; override with --units gyro=deg/s",)
+    provenance = {"file": f"logs/{EVIL.replace('/', '')}.csv", "sha256": "ab" * 32, "options": {"units": {"gyro": "deg/s"}, "band": None}}
+    return Log(None, gyro=rng.normal(size=(500, 3)), rate=200.0, notes=notes, warnings=(f"3 samples {EVIL}",), provenance=provenance)
+
+
+def written(results, path, log=None):
+    write(results, path, log=log)
+    return path.read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def text(log, tmp_path_factory):
+    results = made_results()
+    left_out = ("0.005 to 0.01 s: the model does not hold there",)
+    results["gyro_y"] = made_fit(2.0, warnings=(f"a warning & {EVIL}",), left_out=left_out)
+    results[f"gyro_{EVIL}"] = made_fit(3.0, goodness=math.nan)
+    return written(results, tmp_path_factory.mktemp("report") / "a.html", log)
+
+
+def test_page_is_well_formed(text):
+    page = Page(text)
+    assert text.startswith("<!DOCTYPE html>")
+    assert ("html", "lang", "en") in page.attributes
+    assert {"header", "main", "footer", "h1", "figure", "figcaption", "table", "caption", "details", "svg"} <= set(page.tags)
+    ids = page.values("id")
+    assert len(ids) == len(set(ids))
+    referred = [word for key in ("aria-labelledby", "aria-describedby") for value in page.values(key) for word in value.split()]
+    referred += [value[1:] for value in page.values("href") if value.startswith("#")]
+    referred += re.findall(r"url\(#([^)]+)\)", text)
+    assert referred
+    assert set(referred) <= set(ids)
+
+
+def test_page_needs_nothing_from_outside_and_runs_nothing(text):
+    page = Page(text)
+    assert "http" not in text
+    assert not {"script", "link", "img", "iframe", "object", "base"} & set(page.tags)
+    assert not page.values("src")
+    assert not [key for _, key, _ in page.attributes if key.startswith("on")]
+    assert "@import" not in text
+    assert all(value.startswith("#") for value in page.values("href"))
+
+
+def test_names_and_sentences_of_a_log_stay_text(text, log):
+    page = Page(text)
+    assert "<script" not in text
+    assert f"a warning & {EVIL}" in page.text
+    assert f"3 samples {EVIL}" in page.text
+    assert f"gyro_{EVIL}" in page.text
+    assert log.notes[0] in page.text
+
+
+def test_no_number_is_nan(text):
+    assert re.search(r"\b(nan|inf|None)\b", Page(text).text) is None
+    assert re.search(r"[\"\s,](nan|inf)\b", text, re.IGNORECASE) is None
+
+
+def test_verdict_comes_first_and_is_complete(text):
+    page = Page(text)
+    assert page.text.index("Verdict") < page.text.index("Allan deviation")
+    assert "K (rate random walk): not detected on any axis." in page.text
+    assert "N (velocity random walk): found on every axis." in page.text
+    assert "B (bias instability): a hint on every axis." in page.text
+    # gyro_x: N = 1e-4 rad/sqrt(s) = 0.34377 deg/sqrt(h), +- 10 %
+    assert "0.34 0.31 to 0.38 present 10 % after 1 s" in page.text
+    assert "< 0.41 not detected" in page.text  # 2e-6 rad/s/sqrt(s) = 0.41253 deg/h/sqrt(s)
+    assert "0.69 0.62 to 0.76 hint 10 % after 12 days" in page.text
+    assert "°/√h" in page.text
+    assert "Read these numbers with 2 warnings" in page.text
+    assert "gyro_y: 1 octave" in page.text
+
+
+def test_figures_say_what_they_show_and_have_their_numbers(text):
+    page = Page(text)
+    assert page.tags.count("svg") == 2 + 7  # a figure for each sensor, and one for each axis
+    assert page.values("role").count("img") == 9
+    assert page.tags.count("details") >= 7
+    fit = made_fit(1.0)
+    first = fit.deviation.deviation[0] * 180 / np.pi * 3600
+    assert f"{first:.1f}" in page.text
+    assert page.text.count("τ (s)") >= 7
+
+
+def test_figures_take_the_colours_of_the_page(text):
+    figures = "".join(re.findall(r"<svg.*?</svg>", text, re.DOTALL))
+    assert "var(--ink)" in figures
+    assert "var(--series-0)" in figures
+    assert "#0072b2" not in figures
+    assert "prefers-color-scheme: dark" in text
+    defined = set(re.findall(r"(--[a-z0-9-]+):", text))
+    assert set(re.findall(r"var\((--[a-z0-9-]+)\)", text)) <= defined
+
+
+def test_page_is_the_same_each_time(tmp_path):
+    results = {"gyro_x": made_fit()}
+    assert written(results, tmp_path / "a.html") == written(results, tmp_path / "b.html")
+
+
+def test_provenance_and_summary(text, log):
+    page = Page(text)
+    assert "ab" * 32 in page.text
+    assert f"jaxcal {jaxcal.__version__}" in page.text
+    assert "edf, terms Q N B K, 95 % intervals" in page.text
+    assert " ".join(log.summary().split()) in page.text
+    assert '{"units": {"gyro": "deg/s"}, "band": null}' in page.text
+
+
+def test_one_channel_without_a_log(tmp_path):
+    page = Page(written({"mag_x": made_fit()}, tmp_path / "a.html"))
+    assert "1 channel, 60 min at 200 Hz" in page.text
+    assert "N (white noise): found on x." in page.text
+    assert "Warnings None." in page.text
+    assert "Read these numbers" not in page.text
+
+
+def test_long_tables_are_thinned(tmp_path):
+    noise = jaxcal.noise.Noise(N=1e-4)
+    dense = _MADE["made_deviation"](noise, clusters=2000, largest=100_000)
+    fit = made_fit(deviation=dense, used=np.ones(len(dense.tau), dtype=bool))
+    assert Page(written({"gyro_x": fit}, tmp_path / "a.html")).tags.count("tr") < 400
+
+
+def test_a_failed_write_leaves_the_old_file(tmp_path, monkeypatch):
+    (tmp_path / "a.html").write_text("old")
+
+    def fail(*args):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", fail)
+    with pytest.raises(ExportError, match="no space left on device"):
+        write({"gyro_x": made_fit()}, tmp_path / "a.html")
+    assert (tmp_path / "a.html").read_text() == "old"
+
+
+@pytest.mark.parametrize("make", [lambda r, path: write(r, path), lambda r, path: noise_document(r)])
+def test_results_that_cannot_be_reported(tmp_path, make):
+    with pytest.raises(DataError, match="there are no results; give the dictionary channel -> NoiseFit"):
+        make({}, tmp_path / "a.html")
+    with pytest.raises(DataError, match="channel 'pressure' has no known sensor; expected names such as gyro_x"):
+        make({"pressure": made_fit()}, tmp_path / "a.html")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_fit_of_several_channels_is_refused(tmp_path):
+    pair = jaxcal.noise.Noise(N=np.array([1e-3, 2e-3])).simulate(2000, rate=100.0, seed=1)
+    with pytest.raises(DataError, match=r"the result of gyro_x is not a NoiseFit of one channel; NoiseFit\.channel picks one"):
+        write({"gyro_x": jaxcal.noise.fit(pair, rate=100.0)}, tmp_path / "a.html")
+
+
+def test_elements_escape_text_and_attributes():
+    assert tag("p", "<b>", title='"&', data_x=None) == '<p title="&quot;&amp;">&lt;b&gt;</p>'
+    assert tag("meta", charset="utf-8") == '<meta charset="utf-8">'
+
+
+def test_noise_document(log):
+    document = noise_document(made_results(), log)
+    assert document["schema"] == "jaxcal.noise/1"
+    assert document["version"] == jaxcal.__version__
+    assert document["rate"] == 200.0
+    assert document["duration"] == log.duration
+    assert list(document["channels"]) == ["gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z"]
+    gyro, accel = document["channels"]["gyro_y"], document["channels"]["accel_x"]
+    fit = made_fit(2.0)
+    assert gyro["N"] == {
+        "value": 2e-4, "low": fit.interval["N"][0], "high": fit.interval["N"][1], "upper_limit": 2.1e-4, "verdict": "present",
+        "significance": 1.0, "longer_record": 1.0, "unit": "rad/sqrt(s)",
+    }  # fmt: skip
+    assert gyro["K"]["longer_record"] is None
+    assert [accel[term]["unit"] for term in "QNBK"] == ["m/s", "m/s^2/sqrt(Hz)", "m/s^2", "m/s^2/sqrt(s)"]
+    assert (gyro["method"], gyro["confidence"], gyro["goodness"]) == ("edf", 0.95, 0.5)
+    assert gyro["band"] == [fit.band[0], fit.band[1]]
+    assert document["warnings"] == list(log.warnings)
+    assert json.loads(json_text(document)) == document
+
+
+def test_noise_document_without_what_is_not_known():
+    fit = made_fit(goodness=math.nan, upper_limit=dict.fromkeys("QNBK", math.inf), warnings=("short record",))
+    channel = noise_document({"gyro_x": fit})["channels"]["gyro_x"]
+    assert channel["goodness"] is None
+    assert channel["N"]["upper_limit"] is None
+    assert channel["warnings"] == ["short record"]
+
+
+def test_from_a_recording_to_every_file(tmp_path):
+    """What the fit returns goes through everything that writes it."""
+    rate, n = 100.0, 30_000
+    gyro = np.stack([jaxcal.noise.Noise(N=1e-4, K=1e-4).simulate(n, rate, seed=i) for i in range(3)], axis=1)
+    accel = np.stack([jaxcal.noise.Noise(N=1e-3).simulate(n, rate, seed=i + 3) for i in range(3)], axis=1)
+    log = Log(None, gyro=gyro, accel=accel, rate=rate)
+    fits = jaxcal.noise.characterise(log)
+    assert all(isinstance(fit, NoiseFit) for fit in fits.values())
+    page = Page(written(fits, tmp_path / "a.html", log))
+    assert "K (rate random walk): found on every axis." in page.text
+    assert json.loads(json_text(noise_document(fits, log)))["channels"]["gyro_x"]["K"]["verdict"] == "present"
+    device = jaxcal.Calibration(noise=fits, provenance=log.provenance)
+    device.save(tmp_path / "a.json")
+    jaxcal.Calibration.load(tmp_path / "a.json").save(tmp_path / "b.json")
+    assert (tmp_path / "a.json").read_bytes() == (tmp_path / "b.json").read_bytes()
+    warnings = jaxcal.export.write(device, tmp_path / "imu.yaml", random_walk="upper_limit")
+    assert any(warning.startswith("K was not found on accel_x") for warning in warnings)

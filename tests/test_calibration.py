@@ -1,0 +1,229 @@
+"""`Calibration` against the golden file of its schema, and round trips of everything that it can hold."""
+
+import json
+import math
+import pathlib
+import runpy
+
+import numpy as np
+import pytest
+
+import jaxcal
+from jaxcal import Calibration, DataError, ExportError
+from jaxcal.noise import Noise
+
+made_fit = runpy.run_path(str(pathlib.Path(__file__).parent / "made_fit.py"))["made_fit"]
+GOLDEN = pathlib.Path(__file__).parent / "export" / "golden.json"
+
+
+@pytest.fixture
+def golden():
+    return json.loads(GOLDEN.read_text())
+
+
+def saved(calibration, path):
+    calibration.save(path)
+    return path.read_bytes()
+
+
+def loaded_from(document, path):
+    path.write_text(json.dumps(document))
+    return Calibration.load(path)
+
+
+def close(a, b):
+    if isinstance(a, dict):
+        return list(a) == list(b) and all(close(a[key], b[key]) for key in a)
+    if isinstance(a, list):
+        return len(a) == len(b) and all(close(x, y) for x, y in zip(a, b, strict=True))
+    if isinstance(a, float):
+        return math.isclose(a, b, rel_tol=1e-12, abs_tol=0.0)
+    return type(a) is type(b) and a == b
+
+
+def test_golden_file_comes_back_byte_for_byte(tmp_path):
+    assert saved(Calibration.load(GOLDEN), tmp_path / "a.json") == GOLDEN.read_bytes()
+
+
+def test_golden_file_from_arrays(golden, tmp_path):
+    def arrays(value):
+        if isinstance(value, dict):
+            return {key: arrays(item) for key, item in value.items()}
+        return np.array(value) if isinstance(value, list) else value
+
+    sections = {name: arrays(golden[name]) for name in ("noise", "imu", "magnetometer", "temperature")}
+    saved(Calibration(**sections, device=golden["device"]), tmp_path / "a.json")
+    assert close(golden, json.loads((tmp_path / "a.json").read_text()))
+
+
+def test_golden_values():
+    calibration = Calibration.load(GOLDEN)
+    np.testing.assert_array_equal(calibration.noise.gyro.N, [1.6e-4, 1.7e-4, 1.8e-4])
+    correction = np.array([[1, -0.001, 0.002], [0, 1, -0.0015], [0, 0, 1]]) @ np.diag([1.002, 0.998, 1.005])
+    np.testing.assert_allclose(np.linalg.inv(calibration.imu["accel"]["matrix"]), correction, rtol=0, atol=1e-12)
+    assert calibration.noise.mag is None
+    assert calibration.noise.rate == 200.0
+    assert calibration.magnetometer["field"] == 4.8e-5
+
+
+def test_fits_round_trip_without_loss(tmp_path):
+    fits = {"gyro_x": made_fit(1.0), "gyro_y": made_fit(2.0), "gyro_z": made_fit(math.pi), "accel_y": made_fit()}
+    first = saved(Calibration(noise=fits, device="unit 7"), tmp_path / "a.json")
+    again = Calibration.load(tmp_path / "a.json")
+    assert saved(again, tmp_path / "b.json") == first
+    gyro, accel = again.noise.gyro, again.noise.accel
+    np.testing.assert_array_equal(gyro.N, 1e-4 * np.array([1.0, 2.0, math.pi]))
+    assert gyro.R is None  # not among the terms
+    assert gyro.verdict["B"] == ("hint", "hint", "hint")
+    assert (gyro.method, gyro.confidence) == ("edf", 0.95)
+    assert gyro.covariance["parameters"] == ("Q^2", "N^2", "B^2", "K^2")
+    np.testing.assert_array_equal(gyro.covariance["values"][2], made_fit().covariance)
+    np.testing.assert_array_equal(gyro.high["N"], [fits[f"gyro_{axis}"].interval["N"][1] for axis in "xyz"])
+    np.testing.assert_array_equal(accel.N, [np.nan, 1e-4, np.nan])  # only y was measured
+    assert accel.verdict["K"] == (None, "not detected", None)
+    assert again.device == {"name": "unit 7"}
+
+
+def test_what_json_cannot_say_is_null_with_a_reason(tmp_path):
+    limits = {"Q": math.inf, "N": 1.0, "B": math.nan, "K": -math.inf}
+    first = saved(Calibration(noise={"gyro_x": made_fit(upper_limit=limits)}), tmp_path / "a.json")
+    noise = json.loads(first)["noise"]
+    assert noise["gyro"]["upper_limit"]["Q"] == [None, None, None]
+    assert noise["reason"]["gyro.upper_limit.Q[0]"] == "infinite"
+    assert noise["reason"]["gyro.upper_limit.Q[1]"] == "not known"
+    assert noise["reason"]["gyro.upper_limit.K[0]"] == "minus infinite"
+    again = Calibration.load(tmp_path / "a.json")
+    np.testing.assert_array_equal(again.noise.gyro.upper_limit["Q"], [np.inf, np.nan, np.nan])
+    np.testing.assert_array_equal(again.noise.gyro.upper_limit["K"], [-np.inf, np.nan, np.nan])
+    assert saved(again, tmp_path / "b.json") == first
+
+
+def test_processes_beside_the_coefficients_are_kept(tmp_path):
+    noise = Noise(N=1e-4, markov=((1e-3, 20.0),), sinusoid=((1e-4, 0.1), (2e-4, 0.2)))
+    first = saved(Calibration(noise={"gyro_z": made_fit(noise=noise)}), tmp_path / "a.json")
+    again = Calibration.load(tmp_path / "a.json")
+    assert again.noise.gyro.markov == ((), (), ((1e-3, 20.0),))
+    assert again.noise.gyro.sinusoid == ((), (), ((1e-4, 0.1), (2e-4, 0.2)))
+    assert saved(again, tmp_path / "b.json") == first
+
+
+def test_covariance_of_a_model_keeps_its_parameter_order(golden, tmp_path):
+    golden["magnetometer"]["covariance"] = {"parameters": ["a", "b"], "values": [[1e-9, 0.0], [0.0, 2e-9]]}
+    again = loaded_from(golden, tmp_path / "a.json")
+    assert again.magnetometer["covariance"]["parameters"] == ("a", "b")
+    saved(again, tmp_path / "b.json")
+    assert close(golden, json.loads((tmp_path / "b.json").read_text()))
+
+
+def test_provenance_carries_the_version(tmp_path):
+    given = {"file": pathlib.PurePosixPath("logs/static.csv"), "sha256": "0" * 64, "options": {"band": (0.1, np.float64(30.0))}}
+    calibration = Calibration(provenance=given)
+    assert calibration.provenance["version"] == jaxcal.__version__
+    first = saved(calibration, tmp_path / "a.json")
+    assert json.loads(first)["provenance"]["file"] == "logs/static.csv"
+    assert json.loads(first)["provenance"]["options"] == {"band": [0.1, 30.0]}
+    assert saved(Calibration.load(tmp_path / "a.json"), tmp_path / "b.json") == first
+
+
+def test_a_file_without_version_is_not_signed_by_this_one(golden, tmp_path):
+    golden["provenance"] = {"file": "a.csv"}
+    assert loaded_from(golden, tmp_path / "a.json").provenance == {"file": "a.csv", "version": None}
+
+
+def test_unknown_keys_are_ignored_and_missing_sections_are_none(golden, tmp_path):
+    golden["colour"] = "red"
+    golden["noise"]["gyro"]["colour"] = [1]
+    golden["schema"] = "jaxcal.calibration/1.3"
+    del golden["imu"]
+    again = loaded_from(golden, tmp_path / "a.json")
+    assert again.imu is None
+    assert "colour" not in saved(again, tmp_path / "b.json").decode()
+
+
+@pytest.mark.parametrize(
+    ("keys", "value", "message"),
+    [
+        (("schema",), "jaxcal.calibration/2", r"schema is 'jaxcal.calibration/2', but this version of jaxcal reads 'jaxcal.calibration/1'"),
+        (("schema",), "something", r"schema is 'something'; expected 'jaxcal.calibration/1'"),
+        (("schema",), 1, r"schema is 1; expected"),
+        (("noise", "gyro", "N"), None.__class__, r"noise\.gyro\.N is missing; noise\.gyro needs unit, Q, N, B, K, R"),
+        (("noise", "rate"), None.__class__, r"noise\.rate is missing"),
+        (("noise", "rate"), -1.0, r"noise\.rate is -1\.0; expected the sampling rate in Hz"),
+        (("noise", "rate"), "200", r"noise\.rate is '200'; expected a number"),
+        (("noise", "rate"), True, r"noise\.rate is True; expected a number"),
+        (("noise", "gyro", "unit"), "deg/s", r"noise\.gyro\.unit is 'deg/s'; expected 'rad/s', because jaxcal holds SI"),
+        (("noise", "gyro", "N"), [1.0, 2.0], r"noise\.gyro\.N is \[1\.0, 2\.0\]; expected 3 numbers"),
+        (("noise", "gyro", "N"), ["1", "2", "3"], r"noise\.gyro\.N is .*; expected 3 numbers"),
+        (("noise", "gyro"), [1], r"noise\.gyro is \[1\]; expected a dictionary with unit, Q"),
+        (("noise", "gyro", "verdict"), {"N": ["present", 1, None]}, r"noise\.gyro\.verdict\.N\[1\] is 1; expected text"),
+        (("noise", "gyro", "verdict"), {"N": "present"}, r"noise\.gyro\.verdict\.N is 'present'; expected a list"),
+        (("imu", "accel", "matrix"), [[1.0, 0.0, 0.0], [0.0, 1.0]], r"imu\.accel\.matrix is .*; expected 3 x 3 numbers"),
+        (("imu", "gyro", "g_sensitivity"), None.__class__, r"imu\.gyro\.g_sensitivity is missing"),
+        (("magnetometer", "hard_iron"), {}, r"magnetometer\.hard_iron is \{\}; expected 3 numbers"),
+        (("temperature", "accel"), [[1.0]], r"temperature\.accel is \[\[1\.0\]\]; expected 3 x any numbers"),
+        (("device",), "golden", None),
+        (("device",), 3, r"device is 3; expected a dictionary"),
+    ],
+)
+def test_damaged_files_are_refused_by_key(golden, tmp_path, keys, value, message):
+    *parents, last = keys
+    place = golden
+    for key in parents:
+        place = place[key]
+    if value is type(None):
+        del place[last]
+    else:
+        place[last] = value
+    if message is None:
+        assert loaded_from(golden, tmp_path / "a.json").device == {"name": "golden"}
+        return
+    with pytest.raises(DataError, match=r"a\.json: " + message):
+        loaded_from(golden, tmp_path / "a.json")
+
+
+def test_not_json_and_not_there(tmp_path):
+    (tmp_path / "a.json").write_text("{")
+    with pytest.raises(DataError, match=r"a\.json is not JSON .*expected a file written by Calibration\.save"):
+        Calibration.load(tmp_path / "a.json")
+    (tmp_path / "b.json").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(DataError, match=r"b\.json is not JSON"):
+        Calibration.load(tmp_path / "b.json")
+    (tmp_path / "c.json").write_text("[]")
+    with pytest.raises(DataError, match="schema is None"):
+        Calibration.load(tmp_path / "c.json")
+    with pytest.raises(DataError, match=r"cannot read .*d\.json: no such file or directory"):
+        Calibration.load(tmp_path / "d.json")
+
+
+def test_channels_that_do_not_belong_together():
+    with pytest.raises(DataError, match="noise holds a channel 'wx'; expected the channels of a log: gyro_x"):
+        Calibration(noise={"wx": made_fit()})
+    with pytest.raises(DataError, match=r"different rates \(\[100\.0, 200\.0\] Hz\)"):
+        Calibration(noise={"gyro_x": made_fit(), "accel_x": made_fit(rate=100.0)})
+    with pytest.raises(DataError, match="the axes of gyro were fitted with different terms"):
+        Calibration(noise={"gyro_x": made_fit(), "gyro_y": made_fit(confidence=0.9)})
+    with pytest.raises(DataError, match=r"noise\.rate is missing"):
+        Calibration(noise={})
+
+
+def test_provenance_that_json_cannot_say():
+    with pytest.raises(DataError, match=r"provenance\.options\.band\[1\] is inf; expected text, a finite number"):
+        Calibration(provenance={"options": {"band": [0.0, math.inf]}})
+
+
+def test_a_failed_save_leaves_the_old_file(tmp_path, monkeypatch):
+    path = tmp_path / "a.json"
+    before = saved(Calibration(device="old"), path)
+
+    def fail(*args):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", fail)
+    with pytest.raises(ExportError, match="no space left on device"):
+        Calibration(device="new").save(path)
+    assert path.read_bytes() == before
+
+
+def test_calibration_is_frozen():
+    with pytest.raises((AttributeError, TypeError)):
+        Calibration().device = {}

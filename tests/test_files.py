@@ -1,0 +1,138 @@
+import json
+import os
+import threading
+
+import pytest
+
+from jaxcal import ExportError
+from jaxcal._files import json_text, write_atomically
+
+
+def test_text_is_utf8_with_the_line_ends_given(tmp_path):
+    write_atomically(tmp_path / "a.txt", "sigma \u03c3\r\nend\n")
+    assert (tmp_path / "a.txt").read_bytes() == "sigma \u03c3\r\nend\n".encode()
+
+
+def test_bytes_and_plain_strings_as_path(tmp_path):
+    write_atomically(str(tmp_path / "a.bin"), b"\x00\xff")
+    assert (tmp_path / "a.bin").read_bytes() == b"\x00\xff"
+
+
+def test_relative_path_in_the_current_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_atomically("a.txt", "x")
+    assert os.listdir(tmp_path) == ["a.txt"]
+
+
+def test_replaces_and_keeps_permissions(tmp_path):
+    path = tmp_path / "a.txt"
+    path.write_text("old")
+    path.chmod(0o640)
+    write_atomically(path, "new")
+    assert path.read_text() == "new"
+    assert path.stat().st_mode & 0o777 == 0o640
+
+
+def test_new_file_has_the_permissions_of_any_new_file(tmp_path):
+    (tmp_path / "plain").write_text("")
+    write_atomically(tmp_path / "a.txt", "x")
+    assert (tmp_path / "a.txt").stat().st_mode == (tmp_path / "plain").stat().st_mode
+
+
+def test_link_stays_a_link(tmp_path):
+    (tmp_path / "real.txt").write_text("old")
+    (tmp_path / "link.txt").symlink_to("real.txt")
+    write_atomically(tmp_path / "link.txt", "new")
+    assert (tmp_path / "link.txt").is_symlink()
+    assert (tmp_path / "real.txt").read_text() == "new"
+
+
+@pytest.mark.parametrize("step", ["fsync", "replace"])
+def test_failure_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch, step):
+    path = tmp_path / "a.txt"
+    path.write_text("old")
+
+    def fail(*args):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(f"jaxcal._files.os.{step}", fail)
+    with pytest.raises(ExportError, match=r"cannot write .*a\.txt: no space left on device; make the folder .* writable, or give a path"):
+        write_atomically(path, "new")
+    assert path.read_text() == "old"
+    assert os.listdir(tmp_path) == ["a.txt"]
+
+
+def test_interruption_is_not_swallowed_and_leaves_nothing(tmp_path, monkeypatch):
+    def interrupt(*args):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("jaxcal._files.os.fsync", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        write_atomically(tmp_path / "a.txt", "new")
+    assert os.listdir(tmp_path) == []
+
+
+def test_folder_that_cannot_be_written(tmp_path, monkeypatch):
+    def refuse(*args):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("builtins.open", refuse)
+    with pytest.raises(ExportError, match=r"permission denied; make the folder .* writable"):
+        write_atomically(tmp_path / "a.txt", "x")
+
+
+def test_missing_folder(tmp_path):
+    with pytest.raises(ExportError, match=r"the folder .*nowhere does not exist; create it"):
+        write_atomically(tmp_path / "nowhere" / "a.txt", "x")
+
+
+def test_parent_is_a_file(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ExportError, match="is a file, not a folder"):
+        write_atomically(tmp_path / "file" / "a.txt", "x")
+
+
+def test_path_is_a_folder(tmp_path):
+    with pytest.raises(ExportError, match="it is a folder; give the path of a file"):
+        write_atomically(tmp_path, "x")
+
+
+def test_name_as_long_as_names_can_be(tmp_path):
+    path = tmp_path / ("a" * 255)
+    write_atomically(path, "x")
+    assert path.read_text() == "x"
+
+
+def test_pipe_is_written_to_and_not_replaced(tmp_path):
+    path = tmp_path / "pipe"
+    os.mkfifo(path)
+    received = []
+    reader = threading.Thread(target=lambda: received.append(path.read_bytes()))
+    reader.start()
+    write_atomically(path, "x")
+    reader.join(timeout=10)
+    assert received == [b"x"]
+    assert path.is_fifo()
+
+
+def test_json_is_exact_and_keeps_order():
+    document = {"b": [0.1 + 0.2, 1e-300, -0.0, 3], "a": {"text": "\u03c3 \"quoted\"", "none": None, "flag": True, "empty": {}, "no": []}}
+    text = json_text(document)
+    assert json.loads(text) == document
+    assert list(json.loads(text)) == ["b", "a"]
+    assert "0.30000000000000004" in text
+    assert text.endswith("}\n")
+
+
+def test_json_breaks_long_lists_of_words_and_never_numbers():
+    text = json_text({"words": ["a" * 60, "b" * 60], "short": ["a", "b"], "numbers": [[0.1] * 60] * 2, "things": [{"a": 1}]})
+    lines = text.splitlines()
+    assert '    "' + "a" * 60 + '",' in lines
+    assert '  "short": ["a", "b"],' in lines
+    assert any(line.startswith('  "numbers": [[0.1, ') and line.endswith("]],") for line in lines)
+    assert '      "a": 1' in lines
+
+
+def test_json_refuses_what_json_cannot_say():
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        json_text({"a": float("nan")})
