@@ -11,7 +11,7 @@ import optimistix as optx
 
 from .._types import Array
 from ._loss import AbstractLoss
-from ._normal import BoundedLevenbergMarquardt, Normal, normal_equations
+from ._normal import BoundedLevenbergMarquardt, Normal, held_at, normal_equations
 from ._outcome import Outcome
 from ._problem import Problem, check, check_residuals, define
 from ._rank import decompose
@@ -135,13 +135,16 @@ def _best(problem: Problem) -> tuple[Array, Array]:
     return x[best], steps[best]
 
 
+def _slope(problem: Problem, x: Array) -> Array:
+    return jax.grad(lambda y: 0.5 * jnp.sum(_transformed(problem, y) ** 2))(x)
+
+
 def _attach(problem: Problem, x: Array, held: Array) -> Array:
     """The solution `x` as a differentiable function of the problem: a root of the gradient, or a point on a bound."""
-    bound = jnp.where(x <= problem.lower, problem.lower, problem.upper)
+    bound = jnp.where(held, jnp.where(x <= problem.lower, problem.lower, problem.upper), 0)
 
-    def slope(y: Array) -> Array:
-        gradient = jax.grad(lambda z: 0.5 * jnp.sum(_transformed(problem, z) ** 2))(y)
-        return jnp.where(held, y - jnp.where(held, bound, 0), gradient)
+    def stationary(y: Array) -> Array:
+        return jnp.where(held, y - bound, _slope(problem, y))
 
     def solve_tangent(linear: Callable[[Array], Array], y: Array) -> Array:
         hessian = jax.jacobian(linear)(jnp.zeros_like(y))
@@ -149,7 +152,7 @@ def _attach(problem: Problem, x: Array, held: Array) -> Array:
         size = jnp.where(size > 0, size, 1)
         return jnp.linalg.solve(hessian / size[:, None] / size[None, :], y / size) / size
 
-    return jax.lax.custom_root(slope, x, lambda _, found: found, solve_tangent)
+    return jax.lax.custom_root(stationary, x, lambda _, found: found, solve_tangent)
 
 
 def _judge(problem: Problem, normal: Normal, x: Array, rank: Array, finite: Array, steps: Array) -> Outcome:
@@ -166,17 +169,18 @@ def _judge(problem: Problem, normal: Normal, x: Array, rank: Array, finite: Arra
 @eqx.filter_jit
 def run(problem: Problem) -> tuple[Fit, Array]:
     """Solve, attach the derivative, and describe the solution; the second result is the residuals at the start."""
-    fixed = jax.lax.stop_gradient(problem)
+    fixed = jax.tree.map(lambda leaf: jax.lax.stop_gradient(leaf) if eqx.is_array(leaf) else leaf, problem)
     x, steps = _best(fixed)
-    r, jacobian = _linearise(fixed.residual, x)
-    root = jnp.sqrt(_weights(fixed, r))
-    normal = normal_equations(root[:, None] * jacobian, root * r, x, fixed.lower, fixed.upper)
-    rank = jnp.sum(decompose(root[:, None] * jacobian, normal.held)[0] > 0)
-    finite = jnp.all(jnp.isfinite(r)) & jnp.all(jnp.isfinite(jacobian))
-    outcome = _judge(fixed, normal, x, rank, finite, steps)
-
-    x = _attach(problem, x, normal.held)
+    x = _attach(problem, x, held_at(x, _slope(fixed, x), problem.lower, problem.upper))
     r, jacobian = _linearise(problem.residual, x)
+
+    still = jax.lax.stop_gradient
+    root = still(jnp.sqrt(_weights(fixed, r)))
+    weighted = root[:, None] * still(jacobian)
+    normal = normal_equations(weighted, root * still(r), still(x), fixed.lower, fixed.upper)
+    rank = jnp.sum(decompose(weighted, normal.held)[0] > 0)
+    outcome = _judge(fixed, normal, still(x), rank, jnp.all(jnp.isfinite(r)) & jnp.all(jnp.isfinite(jacobian)), steps)
+
     influence = lambda r: _weights(problem, r) * r  # noqa: E731
     fit = Fit(
         model=problem.model(x),

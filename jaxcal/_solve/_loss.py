@@ -32,9 +32,9 @@ class AbstractLoss(eqx.Module):
         return residual * jnp.sqrt(self.ratio(self._squared(residual)))
 
     def weight(self, residual: Array) -> Array:
-        """d rho / d z: the weight between one and zero that the residual has in the gradient."""
+        """Slope d rho / d z: the weight between one and zero that the residual has in the gradient."""
         z = self._squared(residual)
-        return jax.jvp(lambda x: x * self.ratio(x), (z,), (jnp.ones_like(z),))[1]
+        return jnp.clip(jax.jvp(lambda x: x * self.ratio(x), (z,), (jnp.ones_like(z),))[1], 0, 1)
 
 
 class Huber(AbstractLoss):

@@ -7,6 +7,7 @@ import numpy as np
 
 from .._errors import FitError
 from .._types import AnyArray, Array, Bool, Float
+from ._positive import solve_positive
 
 _MOST_UNKNOWNS = 8
 
@@ -33,13 +34,13 @@ def _subsets(p: int) -> np.ndarray:
 
 
 def _solve_active(gram: Array, moment: Array, active: Array) -> tuple[Array, Array]:
-    """Unconstrained solution on one active set, and the squared pivots of its normal equations."""
+    """Unconstrained solution on one active set, and the pivots of its normal equations."""
     # Rows and columns outside of the set become those of the identity, so every set has the same shape.
     matrix = jnp.where(active[:, None] & active[None, :], gram, jnp.eye(gram.shape[0], dtype=gram.dtype))
-    factor = jnp.linalg.cholesky(matrix)
-    return jax.scipy.linalg.cho_solve((factor, True), jnp.where(active, moment, 0)), jnp.diagonal(factor) ** 2
+    return solve_positive(matrix, jnp.where(active, moment, 0))
 
 
+@jax.jit
 def nonnegative(gram: Float[AnyArray, "p p"], moment: Float[AnyArray, " p"]) -> Nonnegative:
     """Minimise t' G t - 2 b' t over t >= 0, for at most eight unknowns.
 
@@ -87,7 +88,6 @@ def nonnegative(gram: Float[AnyArray, "p p"], moment: Float[AnyArray, " p"]) -> 
 
     def cost_of(active: Array) -> Array:
         t, pivots = _solve_active(scaled, target, active)
-        # A pivot is the part of a unit column that the columns before it do not explain.
         regular = jnp.all(pivots > 10 * p * jnp.finfo(pivots.dtype).eps)
         return jnp.where(regular & jnp.all(t >= 0), t @ scaled @ t - 2 * (target @ t), jnp.inf)
 

@@ -9,15 +9,16 @@ import jax.numpy as jnp
 import optimistix as optx
 
 from .._types import Array
+from ._positive import solve_positive
 
 #: Damping of the first step relative to the unit diagonal: nearly a Gauss-Newton step, and never a singular matrix.
-_FIRST_DAMPING = 1e-3
+_FIRST_DAMPING = 1e-2
 
 
 class Normal(eqx.Module):
     """Normal equations of the residuals linearised at `y`, columns scaled to unit length.
 
-    A parameter is `held` where it lies on a bound and the cost falls only beyond it.
+    Parameters that a bound holds (`held_at`) do not move.
     """
 
     gram: Array
@@ -27,15 +28,13 @@ class Normal(eqx.Module):
     total: Array
 
     def step(self, damping: Array | float = 0.0) -> Array:
-        """Gauss-Newton step of the scaled parameters, damped (Marquardt)."""
+        """Gauss-Newton step of the scaled parameters, damped (one value, or one per parameter)."""
         p, dtype = self.gradient.size, self.gram.dtype
         free = ~self.held
-        identity = jnp.eye(p, dtype=dtype)
-        matrix = jnp.where(free[:, None] & free[None, :], self.gram, identity)
-        # The floor keeps the Cholesky factor real where columns are dependent or zero.
-        matrix = matrix + jnp.maximum(jnp.asarray(damping, dtype=dtype), 10 * p * jnp.finfo(dtype).eps) * identity
-        factor = jnp.linalg.cholesky(matrix)
-        return jax.scipy.linalg.cho_solve((factor, True), jnp.where(free, -self.gradient, 0))
+        matrix = jnp.where(free[:, None] & free[None, :], self.gram, jnp.eye(p, dtype=dtype))
+        # The floor keeps the pivots positive where columns are dependent or zero.
+        matrix = matrix + jnp.diag(jnp.broadcast_to(jnp.maximum(damping, 10 * p * jnp.finfo(dtype).eps), p).astype(dtype))
+        return solve_positive(matrix, jnp.where(free, -self.gradient, 0))[0]
 
     def offset(self) -> Array:
         """Squared length of the residuals' projection on the tangent space, relative to theirs.
@@ -46,13 +45,18 @@ class Normal(eqx.Module):
         return -(self.gradient @ self.step()) / jnp.where(self.total > 0, self.total, 1)
 
 
+def held_at(y: Array, gradient: Array, lower: Array, upper: Array) -> Array:
+    """Where a parameter lies on a bound and the cost falls only beyond it."""
+    return ((y <= lower) & (gradient >= 0)) | ((y >= upper) & (gradient <= 0))
+
+
 def normal_equations(jacobian: Array, residual: Array, y: Array, lower: Array, upper: Array) -> Normal:
     """Scale and form J'J and J'r; full precision, because accelerators would round the products to ten bits."""
     column = jnp.linalg.norm(jacobian, axis=0)
     scaled = jacobian / jnp.where(column > 0, column, 1)[None, :]
     product = lambda a, b: jnp.matmul(a, b, precision=jax.lax.Precision.HIGHEST)  # noqa: E731
     gradient = product(scaled.T, residual)
-    held = ((y <= lower) & (gradient >= 0)) | ((y >= upper) & (gradient <= 0))
+    held = held_at(y, gradient, lower, upper)
     return Normal(product(scaled.T, scaled), gradient, jnp.where(column > 0, column, 1), held, residual @ residual)
 
 
@@ -60,6 +64,7 @@ class _State(eqx.Module):
     y: Array
     normal: Normal
     offset: Array
+    longest: Array
 
 
 class _ProjectedDescent(optx.AbstractDescent):
@@ -74,15 +79,16 @@ class _ProjectedDescent(optx.AbstractDescent):
     def init(self, y: Array, f_info_struct: Any) -> _State:
         zero = jnp.zeros((), dtype=y.dtype)
         normal = Normal(jnp.zeros((y.size, y.size), dtype=y.dtype), y, y, jnp.zeros(y.shape, dtype=bool), zero)
-        return _State(y, normal, zero)
+        return _State(y, normal, zero, jnp.zeros_like(y))
 
     def query(self, y: Array, f_info: Any, state: _State) -> _State:
         normal = normal_equations(f_info.jac.as_matrix(), f_info.residual, y, self.lower, self.upper)
-        return _State(y, normal, normal.offset())
+        return _State(y, normal, normal.offset(), jnp.maximum(state.longest, normal.column))
 
     def step(self, step_size: Array, state: _State) -> tuple[Array, optx.RESULTS]:
         y, normal = state.y, state.normal
-        damping = _FIRST_DAMPING / jnp.asarray(step_size, dtype=y.dtype)
+        # A parameter is damped by its longest column so far (More, 1978), lest it run off where it has no effect.
+        damping = _FIRST_DAMPING / jnp.asarray(step_size, dtype=y.dtype) * (state.longest / normal.column) ** 2
         return jnp.clip(y + normal.step(damping) / normal.column, self.lower, self.upper) - y, optx.RESULTS.successful
 
 
@@ -105,7 +111,7 @@ class BoundedLevenbergMarquardt(optx.AbstractGaussNewton):
         self.atol = 0.0
         self.norm = optx.max_norm
         self.descent = _ProjectedDescent(lower, upper)
-        self.search = optx.ClassicalTrustRegion()
+        self.search = optx.ClassicalTrustRegion(high_cutoff=0.75)
         self.verbose = lambda **_: None
 
     def terminate(self, fn, y, args, options, state, tags):

@@ -8,6 +8,7 @@ import jax
 import jax.flatten_util
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
 from .._errors import FitError
 from .._types import Array
@@ -47,7 +48,7 @@ def names_of(model: Any) -> list[str]:
 
 def spread(spec: Any, model: Any, what: str) -> np.ndarray | Array:
     """One value per entry from a number, or from a tree that is `model` or a prefix of it."""
-    xp = jnp if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(spec)) else np
+    xp = jnp if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(spec)) else np
 
     def fill(value: Any, part: Any) -> list:
         return [xp.ravel(xp.broadcast_to(value, leaf.shape)) for leaf in jax.tree.leaves(part)]
@@ -55,7 +56,7 @@ def spread(spec: Any, model: Any, what: str) -> np.ndarray | Array:
     try:
         parts = jax.tree.leaves(jax.tree.map(fill, spec, eqx.filter(model, eqx.is_inexact_array)))
     except ValueError as error:
-        raise FitError(f"{what} does not fit the model ({error}); give a number, or a tree of numbers like the start.") from error
+        raise FitError(f"{what} is not shaped like the start; give one value, or a tree of values like the start.") from error
     return xp.concatenate(parts)
 
 

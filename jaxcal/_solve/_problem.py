@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
@@ -75,7 +76,7 @@ def define(residuals, start, data, *, free, bounds, scale, loss, solver, starts,
         lower=chosen(low, "The lower bound"),
         upper=chosen(high, "The upper bound"),
         scale=None if scale is None else chosen(scale, "`scale`"),
-        starts=None if starts is None else eqx.filter_vmap(lambda s: vector_of(s)[0][index])(to_floats(starts, dtype)),
+        starts=None if starts is None else _rows(to_floats(starts, dtype))[:, index],
         loss=loss,
         residuals=residuals,
         solver=solver,
@@ -86,11 +87,17 @@ def define(residuals, start, data, *, free, bounds, scale, loss, solver, starts,
     )
 
 
+def _rows(starts: Any) -> Array:
+    """Several starts as one vector each."""
+    return jnp.concatenate([leaf.reshape(len(leaf), -1) for leaf in jax.tree.leaves(eqx.filter(starts, eqx.is_inexact_array))], axis=1)
+
+
 def check(problem: Problem) -> None:
     """Refuse a start that cannot work, with the parameter's name (host only)."""
     if is_traced(problem):
         return
-    values = np.atleast_2d(np.asarray(problem.values() if problem.starts is None else problem.starts))
+    one = [np.ravel(leaf) for leaf in jax.tree.leaves(eqx.filter(problem.start, eqx.is_inexact_array))]
+    values = np.concatenate(one)[None, list(problem.free)] if problem.starts is None else np.asarray(problem.starts)
     lower, upper = np.asarray(problem.lower), np.asarray(problem.upper)
     for i, name in enumerate(problem.names):
         if not np.isfinite(values[:, i]).all():

@@ -1,5 +1,7 @@
 """Profile-likelihood intervals: the parameter values that the data do not rule out."""
 
+import math
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -54,7 +56,7 @@ def profile_interval(fit: Fit, name: str, *, confidence: float = 0.95, scaled: b
     --------
     >>> import jax.numpy as jnp
     >>> from jaxcal._solve import profile_interval, solve
-    >>> fit = solve(lambda mean, y: (mean - y) / 2, {"mean": 0.0}, jnp.array([1.0, 5.0, 3.0, 3.0]))
+    >>> fit = solve(lambda model, y: (model["mean"] - y) / 2, {"mean": 0.0}, jnp.array([1.0, 5.0, 3.0, 3.0]))
     >>> interval = profile_interval(fit, "mean")
     >>> round(interval.low, 3), round(interval.high, 3)
     (1.04, 4.96)
@@ -70,33 +72,38 @@ def profile_interval(fit: Fit, name: str, *, confidence: float = 0.95, scaled: b
         rise = float(fit.variance * fit.mean_curvature) * scipy.stats.f.ppf(confidence, 1, int(fit.degrees_of_freedom))
     else:
         rise = scipy.stats.chi2.ppf(confidence, 1)
-    # The first guess is the ellipse of the covariance; a parameter at its bound has one once the bound is lifted.
+    # A parameter at its bound has a standard error once the bound is lifted; it is only the length of the first step.
     lifted = eqx.tree_at(lambda f: f.at_bound, fit, jnp.asarray(fit.at_bound).at[j].set(False))
-    matrix = np.asarray(covariance(lifted))
-    step, line = np.sqrt(rise * matrix[j, j]), matrix[:, j] / matrix[j, j]
+    step = math.sqrt(rise * float(covariance(lifted)[j, j]))
+    near = jnp.asarray(best)
+
+    def refit(value: float) -> Fit:
+        nonlocal near
+        held = (problem.model(near.at[j].set(value)), problem.lower.at[j].set(value), problem.upper.at[j].set(value))
+        found = run(eqx.tree_at(lambda p: (p.start, p.lower, p.upper), problem, held))[0]
+        near = jnp.where(found.usable, found.parameters, near)
+        return found
 
     def excess(value: float) -> float:
         """Root of the rise at `value`, in units of the allowed one, less one: nearly linear in the value."""
-        x = jnp.clip(jnp.asarray(best + line * (value - best[j])), problem.lower, problem.upper).at[j].set(value)
-        held = (problem.model(x), problem.lower.at[j].set(value), problem.upper.at[j].set(value))
-        refit = run(eqx.tree_at(lambda p: (p.start, p.lower, p.upper), problem, held))[0]
-        if not bool(refit.usable):
-            raise FitError(f"The profile of {name} stopped at {value:g}. {refit.message}")
-        gain = 2 * float(refit.cost) - least
-        if gain < -1e-3 * rise:
+        gain = 2 * float(refit(value).cost) - least
+        if not gain > -1e-3 * rise:
             raise FitError(f"A better fit than the given one turned up at {name} = {value:g}; start there, or use several starts.")
-        return np.sqrt(max(gain, 0.0) / rise) - 1
+        return math.sqrt(max(gain, 0.0) / rise) - 1
 
     def end(side: int, bound: float) -> float:
-        inner = float(best[j])
+        nonlocal near
+        near, inner = jnp.asarray(best), float(best[j])
         for doubling in range(_DOUBLINGS):
+            if inner == bound:
+                return bound
             outer = best[j] + side * step * 2.0**doubling
             outer = bound if side * outer >= side * bound else outer
-            if inner == bound or (excess(outer) < 0 and outer == bound):
-                return bound
             if excess(outer) >= 0:
-                return scipy.optimize.brentq(excess, inner, outer, xtol=1e-6 * step)
+                root = float(scipy.optimize.brentq(excess, inner, outer, xtol=1e-6 * step))  # type: ignore[arg-type]
+                refit(root).checked()
+                return root
             inner = outer
-        return side * np.inf
+        return side * math.inf
 
     return Interval(end(-1, float(problem.lower[j])), end(1, float(problem.upper[j])), confidence)

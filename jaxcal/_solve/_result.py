@@ -100,7 +100,7 @@ class Fit(eqx.Module):
         return Outcome[self.outcome] + (f" At its bound: {', '.join(held)}." if held else "")
 
     def checked(self) -> "Fit":
-        """This fit, or a `FitError` with the outcome's sentence where it did not converge (host only, one fit)."""
+        """Return this fit, or raise a `FitError` with the outcome's sentence where it did not converge (host only, one fit)."""
         if not bool(self.usable):
             raise FitError(self.message)
         return self

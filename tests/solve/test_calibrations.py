@@ -1,0 +1,114 @@
+"""Each kind of calibration: solves, is differentiable through the solution, and runs under vmap and lax.map."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import scipy.optimize
+
+from jaxcal._solve import Huber, Outcome, covariance, nonnegative, solve, solve_many, standard_errors
+
+from . import problems as p
+
+
+def check_derivative(fitted, y, step, rtol=1e-4):
+    """Compare the derivative of a fitted quantity along a fixed direction with finite differences."""
+    direction = np.random.default_rng(5).normal(size=y.shape)
+    slope = np.vdot(jax.grad(fitted)(jnp.asarray(y)), direction)
+    np.testing.assert_allclose(slope, (fitted(y + step * direction) - fitted(y - step * direction)) / (2 * step), rtol=rtol)
+
+
+@pytest.mark.parametrize("truth", [(1e-4, 1e-2, 1e-3, 1e-5), (1e-4, 1e-2, 0.0, 1e-5), (0.0, 1e-2, 0.0, 0.0)])
+def test_noise(truth):
+    data = p.noise_data(truth)
+    fit = solve(p.noise, p.Coefficients(1.0, 1.0, 1.0, 1.0), data, bounds=(0.0, np.inf)).checked()
+    design = np.asarray(p.allan_columns(data["tau"])) / data["sigma"][:, None]
+    exact = nonnegative(design.T @ design, design.T @ (data["avar"] / data["sigma"]))
+    np.testing.assert_allclose(fit.parameters, exact.value, rtol=1e-7, atol=1e-18)
+    np.testing.assert_array_equal(fit.parameters == 0, ~exact.active)
+    np.testing.assert_array_equal(fit.at_bound, ~exact.active)
+    assert (fit.outcome == Outcome.at_bound) == (not exact.active.all())
+    assert fit.steps < 15
+
+    def white(avar):
+        return solve(p.noise, p.Coefficients(1.0, 1.0, 1.0, 1.0), {**data, "avar": avar}, bounds=(0.0, np.inf)).model.N2
+
+    check_derivative(white, data["avar"], 1e-7 * data["avar"].min())
+
+
+def test_noise_starting_on_the_bound():
+    data = p.noise_data((1e-4, 1e-2, 1e-3, 1e-5))
+    inside, edge = (solve(p.noise, p.Coefficients(*[x] * 4), data, bounds=(0.0, np.inf)) for x in (1.0, 0.0))
+    np.testing.assert_allclose(edge.parameters, inside.parameters, rtol=1e-6)
+
+
+def test_magnetometer():
+    data = p.magnetometer_data(count=200)
+    fits = solve_many(p.magnetometer, p.IRON_START, data, batched=(False, True))
+    assert fits.usable.all()
+    assert fits.steps.max() <= 8
+    expected = np.concatenate([p.IRON.upper, p.IRON.hard])
+    error = np.asarray(fits.parameters) - expected
+    matrix = np.asarray(jax.vmap(covariance)(fits))
+    ratio = error / np.sqrt(np.diagonal(matrix, axis1=1, axis2=2))
+    assert abs(ratio.mean(axis=0)).max() < 4 / np.sqrt(200)
+    np.testing.assert_allclose(ratio.std(axis=0), 1, atol=0.2)  # four standard deviations of a sample of 200
+    distance = np.einsum("ki,kij,kj->k", error, np.linalg.inv(matrix), error)
+    assert abs(distance.mean() - 9) < 4 * np.sqrt(18 / 200)
+    assert abs(fits.goodness.mean() - 0.5) < 4 / np.sqrt(12 * 200)
+
+    together = solve_many(p.magnetometer, p.IRON_START, jax.tree.map(lambda a: a[:20], data), batched=(False, True), batch="vmap")
+    np.testing.assert_allclose(together.parameters, fits.parameters[:20], atol=1e-8)
+
+    one = jax.tree.map(lambda a: a[0], data)
+    fit = solve(p.magnetometer, p.IRON_START, one).checked()
+    np.testing.assert_allclose(fit.parameters, fits.parameters[0], atol=1e-8)
+    assert fit.names == (*(f"upper[{i}]" for i in range(6)), "hard[0]", "hard[1]", "hard[2]")
+    check_derivative(lambda m: solve(p.magnetometer, p.IRON_START, {**one, "m": m}).model.hard[0], one["m"], 1e-5)
+
+
+def test_multi_position():
+    data, position = p.attitude_data()
+    fit = solve(p.static_attitudes, p.ACCELEROMETER_START, data, free=p.UPPER).checked()
+    assert fit.names == (*(f"matrix[{ij}]" for ij in ("0,0", "0,1", "0,2", "1,1", "1,2", "2,2")), "bias[0]", "bias[1]", "bias[2]")
+    assert (np.asarray(fit.model.matrix)[np.tril_indices(3, -1)] == 0).all()
+    clustered = standard_errors(fit, clusters=position)
+    upper = p.ACCELEROMETER.matrix[np.triu_indices(3)]
+    assert (abs(fit.parameters - np.concatenate([upper, p.ACCELEROMETER.bias])) < 6 * clustered).all()
+    check_derivative(
+        lambda y: solve(p.static_attitudes, p.ACCELEROMETER_START, {**data, "y": y}, free=p.UPPER).model.bias[1], data["y"], 1e-5
+    )
+    batch = jax.tree.map(lambda *a: np.stack(a), *[p.attitude_data(seed)[0] for seed in range(4)])
+    models = jax.vmap(lambda d: solve(p.static_attitudes, p.ACCELEROMETER_START, d, free=p.UPPER).model)(jax.tree.map(jnp.asarray, batch))
+    np.testing.assert_allclose(models.bias[0], fit.model.bias, atol=1e-9)
+    assert models.matrix.shape == (4, 3, 3)
+
+
+def test_temperature_with_outliers():
+    data = p.thermal_data()
+    start = {"c": np.zeros(4)}
+    fit = solve(p.thermal, start, data, loss=Huber(1.0)).checked()
+    expected = scipy.optimize.least_squares(
+        lambda c: np.asarray(p.thermal({"c": jnp.asarray(c)}, jax.tree.map(jnp.asarray, data))), np.zeros(4), loss="huber",
+        xtol=1e-14, ftol=1e-14, gtol=1e-14,
+    )  # fmt: skip
+    np.testing.assert_allclose(fit.model["c"], expected.x, rtol=1e-5)
+    np.testing.assert_allclose(fit.cost, expected.cost, rtol=1e-10)
+    check_derivative(lambda y: solve(p.thermal, start, {**data, "y": y}, loss=Huber(1.0)).model["c"][1], data["y"], 1e-7)
+
+
+@pytest.mark.parametrize("azimuth", [0.4, -2.9])
+def test_alignment_over_its_branches(azimuth):
+    data = p.north_data(azimuth)
+    start = {"rate": 1.0, "azimuth": 0.0, "bias": 0.0}
+    starts = {"rate": np.ones(4), "azimuth": np.arange(4) * np.pi / 2, "bias": np.zeros(4)}
+    bounds = ({"rate": 0.0, "azimuth": -np.inf, "bias": -np.inf}, np.inf)
+    fit = solve(p.north, start, data, starts=starts, bounds=bounds).checked()
+    turn = (fit.model["azimuth"] - azimuth + np.pi) % (2 * np.pi) - np.pi
+    assert abs(turn) < 4 * standard_errors(fit)[fit.names.index("azimuth")]
+    # rate cos(angle + azimuth) is linear in its cosine and sine amplitude: the same angle in closed form
+    design = np.stack([np.cos(data["angle"]), -np.sin(data["angle"]), np.ones(8)], axis=1)
+    cosine, sine, _ = np.linalg.lstsq(design, data["y"], rcond=None)[0]
+    np.testing.assert_allclose(np.exp(1j * float(fit.model["azimuth"])), np.exp(1j * np.arctan2(sine, cosine)), atol=1e-7)
+    if azimuth == 0.4:
+        check_derivative(lambda y: solve(p.north, start, {**data, "y": y}, starts=starts, bounds=bounds).model["azimuth"], data["y"], 1e-4)
