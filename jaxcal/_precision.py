@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 import jax
+import jax.core
 import jax.numpy as jnp
 import numpy as np
 
@@ -64,7 +65,7 @@ def host_float64(function: F) -> F:
     @functools.wraps(function)
     def driver(*args: Any, **kwargs: Any) -> Any:
         if is_traced(args, kwargs):
-            if not jax.config.jax_enable_x64:
+            if not jax.config.read("jax_enable_x64"):
                 warnings.warn(
                     f"{function.__module__}.{function.__name__} is traced in float32, in which integrated data lose "
                     "their small differences. Put these two lines at the top of the program:\n"

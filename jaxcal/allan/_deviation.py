@@ -1,5 +1,6 @@
 """`deviation`: the host driver of the time-domain statistics."""
 
+import functools
 import itertools
 import os
 from concurrent.futures import ThreadPoolExecutor
@@ -187,7 +188,8 @@ def _traced(columns, sizes, statistic: Kind, rate: float, data: str, samples: in
     total, count = jax.lax.map(channel, (parts.T, missing.T))
     marks = missing if data == "phase" and rule == "points" else gone.astype(jnp.int32) if data == "phase" else missing
     if alpha is None:
-        noise = identify(jax.lax.stop_gradient(theta), marks, sizes, statistic, samples, data, jnp)
+        each = functools.partial(identify, m=sizes, kind=statistic, samples=samples, data=data, xp=jnp)
+        noise = jax.vmap(each, in_axes=1, out_axes=1)(jax.lax.stop_gradient(theta), marks)
     else:
         noise = jnp.full(total.T.shape, float(alpha), dtype=columns.dtype)
     return total.T, count.T.astype(columns.dtype), noise
@@ -244,7 +246,7 @@ def _measured(columns, sizes, statistic: Kind, rate: float, data: str, samples: 
             found = list(pool.map(part, spans)) if split > 1 else [part(span) for span in spans]
             total, count = (sum(values) for values in zip(*found, strict=True))
             if alpha is None:
-                return total, count, identify(theta, marks, ascending, statistic, samples, data)[:, 0]
+                return total, count, identify(theta, marks, ascending, statistic, samples, data)
             return total, count, np.full(len(ascending), float(alpha))
 
     with ThreadPoolExecutor(workers) as pool:
@@ -263,9 +265,10 @@ def _prepare(column, statistic: Kind, rate: float, data: str, samples: int):
     rule, less = "none", 0
     if gaps:
         marks, rule, less = _gap_rule(gone[:, None], statistic, data, np)
-        missing = jnp.asarray(np.pad(marks[:, 0], (0, length - len(marks))))
+        marks = marks[:, 0]
+        missing = jnp.asarray(np.pad(marks, (0, length - len(marks))))
         if data == "phase":
-            marks = gone[:, None].astype(np.int32)
+            marks = gone.astype(np.int32)
     clean = np.where(gone, 0.0, column) if gaps else column
     buffer = _aligned(length)  # what lies beyond the record stays arbitrary
     held = buffer[: samples + 1]
@@ -281,4 +284,4 @@ def _prepare(column, statistic: Kind, rate: float, data: str, samples: int):
         held *= rate
     theta = jax.device_put(buffer, may_alias=True)
     parts = running_sum_of_phase(theta) if statistic.modified else (theta,)
-    return parts, held[:, None], marks, missing, rule, jnp.asarray(less)
+    return parts, held, marks, missing, rule, jnp.asarray(less)

@@ -1,5 +1,7 @@
 """Method "edf": one Allan deviation curve in, one `NoiseFit` out."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -22,8 +24,6 @@ CLUSTERS = 25
 #: cannot be negative
 _HINT, _PRESENT = 2.71, 5.41
 
-_fit_band = jax.jit(fit_band)
-
 
 def fit_curve(curve: Deviation, samples: int, terms: tuple[str, ...], inside, automatic: bool, confidence: float) -> NoiseFit:
     """Fit one channel's overlapped Allan deviation.
@@ -38,13 +38,11 @@ def fit_curve(curve: Deviation, samples: int, terms: tuple[str, ...], inside, au
     confidence : level of the intervals.
     """
     traced = is_traced(curve.deviation)
-    problem, unit = _problem(curve, samples, terms, inside)
-    levels = scipy.stats.chi2.ppf(confidence, 1), scipy.stats.norm.ppf(confidence) ** 2
-    short = jnp.asarray([term == "Q" for term in terms])
-    found = _fit_band(problem, short, jnp.asarray(automatic), *(jnp.asarray(level, dtype=problem.v.dtype) for level in levels))
     xp = jnp if traced else np
+    levels = np.array([scipy.stats.chi2.ppf(confidence, 1), scipy.stats.norm.ppf(confidence) ** 2])
+    found, unit = _fitted(*_padded(curve, samples, terms, inside, xp), 1.0 / curve.rate, automatic, levels, terms)
     if not traced:
-        found, unit = jax.tree.map(np.asarray, found), np.asarray(unit)
+        found, unit = jax.tree.map(np.asarray, (found, unit))
         if not np.all(np.isfinite(found.theta)):
             raise FitError("the fit gave no finite coefficients; fit fewer terms (terms=) or other cluster times (band=)")
     theta, spread = found.theta * unit, found.covariance * unit**2
@@ -88,27 +86,38 @@ def fit_curve(curve: Deviation, samples: int, terms: tuple[str, ...], inside, au
     )
 
 
-def _problem(curve: Deviation, samples: int, terms: tuple[str, ...], inside):
-    """The curve as arrays of `CLUSTERS` entries, so that every record shares one compilation, and the unit of its variance."""
-    variance = jnp.asarray(curve.deviation) ** 2
-    dtype = variance.dtype
-    unit = jnp.max(variance)  # squares of small coefficients would leave the range of float32
+def _padded(curve: Deviation, samples: int, terms: tuple[str, ...], inside, xp):
+    """Arrays of `CLUSTERS` entries, so that records of every length share one compilation."""
     pad = CLUSTERS - len(curve.m)
-    dt = 1.0 / curve.rate
-    tau = jnp.asarray(curve.tau, dtype=dtype)
-    # the tail comes last: an adjustment of the curve, which adds nothing to its scatter
-    columns = jnp.stack([*(allan_column(term, tau, dt) for term in terms), -1.0 / tau**2], axis=1)
-    tensor = np.pad(covariance_tensor(samples, tuple(int(m) for m in curve.m), dt, terms), [(0, 1), (0, 1), (0, pad), (0, pad)])
-    count = jnp.asarray(curve.count, dtype=dtype)
-    problem = Curve(
-        v=jnp.pad(variance / unit, (0, pad), constant_values=1.0),
-        columns=jnp.pad(columns, ((0, pad), (0, 0))),
-        tensor=jnp.asarray(tensor, dtype=dtype),
-        share=jnp.pad((count + jnp.asarray(curve.skipped, dtype=dtype)) / count, (0, pad), constant_values=1.0),
-        octave=jnp.pad(jnp.log2(jnp.asarray(curve.m, dtype=dtype)), (0, pad)),
-        used=jnp.pad(jnp.asarray(inside) & (variance > 0.0), (0, pad)),
+    tensor = covariance_tensor(samples, tuple(int(m) for m in curve.m), 1.0 / curve.rate, terms)
+    arrays = (
+        xp.pad(curve.deviation, (0, pad), constant_values=1.0),
+        np.pad(curve.m.astype(float), (0, pad), constant_values=1.0),
+        xp.pad(curve.count / (curve.count + curve.skipped), (0, pad), constant_values=1.0),
+        np.pad(inside, (0, pad)),
     )
-    return problem, unit
+    # the tail comes last: an adjustment of the curve, which adds nothing to its scatter
+    return *arrays, np.pad(tensor, [(0, 1), (0, 1), (0, pad), (0, pad)])
+
+
+@functools.partial(jax.jit, static_argnames="terms")
+def _fitted(deviation, m, share, inside, tensor, dt, automatic, levels, terms: tuple[str, ...]):
+    """The fit of a padded curve, and the unit of its variance."""
+    variance = deviation**2
+    dtype = variance.dtype
+    unit = jnp.max(jnp.where(inside, variance, 0.0))  # squares of small coefficients would leave the range of float32
+    m, dt = m.astype(dtype), jnp.asarray(dt, dtype)
+    tau = m * dt
+    curve = Curve(
+        v=jnp.where(inside, variance / unit, 1.0),
+        columns=jnp.stack([*(allan_column(term, tau, dt) for term in terms), -1.0 / tau**2], axis=1),
+        tensor=tensor.astype(dtype),
+        share=1.0 / share.astype(dtype),
+        octave=jnp.log2(m),
+        used=inside & (variance > 0.0),
+    )
+    short = jnp.asarray([term == "Q" for term in terms])
+    return fit_band(curve, short, automatic, levels[0].astype(dtype), levels[1].astype(dtype)), unit
 
 
 def _verdict(drop: float) -> str:
