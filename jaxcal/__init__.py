@@ -1,8 +1,12 @@
-"""jaxcal: calibrated models of inertial and magnetic sensors, with honest uncertainty."""
+"""jaxcal: calibrated models of inertial and magnetic sensors, with honest uncertainty.
 
-import importlib.metadata
+Parts are imported when they are first used, so that ``import jaxcal`` is quick, loads neither JAX nor a reader, and leaves
+every JAX setting as it is.
+"""
 
-from . import allan as allan, noise as noise
+import importlib
+from typing import TYPE_CHECKING, Any
+
 from ._errors import (
     DataError as DataError,
     ExportError as ExportError,
@@ -11,6 +15,40 @@ from ._errors import (
     PrecisionWarning as PrecisionWarning,
     UnitError as UnitError,
 )
-from ._log import Log as Log
 
-__version__ = importlib.metadata.version("jaxcal")
+if TYPE_CHECKING:
+    from . import allan as allan, export as export, noise as noise, plot as plot, report as report
+    from ._log import Log as Log
+    from .calibration import Calibration as Calibration
+    from .io import read as read
+
+    __version__: str
+
+#: public name -> the module it is, or comes from
+_HOME = {
+    "allan": "allan",
+    "export": "export",
+    "noise": "noise",
+    "plot": "plot",
+    "report": "report",
+    "Calibration": "calibration",
+    "Log": "_log",
+    "read": "io",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        value: Any = importlib.import_module("importlib.metadata").version("jaxcal")
+    elif name in _HOME:
+        module = importlib.import_module(f".{_HOME[name]}", __name__)
+        value = module if name == _HOME[name] else getattr(module, name)
+    else:
+        raise AttributeError(f"module 'jaxcal' has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    hidden = {"TYPE_CHECKING", "Any", "importlib"}
+    return sorted({*globals(), *_HOME, "__version__"} - hidden)

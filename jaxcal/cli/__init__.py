@@ -1,1 +1,32 @@
-"""placeholder"""
+"""The `jaxcal` command: thin commands over the library, no numerics."""
+
+import sys
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the command line and return its exit status.
+
+    Parameters
+    ----------
+    argv : words after the name of the program; by default those of this process.
+
+    Returns
+    -------
+    int
+        0 done; 1 the data do not allow an answer; 2 the call was wrong; 3 a fault in jaxcal itself; 130 interrupted;
+        141 the reader of the output went away. The reason is printed on standard error.
+
+    Examples
+    --------
+    >>> from jaxcal.cli import main
+    >>> main(["noise", "missing.csv"])
+    2
+    """
+    try:
+        from ._app import run
+    except ModuleNotFoundError as missing:
+        if (missing.name or "").partition(".")[0] not in ("cyclopts", "rich"):
+            raise
+        print('The jaxcal command needs two small packages more; install them with: pip install "jaxcal[cli]"', file=sys.stderr)
+        return 2
+    return run(sys.argv[1:] if argv is None else argv)

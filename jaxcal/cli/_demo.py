@@ -1,0 +1,39 @@
+"""`jaxcal demo`: a simulated device, so that every result can be held against the truth."""
+
+from pathlib import Path
+
+from ._noise import Writing, characterise
+from ._options import Reading, Running
+from ._screen import Screen
+from ._simulate import noise_from_text, write_log
+from ._tables import missed
+
+# an inertial unit of the better MEMS class; every term stands out somewhere between 0.01 s and 1,000 s
+_DEVICE = {
+    "gyro": "Q=0.5arcsec,N=0.25deg/sqrt(h),B=8deg/h,K=1.8deg/h/sqrt(s)",
+    "accel": "Q=3e-5m/s,N=0.05m/s/sqrt(h),B=0.03mg,K=4m/s/h^(3/2)",
+}
+_BIAS = {"gyro": (5e-3, -3e-3, 1e-3), "accel": (0.08, -0.05, 0.03)}  # rad/s, m/s^2
+_RATE, _DURATION = 100.0, 3600.0
+
+
+def demo(*, out: Path = Path("jaxcal-demo"), running: Running = Running()) -> None:
+    """Simulate an hour of a device at rest, and hold jaxcal noise against it.
+
+    Parameters
+    ----------
+    out
+        Folder for the log and the reports, made if it is missing.
+    """
+    screen = Screen(running.quiet)
+    truth = {sensor: noise_from_text(text, sensor) for sensor, text in _DEVICE.items()}
+    log = out / "imu.csv"
+    screen.line(f"A simulated device at rest for {_DURATION / 3600:g} h at {_RATE:g} Hz (seed {running.seed}):")
+    for sensor, text in _DEVICE.items():
+        screen.line(f"  {sensor:6} {text.replace(',', ', ')}")
+    write_log(log, truth, _RATE, _DURATION, running, bias=_BIAS, folder=out)
+    screen.line(f"\njaxcal noise {log}")
+    fits = characterise(log, "QNBK", 0.95, None, Reading(), Writing(out=out), running, truth=truth)
+    misses, total = missed(fits, truth)
+    screen.line(f"\n{total - misses} of {total} intervals of 95 % hold the truth" + (" (* marks the others)." if misses else "."))
+    screen.line("Now your own log, of a sensor at rest for an hour or more: jaxcal noise LOG")

@@ -1,0 +1,196 @@
+"""`jaxcal noise`: noise coefficients of every axis of a static log."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+
+from .._files import json_text, write_atomically
+from ._cache import keep_compiled
+from ._options import WRITING, CallError, Reading, Running, distinct, read_log, stem
+from ._outputs import staged
+from ._screen import Screen, progress, show_log, show_written
+from ._tables import by_channel, left_out, longer_record, noise_tables
+
+#: format of --export -> name of the file where none is given
+_EXPORTS = {"kalibr": "imu.yaml"}
+
+
+@Parameter(name="*", group=WRITING)
+@dataclass(frozen=True, kw_only=True)
+class Writing:
+    """Where results go. Without any of these, into the folder LOG-noise, all of them.
+
+    Attributes
+    ----------
+    out
+        Folder for the files, made if it is missing.
+    json
+        Coefficients, intervals and verdicts as JSON, in SI units.
+    report
+        Report as one HTML file.
+    export
+        File for another tool: kalibr, or kalibr=FILE. Repeatable.
+    """
+
+    out: Path | None = None
+    json: Path | None = None
+    report: Path | None = None
+    export: Annotated[tuple[str, ...] | None, Parameter(name="--export")] = None
+
+
+def noise(
+    log: Path,
+    /,
+    *,
+    terms: str = "QNBK",
+    confidence: float = 0.95,
+    band: tuple[float, float] | None = None,
+    reading: Reading = Reading(),
+    writing: Writing = Writing(),
+    running: Running = Running(),
+) -> None:
+    """Noise coefficients of every axis, from a log of a sensor at rest.
+
+    Q quantisation, N random walk (two-sided: a data-sheet density is
+    sqrt(2) N), B bias instability, K rate random walk and, if asked for,
+    R ramp: with intervals, and an upper limit where a term is not there.
+
+    Parameters
+    ----------
+    log
+        The log: CSV, NPZ, Parquet, ROS bag.
+    terms
+        Terms to fit, as letters of QNBKR.
+    confidence
+        Level of the intervals and limits.
+    band
+        Shortest and longest cluster time to use, in s; by default those at which the model holds.
+    """
+    characterise(log, terms, confidence, band, reading, writing, running)
+
+
+def characterise(
+    path: Path,
+    terms: str,
+    confidence: float,
+    band: tuple[float, float] | None,
+    reading: Reading,
+    writing: Writing,
+    running: Running,
+    truth: dict[str, Any] | None = None,
+) -> dict[str, Any]:
+    """Read, fit, write and print; `truth` (sensor -> `Noise`) is compared where a log was simulated. Gives the fits."""
+    chosen = _terms(terms)
+    _check(confidence, band)
+    plan, folder = _plan(path, writing)
+    screen = Screen(running.quiet)
+    with staged(plan, inputs=[path], folder=folder) as places:
+        with progress(f"reading {path.name}", running.quiet):
+            log = read_log(path, reading)
+        show_log(screen, log)
+        with progress("fitting", running.quiet) as move:
+            keep_compiled()
+            import jaxcal
+
+            fits = jaxcal.noise.characterise(log, terms=chosen, confidence=confidence, band=band, progress=move)
+            said = [sentence for target, make in plan.items() for sentence in make(places[target], fits, log)]
+        written = [target for target, place in places.items() if place.exists()]
+    noise_tables(screen, fits, truth)
+    screen.sentences("Record length at which a term is known to 10 %, worst axis", longer_record(fits))
+    screen.sentences("Left out of the fit", left_out(fits))
+    screen.sentences("Warnings", [*log.warnings, *by_channel({channel: fit.warnings for channel, fit in fits.items()}), *said])
+    show_written(screen, written)
+    return fits
+
+
+def _terms(text: str) -> tuple[str, ...]:
+    terms = tuple(text.replace(",", "").upper())
+    if not terms or set(terms) - set("QNBKR") or len(set(terms)) != len(terms):
+        raise CallError(f"--terms {text}: expected letters of QNBKR, each once, such as QNBK")
+    return terms
+
+
+def _check(confidence: float, band: tuple[float, float] | None) -> None:
+    if not 0.0 < confidence < 1.0:
+        raise CallError(f"--confidence {confidence:g}: expected a level between 0 and 1; 0.95 is 95 %")
+    if band is not None and not 0.0 < band[0] < band[1]:
+        raise CallError(f"--band {band[0]:g} {band[1]:g}: expected the shortest and the longest cluster time in s, the shortest first")
+
+
+Maker = Callable[[Path, dict[str, Any], Any], Sequence[str]]
+
+
+def _plan(path: Path, writing: Writing) -> tuple[dict[Path, Maker], Path | None]:
+    """Target -> what makes it, and the folder that may have to be made."""
+    folder = writing.out
+    if writing.json is None and writing.report is None and not writing.export:
+        folder = folder or Path(f"{stem(path)}-noise")
+        names: dict[str, Maker] = {
+            "allan.png": _picture, "report.html": _report, "noise.json": _json, "calibration.json": _calibration,
+            "imu.yaml": _kalibr_if_possible,
+        }  # fmt: skip
+        return {folder / name: make for name, make in names.items()}, folder
+    asked: list[tuple[Path, Maker]] = []
+    if writing.json is not None:
+        asked.append((writing.json, _json))
+    if writing.report is not None:
+        asked.append((writing.report, _report))
+    for word in writing.export or ():
+        format, _, file = word.partition("=")
+        if format not in _EXPORTS:
+            raise CallError(f"--export {word}: unknown format {format!r}; expected one of {', '.join(_EXPORTS)}")
+        asked.append((Path(file) if file else (folder or Path()) / _EXPORTS[format], partial(_export, format=format)))
+    return distinct(asked), folder
+
+
+def _picture(place: Path, fits: dict[str, Any], log: Any) -> Sequence[str]:
+    import jaxcal
+
+    jaxcal.plot.save(jaxcal.plot.allan(fits), place)
+    return ()
+
+
+def _report(place: Path, fits: dict[str, Any], log: Any) -> Sequence[str]:
+    import jaxcal
+
+    jaxcal.report.write(fits, place, log=log)
+    return ()
+
+
+def _json(place: Path, fits: dict[str, Any], log: Any) -> Sequence[str]:
+    import jaxcal
+
+    write_atomically(place, json_text(jaxcal.report.noise_document(fits, log)))
+    return ()
+
+
+def _calibration(place: Path, fits: dict[str, Any], log: Any) -> Sequence[str]:
+    _device(fits, log).save(place)
+    return ()
+
+
+def _kalibr_if_possible(place: Path, fits: dict[str, Any], log: Any) -> Sequence[str]:
+    import jaxcal
+
+    try:
+        return _export(place, fits, log, "kalibr")
+    except jaxcal.ExportError as error:
+        return (f"{place.name} is not written: {error}",)
+
+
+def _export(place: Path, fits: dict[str, Any], log: Any, format: str) -> Sequence[str]:
+    import jaxcal
+
+    # a filter needs some noise and some random walk: where none was found the upper limit is safe, and file and warning say so
+    said = jaxcal.export.write(_device(fits, log), place, format=format, density="upper_limit", random_walk="upper_limit")
+    return [f"{place.name}: {sentence}" for sentence in said]
+
+
+def _device(fits: dict[str, Any], log: Any) -> Any:
+    import jaxcal
+
+    return jaxcal.Calibration(noise=fits, provenance=log.provenance)

@@ -1,0 +1,84 @@
+"""A small log, and the command line called in this process."""
+
+import dataclasses
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from jaxcal.cli import main
+
+RATE, SAMPLES = 100.0, 8000
+HEADER = "time [s],gyro_x [rad/s],gyro_y [rad/s],gyro_z [rad/s],accel_x [m/s^2],accel_y [m/s^2],accel_z [m/s^2]"
+
+
+@dataclasses.dataclass(frozen=True)
+class Outcome:
+    status: int
+    out: str
+    err: str
+
+    @property
+    def reason(self):
+        """What was printed on standard error, as one line."""
+        return " ".join(self.err.split())
+
+
+@pytest.fixture
+def call(monkeypatch, capsys, tmp_path):
+    """Call the command line in an empty working folder; gives status, output and errors."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "80")
+    for command in ("_noise", "_allan"):  # the cache is a setting of the process, which here is that of the tests
+        monkeypatch.setattr(f"jaxcal.cli.{command}.keep_compiled", lambda: None)
+
+    def run(*argv):
+        status = main([str(word) for word in argv])
+        return Outcome(status, *capsys.readouterr())
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def shell(tmp_path_factory):
+    """Call the command line in a process of its own, as a shell does; all of them share one compilation cache."""
+    environment = {name: value for name, value in os.environ.items() if not name.startswith(("JAX", "XLA"))}
+    environment |= {"XDG_CACHE_HOME": str(tmp_path_factory.mktemp("cache")), "COLUMNS": "80"}
+
+    def run(*argv, cwd):
+        command = [sys.executable, "-m", "jaxcal.cli", *map(str, argv)]
+        found = subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True, check=False)
+        return Outcome(found.returncode, found.stdout, found.stderr)
+
+    run.environment = environment
+    return run
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """The working folder of `call`."""
+    return tmp_path
+
+
+def table(samples=SAMPLES, seed=0):
+    """Rows of a sensor at rest: time, gyroscope, accelerometer, white noise of 1e-3 rad/sqrt(s) and 1e-2 m/s/sqrt(s)."""
+    noise = np.random.default_rng(seed).standard_normal((samples, 6)) * np.sqrt(RATE) * np.repeat([1e-3, 1e-2], 3)
+    return np.column_stack([np.arange(samples) / RATE, noise + np.array([0, 0, 0, 0, 0, 9.80665])])
+
+
+def save(path, rows, header=HEADER):
+    np.savetxt(path, rows, delimiter=",", fmt="%.9g", header=header, comments="")
+    return path
+
+
+@pytest.fixture
+def log(folder):
+    """A log of 80 s at 100 Hz as CSV with units in its header."""
+    return save(folder / "imu.csv", table())
+
+
+def listing(folder):
+    """Names of all files and folders below a folder, hidden ones too."""
+    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*"))

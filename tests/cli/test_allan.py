@@ -1,0 +1,71 @@
+"""`jaxcal allan`."""
+
+import json
+import typing
+
+import numpy as np
+import pytest
+
+import jaxcal
+from jaxcal.allan._kinds import _KINDS
+from jaxcal.cli._allan import Kind
+
+from .conftest import listing, save, table
+
+
+def test_the_command_offers_every_kind_of_the_library():
+    assert set(typing.get_args(Kind)) == set(_KINDS)
+
+
+def test_it_prints_and_writes_nothing_unless_asked(call, folder, log):
+    found = call("allan", "imu.csv", "--m", "1,10,100")
+    assert (found.status, found.err) == (0, "")
+    assert listing(folder) == ["imu.csv"]
+    lines = found.out.splitlines()
+    assert max(map(len, lines)) <= 80
+    start = lines.index("gyroscope: oadev in deg/h, 95 % interval")
+    assert lines[start + 1].split() == ["tau", "(s)", "x", "y", "z"]
+    assert [line.split()[0] for line in lines[start + 2 : start + 5]] == ["0.01", "0.1", "1"]
+    # white noise: N / sqrt(tau)
+    assert float(lines[start + 4].split()[1]) == pytest.approx(1e-3 * 180 / np.pi * 3600, rel=0.2)
+
+
+@pytest.mark.parametrize(("kind", "unit"), [("oadev", "rad/s"), ("tdev", "rad")])
+def test_files_hold_what_the_library_gives(call, folder, log, kind, unit):
+    found = call("allan", "imu.csv", "--kind", kind, "--m", "octave", "--json", "a.json", "--export", "csv", "--plot", "a.svg", "--quiet")
+    assert (found.status, found.out, found.err) == (0, "", "")
+    assert listing(folder) == ["a.json", "a.svg", "imu-allan.csv", "imu.csv"]
+    document = json.loads((folder / "a.json").read_text())
+    assert (document["schema"], document["kind"], document["rate"]) == ("jaxcal.allan/1", kind, 100.0)
+    expected = jaxcal.allan.deviation(jaxcal.read(log, quiet=True).gyro, 100.0, kind=kind, m="octave")
+    channel = document["channels"]["gyro_y"]
+    assert channel["unit"] == unit
+    assert channel["m"] == expected.m.tolist()
+    for name in ("deviation", "lower", "upper", "edf"):
+        np.testing.assert_allclose(channel[name], getattr(expected, name)[:, 1])
+    rows = [line.split(",") for line in (folder / "imu-allan.csv").read_text().splitlines()]
+    assert rows[0] == ["channel", "unit", "tau_s", "m", "deviation", "lower", "upper", "edf"]
+    mine = [row for row in rows if row[0] == "gyro_y"]
+    np.testing.assert_allclose([float(row[4]) for row in mine], expected.deviation[:, 1])
+    assert "<svg" in (folder / "a.svg").read_text()
+
+
+def test_a_long_table_is_thinned_and_says_so(call, folder):
+    save(folder / "short.csv", table(1000))
+    found = call("allan", "short.csv", "--m", "all", "--json", "a.json")
+    assert "every 10th of 500 cluster times" in found.out
+    assert len(json.loads((folder / "a.json").read_text())["channels"]["gyro_x"]["m"]) == 500
+
+
+def test_cluster_sizes_beyond_the_record_are_status_1(call, log):
+    found = call("allan", "imu.csv", "--m", "1,1000000")
+    assert found.status == 1
+    assert "cluster size 1000000 is outside 1 .. 4000" in found.reason
+
+
+def test_a_log_of_temperature_alone_is_status_1(call, folder):
+    rows = table(100)
+    save(folder / "t.csv", np.column_stack([rows[:, 0], 20 + rows[:, 1]]), header="time [s],temperature [degC]")
+    found = call("allan", "t.csv")
+    assert found.status == 1
+    assert "neither gyroscope, accelerometer nor magnetometer" in found.reason

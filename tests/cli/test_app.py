@@ -1,0 +1,172 @@
+"""Help, exit status, configuration file, output that goes away."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+
+import pytest
+
+import jaxcal
+from jaxcal.cli import main
+from jaxcal.cli._screen import progress
+
+from .conftest import listing
+
+COMMANDS = (("demo",), ("noise",), ("allan",), ("simulate", "noise"))
+SHARED = ("--quiet", "--seed", "--config")
+READING = ("--columns", "--units", "--rate", "--topics", "--format", "--start", "--stop")
+
+
+def test_help_is_quick_and_complete():
+    start = time.perf_counter()
+    found = subprocess.run([sys.executable, "-m", "jaxcal.cli", "--help"], capture_output=True, text=True, check=True)
+    assert time.perf_counter() - start < 1.5  # 0.15 s on an idle machine
+    for command in COMMANDS:
+        assert f" {command[0]} " in found.stdout
+
+
+def test_help_needs_no_jax():
+    code = "import sys; from jaxcal.cli import main; main(['noise', '--help']); print([n for n in ('jax', 'numpy') if n in sys.modules])"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.splitlines()[-1] == "[]"
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
+def test_help_of_every_command_explains_every_option_in_80_columns(call, command):
+    found = call(*command, "--help")
+    assert found.status == 0
+    for option in SHARED + (READING if command[0] in ("noise", "allan") else ()):
+        assert option in found.out
+    assert max(map(len, found.out.splitlines())) <= 80
+    assert "--no-" not in found.out
+    assert "\x1b" not in found.out
+    # an option whose description is missing ends its line with the type
+    assert not [line for line in found.out.splitlines() if line.rstrip("│ ").endswith((" STR", " FLOAT", " INT", " PATH", " STR..."))]
+
+
+def test_version(call):
+    assert call("--version").out.strip() == jaxcal.__version__
+
+
+@pytest.mark.parametrize(
+    ("argv", "reason"),
+    [
+        (["nois"], 'Did you mean "noise"'),
+        (["noise"], "LOG requires an argument"),
+        (["noise", "missing.csv"], "missing.csv does not exist"),
+        (["noise", "imu.csv", "--unit", "gyro=deg/s"], "--unit"),
+        (["noise", "imu.csv", "extra.csv"], "extra.csv"),
+        (["noise", "imu.csv", "--rate", "fast"], 'unable to convert "fast"'),
+        (["noise", "imu.csv", "--rate", "-100"], "positive number of Hz"),
+        (["noise", "imu.csv", "--units", "gyro=furlong/s"], "furlong/s"),
+        (["noise", "imu.csv", "--units", "speed=m/s"], "unknown quantity 'speed'"),
+        (["noise", "imu.csv", "--units", "deg/s"], "not of the form quantity=value"),
+        (["noise", "imu.csv", "--columns", "gyros=1,2,3"], "unknown quantity 'gyros'"),
+        (["noise", "imu.csv", "--terms", "QNX"], "expected letters of QNBKR"),
+        (["noise", "imu.csv", "--confidence", "95"], "0.95 is 95 %"),
+        (["noise", "imu.csv", "--band", "10", "1"], "the shortest first"),
+        (["noise", "imu.csv", "--export", "word"], "unknown format 'word'; expected one of kalibr"),
+        (["noise", "imu.csv", "--config", "missing.toml"], "missing.toml"),
+        (["allan", "imu.csv", "--kind", "xdev"], '"oadev"'),
+        (["allan", "imu.csv", "--m", "1,two"], "numbers of samples such as 1,10,100"),
+        (["allan", "imu.csv", "--plot", "a.doc"], ".png"),
+        (["allan", "imu.csv", "--export", "kalibr"], "deviations are written as csv"),
+        (["simulate", "noise", "--out", "a.csv"], "give the noise of a sensor"),
+        (["simulate", "noise", "--out", "a.csv", "--gyro", "N=0.25"], "N has no unit; use one of deg/sqrt(h)"),
+        (["simulate", "noise", "--out", "a.csv", "--gyro", "N=0.25deg/h"], "'deg/h' is not a unit of N of a gyro"),
+        (["simulate", "noise", "--out", "a.csv", "--gyro", "Z=1deg"], "with a term of QNBKR"),
+        (["simulate", "noise", "--out", "a.csv", "--gyro", "N=1deg/sqrt(h),N=2deg/sqrt(h)"], "N is given twice"),
+        (["simulate", "noise", "--out", "a.doc", "--gyro", "N=1deg/sqrt(h)"], ".csv or .npz"),
+        (["simulate", "noise", "--out", "a.csv", "--gyro", "N=1deg/sqrt(h)", "--duration", "0"], "expected a log of 2 to"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else "",
+)
+def test_a_wrong_call_is_a_sentence_and_status_2(call, folder, log, argv, reason):
+    found = call(*argv)
+    assert found.status == 2
+    assert found.reason.startswith("jaxcal: ")
+    assert reason in found.reason
+    assert found.reason.endswith("--help)")
+    assert found.out == ""
+    assert listing(folder) == ["imu.csv"]
+
+
+def test_configuration_file_gives_options_and_the_command_line_wins(call, folder, log):
+    (folder / "run.toml").write_text('[allan]\nkind = "mdev"\nm = "1,10"\nunits = ["gyro=deg/s"]\njson = "from-file.json"\n')
+    found = call("allan", "imu.csv", "--config", "run.toml", "--m", "1", "--quiet")
+    assert (found.status, found.out, found.err) == (0, "", "")
+    document = json.loads((folder / "from-file.json").read_text())
+    assert document["kind"] == "mdev"
+    assert document["channels"]["gyro_x"]["m"] == [1]
+    assert document["channels"]["gyro_x"]["deviation"] == pytest.approx([1e-3 * 10 * 3.14159 / 180], rel=0.1)  # read as deg/s
+
+
+def test_configuration_file_with_an_unknown_key_is_refused(call, folder, log):
+    (folder / "run.toml").write_text('[noise]\nterm = "N"\n')
+    found = call("noise", "imu.csv", "--config", "run.toml")
+    assert found.status == 2
+    assert "term" in found.reason
+    assert "run.toml" in found.reason
+
+
+def test_configuration_file_that_is_not_toml_is_refused(call, folder, log):
+    (folder / "run.toml").write_text("terms: N\n")
+    found = call("noise", "imu.csv", "--config", "run.toml")
+    assert found.status == 2
+    assert "TOML" in found.reason
+
+
+def test_an_interruption_is_130_and_leaves_nothing(call, folder, log, monkeypatch):
+    def interrupt(*args, **kwargs):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("jaxcal.noise.characterise", interrupt)
+    found = call("noise", "imu.csv")
+    assert (found.status, found.reason) == (130, "jaxcal: interrupted")
+    assert listing(folder) == ["imu.csv"]
+
+
+def test_a_fault_of_ours_is_3_and_asks_for_a_report(call, folder, log, monkeypatch):
+    monkeypatch.setattr("jaxcal.noise.characterise", lambda *args, **kwargs: 1 / 0)
+    found = call("noise", "imu.csv")
+    assert found.status == 3
+    assert "ZeroDivisionError" in found.err
+    assert "https://github.com/jaxcal/jaxcal/issues" in found.err
+    assert listing(folder) == ["imu.csv"]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="pipes of this kind are POSIX")
+def test_output_that_goes_away_ends_the_command_quietly(log, shell):
+    command = f"({sys.executable} -m jaxcal.cli allan {log} --m octave; echo status $? >&2) | true"
+    found = subprocess.run(["bash", "-c", command], env=shell.environment, capture_output=True, text=True, check=False)
+    assert found.stderr.split() == ["status", "141"]
+
+
+@pytest.mark.parametrize(
+    ("terminal", "quiet", "wait", "shown"),
+    [(True, False, 0.0, True), (False, False, 0.0, False), (True, True, 0.0, False), (True, False, 60.0, False)],
+    ids=["terminal", "file", "quiet", "short work"],
+)
+def test_a_bar_shows_long_work_on_a_terminal_only(monkeypatch, capsys, terminal, quiet, wait, shown):
+    monkeypatch.setattr("jaxcal.cli._screen._WAIT", wait)
+    monkeypatch.setenv("TERM", "xterm")
+    if terminal:
+        monkeypatch.setenv("FORCE_COLOR", "1")  # rich then takes any stream for a terminal
+    with progress("fitting", quiet) as move:
+        time.sleep(0.1)
+        move(0, 6, "gyro_x")
+        time.sleep(0.3)
+    found = capsys.readouterr()
+    assert found.out == ""
+    assert ("fitting gyro_x" in found.err) == shown
+
+
+def test_missing_packages_of_the_extra_are_one_sentence(monkeypatch, capsys):
+    for name in [name for name in sys.modules if name.startswith(("jaxcal.cli._", "cyclopts"))]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "cyclopts", None)
+    assert main(["--help"]) == 2
+    error = capsys.readouterr().err
+    assert 'pip install "jaxcal[cli]"' in error
+    assert len(error.splitlines()) == 1

@@ -1,0 +1,126 @@
+"""`jaxcal noise` from a log to its files."""
+
+import json
+
+import numpy as np
+import pytest
+
+import jaxcal
+
+from .conftest import HEADER, listing, save, table
+
+FILES = ["allan.png", "calibration.json", "imu.yaml", "noise.json", "report.html"]
+
+
+def test_without_options_everything_goes_into_a_folder(call, folder, log):
+    found = call("noise", "imu.csv")
+    assert (found.status, found.err) == (0, "")
+    assert listing(folder) == ["imu-noise", *(f"imu-noise/{name}" for name in FILES), "imu.csv"]
+    assert [line for line in found.out.splitlines() if line.startswith("wrote ")] == [
+        f"wrote imu-noise/{name}" for name in ("allan.png", "report.html", "noise.json", "calibration.json", "imu.yaml")
+    ]
+    document = json.loads((folder / "imu-noise" / "noise.json").read_text())
+    assert document["schema"] == "jaxcal.noise/1"
+    assert (document["rate"], document["duration"]) == (100.0, 80.0)
+    assert sorted(document["channels"]) == sorted(f"{sensor}_{axis}" for sensor in ("gyro", "accel") for axis in "xyz")
+    for name, channel in document["channels"].items():
+        truth = 1e-3 if name.startswith("gyro") else 1e-2
+        assert channel["N"]["value"] == pytest.approx(truth, rel=0.05)
+        assert channel["N"]["unit"] == ("rad/sqrt(s)" if name.startswith("gyro") else "m/s^2/sqrt(Hz)")
+        assert channel["K"]["verdict"] == "not detected"
+    kept = jaxcal.Calibration.load(folder / "imu-noise" / "calibration.json")
+    assert list(kept.noise.gyro.N) == pytest.approx([1e-3] * 3, rel=0.05)
+    assert (folder / "imu-noise" / "allan.png").read_bytes().startswith(b"\x89PNG")
+    assert (folder / "imu-noise" / "report.html").read_text().startswith("<!DOCTYPE html>")
+
+
+def test_the_table_is_in_data_sheet_units_with_intervals_and_limits(call, log):
+    lines = call("noise", "imu.csv", "--json", "a.json").out.splitlines()
+    assert max(map(len, lines)) <= 80
+    assert not [line for line in lines if line != line.rstrip() or "\x1b" in line]
+    start = lines.index("gyroscope: coefficient, 95 % interval below")
+    assert lines[start + 1].split() == ["Q", "N", "B", "K"]
+    assert lines[start + 2].split() == ["arcsec", "deg/sqrt(h)", "deg/h", "deg/h/sqrt(s)"]
+    axis, *cells = lines[start + 3].split("   ")
+    assert axis == "x"
+    value = next(float(cell) for cell in cells if cell.strip() and not cell.strip().startswith("<"))
+    assert value == pytest.approx(1e-3 * 180 / np.pi * 60, rel=0.05)  # 3.44 deg/sqrt(h)
+    assert " to " in lines[start + 4]
+    assert "not detected" in lines[start + 4]
+
+
+def test_guesses_are_printed_with_the_option_that_overrides_them(call, log):
+    out = " ".join(call("noise", "imu.csv", "--json", "a.json").out.split())
+    assert "8000 samples at 100 Hz" in out
+    assert "override with --columns time=0 --units time=s" in out
+
+
+def test_with_an_output_option_only_that_is_written(call, folder, log):
+    assert call("noise", "imu.csv", "--json", "a.json", "--report", "b.html", "--export", "kalibr=c.yaml").status == 0
+    assert listing(folder) == ["a.json", "b.html", "c.yaml", "imu.csv"]
+
+
+def test_an_export_without_a_name_goes_into_the_output_folder(call, folder, log):
+    assert call("noise", "imu.csv", "--export", "kalibr", "--out", "deep/er").status == 0
+    assert listing(folder) == ["deep", "deep/er", "deep/er/imu.yaml", "imu.csv"]
+
+
+def test_an_upper_limit_in_place_of_a_random_walk_is_said(call, folder, log):
+    found = call("noise", "imu.csv", "--export", "kalibr")
+    assert "imu.yaml: K was not found on gyro_x, gyro_y, gyro_z: its 95 % upper limit is written" in " ".join(found.out.split())
+    assert "upper limit" in (folder / "imu.yaml").read_text()
+
+
+def test_a_log_of_a_gyroscope_alone_has_no_imu_yaml_and_says_so(call, folder):
+    save(folder / "gyro.csv", table()[:, :4], header=",".join(HEADER.split(",")[:4]))
+    found = call("noise", "gyro.csv")
+    assert found.status == 0
+    assert listing(folder / "gyro-noise") == [name for name in FILES if name != "imu.yaml"]
+    assert "imu.yaml is not written: the calibration holds no accelerometer noise" in " ".join(found.out.split())
+    assert "wrote gyro-noise/imu.yaml" not in found.out
+
+
+def test_an_export_that_was_asked_for_and_cannot_be_made_is_status_1(call, folder):
+    save(folder / "gyro.csv", table()[:, :4], header=",".join(HEADER.split(",")[:4]))
+    found = call("noise", "gyro.csv", "--json", "a.json", "--export", "kalibr")
+    assert found.status == 1
+    assert "accelerometer" in found.reason
+    assert listing(folder) == ["gyro.csv"]
+
+
+def test_units_columns_rate_and_part_of_the_log_are_passed_on(call, folder):
+    rows = table()
+    rows[:, 1:4] *= 180 / np.pi
+    rows[:, 4:] /= 9.80665
+    save(folder / "plain.txt", rows, header="")
+    options = ["--columns", "time=none,gyro=1:3", "--columns", "accel=4:6", "--units", "gyro=deg/s,accel=g", "--rate", "200"]
+    found = call("noise", "plain.txt", *options, "--start", "10", "--stop", "-10", "--json", "a.json")
+    assert found.status == 0, found.err
+    document = json.loads((folder / "a.json").read_text())
+    assert (document["rate"], document["duration"]) == (200.0, 20.0)
+    # white noise: at twice the rate the same samples have a density smaller by sqrt(2)
+    assert document["channels"]["gyro_x"]["N"]["value"] == pytest.approx(1e-3 / np.sqrt(2), rel=0.05)
+    assert document["channels"]["accel_z"]["N"]["value"] == pytest.approx(1e-2 / np.sqrt(2), rel=0.05)
+
+
+def test_terms_confidence_and_band_reach_the_fit(call, folder, log):
+    assert call("noise", "imu.csv", "--terms", "n,b", "--confidence", "0.9", "--band", "0.1", "5", "--json", "a.json").status == 0
+    channel = json.loads((folder / "a.json").read_text())["channels"]["gyro_x"]
+    assert "Q" not in channel
+    assert channel["confidence"] == 0.9
+    assert channel["band"][0] >= 0.1
+    assert channel["band"][1] <= 5.0
+
+
+def test_the_command_agrees_with_the_library(call, folder, log):
+    call("noise", "imu.csv", "--json", "a.json")
+    fits = jaxcal.noise.characterise(jaxcal.read(log, quiet=True))
+    document = json.loads((folder / "a.json").read_text())
+    for name, fit in fits.items():
+        assert document["channels"][name]["N"]["value"] == pytest.approx(fit.noise.N, rel=1e-9)
+
+
+def test_a_second_run_replaces_the_files_of_the_first(call, folder, log):
+    for _ in range(2):
+        assert call("noise", "imu.csv", "--quiet", "--export", "kalibr", "--out", "made").status == 0
+    assert listing(folder) == ["imu.csv", "made", "made/imu.yaml"]

@@ -1,0 +1,73 @@
+"""`jaxcal simulate noise` and `jaxcal demo`."""
+
+import json
+import os
+import pathlib
+
+import numpy as np
+import pytest
+
+import jaxcal
+
+from .conftest import listing, save, table
+
+
+@pytest.mark.parametrize("name", ["log.csv", "log.npz"])
+def test_a_simulated_log_reads_back_with_the_noise_that_was_asked_for(call, folder, name):
+    options = ["--gyro", "N=0.25deg/sqrt(h)", "--accel", "N=0.06 m/s/sqrt(h),B=0.01mg", "--rate", "50", "--duration", "200", "--seed", "3"]
+    found = call("simulate", "noise", "--out", name, *options)
+    assert (found.status, found.out.split(), found.err) == (0, ["wrote", name], "")
+    assert listing(folder) == [name]
+    log = jaxcal.read(folder / name, units={"gyro": "rad/s", "accel": "m/s^2"}, quiet=True)
+    assert (log.rate, len(log.time)) == (50.0, 10_000)
+    assert log.accel.mean(axis=0) == pytest.approx([0, 0, 9.80665], abs=1e-3)
+    # white noise of density N has the variance N^2 rate
+    assert log.gyro.std(axis=0) == pytest.approx(np.deg2rad(0.25 / 60) * np.sqrt(50) * np.ones(3), rel=0.03)
+    assert log.accel.std(axis=0) == pytest.approx(0.001 * np.sqrt(50) * np.ones(3), rel=0.03)
+
+
+def test_the_seed_decides(call, folder):
+    contents = []
+    for seed, name in ((1, "a.csv"), (1, "b.csv"), (2, "c.csv")):
+        call("simulate", "noise", "--out", name, "--gyro", "N=1deg/sqrt(h)", "--duration", "2", "--seed", seed)
+        contents.append((folder / name).read_text())
+    assert contents[0] == contents[1] != contents[2]
+
+
+def test_axes_are_independent_of_one_another(call, folder):
+    call("simulate", "noise", "--out", "a.npz", "--gyro", "N=1deg/sqrt(h)", "--accel", "N=1m/s/sqrt(h)", "--duration", "100")
+    with np.load(folder / "a.npz") as file:
+        together = np.corrcoef(np.column_stack([file["gyro"], file["accel"]]).T)
+    assert np.abs(together - np.eye(6)).max() < 0.05
+
+
+def test_the_demo_runs_from_the_shell_and_again_from_its_cache(tmp_path, shell):
+    found = shell("demo", "--out", "device", cwd=tmp_path)
+    assert (found.status, found.err) == (0, "")
+    assert listing(tmp_path / "device") == ["allan.png", "calibration.json", "imu.csv", "imu.yaml", "noise.json", "report.html"]
+    lines = found.out.splitlines()
+    assert max(map(len, lines)) <= 80
+    rows = [line.split() for line in lines]
+    assert ["truth", "0.5", "0.25", "8", "1.8"] in rows
+    assert ["truth", "30", "0.05", "0.03", "4"] in rows
+    hits = next(line for line in lines if "intervals of 95 % hold the truth" in line)
+    assert int(hits.split()[0]) >= 20  # of 24; fewer has a chance below 1 in 100
+    channels = json.loads((tmp_path / "device" / "noise.json").read_text())["channels"]
+    assert channels["gyro_x"]["N"]["value"] == pytest.approx(np.deg2rad(0.25 / 60), rel=0.01)
+
+    cache = pathlib.Path(shell.environment["XDG_CACHE_HOME"]) / "jaxcal" / "xla"
+    kept = {name for name in listing(cache) if name.endswith("-cache")}
+    assert kept
+    again = shell("noise", "device/imu.csv", "--quiet", "--json", "/dev/stdout" if os.name == "posix" else "again.json", cwd=tmp_path)
+    assert (again.status, again.err) == (0, "")
+    assert {name for name in listing(cache) if name.endswith("-cache")} == kept  # nothing was compiled anew
+    document = json.loads(again.out or (tmp_path / "again.json").read_text())
+    assert document["channels"] == channels
+
+
+def test_a_cache_that_cannot_be_written_is_done_without(tmp_path, shell, monkeypatch):
+    (tmp_path / "file").write_text("")
+    monkeypatch.setitem(shell.environment, "XDG_CACHE_HOME", str(tmp_path / "file"))
+    save(tmp_path / "imu.csv", table(200))
+    found = shell("allan", "imu.csv", "--m", "1", "--json", "a.json", "--quiet", cwd=tmp_path)
+    assert (found.status, found.out, found.err) == (0, "", "")

@@ -1,0 +1,120 @@
+"""What `import jaxcal` gives and what it leaves alone."""
+
+import ast
+import importlib.metadata
+import inspect
+import os
+import pathlib
+import re
+import subprocess
+import sys
+import tomllib
+
+import pytest
+
+import jaxcal
+
+ROOT = pathlib.Path(__file__).resolve().parents[1]
+HEAVY = ("jax", "equinox", "optimistix", "scipy", "matplotlib", "polars", "rosbags", "cyclopts", "rich")
+
+
+def run(code):
+    """Output of `code` in a fresh interpreter."""
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip()
+
+
+def test_import_loads_nothing_heavy():
+    assert run(f"import sys, jaxcal; print([name for name in {HEAVY} if name in sys.modules])") == "[]"
+
+
+def test_every_part_leaves_the_jax_configuration_alone():
+    code = (
+        "import jax; before = dict(jax.config.values)\n"
+        "import sys, jaxcal; [getattr(jaxcal, name) for name in dir(jaxcal)]\n"
+        "print({k: v for k, v in jax.config.values.items() if before.get(k) != v})\n"
+        "print([name for name in ('matplotlib', 'polars', 'rosbags', 'cyclopts', 'rich') if name in sys.modules])"
+    )
+    assert run(code).splitlines() == ["{}", "[]"]
+
+
+PUBLIC = {
+    "Calibration", "DataError", "ExportError", "FitError", "JaxcalError", "Log", "PrecisionWarning", "UnitError",
+    "allan", "export", "noise", "plot", "read", "report",
+}  # fmt: skip
+
+
+def test_dir_is_complete_and_every_name_is_there():
+    assert set(run("import jaxcal; print(*(n for n in dir(jaxcal) if not n.startswith('_')))").split()) == PUBLIC
+    assert all(getattr(jaxcal, name) is not None for name in PUBLIC)
+
+
+def test_names_come_from_import_statements_too():
+    assert run("from jaxcal import Log, noise, read; print(noise.__name__, Log.__name__, read.__name__)") == "jaxcal.noise Log read"
+
+
+def test_type_checkers_see_the_public_names():
+    tree = ast.parse(inspect.getsource(jaxcal))
+    seen = {alias.asname for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) for alias in node.names if alias.asname}
+    assert seen == PUBLIC
+
+
+def test_version_is_the_installed_one():
+    assert jaxcal.__version__ == importlib.metadata.version("jaxcal")
+
+
+def test_an_unknown_name_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="'jaxcal' has no attribute 'magic'"):
+        jaxcal.magic  # noqa: B018
+
+
+def test_errors_are_value_errors():
+    for name in ("DataError", "ExportError", "FitError", "UnitError"):
+        assert issubclass(getattr(jaxcal, name), jaxcal.JaxcalError)
+    assert issubclass(jaxcal.JaxcalError, ValueError)
+
+
+def test_the_lines_of_the_readme_run(tmp_path, monkeypatch):
+    code = re.search(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)[1]
+    record = jaxcal.noise.Noise(N=1e-4).simulate(1000, rate=100.0, seed=0)
+    rows = "".join(f"{i / 100},{x:.9g},{-x:.9g},{x:.9g}\n" for i, x in enumerate(record))
+    (tmp_path / "jaxcal-demo").mkdir()
+    (tmp_path / "jaxcal-demo" / "imu.csv").write_text("time [s],gyro_x [rad/s],gyro_y [rad/s],gyro_z [rad/s]\n" + rows)
+    monkeypatch.chdir(tmp_path)
+    exec(code, {})
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["allan.png", "device.json", "jaxcal-demo"]
+
+
+def test_ci_runs_the_commands_of_the_readme():
+    """The script takes its commands from the README; each of its patterns must find one command, and the one that is meant."""
+    readme, script = (ROOT / "README.md").read_text(), (ROOT / ".ci" / "run").read_text()
+    patterns = re.findall(r"grep -m1 (?:-- )?'([^']+)' \"\$root/README.md\"", script)
+    assert patterns == ["-m pytest", "bin/jaxcal demo"]
+    block = "\n".join(re.findall(r"^```\n(.*?)^```", readme, re.DOTALL | re.MULTILINE)).splitlines()
+    for pattern in patterns:
+        found = [line for line in readme.splitlines() if pattern in line]
+        assert len(found) == 1
+        assert found[0] in block
+        assert found[0].startswith("python3.11 -m venv .venv && .venv/bin/pip install ")
+    assert " && (cd" in next(line for line in block if "-m pytest" in line)  # where the script cuts the installation off
+    assert os.access(ROOT / ".ci" / "run", os.X_OK)
+
+
+def test_hooks_run_what_ci_runs():
+    yaml = pytest.importorskip("yaml")
+    (repository,) = yaml.safe_load((ROOT / ".pre-commit-config.yaml").read_text())["repos"]
+    script = (ROOT / ".ci" / "run").read_text()
+    readme = (ROOT / "README.md").read_text()
+    assert [hook["id"] for hook in repository["hooks"]] == ["ruff", "lint-imports", "pyright", "pytest"]
+    for hook in repository["hooks"]:
+        assert re.search(rf"^\s*{hook['entry']}$", script, re.MULTILINE) or hook["entry"] in readme
+
+
+@pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md", "CHANGELOG.md"])
+def test_links_inside_the_repository_lead_somewhere(page):
+    targets = re.findall(r"\]\((?!https?://)([^)#]+)\)", (ROOT / page).read_text())
+    assert all((ROOT / target).is_file() for target in targets)
+
+
+def test_every_extra_is_part_of_all_or_a_tool_of_ours():
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    assert extras["all"] == [f"jaxcal[{','.join(name for name in extras if name not in ('all', 'test', 'bench'))}]"]
