@@ -54,9 +54,7 @@ def write_atomically(path: str | os.PathLike[str], data: str | bytes) -> None:
             _replace(path.resolve(), content)  # a link keeps pointing at the file that is replaced
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
-        raise ExportError(
-            f"cannot write {path}: {reason}; make the folder {folder} writable, or give a path in another folder"
-        ) from error
+        raise ExportError(f"cannot write {path}: {reason}; make the folder {folder} writable, or give a path in another folder") from error
 
 
 def _replace(target: pathlib.Path, content: bytes) -> None:

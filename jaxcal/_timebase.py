@@ -133,9 +133,7 @@ def _sort(stamps: np.ndarray, source: np.ndarray | None, warnings: list[str]) ->
     if largest <= 0:
         return stamps, source
     late = np.count_nonzero(np.maximum.accumulate(stamps) > stamps)
-    warnings.append(
-        f"time stamps out of order: {late} (largest step back {largest:.6g} s); the samples are sorted by time"
-    )
+    warnings.append(f"time stamps out of order: {late} (largest step back {largest:.6g} s); the samples are sorted by time")
     order = np.argsort(stamps, kind="stable")
     return stamps[order], order if source is None else source[order]
 
@@ -151,9 +149,7 @@ def _drop_duplicates(stamps, source, equal, warnings: list[str]) -> tuple[np.nda
         warnings.append(f"samples that repeat both the time stamp and the values of the one before: {len(copies)}; one of each is kept")
     others = len(same) - len(copies)
     if others:
-        warnings.append(
-            f"samples that share the time stamp of the one before but not its values: {others}; all are kept and spaced evenly"
-        )
+        warnings.append(f"samples that share the time stamp of the one before but not its values: {others}; all are kept and spaced evenly")
     keep = np.ones(len(stamps), bool)
     keep[copies + 1] = False
     if len(copies) == len(stamps) - 1:

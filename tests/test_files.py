@@ -116,7 +116,7 @@ def test_pipe_is_written_to_and_not_replaced(tmp_path):
 
 
 def test_json_is_exact_and_keeps_order():
-    document = {"b": [0.1 + 0.2, 1e-300, -0.0, 3], "a": {"text": "\u03c3 \"quoted\"", "none": None, "flag": True, "empty": {}, "no": []}}
+    document = {"b": [0.1 + 0.2, 1e-300, -0.0, 3], "a": {"text": '\u03c3 "quoted"', "none": None, "flag": True, "empty": {}, "no": []}}
     text = json_text(document)
     assert json.loads(text) == document
     assert list(json.loads(text)) == ["b", "a"]

@@ -343,9 +343,7 @@ def test_frozen_is_more_than_fifty_wherever_it_starts(equal, frozen, start):
 
 def test_a_constant_log_is_said_to_be_constant():
     log = Log(stamps(), np.ones((1000, 3)))
-    assert log.warnings == (
-        "constant in every sample, so nothing can be said about its noise: gyro_x (1), gyro_y (1), gyro_z (1) rad/s",
-    )
+    assert log.warnings == ("constant in every sample, so nothing can be said about its noise: gyro_x (1), gyro_y (1), gyro_z (1) rad/s",)
     assert log.gaps == ()
 
 

@@ -153,9 +153,7 @@ def _repair(pl: Any, content: bytes, layout: Layout, warnings: list[str]) -> Any
     wrong = lines.filter(~right)
     if wrong.height:
         number, shown = wrong.row(0)
-        sentence = (
-            f"{wrong.height} of {lines.height} rows do not have {layout.width} fields; the first is line {number}: {shown[:80]!r}"
-        )
+        sentence = f"{wrong.height} of {lines.height} rows do not have {layout.width} fields; the first is line {number}: {shown[:80]!r}"
         if wrong.height > max(1, _TOLERATED * lines.height):
             raise DataError(f"{sentence}; mend the file, or remove these lines")
         warnings.append(f"{sentence}; they are left out")

@@ -254,4 +254,3 @@ def _nearest(main: Stream, stream: Stream, values: np.ndarray, name: str, notes:
     lost = len(stream.stamps) - len(np.unique(nearest))
     notes.append(note + (f"; {lost} samples have no place of their own and are left out" if lost else ""))
     return out
-

@@ -136,9 +136,7 @@ def _by_position(table: Table, columns: Columns, time: list[int] | None) -> dict
     left = [i for i in numeric if i not in (time or [])]
     if len(left) not in (3, 6, 9):
         rises = f" (column {time[0]} rises, as time does)" if time else ""
-        raise DataError(
-            f"{listing(table.names, count)}{rises}: 3, 6 or 9 columns besides time can be told apart, not {len(left)}; {_HOW}"
-        )
+        raise DataError(f"{listing(table.names, count)}{rises}: 3, 6 or 9 columns besides time can be told apart, not {len(left)}; {_HOW}")
     triples = [left[i : i + 3] for i in range(0, len(left), 3)]
     try:
         found = _guess.roles([_stack([table.columns[i] for i in triple]) for triple in triples])

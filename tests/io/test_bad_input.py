@@ -206,7 +206,7 @@ def test_rubbish_behind_every_beginning(start, rest, tmp_path_factory):
         read(path, quiet=True)
 
 
-@given(text=st.text(alphabet="0123456789.,;\t -+eE#\n\"naif", max_size=300))
+@given(text=st.text(alphabet='0123456789.,;\t -+eE#\n"naif', max_size=300))
 @settings(max_examples=150, deadline=None)
 def test_any_text_is_a_log_or_a_sentence(text, tmp_path_factory):
     path = tmp_path_factory.mktemp("text") / "log.csv"

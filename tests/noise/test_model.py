@@ -56,9 +56,7 @@ def test_continuous_form_is_the_integral_over_the_spectrum(noise):
 def test_published_values_at_short_cluster_times():
     """Ratio of sampled to continuous: flicker 1/ln 2 and a random walk 1.5 at m = 1."""
     m = np.array([1.0, 2.0, 3.0, 7.0, 30.0])
-    np.testing.assert_allclose(
-        Noise(B=1.0).avar(m, dt=1.0) / Noise(B=1.0).avar(m), [1.4427, 1.1542, 1.0804, 1.0194, 1.0015], atol=5e-5
-    )
+    np.testing.assert_allclose(Noise(B=1.0).avar(m, dt=1.0) / Noise(B=1.0).avar(m), [1.4427, 1.1542, 1.0804, 1.0194, 1.0015], atol=5e-5)
     np.testing.assert_allclose(Noise(K=1.0).avar(m, dt=1.0) / Noise(K=1.0).avar(m), 1 + 0.5 / m**2, rtol=1e-12)
     assert round(float(np.sqrt(Noise(B=1.0).avar(50.0))), 3) == 0.664
 
