@@ -51,7 +51,7 @@ def solve_many(
     >>> from jaxcal._solve import solve_many
     >>> y = jnp.array([[1.0, 2.0, 3.0], [4.0, 4.0, 7.0]])
     >>> fits = solve_many(lambda mean, y: mean - y, 0.0, y, batched=(False, True))
-    >>> print(fits.model)
+    >>> print(fits.model.round(3))
     [2. 5.]
     """
     start, data = to_floats((start, data), common_dtype(start, data))

@@ -67,7 +67,7 @@ def profile_interval(fit: Fit, name: str, *, confidence: float = 0.95, scaled: b
         raise FitError("A fit out of many does not keep its data; solve it by itself for a profile.")
     fit.checked()
     problem = eqx.tree_at(lambda p: p.starts, fit.problem, None, is_leaf=lambda leaf: leaf is None)
-    j, best, least = fit.names.index(name), np.asarray(fit.parameters), 2 * float(fit.cost)
+    j, best, least = fit.names.index(name), np.asarray(fit.parameters, dtype=np.float64), 2 * float(fit.cost)
     if scaled or fit.robust:
         rise = float(fit.variance * fit.mean_curvature) * scipy.stats.f.ppf(confidence, 1, int(fit.degrees_of_freedom))
     else:
@@ -75,7 +75,7 @@ def profile_interval(fit: Fit, name: str, *, confidence: float = 0.95, scaled: b
     # A parameter at its bound has a standard error once the bound is lifted; it is only the length of the first step.
     lifted = eqx.tree_at(lambda f: f.at_bound, fit, jnp.asarray(fit.at_bound).at[j].set(False))
     step = math.sqrt(rise * float(covariance(lifted)[j, j]))
-    near = jnp.asarray(best)
+    near = jnp.asarray(fit.parameters)
 
     def refit(value: float) -> Fit:
         nonlocal near
@@ -93,12 +93,12 @@ def profile_interval(fit: Fit, name: str, *, confidence: float = 0.95, scaled: b
 
     def end(side: int, bound: float) -> float:
         nonlocal near
-        near, inner = jnp.asarray(best), float(best[j])
+        near, inner = jnp.asarray(fit.parameters), float(best[j])
         for doubling in range(_DOUBLINGS):
             if inner == bound:
                 return bound
             outer = best[j] + side * step * 2.0**doubling
-            outer = bound if side * outer >= side * bound else outer
+            outer = float(bound if side * outer >= side * bound else outer)
             if excess(outer) >= 0:
                 root = float(scipy.optimize.brentq(excess, inner, outer, xtol=1e-6 * step))  # type: ignore[arg-type]
                 refit(root).checked()

