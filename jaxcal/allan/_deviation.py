@@ -16,7 +16,7 @@ from .._types import Any
 from ._edf import degrees_of_freedom, interval_factors
 from ._identify import identify
 from ._kinds import Kind, cluster_sizes, find_kind
-from ._phase import BLOCK, padded_length, running_sum_of_phase
+from ._phase import BLOCK, integrate, padded_length, running_sum_of_phase
 from ._result import Deviation
 from ._sums import block_sums, direct_sums
 
@@ -129,16 +129,19 @@ def _checked_record(y):
         raise DataError(f"y must be (n,) or (n, channels), time first, and not empty; got shape {y.shape}")
     if y.ndim == 2 and y.shape[1] > 16 * y.shape[0]:
         raise DataError(f"y has {y.shape[1]} channels of {y.shape[0]} samples; time is the first axis, so transpose it (y.T)")
-    y = y.astype(np.float64, copy=False)
-    if np.isinf(np.sum(y)) or np.isnan(np.sum(y)):  # one cheap pass decides; the second only on trouble
-        infinite = np.argwhere(np.isinf(y))
-        if len(infinite):
-            where = f"y has {len(infinite)} infinite values, the first at sample {infinite[0][0]}"
-            raise DataError(f"{where}; replace them by NaN to mark a gap")
-        empty = np.flatnonzero(np.isnan(y.reshape(len(y), -1)).all(axis=0))
-        if len(empty):
-            raise DataError(f"channel {empty[0]} holds nothing but NaN; leave it out")
-    return y
+    return y.astype(np.float64, copy=False)
+
+
+def _missing(column, name: str):
+    """Where a column that is not finite throughout is NaN; refuses infinite values and columns without any sample."""
+    infinite = np.flatnonzero(np.isinf(column))
+    if len(infinite):
+        where = f"{name} has {len(infinite)} infinite values, the first at sample {infinite[0]}"
+        raise DataError(f"{where}; replace them by NaN to mark a gap")
+    gone = np.isnan(column)
+    if gone.all():
+        raise DataError(f"{name} holds nothing but NaN; leave it out")
+    return gone
 
 
 def _uncertainty(noise, share, sizes, statistic: Kind, samples: int, confidence: float, xp):
@@ -230,9 +233,10 @@ def _measured(columns, sizes, statistic: Kind, rate: float, data: str, samples: 
     edges = np.searchsorted(np.cumsum(per_block), np.linspace(0, per_block.sum(), split + 1)[1:-1])
     edges = [0, *(int(e) for e in edges), blocks]
 
-    def channel(column):
+    def channel(index):
         with jax.enable_x64(True):  # thread-local
-            parts, theta, marks, missing, rule, less = _prepare(column, statistic, rate, data, samples)
+            run = (split, pool.map) if split > 1 else (1, map)
+            parts, theta, marks, missing, rule, less = _prepare(columns[:, index], f"channel {index}" if channels > 1 else "y", statistic, rate, data, samples, run)
 
             def part(span):
                 with jax.enable_x64(True):
@@ -251,35 +255,30 @@ def _measured(columns, sizes, statistic: Kind, rate: float, data: str, samples: 
 
     with ThreadPoolExecutor(workers) as pool:
         run = pool.map if split == 1 and workers > 1 else map
-        results = list(run(channel, columns.T))
+        results = list(run(channel, range(channels)))
     back = np.argsort(order, kind="stable")
     return tuple(np.stack(values, axis=1)[back] for values in zip(*results, strict=True))
 
 
-def _prepare(column, statistic: Kind, rate: float, data: str, samples: int):
+def _prepare(column, name: str, statistic: Kind, rate: float, data: str, samples: int, run):
     """Padded arrays of one channel for the block kernel, and its phase and gap marks for the identification."""
     length = padded_length(samples)
-    gone = np.isnan(column)
-    gaps = bool(gone.any())
     marks = missing = None
     rule, less = "none", 0
-    if gaps:
+    buffer = _aligned(length)  # what lies beyond the record stays arbitrary
+    held = buffer[: samples + 1]
+    whole = integrate(column, held, *run) if data == "rate" else bool(np.isfinite(np.sum(column)))
+    gone = None if whole else _missing(column, name)
+    if gone is not None and gone.any():
         marks, rule, less = _gap_rule(gone[:, None], statistic, data, np)
         marks = marks[:, 0]
         missing = jnp.asarray(np.pad(marks, (0, length - len(marks))))
         if data == "phase":
             marks = gone.astype(np.int32)
-    clean = np.where(gone, 0.0, column) if gaps else column
-    buffer = _aligned(length)  # what lies beyond the record stays arbitrary
-    held = buffer[: samples + 1]
-    if data == "rate":
-        # the mean comes off first, so that the sum stays small: the statistics do not see it, and its digits are not lost
-        held[0] = 0.0
-        np.subtract(clean, np.mean(column[~gone]) if gaps else np.mean(column), out=held[1:])
-        if gaps:
-            held[1:][gone] = 0.0
-        np.cumsum(held[1:], out=held[1:])
-    else:
+        else:
+            integrate(np.where(gone, np.mean(column[~gone]), column), held, *run)
+    if data == "phase":
+        clean = np.where(gone, 0.0, column) if gone is not None else column
         np.subtract(clean, np.linspace(clean[0], clean[-1], samples + 1), out=held)
         held *= rate
     theta = jax.device_put(buffer, may_alias=True)

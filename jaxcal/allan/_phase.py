@@ -1,7 +1,11 @@
-"""The running sum of phase, without loss, and the buckets of length that all kernels share."""
+"""Phase of a record and its running sum, without loss, and the buckets of length that all kernels share."""
+
+import itertools
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 
 from .._types import Array, Float
@@ -9,11 +13,45 @@ from .._types import Array, Float
 #: starting points taken at a time; the padding of every record is at least this
 BLOCK = 8192
 _ROW = 32
+_CHUNK = 1 << 16  # samples that pass through the second-level cache together
 
 
 def padded_length(samples: int) -> int:
     """Length of the bucket (a power of two) for a record: kernels compile once per bucket, not once per length."""
     return 1 << max(samples + 2 + BLOCK - 1, 1).bit_length()
+
+
+def centred_sum(values, start: int, stop: int, centre) -> float:
+    """Sum of values[start:stop] - centre, chunk by chunk: small, so that its digits are not lost. Not finite if a value is not."""
+    return sum(float(np.sum(values[a : min(a + _CHUNK, stop)] - centre)) for a in range(start, stop, _CHUNK))
+
+
+def integrate(values, out, parts: int, run: Callable = map) -> bool:
+    """Running sum of the values less their mean, from 0, into `out` (one longer): False, with `out` spoilt, if one is not finite.
+
+    The mean comes off first, so that the sum stays small: the statistics do not see it, and its digits are not lost. `run`
+    maps a function over `parts` stretches of the record, in threads if it is a pool's.
+    """
+    edges = np.linspace(0, len(values), parts + 1).astype(int)
+    spans = list(itertools.pairwise(edges.tolist()))
+    centre = values[0]
+    sums = np.array(list(run(lambda span: centred_sum(values, *span, centre), spans)))
+    if not np.isfinite(sums).all():
+        return False
+    shift = sums.sum() / len(values)
+    mean, before = centre + shift, np.concatenate([[0.0], np.cumsum(sums)]) - shift * edges
+
+    def fill(part):
+        carry = before[part]
+        for a in range(*spans[part], _CHUNK):
+            b = min(a + _CHUNK, spans[part][1])
+            piece = values[a:b] - mean
+            piece[0] += carry
+            carry = np.cumsum(piece, out=out[1 + a : 1 + b])[-1]  # in place it takes twice as long
+
+    out[0] = 0.0
+    list(run(fill, range(parts)))
+    return True
 
 
 def _two_sum(a, b):
