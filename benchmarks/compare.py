@@ -129,6 +129,15 @@ def memory(samples):
         print(f"{which:10} oadev, {samples} samples, 1 channel, log grid: {float(done.stdout):.0f} MB beyond {record}")
 
 
+def peak():
+    """Peak resident memory of this process in KiB."""
+    try:  # ru_maxrss of a child starts at its parent's peak
+        with open("/proc/self/status") as status:
+            return next(int(line.split()[1]) for line in status if line.startswith("VmHWM"))
+    except FileNotFoundError:
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+
 def memory_of(which, samples):
     """Runs in a process of its own: prints the growth of the peak in MB."""
     m = log_grid(samples // 2)
@@ -139,9 +148,9 @@ def memory_of(which, samples):
     }[which]
     run(small, m[m < 50_000])
     record = np.random.default_rng(0).standard_normal(samples)
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    before = peak()
     run(record, m)
-    print((resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024)
+    print((peak() - before) / 1024)
 
 
 def command(log):

@@ -236,7 +236,9 @@ def _measured(columns, sizes, statistic: Kind, rate: float, data: str, samples: 
     def channel(index):
         with jax.enable_x64(True):  # thread-local
             run = (split, pool.map) if split > 1 else (1, map)
-            parts, theta, marks, missing, rule, less = _prepare(columns[:, index], f"channel {index}" if channels > 1 else "y", statistic, rate, data, samples, run)
+            parts, theta, marks, missing, rule, less = _prepare(
+                columns[:, index], f"channel {index}" if channels > 1 else "y", statistic, rate, data, samples, run
+            )
 
             def part(span):
                 with jax.enable_x64(True):
