@@ -35,16 +35,16 @@ def integrate(values, out, parts: int, run: Callable = map) -> bool:
     edges = np.linspace(0, len(values), parts + 1).astype(int)
     spans = list(itertools.pairwise(edges.tolist()))
     centre = values[0]
-    sums = np.array(list(run(lambda span: centred_sum(values, *span, centre), spans)))
+    sums = np.array(list(run(lambda span: centred_sum(values, span[0], span[1], centre), spans)))
     if not np.isfinite(sums).all():
         return False
     shift = sums.sum() / len(values)
     mean, before = centre + shift, np.concatenate([[0.0], np.cumsum(sums)]) - shift * edges
 
     def fill(part):
-        carry = before[part]
-        for a in range(*spans[part], _CHUNK):
-            b = min(a + _CHUNK, spans[part][1])
+        (start, stop), carry = spans[part], before[part]
+        for a in range(start, stop, _CHUNK):
+            b = min(a + _CHUNK, stop)
             piece = values[a:b] - mean
             piece[0] += carry
             carry = np.cumsum(piece, out=out[1 + a : 1 + b])[-1]  # in place it takes twice as long
