@@ -104,7 +104,7 @@ def test_hooks_run_what_ci_runs():
     (repository,) = yaml.safe_load((ROOT / ".pre-commit-config.yaml").read_text())["repos"]
     script = (ROOT / ".ci" / "run").read_text()
     readme = (ROOT / "README.md").read_text()
-    assert [hook["id"] for hook in repository["hooks"]] == ["ruff", "lint-imports", "pyright", "pytest"]
+    assert [hook["id"] for hook in repository["hooks"]] == ["ruff", "ruff-format", "lint-imports", "pyright", "pytest"]
     for hook in repository["hooks"]:
         assert re.search(rf"^\s*{hook['entry']}$", script, re.MULTILINE) or hook["entry"] in readme
 
