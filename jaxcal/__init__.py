@@ -17,7 +17,7 @@ from ._errors import (
 )
 
 if TYPE_CHECKING:
-    from . import allan as allan, export as export, noise as noise, plot as plot, report as report
+    from . import allan as allan, export as export, noise as noise, plot as plot, report as report, spectrum as spectrum
     from ._log import Log as Log
     from .calibration import Calibration as Calibration
     from .io import read as read
@@ -31,6 +31,7 @@ _HOME = {
     "noise": "noise",
     "plot": "plot",
     "report": "report",
+    "spectrum": "spectrum",
     "Calibration": "calibration",
     "Log": "_log",
     "read": "io",

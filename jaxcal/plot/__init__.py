@@ -2,3 +2,4 @@
 
 from ._allan import allan as allan
 from ._save import save as save
+from ._spectrum import spectrum as spectrum

@@ -1,0 +1,4 @@
+"""Power spectral density of a record."""
+
+from ._density import density as density
+from ._result import Spectrum as Spectrum

@@ -1,0 +1,99 @@
+"""Groups of neighbouring ordinates, which a spectrum averages so that its values are few and certain.
+
+A grouping is a pair of arrays (start, count): index of the first ordinate of each group, from 0, and how many it holds. Ordinate
+0 is the first above zero frequency, which the tables number 1.
+"""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._types import Any, Int
+
+Groups = tuple[Int[np.ndarray, " groups"], Int[np.ndarray, " groups"]]
+
+_OCTAVE_SINGLE = 32
+_LOG_SINGLE, _PER_DECADE = 48, 40
+
+
+@functools.lru_cache(maxsize=64)
+def single_groups(ordinates: int, *, keep_tail: bool = False) -> Groups:
+    """Every ordinate by itself."""
+    return _cut(np.arange(ordinates + 1), ordinates, keep_tail)
+
+
+@functools.lru_cache(maxsize=64)
+def octave_groups(ordinates: int, *, keep_tail: bool = False) -> Groups:
+    """Ordinates 1-32 single; then each octave 2^k+1 .. 2^(k+1) in 16 groups of 2^(k-4): thesis Table 5.1.
+
+    Parameters
+    ----------
+    ordinates : how many there are, zero frequency not counted.
+    keep_tail : whether the last group stays when the ordinates do not fill it.
+
+    Examples
+    --------
+    >>> from jaxcal.spectrum._average import octave_groups
+    >>> start, count = octave_groups(32_768)
+    >>> len(start), int(start[-1]) + 1, int(count[-1])
+    (192, 31745, 1024)
+    """
+    edges, first = [np.arange(_OCTAVE_SINGLE)], _OCTAVE_SINGLE
+    while first < ordinates:
+        edges.append(np.arange(first, 2 * first, first // 16))
+        first *= 2
+    return _cut(np.append(np.concatenate(edges), first), ordinates, keep_tail)
+
+
+@functools.lru_cache(maxsize=64)
+def log_groups(ordinates: int, *, keep_tail: bool = False) -> Groups:
+    """Ordinates 1-48 single, then 40 groups to the decade.
+
+    Examples
+    --------
+    >>> from jaxcal.spectrum._average import log_groups
+    >>> start, count = log_groups(480)
+    >>> len(start), count[46:52].tolist()
+    (88, [1, 1, 3, 3, 3, 3])
+    """
+    decades = np.log10(max(ordinates / _LOG_SINGLE, 1.0))
+    beyond = _LOG_SINGLE * 10.0 ** (np.arange(int(np.ceil(decades * _PER_DECADE)) + 2) / _PER_DECADE)
+    return _cut(np.append(np.arange(_LOG_SINGLE), np.round(beyond).astype(np.int64)), ordinates, keep_tail)
+
+
+#: name of an average -> its groups
+GROUPS = {None: single_groups, "octave": octave_groups, "log": log_groups}
+
+
+def _cut(edges: np.ndarray, ordinates: int, keep_tail: bool) -> Groups:
+    """The groups between `edges` that begin within the ordinates; the last, if cut short, with its true count or not at all."""
+    begun = np.count_nonzero(edges < ordinates)
+    start, full = edges[:begun].astype(np.int64), np.diff(edges)[:begun]
+    count = np.minimum(start + full, ordinates) - start
+    kept = slice(None) if keep_tail else count == full
+    start, count = start[kept], count[kept]
+    start.flags.writeable = count.flags.writeable = False
+    return start, count
+
+
+def average(values: Any, groups: Groups) -> Any:
+    """Means over the groups along the last axis; ordinates behind the last group are left out.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.spectrum._average import average
+    >>> average(np.array([1.0, 2.0, 4.0, 9.0]), (np.array([0, 1]), np.array([1, 2]))).tolist()
+    [1.0, 3.0]
+    """
+    start, count = groups
+    values = values[..., : start[-1] + count[-1]]
+    if count.max() == 1:
+        return values
+    if isinstance(values, np.ndarray):
+        return np.add.reduceat(values, start, axis=-1) / count
+    group = np.repeat(np.arange(len(start)), count)
+    sums = jax.ops.segment_sum(jnp.moveaxis(values, -1, 0), group, num_segments=len(start), indices_are_sorted=True)
+    return jnp.moveaxis(sums, 0, -1) / jnp.asarray(count, dtype=values.dtype).reshape((1,) * (values.ndim - 1) + (-1,))

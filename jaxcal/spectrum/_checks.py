@@ -1,0 +1,106 @@
+"""What a record and the options of a spectrum must be, and the sentences for those that are not."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from .._errors import DataError
+from .._precision import is_traced
+from .._quality import all_finite
+from .._types import Any
+from ._average import GROUPS
+
+METHODS = ("periodogram", "welch", "dct")
+_FEWEST = 4  # samples
+
+
+def check_options(method: Any, sided: Any, average: Any, confidence: Any) -> None:
+    """Refuse an option that has no meaning."""
+    if method not in METHODS:
+        raise DataError(f"unknown method {method!r}; expected one of {', '.join(METHODS)}")
+    if sided not in (1, 2):
+        raise DataError(f"sided must be 2 (half of the power at negative frequencies) or 1 (all of it at positive ones); got {sided!r}")
+    if not (average is None or isinstance(average, str)) or average not in GROUPS:
+        raise DataError(f'unknown average {average!r}; expected "octave", "log" or None')
+    if not 0.0 < confidence < 1.0:
+        raise DataError(f"confidence must lie between 0 and 1; got {confidence!r} (0.95 is 95 %)")
+
+
+def checked_rate(rate: Any) -> float:
+    """The sampling rate as a positive number."""
+    try:
+        value = float(rate)
+    except (TypeError, ValueError):
+        raise DataError(f"rate must be a number in Hz; got {rate!r}") from None
+    if not (np.isfinite(value) and value > 0):
+        raise DataError(f"rate must be positive and finite, in Hz; got {value!r}")
+    return value
+
+
+def checked_record(y: Any, rate: float) -> Any:
+    """Samples (n,) or (n, channels) without gaps; a traced record is looked at when it runs."""
+    traced = is_traced(y)
+    y = jnp.asarray(y) if traced else np.asarray(y)
+    if y.dtype.kind not in "fiu":
+        raise DataError(f"y must hold real numbers; got dtype {y.dtype}")
+    if y.ndim not in (1, 2) or 0 in y.shape:
+        raise DataError(f"y must be (n,) or (n, channels), time first, and not empty; got shape {y.shape}")
+    if y.ndim == 2 and y.shape[1] > 16 * y.shape[0]:
+        raise DataError(f"y has {y.shape[1]} channels of {y.shape[0]} samples; time is the first axis, so transpose it (y.T)")
+    if y.shape[0] < _FEWEST:
+        raise DataError(f"a spectrum needs at least {_FEWEST} samples; got {y.shape[0]}")
+    if traced:
+        y = y if y.dtype.kind == "f" else y.astype(jnp.result_type(float))
+        return eqx.error_if(y, ~jnp.all(jnp.isfinite(y)), "y must be finite: a spectrum needs a record without gaps")
+    y = y.astype(np.float64, copy=False)
+    columns = y if y.ndim == 2 else y[:, None]
+    for index, column in enumerate(columns.T):
+        name = "y" if y.ndim == 1 else f"channel {index}"
+        if not all_finite(column):
+            _refuse_gaps(columns, column, name, rate)
+        if column.min() == column.max():
+            raise DataError(
+                f"{name} is constant (every sample equal): it has no spectrum. Check that the sensor was running and that its "
+                "resolution is finer than its noise; leave a dead channel out"
+            )
+    return y
+
+
+def checked_segment(segment: Any, overlap: Any, method: str, samples: int) -> tuple[int, int]:
+    """Length of Welch's segments, and the distance of one from the next, in samples."""
+    if method != "welch":
+        if segment is not None:
+            raise DataError(f'segment belongs to method="welch"; {method} takes the record as a whole')
+        return samples, samples
+    if segment is None:
+        segment = max(1 << max((samples // 8).bit_length() - 1, 0), min(samples, 16))
+    if not isinstance(segment, (int, np.integer)) or not _FEWEST <= segment <= samples:
+        raise DataError(f"segment must be a whole number of samples from {_FEWEST} to {samples}, the length of the record; got {segment!r}")
+    if not (isinstance(overlap, (int, float, np.number)) and 0.0 <= overlap < 1.0):
+        raise DataError(f"overlap must be a part of a segment, from 0 to below 1 (0.5 is half); got {overlap!r}")
+    return int(segment), max(int(segment) - int(segment * overlap), 1)
+
+
+def _refuse_gaps(columns: np.ndarray, column: np.ndarray, name: str, rate: float) -> None:
+    infinite = np.flatnonzero(np.isinf(column))
+    if len(infinite):
+        where = f"{name} has {len(infinite)} infinite values, the first at sample {infinite[0]}"
+        raise DataError(f"{where}; mend them, or take a stretch without them")
+    gone = np.isnan(column)
+    if gone.all():
+        raise DataError(f"{name} holds nothing but NaN; leave it out")
+    edges = np.flatnonzero(np.diff(np.concatenate([[True], np.isnan(columns).any(axis=1), [True]]).astype(np.int8)))
+    found = f"{name} has {np.count_nonzero(gone)} missing samples (NaN); a spectrum needs a record without gaps"
+    start, stop = max(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True), key=lambda e: e[1] - e[0], default=(0, 0))
+    if stop - start < _FEWEST:
+        raise DataError(f"{found}, and the longest stretch without any has {stop - start} samples")
+    raise DataError(
+        f"{found}. Take the longest stretch without any, y[{start}:{stop}]; of a log, log.select({_seconds(start, rate)}, "
+        f"{_seconds(stop, rate)})"
+    )
+
+
+def _seconds(index: int, rate: float) -> str:
+    """The time of a sample, with as many digits as name it exactly."""
+    texts = (f"{index / rate:.{digits}g}" for digits in range(4, 18))
+    return next((text for text in texts if abs(float(text) * rate - index) < 1e-7), repr(index / rate))

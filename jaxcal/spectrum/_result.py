@@ -1,0 +1,49 @@
+"""`Spectrum`: a power spectral density with its uncertainty."""
+
+import equinox as eqx
+
+from .._types import AnyArray
+
+
+class Spectrum(eqx.Module):
+    """A power spectral density at frequencies above zero, with chi-square intervals.
+
+    Every array has the frequencies first; a second axis is there where the record had channels.
+
+    Attributes
+    ----------
+    frequency : (values,) Hz, the mean over the ordinates averaged.
+    density : (values,) or (values, channels), the unit of the record squared per Hz; two-sided, or one-sided where `sided` is 1.
+    lower, upper : limits of the interval at level `confidence`, same shape and unit as `density`.
+    count : (values,) number of ordinates averaged; for Welch's method over neighbours and segments.
+    edf : (values,) equivalent degrees of freedom of each value.
+    method : "periodogram", "welch" or "dct".
+    sided : 2 where the density is spread over positive and negative frequencies, 1 where all of it stands at the positive ones.
+    average : how neighbouring ordinates were averaged: "octave", "log" or None.
+    rate : sampling rate in Hz.
+    confidence : level of the interval.
+    warnings : sentences, where a part of the record or of the frequencies had to be left out.
+    """
+
+    frequency: AnyArray
+    density: AnyArray
+    lower: AnyArray
+    upper: AnyArray
+    count: AnyArray
+    edf: AnyArray
+    method: str = eqx.field(static=True)
+    sided: int = eqx.field(static=True)
+    average: str | None = eqx.field(static=True)
+    rate: float = eqx.field(static=True)
+    confidence: float = eqx.field(static=True)
+    warnings: tuple[str, ...] = eqx.field(static=True, default=())
+
+    def channel(self, index: int) -> "Spectrum":
+        """The same result for one channel of a record with several."""
+        if self.density.ndim == 1:
+            raise IndexError("this spectrum is of a single channel; there is nothing to pick")
+        return Spectrum(
+            frequency=self.frequency, density=self.density[:, index], lower=self.lower[:, index], upper=self.upper[:, index],
+            count=self.count, edf=self.edf, method=self.method, sided=self.sided, average=self.average, rate=self.rate,
+            confidence=self.confidence, warnings=self.warnings,
+        )  # fmt: skip

@@ -1,0 +1,162 @@
+"""`jaxcal psd`."""
+
+import json
+import typing
+
+import numpy as np
+import pytest
+
+import jaxcal
+from jaxcal.cli._psd import Average, Method
+from jaxcal.spectrum._average import GROUPS
+from jaxcal.spectrum._checks import METHODS
+
+from .conftest import HEADER, listing, save, table
+
+
+def test_the_command_offers_everything_of_the_library():
+    assert set(typing.get_args(Method)) == set(METHODS)
+    assert {name if name != "none" else None for name in typing.get_args(Average)} == set(GROUPS)
+
+
+def test_it_prints_and_writes_nothing_unless_asked(call, folder, log):
+    found = call("psd", "imu.csv")
+    assert (found.status, found.err) == (0, "")
+    assert listing(folder) == ["imu.csv"]
+    lines = found.out.splitlines()
+    assert max(map(len, lines)) <= 80
+    start = lines.index("gyroscope: two-sided density in 1e3 (deg/h)^2/Hz; 28 of 143 frequencies")
+    assert lines[start + 1].split() == ["f", "(Hz)", "x", "y", "z", "95", "%", "interval,", "times"]
+    cells = lines[start + 29].split()
+    # white noise: N^2
+    assert 1e3 * np.array(cells[1:4], dtype=float) == pytest.approx((1e-3 * 180 / np.pi * 3600) ** 2, rel=0.35)
+    assert " ".join(cells[4:]) == "0.85 to 1.20"
+    assert lines[start + 30] == ""
+    assert "ordinates from 49.6125 Hz, 32 of 4000, which do not fill a group" in " ".join(found.out.split())
+
+
+@pytest.mark.parametrize(
+    ("options", "keywords"),
+    [
+        ([], {}),
+        (["--method", "welch", "--sided", "1", "--average", "log"], {"method": "welch", "sided": 1, "average": "log"}),
+        (["--method", "dct", "--average", "none", "--confidence", "0.8"], {"method": "dct", "average": None, "confidence": 0.8}),
+        (["--keep-tail"], {"keep_tail": True}),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else "",
+)
+def test_files_hold_what_the_library_gives(call, folder, log, options, keywords):
+    found = call("psd", "imu.csv", *options, "--json", "a.json", "--export", "csv", "--plot", "a.svg", "--quiet")
+    assert (found.status, found.out, found.err) == (0, "", "")
+    assert listing(folder) == ["a.json", "a.svg", "imu-psd.csv", "imu.csv"]
+    expected = jaxcal.spectrum.density(jaxcal.read(log, quiet=True).gyro[:, 1], 100.0, **keywords)
+    document = json.loads((folder / "a.json").read_text())
+    assert (document["schema"], document["rate"], document["duration"]) == ("jaxcal.psd/1", 100.0, 80.0)
+    for name in ("method", "sided", "average", "confidence"):
+        assert document[name] == getattr(expected, name)
+    channel = document["channels"]["gyro_y"]
+    assert channel["unit"] == "(rad/s)^2/Hz"
+    assert document["channels"]["accel_z"]["unit"] == "(m/s^2)^2/Hz"
+    names = ("frequency", "count", "density", "lower", "upper", "edf")
+    for name in names:
+        np.testing.assert_allclose(channel[name], getattr(expected, name))
+    rows = [line.split(",") for line in (folder / "imu-psd.csv").read_text().splitlines()]
+    assert rows[0] == ["channel", "unit", "frequency_hz", "count", "density", "lower", "upper", "edf"]
+    mine = np.array([row[2:] for row in rows if row[0] == "gyro_y"], dtype=float)
+    np.testing.assert_allclose(mine, np.stack([getattr(expected, name) for name in names], axis=1))
+    assert "<svg" in (folder / "a.svg").read_text()
+
+
+def test_a_short_log_is_printed_whole(call, folder):
+    save(folder / "short.csv", table(60))
+    found = call("psd", "short.csv", "--method", "welch")
+    assert found.status == 0
+    assert "gyroscope: two-sided density in 1e3 (deg/h)^2/Hz\n" in found.out
+
+
+def test_channels_with_gaps_or_without_noise_are_left_out_and_named(call, folder):
+    rows = table(2000)
+    rows[500:510, 1:4] = np.nan
+    rows[:, 4] = 1.0
+    save(folder / "gap.csv", rows)
+    found = call("psd", "gap.csv", "--json", "a.json")
+    assert found.status == 0
+    said = " ".join(found.out.split())
+    assert "gyro_x, gyro_y, gyro_z: left out: y has 10 missing samples (NaN)" in said
+    assert "log.select(5.1, 20)" in said
+    assert "accel_x: left out: y is constant" in said
+    assert "gyroscope" not in said
+    assert list(json.loads((folder / "a.json").read_text())["channels"]) == ["accel_y", "accel_z"]
+    chosen = call("psd", "gap.csv", "--start", "5.1", "--stop", "20", "--json", "a.json", "--quiet")
+    assert chosen.status == 0
+    assert "gyro_x" in json.loads((folder / "a.json").read_text())["channels"]
+
+
+def test_nothing_but_gaps_is_status_1_and_leaves_nothing(call, folder):
+    rows = table(2000)[:, :4]
+    rows[500:510, 1:4] = np.nan
+    save(folder / "gap.csv", rows, header=",".join(HEADER.split(",")[:4]))
+    found = call("psd", "gap.csv", "--start", "1", "--json", "a.json")
+    assert found.status == 1
+    assert "gyro_x, gyro_y, gyro_z: y has 10 missing samples (NaN)" in found.reason
+    assert "log.select(4.1, 19)" in found.reason
+    assert "--start and --stop, which count from 1 s before the part chosen now" in found.reason
+    assert listing(folder) == ["gap.csv"]
+
+
+def test_a_log_of_temperature_alone_is_status_1(call, folder):
+    rows = table(100)
+    save(folder / "t.csv", np.column_stack([rows[:, 0], 20 + rows[:, 1]]), header="time [s],temperature [degC]")
+    found = call("psd", "t.csv")
+    assert found.status == 1
+    assert "neither gyroscope, accelerometer nor magnetometer" in found.reason
+
+
+def test_exact_zeros_are_printed(call, folder):
+    """A square wave at half the rate has no power anywhere else."""
+    rows = table(64)[:, :4]
+    rows[:, 1:] = np.where(np.arange(64) % 2, 1.0, -1.0)[:, None]
+    save(folder / "square.csv", rows, header=",".join(HEADER.split(",")[:4]))
+    found = call("psd", "square.csv")
+    assert (found.status, found.err) == (0, "")
+    assert "nan" not in found.out
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        (["--method", "burg"], '"periodogram"'),
+        (["--sided", "3"], "2, 1"),
+        (["--average", "decade"], '"octave"'),
+        (["--confidence", "95"], "0.95 is 95 %"),
+        (["--plot", "a.doc"], ".png"),
+        (["--export", "kalibr"], "spectra are written as csv"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else "",
+)
+def test_a_wrong_call_is_a_sentence_and_status_2(call, folder, log, options, reason):
+    found = call("psd", "imu.csv", *options)
+    assert found.status == 2
+    assert reason in found.reason
+    assert found.reason.endswith("(see: jaxcal psd --help)")
+    assert (found.out, listing(folder)) == ("", ["imu.csv"])
+
+
+def test_help_explains_every_option_in_80_columns(call):
+    found = call("psd", "--help")
+    assert found.status == 0
+    for option in (
+        "--method",
+        "--sided",
+        "--average",
+        "--keep-tail",
+        "--confidence",
+        "--json",
+        "--export",
+        "--plot",
+        "--units",
+        "--config",
+    ):
+        assert option in found.out
+    assert max(map(len, found.out.splitlines())) <= 80
+    assert "--no-" not in found.out

@@ -1,0 +1,200 @@
+"""`plot.spectrum`: what is drawn, where, in which unit."""
+
+import pathlib
+import runpy
+
+import matplotlib
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from jaxcal import DataError
+from jaxcal.noise import Noise
+from jaxcal.plot import save, spectrum
+from jaxcal.plot._style import TERM_COLORS
+from jaxcal.spectrum import Spectrum, density
+
+made_fit = runpy.run_path(str(pathlib.Path(__file__).parents[1] / "made_fit.py"))["made_fit"]
+DEG_PER_H = np.pi / 180 / 3600
+MILLI_G = 9.80665e-3
+RATE = 100.0
+
+
+def found(n=20_000, seed=0, channels=None, **options):
+    shape = n if channels is None else (n, channels)
+    return density(1e-3 * np.random.default_rng(seed).standard_normal(shape), RATE, **options)
+
+
+def line(ax, label):
+    return next(line for line in ax.lines if line.get_label() == label)
+
+
+def key(ax):
+    return [text.get_text() for text in ax.get_legend().get_texts()]
+
+
+def drawn(ax):
+    """Everything is laid out, which finds faults that calls alone do not."""
+    ax.figure.draw_without_rendering()
+    return ax
+
+
+def test_points_are_the_density_in_the_unit_of_the_axis():
+    result = found()
+    ax = drawn(spectrum({"gyro_x": result}))
+    assert ax.get_ylabel() == "Two-sided power spectral density, (°/h)²/Hz"
+    assert ax.get_xlabel() == "Frequency (Hz)"
+    points = line(ax, "measured, 95 % interval")
+    np.testing.assert_allclose(points.get_xdata(), result.frequency)
+    np.testing.assert_allclose(points.get_ydata(), result.density / DEG_PER_H**2, rtol=1e-12)
+    outline = ax.collections[0].get_paths()[0].vertices
+    assert outline[:, 1].min() == pytest.approx(np.min(result.lower) / DEG_PER_H**2)
+    assert outline[:, 1].max() == pytest.approx(np.max(result.upper) / DEG_PER_H**2)
+    ax = spectrum({"accel_z": found(sided=1)})
+    assert ax.get_ylabel() == "One-sided power spectral density, mg²/Hz"
+    np.testing.assert_allclose(ax.lines[0].get_ydata(), 2 * result.density / MILLI_G**2, rtol=1e-2)
+    assert spectrum(result).get_ylabel() == "Two-sided power spectral density, (unit of the record)²/Hz"
+
+
+@pytest.mark.parametrize("sided", [1, 2])
+def test_model_and_terms_follow_their_forms_for_samples(sided):
+    noise = Noise(Q=1e-6, N=1e-4, B=1e-5, K=1e-6)
+    ax = drawn(spectrum({"gyro_x": found(sided=sided)}, noise=noise))
+    factor = (2.0 if sided == 1 else 1.0) / DEG_PER_H**2
+    forms = {
+        "Q": lambda s: 1e-12 * s**2 * RATE,
+        "N": lambda s: 1e-8 + 0 * s,
+        "B": lambda s: 1e-10 / (s * RATE),
+        "K": lambda s: 1e-12 / (s * RATE) ** 2,
+    }
+    model = line(ax, "noise model")
+    s = 2 * np.sin(np.pi * np.asarray(model.get_xdata()) / RATE)
+    np.testing.assert_allclose(model.get_ydata(), factor * sum(form(s) for form in forms.values()), rtol=1e-9)
+    for term, form in forms.items():
+        (one,) = (line for line in ax.lines if line.get_color() == TERM_COLORS[term])
+        assert one.get_linestyle() == "--"
+        np.testing.assert_allclose(one.get_ydata(), factor * form(s), rtol=1e-9)
+    assert "N = 0.344 °/√h" in key(ax)
+
+
+def test_a_fit_brings_its_intervals_and_upper_limits():
+    ax = drawn(spectrum({"gyro_x": found()}, noise={"gyro_x": made_fit()}))
+    (limit,) = (line for line in ax.lines if line.get_color() == TERM_COLORS["K"])
+    assert limit.get_linestyle() == ":"
+    f = np.asarray(limit.get_xdata())
+    np.testing.assert_allclose(limit.get_ydata(), (2e-6 / (2 * RATE * np.sin(np.pi * f / RATE)) / DEG_PER_H) ** 2, rtol=1e-9)
+    assert {"fitted model", "N = 0.34 °/√h", "K < 0.41 °/h/√s"} <= set(key(ax))
+
+
+def test_markov_terms_and_ramps():
+    ax = drawn(spectrum(found(), noise=Noise(N=1e-4, R=1e-3, markov=((1e-3, 20.0),))))
+    assert "Gauss-Markov, 20.0 s" in key(ax)
+    assert not any(label.startswith("R") for label in key(ax))  # a ramp has no density
+
+
+def test_axes_of_one_sensor_share_a_panel_in_colours_of_their_own():
+    fits = {f"gyro_{axis}": made_fit(1.0 + i) for i, axis in enumerate("xyz")}
+    results = {name: found(seed=i) for i, name in enumerate(fits)}
+    ax = drawn(spectrum(results, noise=fits))
+    assert ax.get_legend().get_title().get_text() == "Gyroscope"
+    assert {"x", "y", "z", "N = 0.34 °/√h", "N = 0.69 °/√h", "N = 1.0 °/√h"} <= set(key(ax))
+    points = [line for line in ax.lines if line.get_marker() == "o"]
+    assert len({line.get_color() for line in points}) == 3
+    plain = drawn(spectrum(results))
+    assert key(plain) == ["x", "y", "z"]
+    partly = drawn(spectrum(results, noise={"gyro_y": made_fit()}))
+    assert len(partly.lines) == 4
+
+
+def test_several_sensors_get_a_panel_each_and_given_axes_are_drawn_on():
+    results = {"gyro_x": found(), "accel_x": found(), "accel_y": found(seed=1)}
+    axes = spectrum(results)
+    assert [ax.get_ylabel().split(", ")[1] for ax in axes] == ["(°/h)²/Hz", "mg²/Hz"]
+    given = Figure().subplots(1, 2)
+    assert list(spectrum(results, ax=given)) == list(given)
+    single = Figure().subplots()
+    assert drawn(spectrum(found(), ax=single, noise=Noise(N=1e-4))) is single
+    with pytest.raises(DataError, match="1 axes for 2 sensors"):
+        spectrum(results, ax=single)
+
+
+def test_channels_of_one_spectrum_with_a_model_of_channels():
+    result = found(channels=2)
+    ax = drawn(spectrum(result, noise=Noise(N=[1e-4, 2e-4])))
+    assert {"0", "1"} <= set(key(ax))
+    curves = [line for line in ax.lines if line.get_marker() == "None" and len(line.get_xdata()) > 2]
+    assert sorted(float(np.asarray(curve.get_ydata())[0]) for curve in curves) == pytest.approx([1e-8, 4e-8])
+
+
+def test_a_raw_spectrum_is_thinned_to_its_extremes():
+    """A line that no average hides stays, at its height; the file stays small."""
+    n = 200_000
+    y = np.random.default_rng(0).standard_normal(n) + 0.5 * np.sin(2 * np.pi * 17.3 * np.arange(n) / RATE)
+    result = density(y, RATE, average=None)
+    ax = drawn(spectrum({"gyro_x": result}))
+    f, values = (np.asarray(v) for v in line(ax, "measured, 95 % interval").get_data())
+    assert len(f) <= 2002
+    assert np.all(np.diff(f) > 0)
+    assert f[np.argmax(values)] == pytest.approx(17.3)
+    assert values.max() == pytest.approx(result.density.max() / DEG_PER_H**2)
+    assert values.min() == pytest.approx(result.density.min() / DEG_PER_H**2)
+    assert ax.get_ylim()[0] > values.min()  # the deepest dips leave the axes
+    assert (f[0], f[-1]) == (result.frequency[0], result.frequency[-1])
+
+
+@pytest.mark.parametrize("own", [True, False])
+def test_nothing_overlaps_and_nothing_leaves_the_figure(own):
+    results = {f"{sensor}_{axis}": found() for sensor in ("gyro", "accel") for axis in "xyz"}
+    axes = np.ravel(
+        spectrum(
+            results, ax=None if own else Figure(figsize=(10, 5), layout="constrained").subplots(1, 2),
+            noise={name: made_fit() for name in results},
+        )
+    )  # fmt: skip
+    figure = axes[0].figure
+    figure.draw_without_rendering()
+    for ax in axes:
+        box = ax.get_legend().get_window_extent()
+        assert figure.bbox.x0 - 1 <= box.x0
+        assert box.x1 <= figure.bbox.x1 + 1
+        assert box.y1 <= figure.bbox.y1 + 1
+        if own:
+            assert box.y0 >= ax.get_window_extent().y1 - 1
+        labels = [label.get_window_extent() for label in (*ax.get_xticklabels(), *ax.get_yticklabels()) if label.get_text()]
+        visible = [b for b in labels if ax.get_window_extent().padded(20).overlaps(b)]
+        assert not any(a.overlaps(b) for i, a in enumerate(visible) for b in visible[:i])
+
+
+def made(frequency, values):
+    one = np.ones_like(values)
+    return Spectrum(
+        frequency=frequency, density=values, lower=values / 2, upper=values * 2, count=one, edf=2 * one, method="dct", sided=2,
+        average=None, rate=RATE, confidence=0.95,
+    )  # fmt: skip
+
+
+def test_zero_densities_are_left_out():
+    f = np.arange(1.0, 6.0)
+    ax = drawn(spectrum(made(f, np.array([1.0, 0.0, 2.0, np.nan, 1.0]))))
+    assert ax.lines[0].get_xdata().tolist() == [1.0, 3.0, 5.0]
+    drawn(spectrum(made(f[:1], np.ones(1))))
+    with pytest.raises(DataError, match="no density is above zero"):
+        spectrum(made(f, np.zeros(5)))
+
+
+def test_degenerate_calls():
+    with pytest.raises(DataError, match="the dictionary of results is empty"):
+        spectrum({})
+    with pytest.raises(DataError, match="cannot draw ndarray; expected a Spectrum"):
+        spectrum({"gyro_x": np.ones(3)})
+    with pytest.raises(DataError, match="noise must be a Noise, a NoiseFit"):
+        spectrum(found(), noise=1e-4)
+    with pytest.raises(DataError, match="noise names none of the channels drawn: it has gyro_y"):
+        spectrum({"gyro_x": found()}, noise={"gyro_y": Noise(N=1.0)})
+
+
+def test_no_global_setting_is_touched(tmp_path):
+    before = dict(matplotlib.rcParams)
+    save(spectrum(found()), tmp_path / "psd.png")
+    assert dict(matplotlib.rcParams) == before
+    assert (tmp_path / "psd.png").read_bytes().startswith(b"\x89PNG")

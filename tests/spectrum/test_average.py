@@ -1,0 +1,143 @@
+"""The averaging tables, and the intervals that follow from what was averaged."""
+
+import math
+
+import numpy as np
+import pytest
+import scipy.stats
+
+from jaxcal.spectrum import density
+from jaxcal.spectrum._average import average, log_groups, octave_groups, single_groups
+from jaxcal.spectrum._edf import degrees_of_freedom, welch_correlation
+
+#: thesis, Table 5.1: first ordinate, last ordinate, averaged by
+TABLE = [
+    (1, 32, 1), (33, 64, 2), (65, 128, 4), (129, 256, 8), (257, 512, 16), (513, 1024, 32), (1025, 2048, 64), (2049, 4096, 128),
+    (4097, 8192, 256), (8193, 16384, 512), (16385, 32768, 1024),
+]  # fmt: skip
+
+
+def test_octave_groups_are_the_table_of_the_thesis():
+    start, count = octave_groups(32_768)
+    assert len(start) == 192
+    expected = [(first, size) for low, high, size in TABLE for first in range(low, high + 1, size)]
+    assert [(a + 1, c) for a, c in zip(start.tolist(), count.tolist(), strict=True)] == expected
+
+
+def test_a_record_of_65536_samples_has_192_values():
+    y = np.random.default_rng(0).standard_normal(65_536)
+    found, raw = density(y, 100.0), density(y, 100.0, average=None)
+    assert found.frequency.shape == (192,)
+    assert found.warnings == ()
+    np.testing.assert_allclose(found.density[:32], raw.density[:32], rtol=1e-14)
+    np.testing.assert_allclose(found.density[32], raw.density[32:34].mean(), rtol=1e-13)
+    np.testing.assert_allclose(found.density[-1], raw.density[-1024:].mean(), rtol=1e-12)
+    np.testing.assert_allclose(found.frequency[-1], raw.frequency[-1024:].mean(), rtol=1e-12)
+    assert found.count[[0, 31, 32, 47, 48, -1]].tolist() == [1, 1, 2, 2, 4, 1024]
+
+
+@pytest.mark.parametrize("groups", [single_groups, octave_groups, log_groups])
+@pytest.mark.parametrize("ordinates", [1, 31, 32, 33, 47, 48, 49, 100, 4095, 4096, 4097, 12_345])
+def test_groups_lie_one_behind_the_other(groups, ordinates):
+    start, count = groups(ordinates, keep_tail=True)
+    np.testing.assert_array_equal(start, np.concatenate([[0], np.cumsum(count)[:-1]]))
+    assert count.sum() == ordinates
+    assert np.all(count >= 1)
+    whole = groups(ordinates)
+    dropped = len(start) - len(whole[0])
+    assert dropped in (0, 1)
+    np.testing.assert_array_equal(whole[0], start[: len(whole[0])])
+    if dropped:  # it was not full: with a few ordinates more it grows
+        longer = groups(ordinates + int(count[-1]) * 20, keep_tail=True)
+        assert longer[1][len(start) - 1] > count[-1]
+
+
+def test_log_groups_are_forty_to_the_decade():
+    start, _ = log_groups(48_000, keep_tail=True)
+    assert start[:48].tolist() == list(range(48))
+    for decade in (48, 480, 4800):
+        assert np.count_nonzero((start >= decade) & (start < 10 * decade)) == 40
+    np.testing.assert_allclose(start[100:] / start[99:-1], 10 ** (1 / 40), rtol=2e-3)
+
+
+def test_a_ragged_tail_is_dropped_and_said_or_kept_with_its_count():
+    y = np.random.default_rng(1).standard_normal(220)  # 110 ordinates: 2 beyond the last full group of four
+    raw = density(y, 22.0, average=None)
+    dropped, kept = density(y, 22.0), density(y, 22.0, keep_tail=True)
+    assert len(kept.density) == len(dropped.density) + 1
+    assert dropped.warnings == ("left out: ordinates from 10.9 Hz, 2 of 110, which do not fill a group (keep_tail averages them)",)
+    assert kept.warnings == ()
+    assert kept.count[-2:].tolist() == [4, 2]
+    assert kept.density[-1] == pytest.approx(raw.density[-2:].mean())
+    assert kept.frequency[-1] == pytest.approx(raw.frequency[-2:].mean())
+
+
+def test_average_is_a_mean_over_each_group():
+    random = np.random.default_rng(2)
+    values = random.standard_normal((2, 500))
+    start, count = log_groups(500, keep_tail=True)
+    expected = [values[:, a : a + c].mean(axis=1) for a, c in zip(start, count, strict=True)]
+    np.testing.assert_allclose(average(values, (start, count)).T, expected, rtol=1e-13)
+
+
+def test_degrees_of_freedom_of_the_periodogram_and_the_dct():
+    """Two to an ordinate, one to that at half the rate, which an even record has; the DCT has one everywhere."""
+    y = np.random.default_rng(0).standard_normal(101)
+    np.testing.assert_allclose(density(y, 1.0).edf, 2.0 * density(y, 1.0).count)
+    np.testing.assert_allclose(density(y[:100], 1.0, average=None).edf, [2.0] * 49 + [1.0])
+    np.testing.assert_allclose(density(y[:100], 1.0, average=None, sided=1).edf, [2.0] * 49 + [1.0])
+    assert density(y[:64], 1.0, sided=1).edf[-1] == pytest.approx(1.0)
+    # one-sided, the last of two stands for half as much: as three equal squares
+    assert density(y[:68], 1.0, sided=1).edf[-1] == pytest.approx(3.0)
+    found = density(y, 1.0, method="dct", keep_tail=True)
+    np.testing.assert_array_equal(found.edf, found.count)
+
+
+def test_degrees_of_freedom_of_half_overlapping_hann_segments():
+    """36 K^2 / (19 K - 1): Percival and Walden, Spectral Analysis for Physical Applications, 1993, equation 294."""
+    for segments in (1, 2, 7, 100):
+        v = welch_correlation(segments, 256, 128)
+        found = degrees_of_freedom(v, single_groups(128), np.ones(128), 256)
+        np.testing.assert_allclose(found[8:120], 36.0 * segments**2 / (19.0 * segments - 1.0), rtol=1e-6)
+
+
+@pytest.mark.parametrize(("average", "overlap"), [(None, 0.5), ("octave", 0.5), ("log", 0.5), ("octave", 0.75), ("log", 0.0)])
+def test_degrees_of_freedom_of_welch_are_those_of_the_spread(average, overlap):
+    """2 mean^2 / variance over 6000 white records; its standard error is 1.9 to 3 % of it."""
+    y = np.random.default_rng(3).standard_normal((1024, 6000))
+    found = density(y, 1.0, method="welch", average=average, segment=256, overlap=overlap, keep_tail=True)
+    spread = 2.0 * found.density.mean(axis=1) ** 2 / found.density.var(axis=1)
+    error = np.sqrt((2.0 + 12.0 / found.edf) / 6000)  # relative variance of a sample variance of chi-square
+    assert np.all(np.abs(spread / found.edf - 1.0) < 4.5 * error), spread / found.edf
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"average": None}, {"average": "octave"}, {"average": "log", "sided": 1}, {"method": "dct"}, {"method": "dct", "sided": 1},
+        {"method": "welch", "segment": 128}, {"method": "welch", "segment": 128, "average": None, "sided": 1},
+        {"confidence": 0.8},
+    ],
+    ids=str,
+)  # fmt: skip
+def test_intervals_of_white_noise_cover_as_often_as_they_say(options):
+    """2000 records of 600 samples: at every frequency the count of covering intervals is binomial."""
+    runs, level = 2000, options.get("confidence", 0.95)
+    y = math.sqrt(10.0) * np.random.default_rng(4).standard_normal((600, runs))
+    found = density(y, 10.0, keep_tail=True, **options)
+    truth = np.full(len(found.frequency), 2.0 if found.sided == 1 else 1.0)
+    if found.sided == 1 and found.average is None:
+        truth[-1] = 1.0  # the ordinate at half the rate stands for itself
+    share = np.mean((found.lower <= truth[:, None]) & (truth[:, None] <= found.upper), axis=1)
+    error = math.sqrt(level * (1 - level) / runs)
+    # 0.5 % for the chi-square approximation to a sum of unlike squares
+    assert np.all(np.abs(share - level) < 4.5 * error + 0.005), (share.min(), share.max())
+    assert abs(share.mean() - level) < 0.005
+
+
+def test_limits_are_the_quantiles_of_chi_square():
+    found = density(np.random.default_rng(0).standard_normal(1000), 1.0, confidence=0.9)
+    high, low = (found.edf / scipy.stats.chi2.ppf(p, found.edf) for p in (0.05, 0.95))
+    np.testing.assert_allclose(found.upper / found.density, high, rtol=1e-9)
+    np.testing.assert_allclose(found.lower / found.density, low, rtol=1e-9)
+    assert found.confidence == 0.9

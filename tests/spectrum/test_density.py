@@ -1,0 +1,253 @@
+"""Spectra against scipy, Parseval's identity and dense covariance matrices; options, channels, and messages."""
+
+import math
+
+import hypothesis
+import hypothesis.strategies as st
+import jax
+import numpy as np
+import pytest
+import scipy.fft
+import scipy.signal
+
+import jaxcal
+from jaxcal import DataError
+from jaxcal.spectrum import density
+
+RATE = 25.0
+SIDES = {1: True, 2: False}
+
+
+def record(n=500, seed=0, channels=None):
+    shape = (n,) if channels is None else (n, channels)
+    return 9.81 + np.random.default_rng(seed).standard_normal(shape)
+
+
+def by_definition(y, rate, sided):
+    """The ordinates above zero, term by term."""
+    n, t = len(y), np.arange(len(y))
+    values = []
+    for j in range(1, n // 2 + 1):
+        power = abs(np.sum((y - y.mean()) * np.exp(-2j * np.pi * j * t / n))) ** 2 / (n * rate)
+        values.append(power * (2.0 if sided == 1 and 2 * j != n else 1.0))
+    return np.arange(1, n // 2 + 1) * rate / n, np.array(values)
+
+
+@pytest.mark.parametrize("sided", [1, 2])
+@pytest.mark.parametrize("n", [4, 5, 64, 81])
+def test_periodogram_equals_its_definition(n, sided):
+    y = record(n)
+    found = density(y, RATE, sided=sided, average=None)
+    frequency, expected = by_definition(y, RATE, sided)
+    np.testing.assert_allclose(found.frequency, frequency, rtol=1e-14)
+    np.testing.assert_allclose(found.density, expected, rtol=1e-9, atol=1e-14)
+
+
+@pytest.mark.parametrize("sided", [1, 2])
+@pytest.mark.parametrize("n", [500, 501])
+def test_periodogram_equals_scipy(n, sided):
+    y = record(n)
+    found = density(y, RATE, sided=sided, average=None)
+    frequency, expected = scipy.signal.periodogram(y, RATE, return_onesided=SIDES[sided])
+    here = slice(1, n // 2 + 1)
+    np.testing.assert_allclose(found.frequency, np.abs(frequency[here]), rtol=1e-13)
+    np.testing.assert_allclose(found.density, expected[here], rtol=1e-9)
+
+
+@pytest.mark.parametrize("sided", [1, 2])
+@pytest.mark.parametrize(("segment", "overlap"), [(64, 0.5), (65, 0.5), (50, 0.0), (48, 0.75), (500, 0.5)])
+def test_welch_equals_scipy(segment, overlap, sided):
+    y = record(500) + np.linspace(0.0, 5.0, 500)
+    found = density(y, RATE, method="welch", sided=sided, average=None, segment=segment, overlap=overlap)
+    frequency, expected = scipy.signal.welch(y, RATE, nperseg=segment, noverlap=int(segment * overlap), return_onesided=SIDES[sided])
+    here = slice(1, segment // 2 + 1)
+    np.testing.assert_allclose(found.frequency, np.abs(frequency[here]), rtol=1e-13)
+    np.testing.assert_allclose(found.density[1:], expected[here][1:], rtol=1e-9)
+    # the mean of a segment takes a sixth of its first ordinate, which scipy leaves so
+    np.testing.assert_allclose(found.density[0], expected[1] * 6 / 5, rtol=1e-9)
+
+
+def test_welch_is_unbiased_for_white_noise_at_every_ordinate():
+    """4000 records; the standard error of each mean is the deviation over sqrt(4000), and 4.5 of them leave 0.02 % by chance."""
+    found = density(np.random.default_rng(5).standard_normal((256, 4000)), 1.0, method="welch", average=None, segment=32)
+    error = found.density.std(axis=1) / math.sqrt(4000)
+    assert np.all(np.abs(found.density.mean(axis=1) - 1.0) < 4.5 * error)
+
+
+@hypothesis.settings(max_examples=40, deadline=None)
+@hypothesis.given(n=st.integers(4, 300), seed=st.integers(0, 2**32 - 1), average=st.sampled_from(["octave", "log", None]))
+def test_parseval(n, seed, average):
+    """The ordinates times their spacing add up to the variance, whatever they were averaged to."""
+    y = record(n, seed)
+    one = density(y, RATE, sided=1, average=average, keep_tail=True)
+    assert np.sum(one.density * one.count) * RATE / n == pytest.approx(np.var(y), rel=1e-9)
+    two = density(y, RATE, sided=2, average=None)
+    twice = np.full(n // 2, 2.0)
+    if n % 2 == 0:
+        twice[-1] = 1.0
+    assert np.sum(two.density * twice) * RATE / n == pytest.approx(np.var(y), rel=1e-9)
+    dct = density(y, RATE, method="dct", sided=1, average=average, keep_tail=True)
+    assert np.sum(dct.density * dct.count) * RATE / (2 * n) == pytest.approx(np.var(y), rel=1e-9)
+
+
+def test_dct_equals_scipy():
+    y = record(333)
+    found = density(y, RATE, method="dct", average=None)
+    np.testing.assert_allclose(found.frequency, np.arange(1, 333) * RATE / 666, rtol=1e-14)
+    np.testing.assert_allclose(found.density, scipy.fft.dct(y, norm="ortho")[1:] ** 2 / RATE, rtol=1e-8, atol=1e-13)
+    np.testing.assert_allclose(density(y, RATE, method="dct", sided=1, average=None).density, 2 * found.density, rtol=1e-14)
+
+
+def expected_ordinates(root, rate):
+    """E P_k of a Gaussian record with covariance root root': P is quadratic, so the columns of the root add up to it."""
+    moving = np.ptp(root, axis=0) > 0  # a column of equal samples adds nothing above frequency zero
+    return density(root[:, moving], rate, method="dct", average=None).density.sum(axis=1)
+
+
+@pytest.mark.parametrize("n", [8, 33, 96])
+def test_dct_of_the_noise_terms_has_the_expectations_of_their_covariance(n):
+    dt, z = 1.0 / RATE, np.eye(n + 1)
+    k = np.arange(1, n)
+    s = 2.0 * np.sin(np.pi * k / (2 * n))
+    quantisation = 3e-4 / dt * np.diff(z, axis=0)
+    expected = 3e-4**2 / dt * (s**2 + 4.0 / n * np.cos(np.pi * k / (2 * n)) ** 2)
+    np.testing.assert_allclose(expected_ordinates(quantisation, RATE), expected, rtol=1e-11)
+    walk = 2e-3 * math.sqrt(dt) * np.cumsum(np.eye(n), axis=0)
+    np.testing.assert_allclose(expected_ordinates(walk, RATE), 2e-3**2 * dt**2 / s**2, rtol=1e-11)
+    np.testing.assert_allclose(expected_ordinates(0.7 * np.eye(n), RATE), np.full(n - 1, 0.49 * dt), rtol=1e-11)
+    # the ordinates of a random walk are independent: the transform of its covariance is diagonal
+    transform = scipy.fft.dct(np.eye(n), norm="ortho", axis=0)
+    covariance = transform @ walk @ walk.T @ transform.T
+    inner = covariance[1:, 1:]
+    assert np.max(np.abs(inner - np.diag(np.diag(inner)))) < 1e-12 * np.max(inner)
+
+
+def test_dct_of_flicker_against_its_covariance():
+    """Increments of flicker have the autocovariance -(4 B^2/pi)/(4 h^2 - 1); at k = 1 the naive density is 29 % too high."""
+    n, h = 96, np.arange(96)
+    increments = -(4.0 / np.pi) / (4.0 * h**2 - 1.0)
+    root = np.linalg.cholesky(increments[np.abs(h[:, None] - h[None, :])])
+    found = expected_ordinates(np.cumsum(root, axis=0), 1.0)
+    naive = 1.0 / (2.0 * np.sin(np.pi * np.arange(1, n) / (2 * n)))
+    assert naive[0] / found[0] == pytest.approx(1.29, abs=0.005)
+    assert naive[1] / found[1] == pytest.approx(1.11, abs=0.005)
+    assert naive[20] / found[20] == pytest.approx(1.008, abs=0.001)
+
+
+@pytest.mark.parametrize("method", ["periodogram", "welch", "dct"])
+def test_channels_are_what_each_is_alone(method):
+    y = record(3000, channels=3)
+    y[:, 1] = np.cumsum(y[:, 1])
+    options = {"method": method, "sided": 1}
+    both = density(y, RATE, **options)
+    fortran = density(np.asfortranarray(y), RATE, **options)
+    for i in range(3):
+        alone = density(y[:, i], RATE, **options)
+        for name in ("frequency", "density", "lower", "upper", "count", "edf"):
+            np.testing.assert_allclose(getattr(both.channel(i), name), getattr(alone, name), rtol=1e-9)
+            np.testing.assert_allclose(getattr(fortran.channel(i), name), getattr(alone, name), rtol=1e-9)
+        assert (both.channel(i).method, both.channel(i).sided, both.channel(i).rate) == (method, 1, RATE)
+
+
+def test_a_line_stands_at_its_frequency_with_its_power():
+    """A sinusoid of amplitude A has the mean square A^2/2, all of it in one ordinate when it fits the record."""
+    n, t = 1000, np.arange(1000) / RATE
+    y = 3.0 * np.sin(2 * np.pi * 2.5 * t) + 1e-6 * record(n)
+    found = density(y, RATE, sided=1, average=None)
+    peak = np.argmax(found.density)
+    assert found.frequency[peak] == pytest.approx(2.5)
+    assert found.density[peak] * RATE / n == pytest.approx(4.5, rel=1e-5)
+
+
+def test_default_segment_of_welch():
+    found = density(record(10_000), RATE, method="welch", average=None)
+    assert found.frequency[0] == pytest.approx(RATE / 1024)
+    assert found.count.tolist() == [(10_000 - 1024) // 512 + 1] * 512
+
+
+def test_no_setting_of_jax_is_changed_and_precision_does_not_matter(precision):
+    before = jax.config.jax_enable_x64
+    y = 9.81 + 1e-6 * np.random.default_rng(2).standard_normal(500)
+    found = density(y, RATE, average=None)
+    assert jax.config.jax_enable_x64 == before
+    assert isinstance(found.density, np.ndarray)
+    assert found.density.dtype == np.float64
+    np.testing.assert_allclose(found.density, scipy.signal.periodogram(y, RATE, return_onesided=False)[1][1:251], rtol=1e-6)
+
+
+def test_integers_are_samples_too():
+    y = np.random.default_rng(0).integers(-100, 100, 300)
+    np.testing.assert_array_equal(density(y, RATE).density, density(y.astype(float), RATE).density)
+    np.testing.assert_array_equal(density(y.tolist(), RATE).density, density(y, RATE).density)
+
+
+def test_a_record_is_left_as_it_was():
+    y = record(300)
+    before = y.copy()
+    for method in ("periodogram", "welch", "dct"):
+        density(y, RATE, method=method, sided=1)
+    np.testing.assert_array_equal(y, before)
+
+
+RECORD = np.arange(100.0) % 7
+
+
+@pytest.mark.parametrize(
+    ("y", "options", "words"),
+    [
+        ([], {}, "not empty"),
+        ([1.0, 2.0, 3.0], {}, "at least 4 samples; got 3"),
+        ([1.0, 2.0, math.inf, 2.0], {}, "1 infinite values, the first at sample 2"),
+        ([math.nan] * 5, {}, "nothing but NaN"),
+        ([3.0] * 50, {}, "y is constant"),
+        (np.stack([RECORD, np.ones(100)], axis=1), {}, "channel 1 is constant"),
+        (["a", "b"], {}, "real numbers"),
+        (np.zeros((2, 2, 2)), {}, "(n,) or (n, channels)"),
+        (np.zeros((3, 100)), {}, "y.T"),
+        (RECORD, {"method": "burg"}, "expected one of periodogram, welch, dct"),
+        (RECORD, {"sided": 3}, "sided must be 2"),
+        (RECORD, {"average": "decade"}, 'expected "octave", "log" or None'),
+        (RECORD, {"average": [1]}, 'expected "octave", "log" or None'),
+        (RECORD, {"confidence": 95}, "between 0 and 1"),
+        (RECORD, {"segment": 50}, 'segment belongs to method="welch"'),
+        (RECORD, {"method": "welch", "segment": 101}, "from 4 to 100"),
+        (RECORD, {"method": "welch", "segment": 20.5}, "whole number"),
+        (RECORD, {"method": "welch", "overlap": 1.0}, "from 0 to below 1"),
+    ],
+)
+def test_messages(y, options, words):
+    with pytest.raises(DataError) as caught:
+        density(y, RATE, **options)
+    assert words in str(caught.value)
+
+
+@pytest.mark.parametrize("rate", [0.0, -1.0, math.nan, math.inf, "fast", None])
+def test_messages_about_the_rate(rate):
+    with pytest.raises(DataError, match="rate must be"):
+        density(RECORD, rate)
+
+
+@pytest.mark.parametrize("rate", [100.0, 99.7, 1 / 3, 1e6 / 7])
+def test_a_gap_is_refused_and_the_message_names_a_stretch_that_works(rate):
+    y = record(9000, channels=3)
+    y[[1234, 1235, 8000], 1] = np.nan
+    with pytest.raises(DataError, match=r"channel 1 has 3 missing samples \(NaN\)") as caught:
+        density(y, rate)
+    assert "y[1236:8000]" in str(caught.value)
+    call = str(caught.value).partition("log.select(")[2].partition(")")[0]
+    part = jaxcal.Log(None, gyro=y, rate=rate).select(*map(float, call.split(", ")))
+    np.testing.assert_array_equal(part.gyro, y[1236:8000])
+    assert np.all(density(part.gyro, rate).density > 0)
+
+
+def test_nothing_but_gaps():
+    y = record(300)
+    y[::3] = np.nan
+    with pytest.raises(DataError, match="the longest stretch without any has 2 samples"):
+        density(y, RATE)
+
+
+def test_a_single_channel_has_none_to_pick():
+    with pytest.raises(IndexError, match="single channel"):
+        density(RECORD, 1.0).channel(0)
+    assert jaxcal.spectrum.density is density
