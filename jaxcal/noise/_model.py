@@ -1,7 +1,10 @@
 """`Noise`: the noise family of IEEE Std 952 as one composable model."""
 
+import math
+
 import equinox as eqx
 import jax
+import jax.core
 import jax.numpy as jnp
 import numpy as np
 
@@ -25,6 +28,8 @@ class Noise(eqx.Module):
     R : ramp, rad/s^2 (m/s^3).
     markov : ((qc, Tc), ...) first-order Gauss-Markov processes; qc as K, correlation time Tc in s.
     sinusoid : ((A, f0), ...) sinusoids of amplitude A (as B) and frequency f0 in Hz, random phase.
+    cutoff : frequency in Hz above which flicker B has no density; inf, the default, for none. Samples do not feel a cut-off at
+        half the sampling rate or above.
 
     Each coefficient is a number, or an array over channels.
 
@@ -50,6 +55,7 @@ class Noise(eqx.Module):
     R: Any = 0.0
     markov: tuple[tuple[Any, Any], ...] = ()
     sinusoid: tuple[tuple[Any, Any], ...] = ()
+    cutoff: Any = math.inf
 
     @host_float64
     def avar(self, tau, dt=None):
@@ -63,9 +69,17 @@ class Noise(eqx.Module):
         With `dt`, the exact expectation of the Allan variance of samples taken every dt seconds: at tau = dt flicker is 1.44
         times, a random walk 1.5 times the continuous value.
 
+        Flicker with a cut-off frequency contributes, with :math:`u = \pi f_c \tau`,
+
+        .. math:: \frac{2B^2}{\pi}\Big[\ln 2 - \frac{\sin^3 u}{2u^2}(\sin u + 4u\cos u) + \mathrm{Ci}(2u) - \mathrm{Ci}(4u)\Big]
+                  = \frac{2B^2}{\pi}\int_0^u \frac{\sin^4 v}{v^3}\,dv,
+
+        which rises as :math:`\pi B^2 f_c^2\tau^2` far below 1/fc. With `dt` the density that is cut is that of the samples (see
+        `psd`); it is integrated numerically, to rounding.
+
         Parameters
         ----------
-        tau : cluster time in s, any shape.
+        tau : cluster time in s, any shape; with `dt`, multiples of dt.
         dt : sampling interval in s; None for the continuous form.
 
         Returns
@@ -91,7 +105,7 @@ class Noise(eqx.Module):
         .. math:: S(f) = Q^2 (2\pi f)^2 dt + N^2 + \frac{B^2}{2\pi f} + \frac{K^2}{(2\pi f)^2} + \ldots
 
         Continuous, quantisation noise has no density of its own (it needs the sampling interval); with `dt` the exact density
-        of the samples, in which 2 pi f becomes (2/dt) sin(pi f dt).
+        of the samples, in which 2 pi f becomes (2/dt) sin(pi f dt). Flicker ends at `cutoff` in both.
 
         Parameters
         ----------
@@ -114,14 +128,24 @@ class Noise(eqx.Module):
         """
         return self._sum(spectral_column, f, dt)
 
-    def simulate(self, n, rate, *, seed):
-        """Samples of this noise, exact in distribution; see `jaxcal.noise._simulate` for the rule of each term.
+    def simulate(self, n, rate, *, seed, resolution=None):
+        r"""Samples of this noise, exact in distribution; see `jaxcal.noise._simulate` for the rule of each term.
+
+        Flicker with a cut-off below half the rate is the one approximation: its density is drawn on frequencies eight times as
+        close as those of the record, which keeps the Allan variance to a few parts in a thousand.
+
+        With a `resolution` the samples are rounded to its multiples, as by an analogue-to-digital converter of that step. Where
+        white noise dithers them, with a standard deviation of a step or more, the rounding error is white and uncorrelated with
+        the signal: it adds to N, as :math:`N^2 + \mathrm{LSB}^2 dt/12` (at half a step the sum is 2 % less). It is not the
+        quantisation noise Q, which belongs to sensors that round the *integral* of the rate. With noise well below half a
+        step the output sticks to a few values, and no such model holds.
 
         Parameters
         ----------
         n : number of samples.
         rate : sampling rate in Hz.
         seed : integer seed, or a `numpy.random.Generator`; the same seed gives the same record.
+        resolution : step of the output (least significant bit) in the unit of B, or one per channel; None for no rounding.
 
         Returns
         -------
@@ -130,17 +154,24 @@ class Noise(eqx.Module):
         Raises
         ------
         DataError
-            If n or the rate is not positive, or a coefficient is negative or not finite.
+            If n, the rate, the cut-off or the resolution is not positive, or a coefficient is negative or not finite.
 
         Examples
         --------
         >>> from jaxcal.noise import Noise
         >>> Noise(N=1.0, K=0.01).simulate(5, rate=100.0, seed=0).shape
         (5,)
+        >>> steps = Noise(N=0.1).simulate(5, rate=100.0, seed=0, resolution=0.5) / 0.5
+        >>> bool((steps == steps.round()).all())
+        True
+
+        References
+        ----------
+        Rounding error of a dithered signal: Widrow, Kollár and Liu, IEEE Trans. Instrum. Meas. 45, 1996, 353-361.
         """
         from ._simulate import simulate
 
-        return simulate(self, n, rate, seed)
+        return simulate(self, n, rate, seed, resolution)
 
     def channel(self, index: int) -> "Noise":
         """The noise of one channel, where coefficients are arrays over channels."""
@@ -152,24 +183,33 @@ class Noise(eqx.Module):
             **{term: pick(getattr(self, term)) for term in TERMS},
             markov=tuple((pick(q), pick(t)) for q, t in self.markov),
             sinusoid=tuple((pick(a), pick(f)) for a, f in self.sinusoid),
+            cutoff=pick(self.cutoff),
         )
 
     def _sum(self, column, x, dt):
         x = jnp.asarray(x, dtype=jnp.result_type(float))
-        if any(np.ndim(leaf) for leaf in jax.tree.leaves(self)):
+        if any(np.ndim(value) for value in numbers(self)):
             x = x[..., None]  # channels last
 
         def shaped(value):
             value = jnp.asarray(value, dtype=x.dtype)
             return value.reshape((1,) * (x.ndim - value.ndim) + value.shape)
 
+        uncut = not isinstance(self.cutoff, jax.core.Tracer) and bool(np.all(np.isposinf(self.cutoff)))
         total = jnp.zeros_like(x)
         for term in TERMS:
-            total = total + shaped(getattr(self, term)) ** 2 * column(term, x, dt)
+            scale = shaped(self.cutoff) if term == "B" and not uncut else None
+            total = total + shaped(getattr(self, term)) ** 2 * column(term, x, dt, scale)
         for kind, pairs in (("markov", self.markov), ("sinusoid", self.sinusoid)):
             for strength, scale in pairs:
                 total = total + shaped(strength) ** 2 * column(kind, x, dt, shaped(scale))
         return total
+
+
+def numbers(noise: Noise) -> list[Any]:
+    """Every number or array of a noise model: the coefficients, then Tc and f0 beside their strengths, and the cut-off last."""
+    pairs = (*noise.markov, *noise.sinusoid)
+    return [*(getattr(noise, term) for term in TERMS), *(value for pair in pairs for value in pair), noise.cutoff]
 
 
 def with_coefficients(values: dict[str, Any]) -> Noise:

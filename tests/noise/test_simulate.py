@@ -6,35 +6,89 @@ import pytest
 from jaxcal import DataError
 from jaxcal.allan import deviation
 from jaxcal.noise import Noise
+from jaxcal.noise._simulate import cut_bins
 
 TERMS = {
     "Q": Noise(Q=1.0),
     "N": Noise(N=1.0),
     "B": Noise(B=1.0),
     "K": Noise(K=1.0),
+    "R": Noise(R=1.0),
     "markov": Noise(markov=((1.0, 3.0),)),
     "sinusoid": Noise(sinusoid=((1.0, 0.37),)),
+    "cut-off far below the rate": Noise(B=1.0, cutoff=0.1),
+    "cut-off": Noise(B=1.0, cutoff=1.0),
+    "cut-off near half the rate": Noise(B=1.0, cutoff=4.5),
     "all": Noise(Q=0.01, N=1.0, B=0.5, K=0.2, R=0.05, markov=((0.5, 3.0),), sinusoid=((0.3, 0.37),)),
 }
 
 
+M = np.array([1, 2, 4, 8, 32, 128, 512, 1024])
+RUNS, SAMPLES, RATE = 300, 2**14, 10.0
+
+
+def mean_variance(noise, **options):
+    """Mean Allan variance of 300 records of 16,384 samples, and its standard error."""
+    y = np.stack([noise.simulate(SAMPLES, RATE, seed=s, **options) for s in range(RUNS)], axis=1)
+    variance = deviation(y, RATE, m=M, alpha=0).deviation ** 2
+    return variance.mean(axis=1), variance.std(axis=1, ddof=1) / np.sqrt(RUNS)
+
+
 @pytest.mark.parametrize("term", TERMS)
 def test_mean_allan_variance_is_the_exact_one(term):
-    """200 records of 4,096 samples: the mean within 4.5 standard errors at every cluster size."""
-    noise, runs, rate = TERMS[term], 200, 10.0
-    y = np.stack([noise.simulate(4096, rate, seed=s) for s in range(runs)], axis=1)
-    m = np.array([1, 2, 4, 8, 32, 128, 512, 1024])
-    variance = deviation(y, rate, m=m).deviation ** 2
-    error = variance.std(axis=1, ddof=1) / np.sqrt(runs)
-    z = (variance.mean(axis=1) - noise.avar(m / rate, dt=1 / rate)) / error
+    """Within 4.5 standard errors at every cluster size."""
+    mean, error = mean_variance(TERMS[term])
+    z = (mean - TERMS[term].avar(M / RATE, dt=1 / RATE)) / np.maximum(error, 1e-9 * mean)  # a ramp has no error but rounding
     assert np.all(np.abs(z) < 4.5), z
-    # and the test could tell: the error is a few per cent of what is measured
-    assert np.all(error / variance.mean(axis=1) < 0.09)
+    assert np.all(error < 0.025 * mean)  # the test can tell
 
 
-def test_a_ramp_is_exact():
-    found = deviation(Noise(R=0.5).simulate(1000, 10.0, seed=0), 10.0, m=[1, 10, 100])
-    np.testing.assert_allclose(found.deviation**2, 0.5**2 * found.tau**2 / 2.0, rtol=1e-9)
+@pytest.mark.parametrize("term", ["markov", "Q"])
+def test_stationary_processes_have_their_autocovariance_from_the_first_sample(term):
+    y = np.stack([TERMS[term].simulate(4, RATE, seed=s) for s in range(5000)])
+    lag = np.abs(np.arange(4)[:, None] - np.arange(4)[None, :])
+    expected = 1.5 * np.exp(-lag / (3.0 * RATE)) if term == "markov" else RATE**2 * (2.0 * (lag == 0) - (lag == 1))
+    variance = expected[0, 0] ** 2 + expected**2  # of a product of two Gaussian variables
+    assert np.all(np.abs(y.T @ y / len(y) - expected) < 4.5 * np.sqrt(variance / len(y)))
+
+
+def test_rounding_with_dither_is_white():
+    """A step of one standard deviation: N^2 + LSB^2 dt/12, and the random walk as it was."""
+    noise = Noise(N=1.0 / np.sqrt(RATE), K=0.01)
+    mean, error = mean_variance(noise, resolution=1.0)
+    model = Noise(N=np.sqrt(noise.N**2 + 1.0 / RATE / 12.0), K=noise.K)
+    assert np.all(np.abs(mean - model.avar(M / RATE, dt=1 / RATE)) < 4.5 * error)
+    assert (mean[0] - noise.avar(1 / RATE, dt=1 / RATE)) / error[0] > 50.0  # it is more than without rounding
+
+
+def test_rounded_samples_are_those_without_rounding_rounded():
+    noise = Noise(N=np.array([1.0, 2.0]), K=0.1)
+    exact, step = noise.simulate(1000, RATE, seed=0), np.array([0.5, 3.0])
+    rounded = noise.simulate(1000, RATE, seed=0, resolution=step)
+    np.testing.assert_array_equal(rounded / step, np.round(rounded / step))
+    assert np.all(np.abs(rounded - exact) <= step / 2.0 * (1.0 + 1e-12))
+    # noise far below a step leaves one value
+    assert len(np.unique(Noise(N=0.01).simulate(1000, 1.0, seed=0, resolution=1.0))) == 1
+
+
+@pytest.mark.parametrize("edge", [1e-4, 1e-2, 0.3, 1.5, 1.5707])
+@pytest.mark.parametrize("n", [64, 5000])
+def test_bins_of_flicker_with_a_cut_off_give_its_allan_variance(n, edge):
+    """Sum over the bins as drawn, no Monte Carlo; the bin around zero is a random slope."""
+    length, variance = cut_bins(n, edge)
+    x = np.pi * np.arange(1, len(variance)) / length
+    np.testing.assert_allclose(variance.sum(), 8.0 / np.pi * np.sin(edge / 2.0) ** 2, rtol=1e-12)
+    for m, tolerance in ((1, 1e-4), (n // 16, 1e-4), (n // 4, 6e-4), (n // 2, 3e-3)):
+        found = np.sum(variance[1:] * np.sin(m * x) ** 4 / (2.0 * m**2 * np.sin(x) ** 4)) + variance[0] * m**2 / 2.0
+        np.testing.assert_allclose(found, Noise(B=1.0, cutoff=edge / np.pi).avar(float(m), dt=1.0), rtol=tolerance)
+
+
+def test_a_cut_off_at_half_the_rate_is_none():
+    whole = Noise(B=1.0).simulate(500, RATE, seed=0)
+    np.testing.assert_array_equal(Noise(B=1.0, cutoff=5.0).simulate(500, RATE, seed=0), whole)
+    several = Noise(B=1.0, cutoff=np.array([np.inf, 0.1])).simulate(500, RATE, seed=0)
+    np.testing.assert_array_equal(several[:, 0], whole)
+    assert np.std(np.diff(several[:, 1])) < 0.05 * np.std(np.diff(whole))
 
 
 def test_flicker_increments_have_their_autocovariance():
@@ -67,8 +121,17 @@ def test_seeds_and_channels():
         (Noise(N=-1.0), 10, 1.0, "not negative"),
         (Noise(K=np.nan), 10, 1.0, "finite"),
         (Noise(N=[1.0, 2.0], K=[1.0, 2.0, 3.0]), 10, 1.0, "different lengths"),
+        (Noise(B=1.0, cutoff=0.0), 10, 1.0, "cutoff must be positive"),
+        (Noise(B=1.0, cutoff=np.nan), 10, 1.0, "cutoff must be positive"),
+        (Noise(B=1.0, cutoff=1e-7), 10, 1.0, "a higher cut-off"),
     ],
 )
 def test_messages(noise, n, rate, words):
     with pytest.raises(DataError, match=words.replace("(", r"\(")):
         noise.simulate(n, rate, seed=0)
+
+
+@pytest.mark.parametrize("resolution", [0.0, -1.0, np.nan, "fine", [1.0, 2.0, 3.0]])
+def test_message_about_the_resolution(resolution):
+    with pytest.raises(DataError, match="resolution must be the positive step"):
+        Noise(N=[1.0, 2.0]).simulate(10, 1.0, seed=0, resolution=resolution)

@@ -1,0 +1,165 @@
+"""`overbound`: coefficients whose Allan deviation lies at or above the upper limit of the measured one."""
+
+import numpy as np
+import scipy.optimize
+
+from .._errors import DataError, FitError
+from .._precision import host_float64, is_traced
+from .._types import Any, Float
+from ._model import TERMS, Noise, with_coefficients
+from ._result import NoiseFit
+
+
+def overbound(fit: NoiseFit) -> Noise:
+    """Conservative coefficients of a fitted record: their Allan deviation is nowhere below the upper limit of the measured one.
+
+    `overbound_curve` with the terms of the fit, on the cluster times that the fit used and the upper limits found there
+    (`fit.deviation.upper`). At any one of these cluster times the true deviation exceeds the bound with a chance of
+    about (1 - confidence)/2 at most. Beyond the longest of them, about a quarter of the record, the bound extrapolates and promises
+    nothing.
+
+    Parameters
+    ----------
+    fit : `NoiseFit` of one channel or of several.
+
+    Returns
+    -------
+    Noise
+        SI coefficients, arrays over channels where the fit has several. Some may be zero: another term covers for them.
+
+    Raises
+    ------
+    DataError
+        If the fit is traced (`jit`, `grad`), or has an upper limit that is not finite.
+
+    Examples
+    --------
+    >>> import jaxcal
+    >>> from jaxcal.noise import overbound
+    >>> record = jaxcal.noise.Noise(N=1e-3, K=1e-4).simulate(100_000, rate=100.0, seed=0)
+    >>> fit = jaxcal.noise.fit(record, rate=100.0)
+    >>> bound = overbound(fit).avar(fit.deviation.tau, dt=0.01) ** 0.5
+    >>> bool((bound >= fit.deviation.upper)[fit.used].all())
+    True
+    """
+    curve = fit.deviation
+    if curve is None or is_traced(curve.upper, fit.used):
+        raise DataError("overbound solves a linear programme on the host; call it outside of jit, vmap and grad")
+    if curve.upper.ndim == 1:
+        terms = [term for term in fit.terms if term in TERMS]
+        beside = Noise(markov=fit.noise.markov, sinusoid=fit.noise.sinusoid)
+        return overbound_curve(curve.tau[fit.used], curve.upper[fit.used], terms=terms, dt=1.0 / curve.rate, beside=beside)
+    found = [overbound(fit.channel(i)) for i in range(curve.upper.shape[1])]
+    return Noise(
+        **{term: np.stack([np.asarray(getattr(noise, term)) for noise in found]) for term in TERMS},
+        markov=_side_by_side([noise.markov for noise in found]),
+        sinusoid=_side_by_side([noise.sinusoid for noise in found]),
+    )
+
+
+def _side_by_side(channels: list[Any]) -> tuple[tuple[Any, Any], ...]:
+    """The pairs (strength, scale) of every channel as pairs of arrays; a channel that has fewer gets some of strength zero."""
+    most = max(map(len, channels))
+    filled = np.array([[*pairs, *[(0.0, 1.0)] * (most - len(pairs))] for pairs in channels], dtype=float)
+    filled = filled.reshape(len(channels), most, 2)
+    return tuple((filled[:, i, 0], filled[:, i, 1]) for i in range(most))
+
+
+@host_float64
+def overbound_curve(tau, upper, *, terms=("Q", "N", "B", "K"), dt=None, beside=None) -> Noise:
+    r"""Least coefficients whose Allan deviation is at or above given limits at every cluster time.
+
+    With :math:`v_i` the squares of the limits, theta the squared coefficients, A the Allan variances per squared coefficient and
+    g the Allan variance of the noise given beside them,
+
+    .. math:: \min_\theta \sum_i \frac{(A\theta)_i}{v_i} \quad\text{subject to}\quad A\theta + g \ge v,\;\theta \ge 0:
+
+    of all coefficients that stay above the limits, those with the smallest mean excess of the variance, in per cent of the
+    limit, over the cluster times given. A linear programme, so that the minimum is global; it touches the limits at as many
+    cluster times as it has positive coefficients. Cluster times that are evenly spaced in the logarithm weigh every octave alike.
+
+    Parameters
+    ----------
+    tau : (clusters,) cluster times in s.
+    upper : (clusters,) upper limits of the Allan deviation, in the unit of B.
+    terms : which of "Q", "N", "B", "K", "R" may take part.
+    dt : sampling interval in s, for the exact Allan variance of samples; None for the continuous form.
+    beside : `Noise` whose Gauss-Markov processes and sinusoids are part of the result as they are.
+
+    Returns
+    -------
+    Noise
+        SI coefficients; those of other terms are zero.
+
+    Raises
+    ------
+    DataError
+        If tau and upper differ in shape, or are not positive and finite, a term is unknown, or `beside` has coefficients.
+    FitError
+        If the linear programme has no solution.
+
+    Examples
+    --------
+    Above white noise of 1 rad/sqrt(s) the least white noise is that itself, and the least flicker touches it at the shortest
+    cluster time:
+
+    >>> import numpy as np
+    >>> from jaxcal.noise import overbound_curve
+    >>> tau = np.array([1.0, 10.0, 100.0])
+    >>> f"{overbound_curve(tau, tau**-0.5, terms=('N', 'B')).N:.3f} {overbound_curve(tau, tau**-0.5, terms=('B',)).B:.3f}"
+    '1.000 1.505'
+
+    References
+    ----------
+    Bounds on noise with uncertain coefficients for filters: Langel, García Crespillo and Joerger, Navigation 68, 2021,
+    259-276. The linear programme is ours.
+    """
+    if is_traced(tau, upper):
+        raise DataError("overbound_curve solves a linear programme on the host; call it outside of jit, vmap and grad")
+    tau, limit, terms = _checked(tau, upper, terms)
+    beside = Noise() if beside is None else beside
+    if any(np.any(np.asarray(getattr(beside, term)) != 0) for term in TERMS):
+        raise DataError("beside is for Gauss-Markov processes and sinusoids; leave its coefficients at zero and name their terms instead")
+    columns = np.stack([np.asarray(with_coefficients({term: 1.0}).avar(tau, dt=dt)) for term in terms], axis=1)
+    theta = _least(
+        columns / limit[:, None], 1.0 - np.asarray(beside.avar(tau, dt=dt)) / limit, f"{tau.min():g} s to {tau.max():g} s", terms
+    )
+    coefficients = {term: np.sqrt(value) for term, value in zip(terms, theta, strict=True)}
+    return Noise(**coefficients, markov=beside.markov, sinusoid=beside.sinusoid)
+
+
+def _least(columns, needed, span: str, terms: tuple[str, ...]) -> Float[np.ndarray, " p"]:
+    """Theta of least mean of `columns` theta, with `columns` theta >= `needed` and theta >= 0."""
+    open_rows = needed > 0.0
+    if not open_rows.any():
+        return np.zeros(len(terms))
+    # a thousandth of a limit is asked for at the least where anything is, and each column is taken by its largest value: the
+    # columns span many powers of ten, more than the solver keeps
+    needs = columns[open_rows] / np.maximum(needed[open_rows], 1e-3)[:, None]
+    scale = np.max(needs, axis=0)
+    needs = needs / scale
+    theta = np.ones(1)
+    if len(terms) > 1:
+        cost = np.mean(columns, axis=0) / scale
+        found = scipy.optimize.linprog(cost / np.max(cost), A_ub=-needs, b_ub=-np.ones(len(needs)), method="highs")
+        if not found.success:
+            raise FitError(
+                f"the linear programme of the overbound failed ({found.message}): {' and '.join(terms)} cannot follow the limits from "
+                f"{span}; add N or B, or give fewer cluster times"
+            )
+        theta = np.maximum(found.x, 0.0)
+    theta *= (1.0 + 1e-12) / np.min(needs @ theta)  # what the solver allows below the limits is taken back
+    return theta / scale
+
+
+def _checked(tau: Any, upper: Any, terms: Any) -> tuple[Float[np.ndarray, " clusters"], Float[np.ndarray, " clusters"], tuple[str, ...]]:
+    """Cluster times, squared limits and terms, once they are in order."""
+    tau, upper, terms = np.asarray(tau, dtype=float), np.asarray(upper, dtype=float), tuple(terms)
+    if tau.ndim != 1 or tau.shape != upper.shape or not len(tau):
+        raise DataError(f"tau and upper must be of one length, one value per cluster time; got shapes {tau.shape} and {upper.shape}")
+    for name, values in (("tau", tau), ("upper", upper)):
+        if not (np.all(np.isfinite(values)) and np.all(values > 0)):
+            raise DataError(f"{name} must be positive and finite throughout; leave the other cluster times out")
+    if not terms or len(set(terms)) != len(terms) or any(term not in TERMS for term in terms):
+        raise DataError(f"terms must be distinct names among {', '.join(TERMS)}; got {terms!r}")
+    return tau, upper**2, terms
