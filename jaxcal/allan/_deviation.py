@@ -69,7 +69,7 @@ def deviation(y, rate, *, kind="oadev", m: Any = "log", data="rate", confidence=
     W. J. Riley, Handbook of Frequency Stability Analysis, NIST SP 1065, 2008, section 5; IEEE Std 952-1997, annex C;
     intervals: Greenhall and Riley, PTTI 2003; noise type: Riley and Greenhall, EFTF 2004.
     """
-    statistic, rate = find_kind(kind), _checked_rate(rate)
+    statistic, rate = find_kind(kind), checked_rate(rate)
     if data not in ("rate", "phase"):
         raise DataError(f'unknown data {data!r}; expected "rate" (samples of rate or force) or "phase" (their integral)')
     if not 0.0 < confidence < 1.0:
@@ -107,7 +107,7 @@ def deviation(y, rate, *, kind="oadev", m: Any = "log", data="rate", confidence=
     return Deviation(tau=sizes / rate, m=sizes, kind=kind, rate=rate, confidence=confidence, warnings=warnings, **arrays)
 
 
-def _checked_rate(rate) -> float:
+def checked_rate(rate) -> float:
     try:
         value = float(rate)
     except (TypeError, ValueError):

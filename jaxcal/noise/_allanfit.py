@@ -1,167 +1,91 @@
-r"""Fit of the noise terms to an Allan variance curve: pure functions of the curve, for `jit`, `vmap` and `grad`.
-
-The exact Allan variances of the terms are the columns of A, so that E v = A theta with theta the squared coefficients, and
-the covariance of v is C(theta) = sum_ij theta_i theta_j T_ij (`covariance_tensor`). Everything here is linear algebra on these.
-"""
+r"""Fit of the noise terms to an Allan variance curve in the band where the model holds: pure functions for `jit`, `vmap` and `grad`."""
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from .._solve import nonnegative
 from .._types import Array, Bool, Float
-from ._covariance import covariance
+from ._curve import Curve, chi_square, whitened
+from ._estimator import SETTLED, Estimator, settle, with_derivative
+from ._limits import Limits, find_limits
 
-_ITERATIONS = 48
-_SEARCH = 44
+#: misfit of the deviation that does not count against a model, and the chance of a worse chi-square at which a band is refused
+_TOLERANCE = 0.0025
+_REFUSED = 0.001
+#: chance below which the intervals are widened to the scatter seen
+_WIDENED = 0.01
+#: octaves left out beyond the first cluster time at which the model passes, for there it only just does
+_MARGIN = 1.0
+#: change of the modelled variance at which the fit under a held coefficient has settled, and its most steps
+_SETTLED = 1e-3
+_MOST = 15
 
 
-class Curve(eqx.Module):
-    """An Allan variance curve with what its fit needs.
+def drop(curve: Curve, estimator: Estimator, index, value) -> Float[Array, ""]:
+    """Rise of the chi-square when coefficient `index` (squared) is held at `value`, C taken at the fit so restricted.
 
-    v : measured variances. columns : A. tensor : T. share : full count over count of differences, 1 without gaps.
-    octave : base-2 logarithm of the cluster size. used : which cluster sizes take part.
+    That fit begins afresh for each value: from the unrestricted one, whose C is far too small at cluster times where the
+    coefficient held at zero had been, the iteration swings between two ends.
+    """
+    restricted = curve.fixed(index, value)
+    at, _ = settle(restricted, estimator, estimator.begin(restricted), _MOST, _SETTLED)
+    white = whitened(restricted, at)
+    both = white.solve_each(curve, jnp.stack([restricted.free, curve.free]), jnp.stack([restricted.held, curve.held]))
+    return jnp.maximum(white.chi_square(both[0]) - white.chi_square(both[1]), 0.0)
+
+
+class Band(eqx.Module):
+    """Where a fit starts, and the fit there.
+
+    start : base-2 logarithm of the shortest cluster size. cut : whether short cluster times are left out. holds : whether the
+    model holds. theta, change : from `settle`.
     """
 
-    v: Float[Array, " clusters"]
-    columns: Float[Array, "clusters p"]
-    tensor: Float[Array, "p p clusters clusters"]
-    share: Float[Array, " clusters"]
-    octave: Float[Array, " clusters"]
-    used: Bool[Array, " clusters"]
-
-    def covariance(self, theta: Float[Array, " p"]) -> Float[Array, "clusters clusters"]:
-        """C(theta); gaps leave fewer differences, unused cluster sizes become independent of the rest."""
-        loss = jnp.sqrt(self.share)
-        c = covariance(self.tensor, theta) * loss[:, None] * loss[None, :]
-        return jnp.where(self.used[:, None] & self.used[None, :], c, jnp.diag(jnp.where(self.used, 0.0, 1.0)))
-
-    def without(self, index, value) -> "Curve":
-        """The curve left when coefficient `index` is held at `value`: its part is taken out, its column is zero."""
-        gone = jnp.arange(self.columns.shape[1]) == index
-        return eqx.tree_at(lambda c: c.v, self.only(~gone), self.v - self.columns[:, index] * value)
-
-    def only(self, terms) -> "Curve":
-        """The curve with the columns of the other terms zero, which keeps their coefficients at zero."""
-        return eqx.tree_at(lambda c: c.columns, self, jnp.where(terms[None, :], self.columns, 0.0))
-
-
-class Estimate(eqx.Module):
-    """Squared coefficients, their covariance (sandwich), the chi-square of the curve, and the last step (relative)."""
-
+    start: Float[Array, ""]
+    cut: Bool[Array, ""]
+    holds: Bool[Array, ""]
     theta: Float[Array, " p"]
-    covariance: Float[Array, "p p"]
-    chi2: Float[Array, ""]
-    step: Float[Array, ""]
+    change: Float[Array, ""]
 
 
-def weighted(curve: Curve, start=None, *, held=None, iterations: int = _ITERATIONS):
-    """Non-negative least squares with weights 2 (A theta)^2 / edf = diag C(theta), iterated; returns theta and last step.
-
-    `held` is (index, value) of a coefficient that is not free.
-    """
-    free = curve if held is None else curve.without(*held)
-    unit = 0.0 if held is None else jnp.where(jnp.arange(curve.columns.shape[1]) == held[0], held[1], 0.0)
-
-    def solve(inverse):
-        inverse = jnp.where(curve.used, inverse, 0.0)
-        rows = free.columns * inverse[:, None]
-        return nonnegative(free.columns.T @ rows, rows.T @ free.v).value + unit
-
-    def step(theta, k):
-        variance = jnp.diagonal(curve.covariance(theta))
-        new = solve(1.0 / jnp.where(variance > 0.0, variance, curve.v**2))
-        new = jnp.where(k < 6, new, 0.5 * (new + theta))
-        reached = curve.columns @ new
-        return new, jnp.max(jnp.where(curve.used, jnp.abs(curve.columns @ theta - reached) / jnp.where(reached > 0, reached, 1.0), 0.0))
-
-    first = solve(1.0 / jnp.where(curve.used, curve.v, 1.0) ** 2) if start is None else start
-    theta, steps = jax.lax.scan(step, first, jnp.arange(iterations))
-    return theta, steps[-1]
+def part(curve: Curve, start, cut) -> Curve:
+    """The curve from `start` on, with the tail, its last column, where short cluster times are cut off."""
+    longer = eqx.tree_at(lambda c: c.used, curve, curve.used & (curve.octave >= start))
+    return longer.only((jnp.arange(curve.free.shape[0]) < curve.free.shape[0] - 1) | cut)
 
 
-def whitened(curve: Curve, at: Float[Array, " p"], extra=0.0):
-    """A and v of unit covariance, with C taken at theta = `at` (plus independent variances `extra`), zero where unused."""
-    c = curve.covariance(at) + jnp.diag(jnp.where(curve.used, extra, 0.0))
-    scale = jnp.sqrt(jnp.diagonal(c))
-    scale = jnp.where(scale > 0.0, scale, 1.0)
-    correlation = c / scale[:, None] / scale[None, :] + 1e-8 * jnp.eye(len(scale), dtype=c.dtype)
-    factor = jnp.linalg.cholesky(correlation)
-    rows = jnp.concatenate([curve.columns, curve.v[:, None]], axis=1) / scale[:, None]
-    rows = jax.scipy.linalg.solve_triangular(factor, jnp.where(curve.used[:, None], rows, 0.0), lower=True)
-    return rows[:, :-1], rows[:, -1]
+def freedom(curve: Curve, theta) -> Float[Array, ""]:
+    """Degrees of freedom of the chi-square."""
+    return (jnp.sum(curve.used) - jnp.sum(theta > 0.0)).astype(curve.v.dtype)
 
 
-def chi_square(curve: Curve, at, *, held=None, extra=0.0):
-    """Least (v - A theta)' C^-1 (v - A theta) over theta >= 0, with C at theta = `at`."""
-    a, b = whitened(curve, at, extra)
-    if held is not None:
-        b = b - a[:, held[0]] * held[1]
-        a = jnp.where((jnp.arange(a.shape[1]) == held[0])[None, :], 0.0, a)
-    return nonnegative(a.T @ a, a.T @ b).cost + b @ b
+def choose_band(curve: Curve, estimator: Estimator, automatic) -> Band:
+    """The first start whose chi-square passes, an octave on; where none does, that which comes nearest."""
+    last = jnp.maximum(jnp.sum(curve.used) - curve.free.shape[0] - 4, 0)  # the latest start that leaves enough to fit
+    ranked = jnp.sort(jnp.where(curve.used, curve.octave, jnp.inf))
 
+    def fitted(start, cut):
+        rest = part(curve, start, cut)
+        theta, change = settle(rest, estimator, estimator.begin(rest), estimator.most, SETTLED)
+        least = chi_square(rest, theta, (2.0 * _TOLERANCE * rest.v) ** 2)
+        chance = jax.scipy.stats.chi2.sf(least, freedom(rest, theta))
+        return theta, change, jnp.where(jnp.isfinite(chance), chance, -1.0)
 
-def estimate(curve: Curve, independent, *, extra=0.0) -> Estimate:
-    """The fit, with the covariance G (A'D C D A) G, D = 1/diag C, G = (A' D A)^-1, of the `independent` columns, and its chi-square."""
-    theta, step = weighted(curve)
-    c = curve.covariance(theta)
-    inverse = jnp.where(curve.used, 1.0 / jnp.diagonal(c), 0.0)
-    columns = curve.only(independent).columns
-    rows = columns * inverse[:, None]
-    gram = columns.T @ rows
-    scale = jnp.sqrt(jnp.diagonal(gram))
-    scale = jnp.where(scale > 0.0, scale, 1.0)
-    # scaled to unit diagonal: columns differ by many powers of ten, and one held at zero is set apart
-    apart = jnp.diag(jnp.where(jnp.diagonal(gram) > 0.0, 0.0, 1.0))
-    g = jnp.linalg.inv(gram / scale[:, None] / scale[None, :] + apart) / scale[:, None] / scale[None, :]
-    spread = g @ (rows.T @ c @ rows) @ g
-    return Estimate(theta, spread, chi_square(curve, theta, extra=extra), step)
+    def body(state):
+        _, best, highest, tried, chosen, _ = state
+        cut = jnp.where(chosen, best, tried) > 0
+        start = jnp.where(chosen & cut, jnp.minimum(ranked[best] + _MARGIN, ranked[last]), ranked[tried])
+        start = jnp.where(cut, start, ranked[0])
+        theta, change, chance = fitted(start, cut)
+        best, highest = jnp.where(~chosen & (chance > highest), tried, best), jnp.where(chosen, highest, jnp.maximum(highest, chance))
+        passes = highest >= _REFUSED
+        over = chosen | (passes & (tried == 0))  # the whole curve needs no second fit
+        ended = passes | jnp.logical_not(automatic) | (tried >= last)
+        return Band(start, cut, passes, theta, change), best, highest, tried + 1, ended, over
 
-
-def drop(curve: Curve, index, value):
-    """Rise of the chi-square when coefficient `index` (squared) is held at `value`, C taken at the fit so restricted."""
-    held = (index, value)
-    at, _ = weighted(curve, held=held, iterations=8)
-    return jnp.maximum(chi_square(curve, at, held=held) - chi_square(curve, at), 0.0)
-
-
-class Limits(eqx.Module):
-    """Per term: interval ends, one-sided upper limit (squared coefficients), and `drop` at zero."""
-
-    low: Float[Array, " p"]
-    high: Float[Array, " p"]
-    upper: Float[Array, " p"]
-    significance: Float[Array, " p"]
-
-
-def limits(curve: Curve, admitted, theta, spread, two_sided, one_sided) -> Limits:
-    """Where `drop` reaches the levels `two_sided` and `one_sided`: inversion of the test of each value of each coefficient.
-
-    A lower end is 0 where zero cannot be excluded. Upper ends are sought outwards from theta in doubling steps of `spread`,
-    then by bisection, all of them together. Row i of `admitted` tells which coefficients are free while the i-th is tested.
-    """
-    p = admitted.shape[0]
-    index = jnp.tile(jnp.arange(p), 3)
-    inside, reach = theta[index], jnp.maximum(spread, 1e-9 * jnp.max(theta))[index]
-    level = jnp.concatenate([jnp.full(2 * p, two_sided), jnp.full(p, one_sided)])
-    below = jnp.arange(3 * p) < p
-
-    def search(state, k):
-        inside, outside, found = state
-        outward = inside + reach * jnp.exp2(k - 1.0)
-        value = jnp.where(found, 0.5 * (inside + outside), outward)
-        value = jnp.where(below & (k == 0), 0.0, value)
-        rise = jax.vmap(lambda i, t: drop(curve.only(admitted[i]), i, t))(index, value)
-        within = rise <= level
-        # a lower search that finds zero inside stays there: both ends become zero
-        inside = jnp.where(within, value, inside)
-        outside = jnp.where(within, outside, value)
-        return (inside, outside, found | ~within), rise[:p]
-
-    start = (inside, jnp.zeros_like(inside), below)
-    (inside, outside, found), rises = jax.lax.scan(search, start, jnp.arange(_SEARCH, dtype=theta.dtype))
-    ends = jnp.where(found, 0.5 * (inside + outside), jnp.inf)
-    return Limits(ends[:p], ends[p : 2 * p], ends[2 * p :], rises[0])
+    none, one, false = jnp.zeros((), last.dtype), jnp.ones((), curve.v.dtype), jnp.zeros((), bool)
+    first = Band(0 * one, false, false, jnp.zeros_like(curve.held), 0 * one)
+    return jax.lax.while_loop(lambda state: ~state[-1], body, (first, none, -2.0 * one, none, false, false))[0]
 
 
 class Banded(eqx.Module):
@@ -186,18 +110,7 @@ class Banded(eqx.Module):
     edf: Float[Array, " clusters"]
 
 
-#: misfit of the deviation that does not count against a model, and the chance of a worse chi-square at which a band is refused
-_TOLERANCE = 0.0025
-_REFUSED = 0.001
-#: chance below which the intervals are widened to the scatter seen
-_WIDENED = 0.01
-
-
-#: octaves left out beyond the first cluster time at which the model passes, for there it only just does
-_MARGIN = 1.0
-
-
-def fit_band(curve: Curve, short, automatic, two_sided, one_sided) -> Banded:
+def fit_band(curve: Curve, estimator: Estimator, short, automatic, two_sided, one_sided) -> Banded:
     r"""Fit the curve from the shortest cluster time on from which the model holds; all of it unless `automatic`.
 
     Filters and output averaging in a sensor spoil short cluster times, so these are left out one by one until the chi-square
@@ -209,55 +122,47 @@ def fit_band(curve: Curve, short, automatic, two_sided, one_sided) -> Banded:
     Parameters
     ----------
     curve : the curve; its last column is that of the tail, of negative sign.
+    estimator : how the coefficients follow from the curve.
     short : (p,) which terms only short cluster times show.
     automatic : whether to choose the band.
     two_sided, one_sided : rise of the chi-square at the ends of intervals and at upper limits.
     """
     p = len(short)
-    size = jnp.sum(curve.used)
-    last = jnp.maximum(size - p - 5, 0)  # the latest start that leaves enough to fit
-    ranked = jnp.sort(jnp.where(curve.used, curve.octave, jnp.inf))
     is_tail = jnp.arange(p + 1) == p
+    # neither the choice of the band nor the interval carries a derivative
+    band = choose_band(jax.lax.stop_gradient(curve), estimator, automatic)
+    inside = part(curve, band.start, band.cut)
+    everything = with_derivative(inside, estimator, band.theta, band.change)
+    reported = ~(short & band.cut)
+    theta = jnp.where(reported, everything[:p], 0.0)
+    spread = estimator.spread(inside, everything, jnp.append(reported, band.cut))
 
-    def fitted(curve, start, cut):
-        part = eqx.tree_at(lambda c: c.used, curve, curve.used & (curve.octave >= start)).only(~is_tail | cut)
-        found = estimate(part, ~jnp.append(short & cut, False), extra=(2.0 * _TOLERANCE * part.v) ** 2)
-        freedom = (jnp.sum(part.used) - jnp.sum(found.theta > 0.0)).astype(curve.v.dtype)
-        allowed = jax.scipy.stats.chi2.sf(found.chi2, freedom)
-        return part, found, freedom, allowed
-
-    fixed = jax.lax.stop_gradient(curve)  # neither the choice of the band nor the interval carries a derivative
-    candidates = jnp.arange(max(len(curve.v) - p - 5, 1))
-    chances = jax.lax.map(lambda first: fitted(fixed, ranked[first], first > 0)[-1], candidates)
-    possible = (candidates <= last) & ((candidates == 0) | automatic)
-    chances = jnp.where(possible & jnp.isfinite(chances), chances, -1.0)
-    enough = chances >= _REFUSED
-    holds = jnp.any(enough)
-    first = jnp.where(holds, jnp.argmax(enough), jnp.argmax(chances))
-    cut = first > 0
-    start = jnp.where(cut, jnp.minimum(ranked[first] + _MARGIN, ranked[last]), ranked[0])
-    part, found, freedom, _ = fitted(curve, start, cut)
-
-    strict = chi_square(part, found.theta)
-    goodness = jax.scipy.stats.chi2.sf(strict, freedom)
-    inflation = jnp.where(goodness < _WIDENED, jnp.maximum(strict / freedom, 1.0), 1.0)
-    reported = ~(short & cut)
-    theta = jnp.where(reported, found.theta[:p], 0.0)
-    spread = jnp.where(reported[:, None] & reported[None, :], found.covariance[:p, :p], 0.0) * inflation
+    still, fitted, spread_now = jax.lax.stop_gradient((inside, everything, spread))
     # a short term is tested without the tail, which has its slope and no sign and would leave it without a limit
     own = jnp.arange(p)[:, None] == jnp.arange(p + 1)[None, :]
-    others = jnp.append(reported, False)[None, :]
-    admitted = jnp.where(reported[:, None], ~is_tail[None, :] | cut, own | others)
-    reach = jnp.sqrt(jnp.where(reported, jnp.diagonal(found.covariance)[:p], found.covariance[p, p]))
-    still, middle, reach, widened = jax.lax.stop_gradient((part, theta, reach, inflation))
-    alone, _ = weighted(still.only(~is_tail))
-    ends = limits(still, admitted, jnp.where(reported, middle, alone[:p]), reach, two_sided * widened, one_sided * widened)
-    ends = eqx.tree_at(
-        lambda e: (e.low, e.significance),
-        ends,
-        (jnp.where(reported, ends.low, 0.0), jnp.where(reported, ends.significance / widened, 0.0)),
+    admitted = jnp.where(reported[:, None], ~is_tail[None, :] | band.cut, own | jnp.append(reported, False)[None, :])
+    white = whitened(still, fitted)
+    least = white.solve_each(still, jnp.concatenate([admitted, still.free[None, :]]), jnp.zeros((p + 1, p + 1), curve.v.dtype))
+
+    strict, number = white.chi_square(least[p]), freedom(still, fitted)
+    goodness = jax.scipy.stats.chi2.sf(strict, number)
+    inflation = jnp.where(goodness < _WIDENED, jnp.maximum(strict / number, 1.0), 1.0)
+
+    def rise(index, value, state):
+        return drop(eqx.tree_at(lambda c: c.free, still, admitted[index]), estimator, index, value), state
+
+    # the search starts where the chi-square is least, near theta but for generalised least squares not at it
+    reach = jnp.sqrt(jnp.where(reported, jnp.diagonal(spread_now)[:p], spread_now[p, p]))
+    ends = find_limits(rise, jnp.diagonal(least[:p, :p]), reach, (), two_sided * inflation, one_sided * inflation)
+    middle = jnp.where(reported, fitted[:p], 0.0)
+    ends = Limits(
+        low=jnp.where(reported, jnp.minimum(ends.low, middle), 0.0),
+        high=jnp.maximum(ends.high, middle),
+        upper=jnp.maximum(ends.upper, middle),
+        significance=jnp.where(reported, ends.significance / inflation, 0.0),
     )
+    spread = spread[:p, :p] * inflation
     modelled = curve.columns[:, :p] @ theta
-    variance = jnp.diagonal(part.covariance(jnp.append(theta, 0.0)))
-    edf = 2.0 * modelled**2 / jnp.where(part.used & (variance > 0.0), variance, 1.0)
-    return Banded(theta, spread, ends, part.used, cut, holds, goodness, inflation, found.step, modelled, edf)
+    variance = inside.variance(jnp.append(theta, 0.0))
+    edf = 2.0 * modelled**2 / jnp.where(inside.used & (variance > 0.0), variance, 1.0)
+    return Banded(theta, spread, ends, inside.used, band.cut, band.holds, goodness, inflation, band.change, modelled, edf)

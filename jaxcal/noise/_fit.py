@@ -1,52 +1,69 @@
 """`fit`: noise coefficients of a record, and `characterise`: of every channel of a log."""
 
-from collections.abc import Callable
+import dataclasses
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from .._errors import DataError
 from .._log import Log
 from .._precision import host_float64, is_traced
+from .._types import Any
 from ..allan import deviation
-from ._edf import CLUSTERS, fit_curve
-from ._model import TERMS
+from ..allan._deviation import checked_rate
+from ._agreement import second_opinion
+from ._checks import refuse_extremes, resolution, sentences_of_checks, without_spikes
+from ._methods import CURVES, clusters
+from ._model import TERMS, Noise
+from ._overbound import overbound
 from ._result import NoiseFit, stacked
+from ._whittle import fit_record, fit_traced
 
-_METHODS = ("edf",)
+_METHODS = ("whittle", *CURVES)
 
 
-@host_float64
-def fit(y, rate, *, method="edf", terms=("Q", "N", "B", "K"), confidence=0.95, band=None) -> NoiseFit:
-    r"""Noise coefficients of a static record, with intervals.
+def fit(
+    y: Any,
+    rate: float,
+    *,
+    method: str = "whittle",
+    terms: Sequence[str] = ("Q", "N", "B", "K"),
+    confidence: float = 0.95,
+    band: Any = None,
+    conservative: bool = False,
+) -> NoiseFit:
+    r"""Noise coefficients of a static record, with intervals and verdicts.
 
-    The overlapped Allan variance at about 25 cluster sizes up to a quarter of the record is fitted with
+    All terms are fitted jointly, none negative, in their exact form for samples. The default method maximises the Whittle
+    likelihood of the ordinates P_k of the record's DCT-II,
 
-    .. math:: \sigma^2(\tau) = \frac{3Q^2}{\tau^2} + \frac{N^2}{\tau} + \frac{2\ln 2}{\pi}B^2 + \frac{K^2\tau}{3} + \frac{R^2\tau^2}{2}
+    .. math:: -\ell(\theta) = \frac12\sum_k \Big[\ln S_k + \frac{P_k}{S_k}\Big],\qquad
+              S = \frac{Q^2}{dt}s^2 + N^2 + \frac{B^2 dt}{s} + \frac{K^2 dt^2}{s^2},\quad s = 2\sin(\pi f dt)
 
-    in its exact form for samples, all terms jointly and none negative. The weights follow from the equivalent degrees of
-    freedom at the fit itself, iterated. Neighbouring cluster sizes say nearly the same thing, so the covariance of the
-    coefficients, the intervals and the verdicts use the exact covariance of the whole curve. Intervals invert the
-    chi-square test of each value of a coefficient: the covariance is that under the value tested.
+    which reaches the information that the record holds. Intervals are those of the profile likelihood. The other methods fit
+    the overlapped Allan variance sigma^2(tau) = 3Q^2/tau^2 + N^2/tau + (2 ln2/pi)B^2 + K^2 tau/3 + R^2 tau^2/2.
 
-    Short cluster times at which the model does not hold (a filter, averaging or an oscillation in the sensor) are left out and
-    named. What these leave at longer cluster times falls as 1/tau^2 with either sign; a tail of that form is then fitted beside
-    the terms, so that it biases none of them, and Q, which has the same slope, is not estimated. Where the curve scatters more
-    than the noise model allows, the intervals are widened to the scatter, with a warning.
+    High frequencies (short cluster times) at which the model does not hold, because of a filter, averaging or a resonance in the
+    sensor, are left out and named; what a filter leaves below is fitted as a nuisance, and Q, which has its shape, is then not
+    estimated. Spectral lines are taken out, and become sinusoids of the model. Where the record scatters more than the model
+    allows, the intervals are widened, with a warning. Single outlying samples are set to the mean of their neighbours, and counted.
 
     Parameters
     ----------
     y : (n,) or (n, channels) samples in rad/s, m/s^2 or T. NaN marks a gap.
     rate : sampling rate in Hz.
-    method : "edf", the weighted Allan variance fit described above.
-    terms : which of "Q", "N", "B", "K", "R" to fit.
+    method : "whittle"; or, on the Allan variance, "gls" (full covariance across tau), "edf" (weights from the degrees of
+        freedom), "wavelet" (Haar, powers of two); or for comparison only, without uncertainty, "unweighted", "log", "slope".
+    terms : which of "Q", "N", "B", "K", "R" to fit; with "whittle" also "markov", one first-order Gauss-Markov process.
     confidence : level of the intervals and upper limits.
-    band : (shortest, longest) cluster time in s to fit, instead of the band found by the chi-square.
+    band : (shortest, longest) cluster time in s to fit, instead of the band found; for "whittle" frequencies 1/(2 tau).
+    conservative : also give coefficients whose Allan deviation is nowhere below the upper limit of the measured one, `overbound`.
 
     Returns
     -------
     NoiseFit
         Coefficients in SI units, per channel where y has channels. The coefficients and `covariance` can be differentiated
-        with respect to y; intervals carry no derivative.
+        with respect to y; intervals carry no derivative. A traced record is fitted as it is: nothing is checked or left out.
 
     Raises
     ------
@@ -66,32 +83,87 @@ def fit(y, rate, *, method="edf", terms=("Q", "N", "B", "K"), confidence=0.95, b
 
     References
     ----------
-    IEEE Std 952-1997, annex C (model); Greenhall and Riley, PTTI 2003 (degrees of freedom). Covariance: see
-    `jaxcal.noise._covariance`. Thresholds for a coefficient at its bound: Self and Liang, J. Am. Stat. Assoc. 82, 1987.
+    P. Whittle, J. R. Stat. Soc. B 15, 1953. IEEE Std 952-1997, annex C (model); Greenhall and Riley, PTTI 2003 (degrees of
+    freedom). Covariance of the Allan variance: see `jaxcal.noise._covariance`. Thresholds for a coefficient at its bound: Self
+    and Liang, J. Am. Stat. Assoc. 82, 1987.
     """
+    return _fit(y, rate, method, terms, confidence, band, conservative)
+
+
+@host_float64
+def _fit(y, rate, method, terms, confidence, band, conservative=False, temperature=None) -> NoiseFit:
     if method not in _METHODS:
         raise DataError(f"unknown method {method!r}; expected one of {', '.join(_METHODS)}")
-    terms = _checked_terms(terms)
+    terms = _checked_terms(terms, method)
+    if not 0.0 < confidence < 1.0:
+        raise DataError(f"confidence must lie between 0 and 1; got {confidence!r} (0.95 is 95 %)")
     y = y if is_traced(y) else np.asarray(y)
     samples = y.shape[0] if y.ndim else 0
-    # the noise type serves the plot outside of the band; a traced record has no plot
-    curve = deviation(y, rate, m=_clusters(samples, terms), confidence=confidence, alpha=0 if is_traced(y) else None)
-    if not is_traced(y):
-        _refuse_constant(curve.deviation)
+    m = clusters(method, samples, terms)
+    if is_traced(y):
+        return _traced(y, checked_rate(rate), method, terms, m, confidence, band, conservative)
+    spikes = [(0, False)]
+    if y.dtype.kind in "fiu" and y.ndim in (1, 2):
+        refuse_extremes(y)
+        cleaned = [without_spikes(x) for x in (y[:, None] if y.ndim == 1 else y).T]
+        if any(count and not heavy for _, count, heavy in cleaned):
+            y = np.stack([x for x, _, _ in cleaned], axis=1).reshape(y.shape)
+        spikes = [found[1:] for found in cleaned]
+    # the noise type serves the plot outside of the band
+    curve = deviation(y, rate, m=m, confidence=confidence)
     inside = _inside(curve.tau, band, terms)
-    if y.ndim == 1:
-        return fit_curve(curve, samples, terms, inside, band is None, confidence)
-    channels = [curve.channel(i) for i in range(y.shape[1])]
-    return stacked([fit_curve(one, samples, terms, inside, band is None, confidence) for one in channels])
+    many = y.ndim == 2
+    columns = list(y.T) if many else [y]
+    curves = [curve.channel(i) for i in range(len(columns))] if many else [curve]
+    fits = []
+    for x, one, (count, heavy) in zip(columns, curves, spikes, strict=True):
+        if method == "whittle":
+            found = _with_second_opinion(fit_record(x, one, terms, band, confidence, temperature), one, samples, inside, band is None)
+        else:
+            found = CURVES[method](one, samples, terms, inside, band is None, confidence)
+        said = sentences_of_checks(count, heavy, *resolution(x), 1.0 / one.rate, float(np.asarray(found.noise.N)) ** 2)
+        found = dataclasses.replace(found, warnings=(*said, *found.warnings))
+        fits.append(dataclasses.replace(found, conservative=overbound(found)) if conservative else found)
+    return stacked(fits) if many else fits[0]
+
+
+def _with_second_opinion(found: NoiseFit, curve, samples: int, inside, automatic: bool) -> NoiseFit:
+    """The fit with that by gls beside it: lines and Gauss-Markov processes, which gls does not fit, are taken from the curve first."""
+    beside = Noise(markov=found.noise.markov, sinusoid=found.noise.sinusoid)
+    rest = curve.deviation**2 - np.asarray(beside.avar(curve.tau, dt=1.0 / curve.rate))
+    kept = inside & (rest > 0.1 * curve.deviation**2)
+    terms = tuple(term for term in found.terms if term != "markov")
+    if kept.sum() <= len(terms) + 1:
+        return dataclasses.replace(
+            found, notes=(*found.notes, "no second opinion: lines or a Gauss-Markov process make up most of the Allan variance")
+        )
+    clean = dataclasses.replace(curve, deviation=np.sqrt(np.where(kept, rest, curve.deviation**2)))
+    other = CURVES["gls"](clean, samples, terms, kept, automatic, found.confidence)
+    return dataclasses.replace(found, other=other.noise, warnings=(*found.warnings, *second_opinion(found, other)))
+
+
+def _traced(y, rate: float, method: str, terms, m, confidence: float, band, conservative: bool) -> NoiseFit:
+    if conservative:
+        raise DataError("conservative coefficients come from a linear programme on the host; ask for them outside of jit, vmap and grad")
+    columns = [y] if y.ndim == 1 else [y[:, i] for i in range(y.shape[1])]
+    if method == "whittle":
+        fits = [fit_traced(x, rate, terms, band, confidence) for x in columns]
+    else:
+        curve = deviation(y, rate, m=m, confidence=confidence, alpha=0)
+        inside = _inside(curve.tau, band, terms)
+        curves = [curve] if y.ndim == 1 else [curve.channel(i) for i in range(y.shape[1])]
+        fits = [CURVES[method](one, y.shape[0], terms, inside, band is None, confidence) for one in curves]
+    return fits[0] if y.ndim == 1 else stacked(fits)
 
 
 def characterise(
     log: Log,
     *,
-    method="edf",
+    method="whittle",
     terms=("Q", "N", "B", "K"),
     confidence=0.95,
     band=None,
+    conservative=False,
     progress: Callable[[int, int, str], None] | None = None,
 ) -> dict[str, NoiseFit]:
     """Noise coefficients of every gyroscope, accelerometer and magnetometer channel of a static log.
@@ -99,7 +171,7 @@ def characterise(
     Parameters
     ----------
     log : the `Log`.
-    method, terms, confidence, band : as in `fit`.
+    method, terms, confidence, band, conservative : as in `fit`.
     progress : called as progress(done, total, channel) before each channel, and once at the end.
 
     Returns
@@ -120,7 +192,8 @@ def characterise(
     >>> sorted(fits)
     ['gyro_x', 'gyro_y', 'gyro_z']
     """
-    channels = {name: values for name, values in log.channels().items() if name != "temperature"}
+    channels = log.channels()
+    temperature = channels.pop("temperature", None)
     if not channels:
         raise DataError("the log has no gyroscope, accelerometer or magnetometer channel; name its columns with columns=")
     report = progress or (lambda done, total, name: None)
@@ -128,40 +201,21 @@ def characterise(
     for done, (name, values) in enumerate(channels.items()):
         report(done, len(channels), name)
         try:
-            fits[name] = fit(values, log.rate, method=method, terms=terms, confidence=confidence, band=band)
+            fits[name] = _fit(values, log.rate, method, terms, confidence, band, conservative, temperature)
         except DataError as error:
             raise DataError(f"{name}: {error}") from error
     report(len(channels), len(channels), "")
     return fits
 
 
-def _checked_terms(terms) -> tuple[str, ...]:
+def _checked_terms(terms, method: str) -> tuple[str, ...]:
     terms = tuple(terms)
-    unknown = [term for term in terms if term not in TERMS]
+    if "markov" in terms and method != "whittle":
+        raise DataError(f'a Gauss-Markov process is fitted by method "whittle"; got method {method!r}')
+    unknown = [term for term in terms if term not in (*TERMS, "markov")]
     if unknown or not terms or len(set(terms)) != len(terms):
-        raise DataError(f"terms must be distinct names among {', '.join(TERMS)}; got {terms!r}")
+        raise DataError(f"terms must be distinct names among {', '.join(TERMS)} and markov; got {terms!r}")
     return terms
-
-
-def _clusters(samples: int, terms) -> np.ndarray:
-    """Cluster sizes of the fit: log-spaced from 1 to a quarter of the record."""
-    fewest = len(terms) + 3
-    if samples < 4 * fewest:
-        raise DataError(
-            f"{samples} sample{'s are' if samples != 1 else ' is'} too short a record to fit {len(terms)} noise terms; "
-            f"record at least {4 * fewest} samples (an hour or more, for bias instability), or ask for fewer terms"
-        )
-    return np.unique(np.round(np.logspace(0.0, np.log10(samples // 4), CLUSTERS)).astype(np.int64))
-
-
-def _refuse_constant(found) -> None:
-    dead = np.flatnonzero(np.all(found.reshape(len(found), -1) == 0.0, axis=0))
-    if len(dead):
-        where = f"channel {dead[0]} is" if found.ndim == 2 else "the record is"
-        raise DataError(
-            f"{where} constant (every sample equal): there is no noise to characterise. Check that the sensor was running and "
-            "that its resolution is finer than its noise; leave a dead channel out"
-        )
 
 
 def _inside(tau, band, terms) -> np.ndarray:

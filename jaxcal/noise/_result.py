@@ -9,7 +9,7 @@ import numpy as np
 
 from .._types import AnyArray
 from ..allan import Deviation
-from ._model import Noise, with_coefficients
+from ._model import Noise
 
 
 class NoiseFit(eqx.Module):
@@ -34,11 +34,16 @@ class NoiseFit(eqx.Module):
     left_out : one sentence for each octave of cluster time left out because the model does not hold there.
     warnings : sentences.
     deviation : the `Deviation` that was fitted, all cluster sizes; inside the band its edf and limits are those of the fitted
-        model, outside those of the noise type identified there.
+        model, outside those of the noise type identified there. None where a record is traced.
     used : (clusters,) True where a cluster size is in the band; channels last.
     duration : record length in s.
     confidence : level of interval and upper limit.
     method : name of the estimator.
+    decides : term -> record length in s that would decide whether a coefficient at its upper limit is there: it would be called
+        present in 95 % of such records. Empty for estimators other than "whittle".
+    notes : sentences that ask for no action.
+    other : second opinion, the coefficients by method "gls"; None for other methods than "whittle".
+    conservative : coefficients that bound the curve from above, where asked for.
     """
 
     noise: Noise
@@ -52,12 +57,16 @@ class NoiseFit(eqx.Module):
     band: tuple[Any, Any]
     left_out: tuple[Any, ...]
     warnings: tuple[Any, ...]
-    deviation: Deviation
-    used: AnyArray
+    deviation: Any
+    used: Any
     duration: float
     terms: tuple[str, ...] = eqx.field(static=True)
     confidence: float = eqx.field(static=True)
     method: str = eqx.field(static=True)
+    decides: dict[str, Any] = eqx.field(default_factory=dict)
+    notes: tuple[Any, ...] = ()
+    other: Noise | None = None
+    conservative: Noise | None = None
 
     def channel(self, index: int) -> "NoiseFit":
         """The fit of one channel of a record with several.
@@ -69,33 +78,18 @@ class NoiseFit(eqx.Module):
         >>> jaxcal.noise.fit(noise, rate=100.0).channel(1).verdict["N"]
         'present'
         """
-        deviation = self.deviation.channel(index)
+        kept = {name: getattr(self, name) for name in ("duration", "terms", "confidence", "method")}
+        numbers = jax.tree.map(lambda value: value[..., index], {name: getattr(self, name) for name in _NUMBERS})
+        sentences = {name: getattr(self, name)[index] for name in _SENTENCES}
+        verdict = {term: value[index] for term, value in self.verdict.items()}
+        deviation = None if self.deviation is None else self.deviation.channel(index)
+        noises = {name: None if getattr(self, name) is None else getattr(self, name).channel(index) for name in _NOISES}
+        return NoiseFit(verdict=verdict, deviation=deviation, **noises, **numbers, **sentences, **kept)
 
-        def pick(value):
-            return value[..., index]
 
-        def pick_all(table):
-            return {term: pick(value) for term, value in table.items()}
-
-        return NoiseFit(
-            noise=self.noise.channel(index),
-            interval={term: (pick(low), pick(high)) for term, (low, high) in self.interval.items()},
-            upper_limit=pick_all(self.upper_limit),
-            verdict={term: value[index] for term, value in self.verdict.items()},
-            significance=pick_all(self.significance),
-            covariance=pick(self.covariance),
-            goodness=pick(self.goodness),
-            longer_record=pick_all(self.longer_record),
-            band=(pick(self.band[0]), pick(self.band[1])),
-            left_out=self.left_out[index],
-            warnings=self.warnings[index],
-            deviation=deviation,
-            used=pick(self.used),
-            duration=self.duration,
-            terms=self.terms,
-            confidence=self.confidence,
-            method=self.method,
-        )
+_NUMBERS = ("interval", "upper_limit", "significance", "covariance", "goodness", "longer_record", "band", "used", "decides")
+_SENTENCES = ("left_out", "warnings", "notes")
+_NOISES = ("noise", "other", "conservative")
 
 
 def stacked(fits: list[NoiseFit]) -> NoiseFit:
@@ -104,30 +98,32 @@ def stacked(fits: list[NoiseFit]) -> NoiseFit:
     xp = jnp if any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(first)) else np
 
     def join(pick):
-        return xp.stack([xp.asarray(pick(fit)) for fit in fits], axis=-1)
+        return jax.tree.map(lambda *values: xp.stack([xp.asarray(value) for value in values], axis=-1), *[pick(fit) for fit in fits])
 
     names = ("deviation", "lower", "upper", "edf", "count", "alpha", "skipped")
-    arrays = {name: join(lambda f, n=name: getattr(f.deviation, n)) for name in names}
-    deviation = Deviation(
-        tau=first.deviation.tau, m=first.deviation.m, kind=first.deviation.kind, rate=first.deviation.rate,
-        confidence=first.confidence, warnings=first.deviation.warnings, **arrays,
-    )  # fmt: skip
+    deviation = first.deviation
+    if deviation is not None:
+        deviation = Deviation(
+            tau=deviation.tau, m=deviation.m, kind=deviation.kind, rate=deviation.rate, confidence=deviation.confidence,
+            warnings=deviation.warnings, **{name: join(lambda fit, name=name: getattr(fit.deviation, name)) for name in names},
+        )  # fmt: skip
+
+    def noises(name):
+        found = [getattr(fit, name) for fit in fits]
+        if any(noise is None for noise in found):
+            return None
+        # a channel with fewer lines than another has lines of no amplitude
+        most = max(len(noise.sinusoid) for noise in found)
+        padded = [
+            eqx.tree_at(lambda n: n.sinusoid, noise, (*noise.sinusoid, *(((0.0, 1.0),) * (most - len(noise.sinusoid))))) for noise in found
+        ]
+        return jax.tree.map(lambda *values: xp.stack([xp.asarray(value) for value in values], axis=-1), *padded)
+
     return NoiseFit(
-        noise=with_coefficients({t: join(lambda f, t=t: getattr(f.noise, t)) for t in first.terms}),
-        interval={t: (join(lambda f, t=t: f.interval[t][0]), join(lambda f, t=t: f.interval[t][1])) for t in first.terms},
-        upper_limit={t: join(lambda f, t=t: f.upper_limit[t]) for t in first.terms},
-        verdict={t: tuple(f.verdict[t] for f in fits) for t in first.verdict},
-        significance={t: join(lambda f, t=t: f.significance[t]) for t in first.terms},
-        covariance=join(lambda f: f.covariance),
-        goodness=join(lambda f: f.goodness),
-        longer_record={t: join(lambda f, t=t: f.longer_record[t]) for t in first.terms},
-        band=(join(lambda f: f.band[0]), join(lambda f: f.band[1])),
-        left_out=tuple(f.left_out for f in fits),
-        warnings=tuple(f.warnings for f in fits),
+        **{name: noises(name) for name in _NOISES},
+        verdict={term: tuple(fit.verdict[term] for fit in fits) for term in first.verdict},
         deviation=deviation,
-        used=join(lambda f: f.used),
-        duration=first.duration,
-        terms=first.terms,
-        confidence=first.confidence,
-        method=first.method,
+        **{name: join(lambda fit, name=name: getattr(fit, name)) for name in _NUMBERS},
+        **{name: tuple(getattr(fit, name) for fit in fits) for name in _SENTENCES},
+        **{name: getattr(first, name) for name in ("duration", "terms", "confidence", "method")},
     )

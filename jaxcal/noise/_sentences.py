@@ -4,6 +4,8 @@ import numpy as np
 
 from ..allan import Deviation
 from ._allanfit import Banded
+from ._result import NoiseFit
+from ._spectral import Fitted
 
 
 def sentences_of_octaves(curve: Deviation, used, modelled, automatic: bool) -> tuple[str, ...]:
@@ -53,3 +55,31 @@ def sentences_of_fit(found: Banded, curve: Deviation, used, verdict: dict[str, s
             "the intervals allow for it"
         )
     return tuple(said)
+
+
+def sentences_of_spectrum(found: NoiseFit, fitted: Fitted, lines, automatic: bool) -> list[str]:
+    """Warnings about the fit of one channel's spectrum."""
+    said = []
+    shortest = float(found.band[0])
+    if not bool(fitted.holds):
+        where = "any band" if automatic else "the band asked for"
+        said.append(
+            f"the noise model does not hold in {where} (the spectrum scatters {float(fitted.inflation):.1f} times as much as it may): "
+            "the coefficients describe it roughly, and the intervals are not to be relied on; look at the plot for "
+            "vibration, temperature drift or steps"
+        )
+    elif float(fitted.inflation) > 1.0:
+        said.append(
+            "the spectrum departs from the model slightly, but by more than its noise allows (chance "
+            f"{float(fitted.goodness):.1g}): the intervals are widened {np.sqrt(float(fitted.inflation)):.1f} times"
+        )
+    if float(fitted.step) > 1e-4:
+        said.append(f"the likelihood has not settled (last change {float(fitted.step):.1g}); fit fewer terms or another band")
+    if lines:
+        shown = ", ".join(f"{frequency:.3g}" for _, frequency in lines[:6]) + (" and others" if len(lines) > 6 else "")
+        said.append(f"spectral line{'s' if len(lines) > 1 else ''} at {shown} Hz: left out of the fit, and part of the model as sinusoids")
+    if bool(fitted.cut) and "Q" in found.terms:
+        said.append(f"Q was not fitted: it shows at cluster times below the {shortest:.3g} s from which the fit starts")
+    if bool(fitted.cut) and found.verdict.get("N") == "not detected":
+        said.append(f"N cannot be told from the other terms in the cluster times that are left, {shortest:.3g} s and longer")
+    return said

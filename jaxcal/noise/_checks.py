@@ -1,0 +1,91 @@
+"""What is wrong with a record before any model: spikes, and steps coarser than the noise."""
+
+import numpy as np
+
+from .._errors import DataError
+
+_SPIKE = 10.0  # robust standard deviations of one sample's departure from its neighbours that make it a spike
+_MOST_SPIKES = 1e-3  # share of the samples above which they are the noise's own tail
+_SAMPLE = 20_000
+_LEVELS = 2_000
+_SMALLEST, _LARGEST = 1e-100, 1e100  # ranges of values between which squares keep their digits
+
+
+def refuse_extremes(y) -> None:
+    """Refuse records that are constant, or whose squares leave the range of numbers; y is (n,) or (n, channels)."""
+    columns = y.reshape(len(y), -1)
+    for i in range(columns.shape[1]):
+        known = columns[~np.isnan(columns[:, i]), i]
+        span = float(np.ptp(known)) if len(known) else 1.0
+        where = f"channel {i}" if y.ndim == 2 else "the record"
+        if span == 0.0:
+            raise DataError(
+                f"{where} is constant (every sample equal): there is no noise to characterise. Check that the sensor was running and "
+                "that its resolution is finer than its noise; leave a dead channel out"
+            )
+        if not _SMALLEST < span < _LARGEST and np.isfinite(span):
+            raise DataError(
+                f"{where} spans {span:.3g}: its squares leave the range of numbers. Give it in SI units (rad/s, m/s^2, T), or rescale it"
+            )
+
+
+def without_spikes(y) -> tuple[np.ndarray, int, bool]:
+    """The record with single outlying samples set to the mean of their neighbours, how many, and whether there are too many to.
+
+    A sample is a spike if both differences to its neighbours exceed 10 robust standard deviations with opposite signs. Steps and
+    bursts are left as they are. Where more than one sample in a thousand qualifies, nothing is changed: that noise has heavy tails.
+    """
+    step = np.diff(y)
+    finite = step[np.isfinite(step)]
+    if len(finite) < 8:
+        return y, 0, False
+    spread = 1.4826 * float(np.median(np.abs(finite[:: max(len(finite) // 100_000, 1)])))
+    if not spread > 0.0:
+        return y, 0, False
+    large = np.abs(step) > _SPIKE * spread
+    found = np.flatnonzero(large[1:] & large[:-1] & (step[1:] * step[:-1] < 0.0)) + 1
+    if not len(found):
+        return y, 0, False
+    if len(found) > _MOST_SPIKES * len(y):
+        return y, len(found), True
+    y = y.copy()
+    y[found] = 0.5 * (y[found - 1] + y[found + 1])
+    return y, len(found), False
+
+
+def resolution(y) -> tuple[float, float]:
+    """Smallest step between values, 0 where they form no grid, and the standard deviation of white noise in the record."""
+    y = y[: _SAMPLE + 1]
+    y = y[np.isfinite(y)]
+    values = np.unique(y)
+    white = float(np.std(np.diff(y))) / np.sqrt(2.0)
+    if not 2 <= len(values) <= _LEVELS:
+        return 0.0, white
+    steps = np.diff(values)
+    least = float(steps[steps > 1e-9 * np.abs(values).max()].min())
+    multiple = steps / least
+    on_grid = np.abs(multiple - np.round(multiple)) < 0.02 * np.maximum(multiple, 1.0)
+    return (least if on_grid.mean() > 0.95 else 0.0), white
+
+
+def sentences_of_checks(spikes: int, heavy: bool, step: float, white: float, dt: float, n_squared: float) -> list[str]:
+    """Warnings that follow."""
+    said = []
+    if heavy:
+        said.append(
+            f"{spikes} samples stand out from their neighbours by ten standard deviations, too many for single errors: the noise has heavy "
+            "tails, and the interval of N is too narrow"
+        )
+    elif spikes:
+        said.append(
+            f"{spikes} single sample{'s' if spikes > 1 else ''} stood out by ten standard deviations; set to the mean of the neighbours"
+        )
+    if step > 0.0 and white < 0.5 * step:
+        said.append(
+            f"the values come in steps of {step:.3g}, more than twice the noise ({white:.3g}): it is not seen through the rounding, and no "
+            "coefficient of this record is to be relied on; use a finer resolution"
+        )
+    elif step > 0.0 and n_squared > 0.0 and step**2 * dt / 12.0 > 0.05 * n_squared:
+        share = step**2 * dt / 12.0 / n_squared
+        said.append(f"rounding to steps of {step:.3g} makes {100 * min(share, 1.0):.0f} % of N squared; the sensor itself is quieter")
+    return said

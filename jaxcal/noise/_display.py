@@ -1,0 +1,159 @@
+r"""Methods "unweighted", "log" and "slope": one Allan deviation curve in, coefficients without uncertainty out.
+
+They are for comparison, and for readers of older work. With ad the Allan deviation and v its square, over cluster sizes:
+
+- unweighted: :math:`\min_{\theta \ge 0} \sum (v - A\theta)^2`.
+- log: :math:`\min_{\theta \ge 0} \sum (\ln A\theta - \ln v)^2`.
+- slope: tangents of slope -1, -1/2, +1/2 and +1 (Q, N, K and R) where the curve comes nearest to these slopes, read at
+  tau = sqrt 3, 1, 3 and sqrt 2 s; B is the minimum over 0.664 (thesis, section 5.4.4; IEEE Std 952-1997, annex C).
+
+No error propagation is true for these, so intervals, limits, verdicts and significances are empty, and so is the covariance
+(no rows). `goodness` is the chance of a worse chi-square about the fitted curve.
+"""
+
+import functools
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._errors import FitError
+from .._precision import is_traced
+from .._solve import solve
+from ..allan import Deviation
+from ._allanfit import freedom
+from ._curve import Curve, whitened
+from ._estimator import Weighted, settle
+from ._joint import in_units, padded
+from ._model import with_coefficients
+from ._result import NoiseFit
+from ._sentences import sentences_of_octaves
+
+_NONE = "for comparison only: {}. This method has no uncertainty, so there are no intervals, limits and verdicts; method='whittle' has them"
+#: root mean square errors for N = 0.25 deg/sqrt(h), B = 7.6 deg/h, K = 1.8 deg/h/sqrt(s), 2^17 samples at 100 Hz
+_SHORTCOMINGS = {
+    "unweighted": "the longest cluster times, which are known worst, decide; B and K scatter by 35 to 45 % where weights give 11 and 23 %, "
+    "and absent terms come out positive",
+    "log": "all cluster times count alike, however well they are known; B and K scatter by 30 to 40 % where weights give 11 and 23 %, "
+    "and absent terms come out positive",
+    "slope": "tangents blame one term for what several add up to; B comes out about 44 % too high on a gyroscope with N, B and K, and "
+    "where B is absent",
+}
+
+#: slope in log-log, reading time in s, most (least) local slope at which the term counts as seen
+_TANGENTS = {"Q": (-1.0, math.sqrt(3.0), -0.75), "N": (-0.5, 1.0, math.inf), "K": (0.5, 3.0, 0.25), "R": (1.0, math.sqrt(2.0), 0.75)}
+
+
+def fit_unweighted(curve: Deviation, samples: int, terms: tuple[str, ...], inside, automatic: bool, confidence: float) -> NoiseFit:
+    """Least squares of the variances; arguments as of `fit_jointly`, of which `automatic` has no meaning here."""
+    arrays = padded(curve, samples, terms, inside)
+    return _result(_unweighted(arrays, 1.0 / curve.rate, terms), arrays, curve, samples, terms, inside, confidence, "unweighted")
+
+
+def fit_log(curve: Deviation, samples: int, terms: tuple[str, ...], inside, automatic: bool, confidence: float) -> NoiseFit:
+    """Least squares of the logarithms; arguments as of `fit_jointly`, of which `automatic` has no meaning here."""
+    arrays = padded(curve, samples, terms, inside)
+    start, data, unit = _log_problem(arrays, 1.0 / curve.rate, terms)
+    found = solve(_log_residuals, start, data, bounds=(0.0, np.inf))
+    if not is_traced(curve.deviation) and not bool(found.usable):
+        raise FitError(f"the logarithmic fit did not end well: {found.message}")
+    return _result(found.model * unit, arrays, curve, samples, terms, inside, confidence, "log")
+
+
+def fit_slope(curve: Deviation, samples: int, terms: tuple[str, ...], inside, automatic: bool, confidence: float) -> NoiseFit:
+    """Tangents and minimum; arguments as of `fit_jointly`, of which `automatic` has no meaning here."""
+    traced = is_traced(curve.deviation)
+    xp = jnp if traced else np
+    use = inside if traced else inside & (curve.deviation > 0.0)
+    tau, ad = curve.tau[use], curve.deviation[use]
+    slope = _gradient(xp.log(ad), np.log(tau), xp)
+    index, lowest = np.arange(len(tau)), xp.argmin(ad)
+    values = {"B": ad[lowest] / 0.664}
+    for term, (wanted, time, least) in _TANGENTS.items():
+        side = index <= lowest if wanted < 0 else index > lowest
+        at = xp.argmin(xp.where(side, xp.abs(slope - wanted), xp.inf))
+        seen = side[at] & ((slope[at] < least) if wanted < 0 else (slope[at] > least))
+        values[term] = xp.where(seen, ad[at] * (time / xp.asarray(tau)[at]) ** wanted, 0.0)
+    theta = xp.stack([values[term] for term in terms]) ** 2
+    return _result(theta, padded(curve, samples, terms, inside), curve, samples, terms, inside, confidence, "slope")
+
+
+def _gradient(y, x, xp):
+    """dy/dx at every point: central, of second order for uneven steps, and one-sided at the ends."""
+    step = np.diff(x)
+    chord = (y[1:] - y[:-1]) / step
+    inner = (step[1:] * chord[:-1] + step[:-1] * chord[1:]) / (step[1:] + step[:-1])
+    return xp.concatenate([chord[:1], inner, chord[-1:]])
+
+
+@functools.partial(jax.jit, static_argnames="terms")
+def _unweighted(arrays, dt, terms: tuple[str, ...]):
+    curve, unit = in_units(arrays, dt, terms)
+    return _without_tail(curve).weighted(jnp.ones_like(curve.v))[:-1] * unit
+
+
+@functools.partial(jax.jit, static_argnames="terms")
+def _log_problem(arrays, dt, terms: tuple[str, ...]):
+    """Start, data, and unit of the squared coefficients."""
+    curve, unit = in_units(arrays, dt, terms)
+    still = _without_tail(jax.lax.stop_gradient(curve))
+    touching = jnp.min(jnp.where(curve.used[:, None], still.v[:, None] / jnp.abs(still.columns), jnp.inf), axis=0)
+    weighted, _ = settle(still, Weighted(), jnp.zeros_like(still.held), 30, 1e-3)
+    # off the bounds, by a hundredth of what each term could be at most; in units of that
+    start = (weighted / touching + 0.01)[:-1]
+    return start, {"columns": curve.columns[:, :-1] * touching[None, :-1], "v": curve.v, "used": curve.used}, touching[:-1] * unit
+
+
+def _log_residuals(theta, data):
+    fitted = data["columns"] @ theta
+    positive = fitted > 0.0  # both branches stay finite, so that gradients do
+    ratio = jnp.where(positive, fitted, 1.0) / data["v"]
+    return jnp.where(data["used"], jnp.where(positive, jnp.log(ratio), -100.0), 0.0)
+
+
+def _without_tail(curve: Curve) -> Curve:
+    return curve.only(jnp.arange(curve.free.shape[0]) < curve.free.shape[0] - 1)
+
+
+@functools.partial(jax.jit, static_argnames="terms")
+def _judged(arrays, dt, theta, terms: tuple[str, ...]):
+    """Chance of a worse chi-square about the fitted curve, with the covariance that it implies; and the fitted variance."""
+    curve, unit = in_units(arrays, dt, terms)
+    scaled = jnp.append(theta / unit, jnp.zeros((), theta.dtype))
+    chance = jax.scipy.stats.chi2.sf(whitened(curve, scaled).chi_square(scaled), freedom(curve, scaled))
+    return chance, curve.columns[:, :-1] @ theta
+
+
+def _result(theta, arrays, curve: Deviation, samples: int, terms: tuple[str, ...], inside, confidence: float, method: str) -> NoiseFit:
+    """`NoiseFit` of squared coefficients about which nothing more is known."""
+    traced = is_traced(curve.deviation)
+    xp = jnp if traced else np
+    goodness, variance = _judged(arrays, 1.0 / curve.rate, theta, terms)
+    if not traced:
+        theta, goodness, variance = np.asarray(theta), np.asarray(goodness), np.asarray(variance)
+    positive = theta > 0.0
+    value = xp.where(positive, xp.sqrt(xp.where(positive, theta, 1.0)), 0.0)  # keeps the derivative of the root finite at zero
+    left_out, warnings = (), ()
+    if not traced:
+        left_out = sentences_of_octaves(curve, inside, np.sqrt(variance[: len(curve.m)]), False)
+        warnings = (*curve.warnings, _NONE.format(_SHORTCOMINGS[method]))
+    return NoiseFit(
+        noise=with_coefficients({term: value[i] for i, term in enumerate(terms)}),
+        interval={},
+        upper_limit={},
+        verdict={},
+        significance={},
+        covariance=xp.zeros((0, 0)),
+        goodness=goodness,
+        longer_record={},
+        band=(np.min(curve.tau[inside]), np.max(curve.tau[inside])),
+        left_out=left_out,
+        warnings=warnings,
+        deviation=curve,
+        used=inside,
+        duration=samples / curve.rate,
+        terms=terms,
+        confidence=confidence,
+        method=method,
+    )

@@ -1,0 +1,44 @@
+"""The methods that fit an Allan deviation curve, by name, and the cluster sizes each needs."""
+
+import numpy as np
+
+from .._errors import DataError
+from . import _display, _edf, _gls, _wavelet
+from ._joint import CLUSTERS
+
+#: name -> function of (curve, samples, terms, inside, automatic, confidence)
+CURVES = {
+    "gls": _gls.fit_curve,
+    "edf": _edf.fit_curve,
+    "wavelet": _wavelet.fit_curve,
+    "unweighted": _display.fit_unweighted,
+    "log": _display.fit_log,
+    "slope": _display.fit_slope,
+}
+
+
+def clusters(method: str, samples: int, terms: tuple[str, ...]) -> np.ndarray:
+    """Cluster sizes for a fit: powers of two for "wavelet", else about 25 log-spaced, from 1 to a quarter of the record.
+
+    Raises
+    ------
+    DataError
+        If the record is too short to fit so many terms.
+
+    Examples
+    --------
+    >>> from jaxcal.noise._methods import clusters
+    >>> clusters("wavelet", 1000, ("N", "B", "K"))
+    array([  1,   2,   4,   8,  16,  32,  64, 128])
+    """
+    fewest = len(terms) + 3
+    needed = 4 * (2 ** (fewest - 1) if method == "wavelet" else fewest)
+    if samples < needed:
+        hint = ", another method" if method == "wavelet" and samples >= 4 * fewest else ""
+        raise DataError(
+            f"{samples} sample{'s are' if samples != 1 else ' is'} too short a record to fit {len(terms)} noise terms; "
+            f"record at least {needed} samples (an hour or more, for bias instability){hint}, or ask for fewer terms"
+        )
+    if method == "wavelet":
+        return _wavelet.dyadic(samples)
+    return np.unique(np.round(np.logspace(0.0, np.log10(samples // 4), CLUSTERS)).astype(np.int64))

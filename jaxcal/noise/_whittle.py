@@ -1,0 +1,246 @@
+"""Method "whittle": one channel in, one `NoiseFit` out."""
+
+import dataclasses
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy.stats
+
+from .._errors import DataError, FitError
+from .._types import AnyArray
+from ..allan import Deviation
+from ._assemble import assemble, with_edf
+from ._covariance import covariance_tensor
+from ._drift import follows
+from ._likelihood import density
+from ._limits import Limits
+from ._lines import amplitudes, find_lines
+from ._markov import PRESENT, Scan, scan, times
+from ._ordinates import FILTER, Bins, bins_of, expected, stretches
+from ._result import NoiseFit
+from ._sentences import sentences_of_octaves, sentences_of_spectrum
+from ._spectral import Fitted, first_model, fit_bins, groups_of, uncertainty
+
+_RAMP, _TEMPERATURE = 3.0, 4.0  # standard errors above which a record follows a line in time, and its temperature
+_ALIKE = 2.0  # likelihood ratio within which flicker and one Gauss-Markov process are alike
+_LEADING = 48
+
+
+class Solved(eqx.Module):
+    """A record's bins, which of them lines occupy, and the fit; `columns` are names and correlation times."""
+
+    bins: Bins
+    taken: AnyArray
+    fitted: Fitted
+    columns: tuple[tuple[str, float | None], ...] = eqx.field(static=True)
+
+    @property
+    def end(self) -> float:
+        """Highest frequency of the band in Hz, infinite where the band was not cut."""
+        if not bool(self.fitted.cut):
+            return np.inf
+        return float(np.max(np.where(self.fitted.bins.weight > 0, self.fitted.bins.frequency, 0.0)))
+
+    def leading(self, n: int, dt: float):
+        """Density at the first ordinates of n samples."""
+        k = np.arange(1, min(_LEADING, n - 1) + 1)
+        columns = np.stack([expected(term, k, n, dt, scale) for term, scale in self.columns], axis=1)
+        return columns @ np.asarray(self.fitted.theta) * float(self.bins.unit)
+
+
+def fit_record(
+    y, curve: Deviation, terms: tuple[str, ...], band: tuple[float, float] | None, confidence: float, temperature=None
+) -> NoiseFit:
+    """Fit one channel by its likelihood.
+
+    Parameters
+    ----------
+    y : (n,) samples; NaN marks a gap.
+    curve : its overlapped Allan deviation, for the plot and for cluster times left out.
+    terms : names among Q, N, B, K, R and markov.
+    band : cluster times in s to fit, or None to find the band.
+    confidence : level of the intervals.
+    temperature : (n,) or None; whether the record follows it.
+    """
+    dt, n = 1.0 / curve.rate, len(y)
+    base = tuple((term, None) for term in terms if term not in ("R", "markov"))
+    if not base:
+        raise DataError(f"terms {terms!r}: a ramp or a Gauss-Markov process is fitted beside other terms; add N")
+    solved = _solve(y, dt, base, band)
+    slope, error = _follows(y, np.arange(n) * dt, solved, dt)
+    ramp = abs(slope) > _RAMP * error
+    if ramp and "R" in terms:
+        y = y - slope * dt * np.arange(n)
+        solved = _solve(y, dt, base, band)
+    warm = (0.0, np.inf) if temperature is None else _follows(y, temperature, solved, dt)
+    tried = scan(
+        solved.fitted, jnp.asarray(times(dt, n * dt)), jnp.asarray(dt), jnp.asarray([float(name == "B") for name, _ in solved.columns])
+    )
+    widened = float(solved.fitted.inflation)
+    tried = Scan(np.asarray(tried.time), np.asarray(tried.gain) / widened, np.asarray(tried.instead) / widened)
+    time = float(tried.time[np.argmax(tried.gain)])
+    if "markov" in terms:
+        solved = _solve(y, dt, (*base, ("markov", time)), band)
+    levels = scipy.stats.chi2.ppf(confidence, 1), scipy.stats.norm.ppf(confidence) ** 2
+    spread, limits, factor = jax.tree.map(np.asarray, uncertainty(solved.fitted, *levels, tuple(name for name, _ in solved.columns)))
+    decides = {name: float(value) * n * dt for (name, _), value in zip(solved.columns, factor, strict=True)}
+    theta = np.asarray(solved.fitted.theta)
+    if not np.all(np.isfinite(theta)):
+        raise FitError("the fit gave no finite coefficients; fit fewer terms (terms=) or other cluster times (band=)")
+    unit = float(solved.bins.unit)
+    names = tuple(name for name, _ in solved.columns)
+    theta, spread, limits = _squares(
+        theta * unit, spread * unit**2, _scaled(limits, unit), names, terms, (slope, error), bool(solved.fitted.cut)
+    )
+    lines = amplitudes(solved.bins, solved.taken, np.asarray(density(solved.bins, solved.fitted.theta)), n * dt)
+    lines = [line for line in lines if line[1] <= solved.end]
+    used = _used(curve, solved, band)
+    ends = float(curve.tau[used].min()), float(curve.tau[used].max())
+    found = assemble(
+        theta, spread, limits, terms, n * dt, time=time, sinusoid=lines, decides=decides, goodness=float(solved.fitted.goodness),
+        confidence=confidence, method="whittle", deviation=curve, used=used, left_out=(), warnings=(), band=ends,
+    )  # fmt: skip
+    modelled = np.sqrt(np.asarray(found.noise.avar(curve.tau, dt=dt)))
+    sentences = [
+        *curve.warnings,
+        *sentences_of_spectrum(found, solved.fitted, lines, band is None),
+        *_drifts(ramp and "R" not in terms, slope / error, warm[0] / warm[1]),
+        *_beside(tried, "markov" in terms),
+    ]
+    notes = _instead(tried, "markov" in terms, found.verdict.get("B"))
+    curve = with_edf(curve, used, _model_edf(curve, found, names, n))
+    left_out = sentences_of_octaves(curve, used, modelled, band is None)
+    return dataclasses.replace(found, deviation=curve, left_out=left_out, warnings=tuple(sentences), notes=notes)
+
+
+def fit_traced(y, rate: float, terms: tuple[str, ...], band: tuple[float, float] | None, confidence: float) -> NoiseFit:
+    """The same for a traced record: no checks, no choice of the band, no lines; differentiable."""
+    if set(terms) & {"R", "markov"}:
+        raise DataError("a traced record is fitted with terms among Q, N, B, K; R and markov are found by a search, which cannot be traced")
+    columns = tuple((term, None) for term in terms)
+    bins = _inside(bins_of(y, 1.0 / rate, columns), band)
+    fitted = fit_bins(bins, jnp.asarray(groups_of(bins.weight, y.shape[0] - 1)), jnp.asarray(False), terms)
+    levels = scipy.stats.chi2.ppf(confidence, 1), scipy.stats.norm.ppf(confidence) ** 2
+    spread, limits, _ = uncertainty(fitted, *levels, terms)
+    duration = y.shape[0] / rate
+    ends = (1.0 / rate, duration / 2.0) if band is None else band
+    return assemble(
+        fitted.theta * bins.unit, spread * bins.unit**2, _scaled(limits, bins.unit), terms, duration, goodness=fitted.goodness,
+        confidence=confidence, method="whittle", deviation=None, used=None, left_out=(), warnings=(), band=ends,
+    )  # fmt: skip
+
+
+def _inside(bins: Bins, band) -> Bins:
+    """The bins with weight only in the band: cluster time tau stands for the frequency 1/(2 tau)."""
+    if band is None:
+        return bins
+    within = (bins.frequency >= 0.5 / band[1] * (1 - 1e-9)) & (bins.frequency <= 0.5 / band[0] * (1 + 1e-9))
+    return eqx.tree_at(lambda b: b.weight, bins, bins.weight * within)
+
+
+def _solve(y, dt: float, columns: tuple[tuple[str, float | None], ...], band) -> Solved:
+    columns = (*columns, (FILTER, None))
+    whole = bins_of(y, dt, columns)
+    bins = _inside(whole, band)
+    count = int(np.sum(bins.weight > 0))
+    if count <= len(columns):
+        raise DataError(
+            f"{count} frequency bins are left for {len(columns)} terms; record longer without gaps, widen band=, or ask for fewer terms"
+        )
+    names = tuple(name for name, _ in columns)
+    taken = find_lines(bins, np.asarray(first_model(bins, names)))
+    clear = eqx.tree_at(lambda b: b.weight, bins, np.where(taken, 0.0, bins.weight))
+    group = groups_of(whole.weight, int(np.sum(whole.weight)))
+    fitted = fit_bins(clear, jnp.asarray(group), jnp.asarray(band is None), names)
+    return Solved(bins, taken, jax.tree.map(np.asarray, fitted), columns)
+
+
+def _follows(y, regressor, solved: Solved, dt: float) -> tuple[float, float]:
+    """How the longest gap-free stretch follows a regressor; not told where that is less than most of the record."""
+    longest = stretches(y)[0]
+    n = longest.stop - longest.start
+    if n < 0.8 * len(y) or not np.all(np.isfinite(regressor[longest])):
+        return 0.0, np.inf
+    return follows(y[longest], regressor[longest], solved.leading(n, dt), dt)
+
+
+def _scaled(limits: Limits, unit) -> Limits:
+    return Limits(limits.low * unit, limits.high * unit, limits.upper * unit, limits.significance)
+
+
+def _squares(theta, spread, limits: Limits, names, terms, ramp: tuple[float, float], cut: bool):
+    """Squared coefficients in the order of `terms`: with the ramp among them, and Q not estimated where its octaves are left out."""
+    slope, error = ramp
+    p = len(terms)
+    own = [i for i, name in enumerate(names) if name != FILTER]
+    where = [terms.index(names[i]) for i in own]
+    all_theta, all_spread = np.zeros(p), np.zeros((p, p))
+    ends = {name: np.zeros(p) for name in ("low", "high", "upper", "significance")}
+    all_theta[where], all_spread[np.ix_(where, where)] = theta[own], spread[np.ix_(own, own)]
+    for name, values in ends.items():
+        values[where] = getattr(limits, name)[own]
+    if "R" in terms:
+        i = terms.index("R")
+        all_theta[i], all_spread[i, i] = slope**2, (2.0 * slope * error) ** 2
+        away = abs(slope)
+        ends["low"][i], ends["high"][i] = max(away - 1.96 * error, 0.0) ** 2, (away + 1.96 * error) ** 2
+        ends["upper"][i], ends["significance"][i] = (away + 1.645 * error) ** 2, (slope / error) ** 2
+    if cut and "Q" in terms:
+        i = terms.index("Q")
+        all_theta[i] = ends["low"][i] = ends["significance"][i] = 0.0
+        all_spread[i, :] = all_spread[:, i] = 0.0
+    return all_theta, all_spread, Limits(**ends)
+
+
+def _used(curve: Deviation, solved: Solved, band) -> np.ndarray:
+    """Cluster sizes that the band stands for; at least the longest."""
+    used = np.asarray(curve.tau) >= (0.5 / solved.end) * (1 - 1e-9)
+    if band is not None:
+        used &= (curve.tau >= band[0] * (1 - 1e-9)) & (curve.tau <= band[1] * (1 + 1e-9))
+    if not used.any():
+        used[-1] = True
+    return used
+
+
+def _model_edf(curve: Deviation, found: NoiseFit, names, n: int):
+    """Degrees of freedom of the curve under the fitted noise."""
+    terms = tuple(name for name in names if name not in ("markov", FILTER))
+    squares = np.array([float(np.asarray(getattr(found.noise, name))) ** 2 for name in terms])
+    tensor = np.diagonal(covariance_tensor(n, tuple(int(m) for m in curve.m), 1.0 / curve.rate, terms), axis1=2, axis2=3)
+    variance = np.einsum("i,ijm,j->m", squares, tensor, squares)
+    modelled = np.asarray(type(found.noise)(**{t: getattr(found.noise, t) for t in terms}).avar(curve.tau, dt=1.0 / curve.rate))
+    return 2.0 * modelled**2 / np.where(variance > 0.0, variance, np.inf)
+
+
+def _drifts(ramp: bool, slope: float, warm: float) -> list[str]:
+    said = []
+    if ramp:
+        said.append(
+            f"the record follows a straight line ({abs(slope):.1f} standard errors): B and K take part of it; add R to the terms, or "
+            "remove its cause"
+        )
+    if abs(warm) > _TEMPERATURE:
+        said.append(
+            f"the record follows its temperature ({abs(warm):.1f} standard errors): correct the bias for temperature first, for B and K "
+            "take part of it"
+        )
+    return said
+
+
+def _beside(tried: Scan, fitted: bool) -> list[str]:
+    best = int(np.argmax(tried.gain))
+    if fitted or not tried.gain[best] > PRESENT:
+        return []
+    return [
+        f"a Gauss-Markov process of correlation time about {tried.time[best]:.2g} s beside the other terms explains the spectrum better "
+        f"(likelihood ratio {tried.gain[best]:.1f}): B and K take part of it; add markov to the terms"
+    ]
+
+
+def _instead(tried: Scan, fitted: bool, flicker: str | None) -> tuple[str, ...]:
+    best = int(np.argmax(tried.instead))
+    if fitted or flicker != "present" or tried.gain.max() > PRESENT or not tried.instead[best] > -_ALIKE:
+        return ()
+    return (f"B or one Gauss-Markov process of correlation time about {tried.time[best]:.2g} s: this record cannot tell them apart",)

@@ -1,0 +1,89 @@
+"""DCT-II ordinates: expected values against dense covariance matrices, bins, gaps, and the traced path."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import scipy.fft
+
+from jaxcal.noise import Noise
+from jaxcal.noise._ordinates import BINS, _flicker_ratio, bins_of, expected, stretches
+
+DT = 0.02
+TERMS = (("Q", None), ("N", None), ("B", None), ("K", None))
+
+
+def covariance(term, n, scale=None):
+    """Of n samples at unit coefficient; generalised (up to a constant, which ordinates do not see) for B and K."""
+    h = np.abs(np.arange(n)[:, None] - np.arange(n)[None, :])
+    if term == "Q":
+        return (2.0 * (h == 0) - (h == 1)) / DT**2
+    if term == "N":
+        return (h == 0) / DT
+    if term == "K":
+        return DT * np.minimum(np.arange(1, n + 1)[:, None], np.arange(1, n + 1)[None, :])
+    if term == "markov":
+        return scale / 2.0 * np.exp(-h * DT / scale)
+    semivariogram = np.concatenate([[0.0], 2.0 / np.pi * np.cumsum(1.0 / (2.0 * np.arange(1, n) - 1.0))])
+    return -semivariogram[h]
+
+
+@pytest.mark.parametrize("n", [40, 97])
+@pytest.mark.parametrize(("term", "scale"), [*TERMS, ("markov", 0.05), ("markov", 30.0)])
+def test_expected_ordinates_equal_the_dense_covariance(term, scale, n):
+    basis = scipy.fft.dct(np.eye(n), norm="ortho", axis=0)
+    dense = DT * np.diag(basis @ covariance(term, n, scale) @ basis.T)[1:]
+    np.testing.assert_allclose(expected(term, np.arange(1, n), n, DT, scale), dense, rtol=1e-9)
+
+
+def test_long_records_use_the_scaling_of_flicker():
+    n = 1 << 17
+    k = np.arange(1, n)
+    exact = DT / (2.0 * np.sin(np.pi * k / (2.0 * n))) * _flicker_ratio(n)
+    np.testing.assert_allclose(expected("B", k, n, DT), exact, rtol=2e-6)
+
+
+def test_bins_average_ordinates_and_count_them():
+    y = Noise(N=1.0, K=0.3).simulate(5000, 1.0 / DT, seed=0)
+    bins = bins_of(y, DT, TERMS)
+    ordinates = DT * scipy.fft.dct(y - y.mean(), norm="ortho")[1:] ** 2
+    assert bins.weight.shape == (BINS,)
+    assert bins.weight.sum() == 4999
+    np.testing.assert_allclose((bins.density * bins.unit)[:48], ordinates[:48])
+    np.testing.assert_allclose(np.sum(bins.density * bins.weight) * bins.unit, ordinates.sum())
+    assert (bins.weight[:48] == 1).all()
+    # 40 bins to the decade; the last is cut short by the Nyquist frequency
+    f = bins.frequency[bins.weight > 0]
+    ratio = np.diff(np.log10(f))[-31:-1]
+    np.testing.assert_allclose(ratio, 1 / 40, rtol=0.1)
+
+
+def test_gaps_leave_every_stretch_its_own_basis():
+    y = Noise(N=2.0).simulate(40_000, 1.0 / DT, seed=1)
+    y[10_000:10_040] = np.nan
+    y[30_000] = np.nan
+    y[30_010] = np.nan  # nine samples between two gaps are too short
+    assert [part.stop - part.start for part in stretches(y)] == [19_960, 10_000, 9_989]
+    bins = bins_of(y, DT, TERMS)
+    assert bins.weight.sum() == 19_959 + 9_999 + 9_988
+    used = bins.weight > 0
+    np.testing.assert_allclose(bins.columns[used, 1], 1.0)
+    # white noise of density 4: nu P/S is chi-square
+    ratio = bins.density[used] * bins.unit / 4.0
+    assert abs(np.sum(bins.weight[used] * (ratio - 1.0))) < 4 * np.sqrt(2 * bins.weight.sum())
+    # the random walk's column is a mean over the bins that were merged, so it falls with frequency without steps
+    assert (np.diff(np.log(bins.columns[used, 3])) < 0).all()
+
+
+def test_traced_equals_host():
+    y = Noise(N=1.0, B=0.1).simulate(3000, 1.0 / DT, seed=2)
+    host, traced = bins_of(y, DT, TERMS), jax.jit(lambda y: bins_of(y, DT, TERMS))(jnp.asarray(y))
+    np.testing.assert_allclose(traced.density * traced.unit, host.density * np.where(host.weight > 0, host.unit, traced.unit), rtol=1e-9)
+    np.testing.assert_array_equal(traced.weight, host.weight)
+
+
+def test_a_traced_gap_is_refused():
+    y = np.ones(200)
+    y[3] = np.nan
+    with pytest.raises(Exception, match="gap-free"):
+        jax.block_until_ready(jax.jit(lambda y: bins_of(y, DT, TERMS).density)(jnp.asarray(y)))

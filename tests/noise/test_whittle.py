@@ -1,0 +1,248 @@
+"""The likelihood fit: against a general minimiser, by Monte Carlo, and under everything that breaks its assumptions."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import scipy.optimize
+import scipy.signal
+
+import jaxcal
+from jaxcal.noise import Noise
+from jaxcal.noise._likelihood import minimise, negative_log_likelihood
+from jaxcal.noise._ordinates import bins_of
+from jaxcal.noise._spectral import best, fit_bins, groups_of, uncertainty
+
+RATE = 100.0
+D = np.pi / 180
+TERMS = ("Q", "N", "B", "K")
+#: case A of the efficiency table: N 0.25 deg/sqrt(h), B 7.6 deg/h, K 1.8 deg/h/sqrt(s)
+CASE_A = Noise(N=0.25 / 60 * D, B=7.6 / 3600 * D, K=1.8 / 3600 * D)
+
+
+def prepared(noise, n=1 << 15, seed=0):
+    bins = bins_of(noise.simulate(n, RATE, seed=seed), 1 / RATE, tuple((t, None) for t in TERMS))
+    return bins, jnp.asarray(groups_of(bins.weight, n - 1))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_minimum_and_limits_equal_those_of_a_general_minimiser(seed):
+    bins, group = prepared(dataclasses.replace(CASE_A, Q=0.4 / 3600 * D), seed=seed)
+    fitted = fit_bins(bins, group, jnp.asarray(False), TERMS)
+    scale = np.asarray(best(bins, TERMS).theta)
+    scale = np.where(scale > 0, scale, 1e-3 * scale[1])
+
+    objective = jax.jit(jax.value_and_grad(lambda x: negative_log_likelihood(bins, x * scale)))
+
+    def least(held=None):
+        """Least NLL by L-BFGS-B, from above and below."""
+        found = []
+        for factor in (0.3, 1.0, 3.0):
+            start = np.full(4, factor)
+            bounds = [(0.0, None)] * 4
+            if held is not None:
+                start[held[0]] = held[1] / scale[held[0]]
+                bounds[held[0]] = (start[held[0]],) * 2
+            done = scipy.optimize.minimize(
+                objective, start, jac=True, bounds=bounds, options={"ftol": 1e-15, "gtol": 1e-9, "maxiter": 2000}
+            )
+            found.append(done.fun)
+        return min(found)
+
+    lowest = least()
+    assert float(fitted.nll) <= lowest + 1e-6
+    _, limits, _ = uncertainty(fitted, 3.841, 2.706, TERMS)
+    for i in range(4):
+        for end, level in (("high", 3.841), ("upper", 2.706), ("low", 3.841)):
+            value = float(getattr(limits, end)[i])
+            if value > 0:
+                assert 2 * (least((i, value)) - lowest) == pytest.approx(level, abs=0.02)
+            else:
+                assert end == "low"
+                assert float(limits.significance[i]) <= 3.841
+        assert 2 * (least((i, 0.0)) - lowest) == pytest.approx(float(limits.significance[i]), abs=0.02, rel=1e-3)
+
+
+def test_from_any_start_the_minimum_is_near():
+    bins, _ = prepared(CASE_A)
+    reference = float(best(bins, TERMS).nll)
+    starts = np.random.default_rng(0).lognormal(sigma=4.0, size=(20, 4))
+    found = jax.jit(jax.vmap(lambda start: minimise(bins, start)))(jnp.asarray(starts))
+    assert (found.nll <= reference + 3.0).all()  # local minima lie within a few units
+    assert (found.nll >= reference - 1e-6).all()
+
+
+def test_case_a_is_unbiased_efficient_and_covered():
+    """n = 2^15, 80 records. The bound scales from that of 2^17 samples (N 0.20, B 9.8, K 20.7 %) by 2 for B and K at most."""
+    truth = {"N": CASE_A.N, "B": CASE_A.B, "K": CASE_A.K}
+    fits = [jaxcal.noise.fit(CASE_A.simulate(1 << 15, RATE, seed=seed), RATE) for seed in range(80)]
+    for term, rmse in (("N", 0.008), ("B", 0.30), ("K", 0.75)):
+        values = np.array([float(getattr(fit.noise, term)) for fit in fits]) / truth[term]
+        assert np.sqrt(np.mean((values - 1) ** 2)) < rmse
+        inside = np.mean([fit.interval[term][0] <= truth[term] <= fit.interval[term][1] for fit in fits])
+        assert inside >= 0.86  # 95 % less 3.7 standard deviations of 80 records
+    assert np.mean([fit.verdict["Q"] == "present" for fit in fits]) <= 0.05
+    assert not any("line" in sentence for fit in fits for sentence in fit.warnings[:1]) or sum(bool(f.noise.sinusoid) for f in fits) <= 4
+
+
+def test_absent_terms_are_seldom_found():
+    white = Noise(N=1.0)
+    fits = [jaxcal.noise.fit(white.simulate(1 << 14, RATE, seed=seed), RATE) for seed in range(60)]
+    for term in ("Q", "B", "K"):
+        assert sum(fit.verdict[term] == "present" for fit in fits) <= 3  # 1 % nominal: P(> 3 of 60) = 0.3 %
+
+
+@pytest.fixture(scope="module")
+def record():
+    return CASE_A.simulate(1 << 17, RATE, seed=5)
+
+
+def departs(fit, term, truth):
+    """Departure of a coefficient from the truth in standard errors of the fit."""
+    i = fit.terms.index(term)
+    value = float(getattr(fit.noise, term))
+    return abs(value**2 - truth**2) / np.sqrt(float(fit.covariance[i, i]))
+
+
+def test_a_low_pass_is_left_out_and_named(record):
+    b, a = scipy.signal.butter(2, 20.0, fs=RATE)
+    fit = jaxcal.noise.fit(scipy.signal.lfilter(b, a, record), RATE)
+    assert fit.band[0] > 0.03
+    assert fit.left_out
+    assert any("Q was not fitted" in sentence for sentence in fit.warnings)
+    for term in "NBK":
+        assert departs(fit, term, getattr(CASE_A, term)) < 4
+    assert not fit.noise.sinusoid
+    assert float(fit.noise.N) == pytest.approx(CASE_A.N, rel=0.03)  # its standard error is 0.7 % at the band that is left
+
+
+def test_a_line_is_taken_out_and_told(record):
+    fit = jaxcal.noise.fit(record + 2e-3 * D * np.sin(2 * np.pi * 0.1 * np.arange(1 << 17) / RATE + 0.7), RATE)
+    ((amplitude, frequency),) = fit.noise.sinusoid
+    assert amplitude / D == pytest.approx(2e-3, rel=0.3)  # the noise at the line's frequency alone scatters it by 10 %
+    assert frequency == pytest.approx(0.1, rel=0.04)
+    assert any("line at 0.1" in sentence for sentence in fit.warnings)
+    for term in "NBK":
+        assert departs(fit, term, getattr(CASE_A, term)) < 4
+
+
+def test_spikes_are_counted_and_do_no_harm(record):
+    spoilt = record.copy()
+    where = np.random.default_rng(0).choice(np.arange(5, 1 << 17, 50), 10, replace=False)
+    spoilt[where] += 50 * CASE_A.N * np.sqrt(RATE)
+    fit, clean = jaxcal.noise.fit(spoilt, RATE), jaxcal.noise.fit(record, RATE)
+    assert any(sentence.startswith("10 single samples stood out") for sentence in fit.warnings)
+    assert float(fit.noise.N) == pytest.approx(float(clean.noise.N), rel=1e-3)
+
+
+def test_heavy_tails_are_told():
+    y = np.random.default_rng(0).standard_t(1.5, size=30_000)
+    assert any("heavy tails" in sentence for sentence in jaxcal.noise.fit(y, RATE).warnings)
+
+
+def test_coarse_rounding_is_told(record):
+    white = CASE_A.N * np.sqrt(RATE)
+    step = 6 * white
+    assert any("not seen through the rounding" in s for s in jaxcal.noise.fit(np.round(record / step) * step, RATE).warnings)
+    step = 1.5 * white
+    fit = jaxcal.noise.fit(np.round(record / step) * step, RATE)
+    assert any("rounding to steps" in s for s in fit.warnings)
+    # dithered rounding is white: N^2 + step^2 dt / 12
+    assert float(fit.noise.N) == pytest.approx(np.sqrt(CASE_A.N**2 + step**2 / RATE / 12), rel=0.01)
+
+
+def test_a_ramp_is_told_and_fitted_where_asked(record):
+    slope = 0.1 * D / (len(record) / RATE) * 2
+    y = record + slope * np.arange(len(record)) / RATE
+    assert any("straight line" in s for s in jaxcal.noise.fit(y, RATE).warnings)
+    fit = jaxcal.noise.fit(y, RATE, terms=("Q", "N", "B", "K", "R"))
+    assert fit.verdict["R"] == "present"
+    low, high = fit.interval["R"]
+    assert low < slope < high
+    assert departs(fit, "B", CASE_A.B) < 4
+    assert not any("straight line" in s for s in fit.warnings)
+
+
+def test_a_gauss_markov_process_is_told_and_fitted_where_asked():
+    sigma, time = 6e-3 * D, 1.0
+    strength = sigma * np.sqrt(2 / time)
+    y = dataclasses.replace(CASE_A, markov=((strength, time),)).simulate(1 << 17, RATE, seed=2)
+    assert any("Gauss-Markov process of correlation time" in s for s in jaxcal.noise.fit(y, RATE).warnings)
+    fit = jaxcal.noise.fit(y, RATE, terms=("Q", "N", "B", "K", "markov"))
+    ((found, correlation),) = fit.noise.markov
+    assert fit.verdict["markov"] == "present"
+    assert 0.5 < correlation < 2.0
+    assert float(found) * np.sqrt(correlation / 2) == pytest.approx(sigma, rel=0.3)
+    assert float(fit.noise.N) == pytest.approx(CASE_A.N, rel=0.02)
+
+
+def test_gaps_leave_the_coefficients_within_their_intervals(record):
+    y = record.copy()
+    y[40_000:45_000] = np.nan
+    y[90_000] = np.nan
+    fit = jaxcal.noise.fit(y, RATE)
+    for term in "NBK":
+        assert departs(fit, term, getattr(CASE_A, term)) < 4
+
+
+def test_a_log_that_carries_temperature_is_tested_for_it(record):
+    n = len(record)
+    temperature = 25 + 5 * np.sin(2 * np.pi * np.arange(n) / n) + 3 * np.arange(n) / n
+    y = record + 5e-4 * temperature
+    log = jaxcal.Log(None, gyro=np.stack([y, record, record], axis=1), temperature=temperature, rate=RATE)
+    fits = jaxcal.noise.characterise(log)
+    assert any("follows its temperature" in s for s in fits["gyro_x"].warnings)
+    assert not any("temperature" in s for s in fits["gyro_y"].warnings)
+
+
+def test_jit_vmap_and_derivative():
+    records = np.stack([CASE_A.simulate(1 << 13, RATE, seed=s) for s in range(3)])
+    plain = [jaxcal.noise.fit(y, RATE).noise.N for y in records]
+    both = jax.jit(jax.vmap(lambda y: jaxcal.noise.fit(y, RATE).noise.N))(jnp.asarray(records))
+    np.testing.assert_allclose(both, plain, rtol=1e-6)
+
+    def coefficient(y, term):
+        return getattr(jaxcal.noise.fit(y, RATE).noise, term)
+
+    y, direction = jnp.asarray(records[0]), np.random.default_rng(0).normal(size=1 << 13) * 1e-3
+    for term in "NB":
+        slope = float(jax.jit(jax.grad(lambda y, term=term: coefficient(y, term)))(y) @ direction)
+        step = 1e-3
+        finite = (coefficient(records[0] + step * direction, term) - coefficient(records[0] - step * direction, term)) / (2 * step)
+        assert slope == pytest.approx(float(finite), rel=1e-3)
+
+
+def test_in_float32_it_is_close():
+    y = CASE_A.simulate(1 << 13, RATE, seed=1)
+    with jax.enable_x64(False), pytest.warns(jaxcal.PrecisionWarning):
+        found = jax.jit(lambda y: jaxcal.noise.fit(y, RATE).noise.N)(jnp.asarray(y, dtype=jnp.float32))
+    assert float(found) == pytest.approx(float(jaxcal.noise.fit(y, RATE).noise.N), rel=1e-3)
+
+
+def test_a_large_offset_changes_nothing(record):
+    white = CASE_A.N * np.sqrt(RATE)
+    near, far = (jaxcal.noise.fit(record + offset, RATE) for offset in (0.0, 1e6 * white))
+    for term in "NBK":
+        assert float(getattr(far.noise, term)) == pytest.approx(float(getattr(near.noise, term)), rel=1e-6)
+
+
+@pytest.mark.parametrize("scale", [1e-310, 1e-120, 1e120])
+def test_numbers_whose_squares_are_lost_are_refused(scale):
+    with pytest.raises(jaxcal.DataError, match="rescale"):
+        jaxcal.noise.fit(scale * np.random.default_rng(0).normal(size=2000), RATE)
+
+
+def test_log_likelihood_has_its_maximum_at_the_fit():
+    y = CASE_A.simulate(1 << 14, RATE, seed=3)
+    fit = jaxcal.noise.fit(y, RATE)
+    values = jnp.asarray([float(fit.noise.N), float(fit.noise.B)])
+
+    def likelihood(x):
+        return jaxcal.noise.log_likelihood(Noise(Q=float(fit.noise.Q), N=x[0], B=x[1], K=float(fit.noise.K)), y, RATE)
+
+    slope = jax.grad(likelihood)(values) * values
+    curvature = -jnp.diagonal(jax.hessian(likelihood)(values)) * values**2
+    assert (abs(slope) < 1e-3 * jnp.sqrt(curvature)).all()
+    assert (curvature > 1).all()
