@@ -13,7 +13,7 @@ from ._cache import keep_compiled
 from ._options import WRITING, CallError, Reading, Running, distinct, read_log, stem
 from ._outputs import staged
 from ._screen import Screen, progress, show_log, show_written
-from ._tables import by_channel, left_out, longer_record, noise_tables
+from ._tables import by_channel, decides, left_out, longer_record, noise_tables
 
 #: format of --export -> name of the file where none is given
 _EXPORTS = {"kalibr": "imu.yaml"}
@@ -101,8 +101,10 @@ def characterise(
         written = [target for target, place in places.items() if place.exists()]
     noise_tables(screen, fits, truth)
     screen.sentences("Record length at which a term is known to 10 %, worst axis", longer_record(fits))
+    screen.sentences("Record length that would decide on a term not detected", decides(fits))
     screen.sentences("Left out of the fit", left_out(fits))
     screen.sentences("Warnings", [*log.warnings, *by_channel({channel: fit.warnings for channel, fit in fits.items()}), *said])
+    screen.sentences("Notes", by_channel({channel: fit.notes for channel, fit in fits.items()}))
     show_written(screen, written)
     return fits
 

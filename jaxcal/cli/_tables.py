@@ -129,6 +129,20 @@ def longer_record(fits: Mapping[str, Any]) -> list[str]:
     return found
 
 
+def decides(fits: Mapping[str, Any]) -> list[str]:
+    """For every sensor, how long a record decides whether a term is there that was not detected, were it at its upper limit."""
+    found = []
+    for sensor, name in _SENSORS.items():
+        axes = [fit for channel, fit in fits.items() if channel.startswith(f"{sensor}_")]
+        needed = []
+        for term in axes[0].terms if axes else ():
+            seconds = [float(fit.decides[term]) for fit in axes if fit.verdict.get(term) == "not detected" and term in fit.decides]
+            # Q is told at once where the band is whole, and not at all where it is cut
+            needed += [f"{term} {duration(max(seconds))}"] if seconds and term != "Q" and math.isfinite(max(seconds)) else []
+        found += [f"{name}: {', '.join(needed)}"] if needed else []
+    return found
+
+
 def duration(seconds: float) -> str:
     """A time as people say it.
 

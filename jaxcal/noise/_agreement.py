@@ -2,45 +2,35 @@
 
 import numpy as np
 
-from ._model import TERMS
+from ._model import Noise
 from ._result import NoiseFit
 
 _LARGEST = 3.0
 
 
-def second_opinion(one: NoiseFit, other: NoiseFit) -> tuple[str, ...]:
-    """Sentences on the terms that two methods see differently, for fits of one channel.
+def sentences_of_difference(found: NoiseFit, other: Noise, errors: dict[str, float]) -> tuple[str, ...]:
+    """Sentences on the terms that generalised least squares sees differently, for the fit of one channel.
 
     Two efficient estimators of one record differ by less than their standard deviations. The difference of the squared
-    coefficients is compared with the larger of the two. Terms that neither detects, and terms that one did not fit, are left out;
-    so is everything where a method has no uncertainty.
+    coefficients is compared with the larger of the two; terms that the fit does not detect or did not estimate are left out.
 
-    Examples
-    --------
-    >>> from jaxcal.noise import Noise, fit
-    >>> from jaxcal.noise._agreement import second_opinion
-    >>> record = Noise(N=1e-3).simulate(5000, 100.0, seed=0)
-    >>> second_opinion(fit(record, 100.0, method="gls"), fit(record, 100.0, method="edf"))
-    ()
+    Parameters
+    ----------
+    found : the fit.
+    other : coefficients by generalised least squares.
+    errors : term -> standard error of its squared coefficient there.
     """
     said = []
-    for term in TERMS:
-        if not all(term in fit.verdict for fit in (one, other)) or one.verdict[term] == other.verdict[term] == "not detected":
+    for term, error in errors.items():
+        index = found.terms.index(term)
+        own = float(np.sqrt(found.covariance[index, index]))
+        if found.verdict[term] == "not detected" or own <= 0.0:
             continue
-        values, spreads = zip(*(_squared(fit, term) for fit in (one, other)), strict=True)
-        if min(spreads) <= 0.0:
-            continue
-        apart = abs(values[0] - values[1]) / max(spreads)
+        first, second = (float(np.asarray(getattr(noise, term))) for noise in (found.noise, other))
+        apart = abs(first**2 - second**2) / max(own, error)
         if apart > _LARGEST:
-            first, second = (float(getattr(fit.noise, term)) for fit in (one, other))
             said.append(
-                f"{term} is {first:.3g} by method {one.method} and {second:.3g} by method {other.method} (SI units), {apart:.1f} standard "
-                "deviations apart: the noise model does not describe this record, or the data were filtered; look at the plot"
+                f"{term} is {first:.3g} by method {found.method} and {second:.3g} by generalised least squares (SI units), {apart:.1f} "
+                "standard deviations apart: the noise model does not describe this record, or the data were filtered; look at the plot"
             )
     return tuple(said)
-
-
-def _squared(fit: NoiseFit, term: str) -> tuple[float, float]:
-    """Squared coefficient and its standard deviation."""
-    index = fit.terms.index(term)
-    return float(getattr(fit.noise, term)) ** 2, float(np.sqrt(fit.covariance[index, index]))

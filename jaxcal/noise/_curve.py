@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from .._solve import nonnegative
+from .._solve._positive import solve_positive
 from .._types import Any, Array, Bool, Float
 
 
@@ -90,10 +91,32 @@ def whitened(curve: Curve, at: Float[Array, " p"], extra: Any = 0.0) -> Whitened
     scale = jnp.where(scale > 0.0, scale, 1.0)
     # smallest eigenvalues are about 1e-3; the addition keeps them above zero in any precision
     correlation = c / scale[:, None] / scale[None, :] + max(1e-8, 64 * float(jnp.finfo(c.dtype).eps)) * jnp.eye(len(scale), dtype=c.dtype)
-    factor = jnp.linalg.cholesky(correlation)
     rows = jnp.concatenate([curve.columns, curve.v[:, None]], axis=1) / scale[:, None]
-    rows = jax.scipy.linalg.solve_triangular(factor, jnp.where(curve.used[:, None], rows, 0.0), lower=True)
+    rows = _forward(correlation, jnp.where(curve.used[:, None], rows, 0.0))
     return Whitened(rows[:, :-1], rows[:, -1])
+
+
+def _forward(matrix, rows):
+    """L^-1 rows, with L L' = matrix, by elimination. Batches of LAPACK calls wait for one another for ever (jaxlib 0.10, CPU)."""
+    size = matrix.shape[0]
+
+    def eliminate(k, table):
+        row = table[k]
+        below = jnp.where(jnp.arange(size) > k, table[:, k], 0.0) / row[k]
+        return table - below[:, None] * row[None, :]
+
+    table = jax.lax.fori_loop(0, size, eliminate, jnp.concatenate([matrix, rows], axis=1))
+    return table[:, size:] / jnp.sqrt(jnp.diagonal(table))[:, None]
+
+
+def inverse(matrix: Float[Array, "p p"]) -> Float[Array, "p p"]:
+    """Inverse of a positive semidefinite matrix whose rows differ by many powers of ten; rows of zeros stay zero."""
+    diagonal = jnp.diagonal(matrix)
+    there = diagonal > 0.0
+    scale = jnp.sqrt(jnp.where(there, diagonal, 1.0))
+    unit = matrix / scale[:, None] / scale[None, :] + jnp.diag(jnp.where(there, 0.0, 1.0))
+    found = jax.vmap(lambda side: solve_positive(unit, side)[0])(jnp.eye(len(scale), dtype=unit.dtype)) / scale[:, None] / scale[None, :]
+    return jnp.where(there[:, None] & there[None, :], found, 0.0)
 
 
 def chi_square(curve: Curve, at, extra: Any = 0.0) -> Float[Array, ""]:

@@ -11,9 +11,9 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+from .._solve._positive import solve_positive
 from .._types import Array, Bool, Float
-from ._curve import Curve
-from ._likelihood import inverse
+from ._curve import Curve, inverse
 
 #: relative change of the modelled variance at which the weights have settled
 SETTLED = 1e-5
@@ -82,7 +82,8 @@ def with_derivative(curve: Curve, estimator: Estimator, theta, change) -> Float[
     size = jnp.max(jnp.where(curve.used[:, None], jnp.abs(curve.columns), 0.0), axis=0)
     size = jnp.where(size > 0.0, size, 1.0)  # in units of these the coefficients are of similar size
     apart = jnp.eye(len(theta), dtype=theta.dtype) - slope * size[:, None] / size[None, :]
-    move = jnp.linalg.solve(apart, (new - theta) * size) / size
+    # normal equations, for a step near its fixed point is far from singular; no LAPACK, see `_forward`
+    move = solve_positive(apart.T @ apart, apart.T @ ((new - theta) * size))[0] / size
     ended = jnp.where(new > 0.0, jnp.maximum(theta + move, 0.0), 0.0)
     # where the iteration has not settled the Newton step may lead anywhere
     ended = jnp.where((change <= 10 * SETTLED) & jnp.all(jnp.isfinite(ended)), ended, theta)

@@ -11,12 +11,12 @@ from .._precision import host_float64, is_traced
 from .._types import Any
 from ..allan import deviation
 from ..allan._deviation import checked_rate
-from ._agreement import second_opinion
 from ._checks import refuse_extremes, resolution, sentences_of_checks, without_spikes
 from ._methods import CURVES, clusters
-from ._model import TERMS, Noise
+from ._model import TERMS
 from ._overbound import overbound
 from ._result import NoiseFit, stacked
+from ._second import with_second_opinion
 from ._whittle import fit_record, fit_traced
 
 _METHODS = ("whittle", *CURVES)
@@ -118,28 +118,13 @@ def _fit(y, rate, method, terms, confidence, band, conservative=False, temperatu
     fits = []
     for x, one, (count, heavy) in zip(columns, curves, spikes, strict=True):
         if method == "whittle":
-            found = _with_second_opinion(fit_record(x, one, terms, band, confidence, temperature), one, samples, inside, band is None)
+            found = with_second_opinion(fit_record(x, one, terms, band, confidence, temperature), samples)
         else:
             found = CURVES[method](one, samples, terms, inside, band is None, confidence)
         said = sentences_of_checks(count, heavy, *resolution(x), 1.0 / one.rate, float(np.asarray(found.noise.N)) ** 2)
         found = dataclasses.replace(found, warnings=(*said, *found.warnings))
         fits.append(dataclasses.replace(found, conservative=overbound(found)) if conservative else found)
     return stacked(fits) if many else fits[0]
-
-
-def _with_second_opinion(found: NoiseFit, curve, samples: int, inside, automatic: bool) -> NoiseFit:
-    """The fit with that by gls beside it: lines and Gauss-Markov processes, which gls does not fit, are taken from the curve first."""
-    beside = Noise(markov=found.noise.markov, sinusoid=found.noise.sinusoid)
-    rest = curve.deviation**2 - np.asarray(beside.avar(curve.tau, dt=1.0 / curve.rate))
-    kept = inside & (rest > 0.1 * curve.deviation**2)
-    terms = tuple(term for term in found.terms if term != "markov")
-    if kept.sum() <= len(terms) + 1:
-        return dataclasses.replace(
-            found, notes=(*found.notes, "no second opinion: lines or a Gauss-Markov process make up most of the Allan variance")
-        )
-    clean = dataclasses.replace(curve, deviation=np.sqrt(np.where(kept, rest, curve.deviation**2)))
-    other = CURVES["gls"](clean, samples, terms, kept, automatic, found.confidence)
-    return dataclasses.replace(found, other=other.noise, warnings=(*found.warnings, *second_opinion(found, other)))
 
 
 def _traced(y, rate: float, method: str, terms, m, confidence: float, band, conservative: bool) -> NoiseFit:

@@ -10,10 +10,9 @@ import jax.numpy as jnp
 
 from .._types import Array, Bool, Float
 from ..allan import Deviation
-from ._curve import Curve, whitened
+from ._curve import Curve, inverse, whitened
 from ._estimator import Estimator, Weighted, settle
 from ._joint import fit_jointly
-from ._likelihood import inverse
 from ._result import NoiseFit
 
 

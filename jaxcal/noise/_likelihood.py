@@ -102,9 +102,9 @@ def inverse(matrix) -> Array:
     return jnp.where(there[:, None] & there[None, :], found, 0.0)
 
 
-def with_derivative(bins: Bins, found: Minimum) -> Array:
+def with_derivative(bins: Bins, theta) -> Array:
     """Theta at the minimum with its derivative with respect to the ordinates: one Newton step, which moves nothing."""
-    theta = jnp.asarray(jax.lax.stop_gradient(found.theta))
+    theta = jnp.asarray(jax.lax.stop_gradient(theta))
     still = jax.lax.stop_gradient(bins)
     free = theta > 0
     slope = jax.grad(negative_log_likelihood, argnums=1)(bins, theta)

@@ -43,15 +43,20 @@ def scan(fitted: Fitted, time: AnyArray, dt: AnyArray, flicker: AnyArray) -> Sca
     bins = fitted.bins
     frequency = jnp.where(bins.weight > 0, bins.frequency, 0.25 / dt)
 
-    def one(correlation):
-        column = spectral_column("markov", frequency, dt, correlation)
-        more = Bins(bins.density, bins.weight, jnp.concatenate([bins.columns, column[:, None]], axis=1), bins.frequency, bins.unit)
-        start = jnp.append(fitted.theta, 0.0)
-        beside = minimise(more, start)
-        less = eqx.tree_at(lambda b: b.columns, more, more.columns * jnp.append(1.0 - flicker, 1.0)[None, :])
-        level = jnp.sum(bins.columns * flicker[None, :] @ fitted.theta[:, None], axis=1) / column
-        instead = minimise(less, jnp.append(fitted.theta * (1.0 - flicker), jnp.median(level)))
-        return 2.0 * (fitted.nll - beside.nll), 2.0 * (fitted.nll - instead.nll)
+    columns = jax.vmap(lambda correlation: spectral_column("markov", frequency, dt, correlation), out_axes=1)(time)
+    theta = jnp.asarray(fitted.theta)
+    level = jnp.median(jnp.sum(bins.columns * (flicker * theta)[None, :], axis=1)[:, None] / columns, axis=0)
+    beside, instead = jnp.append(jnp.ones_like(flicker), 1.0), jnp.append(1.0 - flicker, 1.0)
 
-    gain, instead = jax.lax.map(one, time)
-    return Scan(time, gain, instead)
+    def one(problem):
+        column, keep, strength = problem
+        more = jnp.concatenate([bins.columns, column[:, None]], axis=1) * keep[None, :]
+        start = jnp.append(theta, strength) * keep
+        found = minimise(Bins(bins.density, bins.weight, more, bins.frequency, bins.unit), start)
+        return 2.0 * (fitted.nll - found.nll)
+
+    # both questions in one loop, which halves the program to compile
+    count = time.shape[0]
+    kept = jnp.concatenate([jnp.tile(beside[None, :], (count, 1)), jnp.tile(instead[None, :], (count, 1))])
+    gains = jax.lax.map(one, (jnp.concatenate([columns.T, columns.T]), kept, jnp.concatenate([jnp.zeros_like(level), level])))
+    return Scan(time, gains[:count], gains[count:])

@@ -6,9 +6,10 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy.special
 
-from .._types import AnyArray, Array, Bool, Float, Int
-from ._likelihood import Minimum, beginning, density, fisher, inverse, minimise, with_derivative
+from .._types import AnyArray, Array, Int
+from ._likelihood import beginning, density, fisher, inverse, minimise, with_derivative
 from ._limits import Limits, find_limits
 from ._ordinates import FILTER, Bins
 
@@ -34,22 +35,35 @@ _FEWEST = 20
 _STARTS = ({}, {"B": 0.01, "K": 3.0}, {"Q": 0.0, "B": 3.0, "K": 0.01})
 
 
+class Attempt(eqx.Module):
+    """A fit of the bins as they are, its deviance and degrees of freedom, and those with the tolerated misfit allowed."""
+
+    theta: AnyArray
+    nll: AnyArray
+    step: AnyArray
+    deviance: AnyArray
+    allowed: AnyArray
+    freedom: AnyArray
+
+
 class Fitted(eqx.Module):
     """The best fit in its band.
 
     theta : squared coefficients in units of `Bins.unit`. nll : its negative log-likelihood. step : last step. bins : the bins,
     with weight only in the band. cut : whether high frequencies were left out. holds : whether the model holds in the band.
     goodness : chance of a worse deviance. inflation : deviance over its degrees of freedom where that is needed, else 1.
+    alone : squared coefficients and negative log-likelihood of the fit without the column `FILTER`, by which Q is judged.
     """
 
-    theta: Float[Array, " p"]
-    nll: Float[Array, ""]
-    step: Float[Array, ""]
+    theta: AnyArray
+    nll: AnyArray
+    step: AnyArray
     bins: Bins
-    cut: Bool[Array, ""]
-    holds: Bool[Array, ""]
-    goodness: Float[Array, ""]
-    inflation: Float[Array, ""]
+    cut: AnyArray
+    holds: AnyArray
+    goodness: AnyArray
+    inflation: AnyArray
+    alone: tuple[AnyArray, AnyArray]
 
 
 def groups_of(weight, ordinates: int) -> Int[np.ndarray, " bins"]:
@@ -58,33 +72,33 @@ def groups_of(weight, ordinates: int) -> Int[np.ndarray, " bins"]:
     return np.searchsorted(edges, np.cumsum(weight) - 0.5 * np.asarray(weight))
 
 
-def best(bins: Bins, terms: tuple[str, ...]) -> Minimum:
-    """The least of the minima reached from several starts."""
+@functools.partial(jax.jit, static_argnames="terms")
+def attempt(bins: Bins, group: AnyArray, terms: tuple[str, ...]) -> Attempt:
+    """The least of the minima reached from several starts, and how well it describes the bins.
+
+    Parameters
+    ----------
+    bins : the bins.
+    group : (bins,) group of each for the goodness of fit, `groups_of`.
+    terms : names of the columns.
+    """
     first = beginning(bins)
     factors = np.array([[start.get(term, 1.0) for term in terms] for start in _STARTS])
-    found = jax.vmap(lambda factor: minimise(bins, first * factor))(jnp.asarray(factors, dtype=first.dtype))
-    return jax.tree.map(lambda leaf: leaf[jnp.argmin(found.nll)], found)
+    tried = jax.vmap(lambda factor: minimise(bins, first * factor))(jnp.asarray(factors, dtype=first.dtype))
+    found = jax.tree.map(lambda leaf: leaf[jnp.argmin(tried.nll)], tried)
+    strict, freedom = deviance(bins, found.theta, group, 0.0)
+    allowed, _ = deviance(bins, found.theta, group, _TOLERANCE)
+    return Attempt(found.theta, found.nll, found.step, strict, allowed, freedom)
 
 
-@functools.partial(jax.jit, static_argnames="terms")
-def first_model(bins: Bins, terms: tuple[str, ...]) -> Float[Array, " bins"]:
-    """Density of the best fit of all bins."""
-    return density(bins, best(_plain(bins, terms), terms).theta)
-
-
-def _plain(bins: Bins, terms: tuple[str, ...]) -> Bins:
-    """The bins without the column of a filter, whose coefficient then is zero."""
-    return _without(bins, terms, FILTER)
-
-
-def _without(bins: Bins, terms: tuple[str, ...], term: str) -> Bins:
-    if term not in terms:
-        return bins
-    return eqx.tree_at(lambda b: b.columns, bins, jnp.asarray(bins.columns).at[:, terms.index(term)].set(0.0))
+def first_model(bins: Bins, group, terms: tuple[str, ...]) -> np.ndarray:
+    """Density of the best fit of all bins (host only)."""
+    plain = _without(bins, terms, FILTER)
+    return np.asarray(density(plain, attempt(plain, group, terms).theta))
 
 
 def deviance(bins: Bins, theta, group, tolerance):
-    """Deviance of the groups' mean ratios to the model, its degrees of freedom, and the chance of a worse one."""
+    """Deviance of the groups' mean ratios to the model, and its degrees of freedom; a relative misfit of `tolerance` is allowed."""
     number = functools.partial(jax.ops.segment_sum, segment_ids=group, num_segments=_GROUPS + 2)
     count = number(bins.weight)
     there = count > 0
@@ -92,62 +106,91 @@ def deviance(bins: Bins, theta, group, tolerance):
     ratio = jnp.where(there, ratio, 1.0)
     informed = 2.0 / (2.0 / jnp.where(there, count, 1.0) + tolerance**2)
     total = jnp.sum(jnp.where(there, informed * (ratio - 1.0 - jnp.log(ratio)), 0.0))
-    freedom = (jnp.sum(there) - jnp.sum(theta > 0)).astype(total.dtype)
-    freedom = jnp.maximum(freedom, 1.0)
-    return total, freedom, jax.scipy.special.gammaincc(freedom / 2.0, total / 2.0)
+    return total, jnp.maximum((jnp.sum(there) - jnp.sum(theta > 0)).astype(total.dtype), 1.0)
+
+
+def _chance(total, freedom, xp=jnp):
+    """Chance of a larger chi-square."""
+    tail = scipy.special.gammaincc if xp is np else jax.scipy.special.gammaincc
+    return tail(freedom / 2.0, total / 2.0)
+
+
+def _without(bins: Bins, terms: tuple[str, ...], term: str) -> Bins:
+    """The bins with the column of a term zero, whose coefficient then is."""
+    keep = np.array([name != term for name in terms])
+    return eqx.tree_at(lambda b: b.columns, bins, bins.columns * keep.astype(bins.columns.dtype)[None, :])
+
+
+def _upto(bins: Bins, end) -> Bins:
+    below = bins.frequency <= end * (1 + 1e-6)
+    return eqx.tree_at(lambda b: b.weight, bins, bins.weight * below.astype(bins.weight.dtype))
 
 
 @functools.partial(jax.jit, static_argnames="terms")
-def fit_bins(bins: Bins, group: AnyArray, automatic: AnyArray, terms: tuple[str, ...]) -> Fitted:
-    """Fit in the widest band from low frequency up in which the model holds; in all of it unless `automatic`.
+def _trials(bins: Bins, group: AnyArray, ends: AnyArray, terms: tuple[str, ...]) -> tuple[Array, Array]:
+    """Deviance and degrees of freedom of the fit of the bins up to each end."""
+
+    def trial(end):
+        part = _upto(bins, end)
+        return deviance(part, minimise(part, beginning(part)).theta, group, _TOLERANCE)
+
+    return jax.lax.map(trial, ends)
+
+
+def _search(bins: Bins, group, terms: tuple[str, ...]) -> float:
+    """Upper end of the band in Hz (host only)."""
+    used = bins.frequency[bins.weight > 0]
+    ends = used.max() * 2.0 ** (-0.5 * np.arange(_ENDS))
+    enough = np.sum(used[None, :] <= ends[:, None] * (1 + 1e-6), axis=1) >= len(terms) + _FEWEST
+    total, freedom = (np.asarray(values) for values in _trials(bins, group, ends, terms))
+    # what the upper octaves of each band add to the deviance, against the groups that they add
+    rise, added = total[:, None] - total[None, :], freedom[:, None] - freedom[None, :]
+    distance = np.arange(_ENDS)[None, :] - np.arange(_ENDS)[:, None]
+    tested = (distance > 0) & (distance <= _OCTAVES) & enough[None, :] & (added > 0)
+    likely = _chance(np.maximum(rise, 0.0), np.maximum(added, 1.0), np) >= _REFUSED
+    chance = np.where(enough, _chance(total, freedom, np), -1.0)
+    fits = enough & (np.all(~tested | likely, axis=1) & np.any(tested, axis=1) | (chance >= _REFUSED))
+    index = int(np.argmax(fits)) if fits.any() else int(np.argmax(chance))
+    lower = ends[index] * 2.0**-_MARGIN
+    if index == 0:
+        return float(ends[0])
+    return float(lower if np.sum(used <= lower) >= len(terms) + _FEWEST else ends[index])
+
+
+def fit_bins(bins: Bins, group, automatic: bool, terms: tuple[str, ...]) -> Fitted:
+    """Fit in the widest band from low frequency up in which the model holds; in all of it unless `automatic` (host only).
 
     A filter or a resonance of the sensor spoils high frequencies: the upper end comes down by half octaves until the deviance
-    is no worse than one in a thousand, or what the band's upper three octaves add to it is not; then by an octave more,
-    for there the model only just holds. In a band so cut the column `FILTER` takes what a low-pass leaves of white noise below its
+    is no worse than one in a thousand, or what the band's upper three octaves add to it is not; then by an octave more, for
+    there the model only just holds. In a band so cut the column `FILTER` takes what a low-pass leaves of white noise below its
     corner, N^2 (1 - c f^2), so that N is not biased by it; it has the shape of Q, which is then not estimated. A misfit of 1 %
     of the density (0.5 % of the deviation) is allowed.
     """
-    bins = jax.tree.map(jnp.asarray, bins)
-    fixed = jax.lax.stop_gradient(bins)
-    still = _plain(fixed, terms)
-    there = still.weight > 0
-    top = jnp.max(jnp.where(there, still.frequency, 0.0))
+    plain = _without(bins, terms, FILTER)
+    found = alone = attempt(plain, group, terms)
+    inside, cut = plain, False
+    if automatic and _chance(float(found.allowed), float(found.freedom), np) < _REFUSED:
+        end = _search(plain, group, terms)
+        cut = end < float(np.max(np.where(bins.weight > 0, bins.frequency, 0.0)))
+    if cut:
+        inside = _upto(bins, end)
+        found, alone = attempt(inside, group, terms), attempt(_upto(plain, end), group, terms)
+    goodness = float(_chance(float(found.deviance), float(found.freedom), np))
+    inflation = max(float(found.deviance / found.freedom), 1.0) if goodness < _WIDENED else 1.0
+    fit, plain_fit = ([np.asarray(value) for value in (one.theta, one.nll, one.step)] for one in (found, alone))
+    cut, holds, goodness, inflation = (np.asarray(value) for value in (cut, inflation <= _TOO_WIDE, goodness, inflation))
+    return Fitted(fit[0], fit[1], fit[2], inside, cut, holds, goodness, inflation, (plain_fit[0], plain_fit[1]))
 
-    def upto(b, end):
-        return eqx.tree_at(lambda x: x.weight, b, jnp.where(b.frequency <= end * (1 + 1e-6), b.weight, 0.0))
 
-    def trial(end):
-        part = upto(still, end)
-        found = minimise(part, beginning(part))
-        enough = jnp.sum(part.weight > 0) >= len(terms) + _FEWEST
-        return (*deviance(part, found.theta, group, _TOLERANCE), enough)
-
-    whole = best(still, terms)
-    passes = deviance(still, whole.theta, group, _TOLERANCE)[2] >= _REFUSED
-
-    def search(_):
-        ends = top * jnp.exp2(-0.5 * jnp.arange(_ENDS, dtype=top.dtype))
-        total, freedom, chance, enough = jax.lax.map(trial, ends)
-        # what the upper octaves of each band add to the deviance, against the groups that they add
-        rise, added = total[:, None] - total[None, :], freedom[:, None] - freedom[None, :]
-        distance = jnp.arange(_ENDS)[None, :] - jnp.arange(_ENDS)[:, None]
-        tested = (distance > 0) & (distance <= _OCTAVES) & enough[None, :] & (added > 0)
-        likely = jax.scipy.special.gammaincc(jnp.maximum(added, 1.0) / 2.0, jnp.maximum(rise, 0.0) / 2.0)
-        fits = enough & (jnp.all(~tested | (likely >= _REFUSED), axis=1) & jnp.any(tested, axis=1) | (chance >= _REFUSED))
-        index = jnp.where(jnp.any(fits), jnp.argmax(fits), jnp.argmax(jnp.where(enough, chance, -1.0)))
-        lower = ends[index] * 2.0**-_MARGIN
-        possible = jnp.sum((still.weight > 0) & (still.frequency <= lower)) >= len(terms) + _FEWEST
-        return jnp.where(index == 0, top, jnp.where(possible, lower, ends[index]))
-
-    end = jax.lax.cond(passes | ~automatic, lambda _: top, search, None)
-    cut = end < top
-    inside = jax.tree.map(lambda a, b: jnp.where(cut, a, b), upto(fixed, end), still)
-    found = jax.lax.cond(cut, lambda: best(inside, terms), lambda: whole)
-    total, freedom, goodness = deviance(inside, found.theta, group, 0.0)
-    inflation = jnp.where(goodness < _WIDENED, jnp.maximum(total / freedom, 1.0), 1.0)
-    holds = inflation <= _TOO_WIDE
-    theta = with_derivative(jax.tree.map(lambda a, b: jnp.where(cut, a, b), upto(bins, end), _plain(bins, terms)), found)
-    return Fitted(theta, found.nll, found.step, inside, cut, holds, goodness, inflation)
+def fit_whole(bins: Bins, group, terms: tuple[str, ...]) -> Fitted:
+    """Fit of all bins, differentiable with respect to the ordinates."""
+    found = attempt(jax.lax.stop_gradient(bins), group, terms)
+    goodness = _chance(found.deviance, found.freedom)
+    inflation = jnp.where(goodness < _WIDENED, jnp.maximum(found.deviance / found.freedom, 1.0), 1.0)
+    theta = with_derivative(bins, found.theta)
+    return Fitted(
+        theta, found.nll, found.step, bins, jnp.asarray(False), inflation <= _TOO_WIDE, goodness, inflation, (found.theta, found.nll)
+    )
 
 
 @functools.partial(jax.jit, static_argnames="terms")
@@ -158,28 +201,27 @@ def uncertainty(fitted: Fitted, two_sided: AnyArray, one_sided: AnyArray, terms:
 
     In a cut band Q is left out of the information, and its own limits are found without the filter, whose shape it has.
     """
-    bins, theta = jax.tree.map(jnp.asarray, jax.lax.stop_gradient((fitted.bins, fitted.theta)))
-    cut = jnp.asarray(fitted.cut) if FILTER in terms else jnp.asarray(False)
+    bins, theta, nll, apart = jax.tree.map(jnp.asarray, jax.lax.stop_gradient((fitted.bins, fitted.theta, fitted.nll, fitted.alone)))
+    cut = jnp.asarray(fitted.cut)
     informed = jax.tree.map(lambda a, b: jnp.where(cut, a, b), _without(bins, terms, "Q"), bins)
     spread = inverse(fisher(informed, theta))
-    alone = _plain(bins, terms)
-    apart = best(alone, terms) if FILTER in terms and "Q" in terms else Minimum(theta, fitted.nll, fitted.step)
+    alone = _without(bins, terms, FILTER)
     short = jnp.asarray([term == "Q" for term in terms]) & cut
     negative = jnp.asarray([term == FILTER for term in terms])
 
     def rise(index, value, state):
         here = jnp.arange(theta.shape[0]) == index
-        least = jnp.where(short[index], apart.nll, fitted.nll)
+        least = jnp.where(short[index], apart[1], nll)
         seen = jax.tree.map(lambda a, b: jnp.where(short[index], a, b), alone, bins)
         # the filter's column is negative: starting without it keeps the density positive when another term goes
         found = minimise(seen, jnp.where(here, value, jnp.where(negative, 0.0, state)), (index, value))
         return 2.0 * (found.nll - least), found.theta
 
-    scale = fitted.inflation
+    scale = jnp.asarray(fitted.inflation, theta.dtype)
     levels = [jnp.asarray(level, theta.dtype) * scale for level in (two_sided, one_sided)]
-    middle = jnp.where(short, apart.theta, theta)
+    middle = jnp.where(short, apart[0], theta)
     reach = jnp.sqrt(jnp.diagonal(spread))
-    reach = jnp.where(short, jnp.sqrt(jnp.diagonal(inverse(fisher(alone, apart.theta)))), reach)
+    reach = jnp.where(short, jnp.sqrt(jnp.diagonal(inverse(fisher(alone, apart[0])))), reach)
     limits = find_limits(rise, middle, reach, theta, *levels)
 
     def longer(index, upper):

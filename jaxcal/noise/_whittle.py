@@ -18,10 +18,11 @@ from ._likelihood import density
 from ._limits import Limits
 from ._lines import amplitudes, find_lines
 from ._markov import PRESENT, Scan, scan, times
+from ._model import Noise
 from ._ordinates import FILTER, Bins, bins_of, expected, stretches
 from ._result import NoiseFit
 from ._sentences import sentences_of_octaves, sentences_of_spectrum
-from ._spectral import Fitted, first_model, fit_bins, groups_of, uncertainty
+from ._spectral import Fitted, first_model, fit_bins, fit_whole, groups_of, uncertainty
 
 _RAMP, _TEMPERATURE = 3.0, 4.0  # standard errors above which a record follows a line in time, and its temperature
 _ALIKE = 2.0  # likelihood ratio within which flicker and one Gauss-Markov process are alike
@@ -102,7 +103,7 @@ def fit_record(
         theta, spread, limits, terms, n * dt, time=time, sinusoid=lines, decides=decides, goodness=float(solved.fitted.goodness),
         confidence=confidence, method="whittle", deviation=curve, used=used, left_out=(), warnings=(), band=ends,
     )  # fmt: skip
-    modelled = np.sqrt(np.asarray(found.noise.avar(curve.tau, dt=dt)))
+    modelled = np.asarray(found.noise.avar(curve.tau, dt=dt))
     sentences = [
         *curve.warnings,
         *sentences_of_spectrum(found, solved.fitted, lines, band is None),
@@ -110,8 +111,8 @@ def fit_record(
         *_beside(tried, "markov" in terms),
     ]
     notes = _instead(tried, "markov" in terms, found.verdict.get("B"))
-    curve = with_edf(curve, used, _model_edf(curve, found, names, n))
-    left_out = sentences_of_octaves(curve, used, modelled, band is None)
+    curve = with_edf(curve, used, _model_edf(curve, found, modelled, names, n))
+    left_out = sentences_of_octaves(curve, used, np.sqrt(modelled), band is None)
     return dataclasses.replace(found, deviation=curve, left_out=left_out, warnings=tuple(sentences), notes=notes)
 
 
@@ -121,7 +122,7 @@ def fit_traced(y, rate: float, terms: tuple[str, ...], band: tuple[float, float]
         raise DataError("a traced record is fitted with terms among Q, N, B, K; R and markov are found by a search, which cannot be traced")
     columns = tuple((term, None) for term in terms)
     bins = _inside(bins_of(y, 1.0 / rate, columns), band)
-    fitted = fit_bins(bins, jnp.asarray(groups_of(bins.weight, y.shape[0] - 1)), jnp.asarray(False), terms)
+    fitted = fit_whole(bins, jnp.asarray(groups_of(bins.weight, y.shape[0] - 1)), terms)
     levels = scipy.stats.chi2.ppf(confidence, 1), scipy.stats.norm.ppf(confidence) ** 2
     spread, limits, _ = uncertainty(fitted, *levels, terms)
     duration = y.shape[0] / rate
@@ -150,11 +151,10 @@ def _solve(y, dt: float, columns: tuple[tuple[str, float | None], ...], band) ->
             f"{count} frequency bins are left for {len(columns)} terms; record longer without gaps, widen band=, or ask for fewer terms"
         )
     names = tuple(name for name, _ in columns)
-    taken = find_lines(bins, np.asarray(first_model(bins, names)))
-    clear = eqx.tree_at(lambda b: b.weight, bins, np.where(taken, 0.0, bins.weight))
     group = groups_of(whole.weight, int(np.sum(whole.weight)))
-    fitted = fit_bins(clear, jnp.asarray(group), jnp.asarray(band is None), names)
-    return Solved(bins, taken, jax.tree.map(np.asarray, fitted), columns)
+    taken = find_lines(bins, first_model(bins, group, names))
+    clear = eqx.tree_at(lambda b: b.weight, bins, np.where(taken, 0.0, bins.weight))
+    return Solved(bins, taken, fit_bins(clear, group, band is None, names), columns)
 
 
 def _follows(y, regressor, solved: Solved, dt: float) -> tuple[float, float]:
@@ -204,13 +204,14 @@ def _used(curve: Deviation, solved: Solved, band) -> np.ndarray:
     return used
 
 
-def _model_edf(curve: Deviation, found: NoiseFit, names, n: int):
-    """Degrees of freedom of the curve under the fitted noise."""
+def _model_edf(curve: Deviation, found: NoiseFit, modelled, names, n: int):
+    """Degrees of freedom of the curve under the fitted terms; `modelled` is the Allan variance of all of the model."""
     terms = tuple(name for name in names if name not in ("markov", FILTER))
     squares = np.array([float(np.asarray(getattr(found.noise, name))) ** 2 for name in terms])
     tensor = np.diagonal(covariance_tensor(n, tuple(int(m) for m in curve.m), 1.0 / curve.rate, terms), axis1=2, axis2=3)
     variance = np.einsum("i,ijm,j->m", squares, tensor, squares)
-    modelled = np.asarray(type(found.noise)(**{t: getattr(found.noise, t) for t in terms}).avar(curve.tau, dt=1.0 / curve.rate))
+    if found.noise.markov or found.noise.sinusoid or "R" in found.terms:
+        modelled = np.asarray(Noise(**{t: getattr(found.noise, t) for t in terms}).avar(curve.tau, dt=1.0 / curve.rate))
     return 2.0 * modelled**2 / np.where(variance > 0.0, variance, np.inf)
 
 
