@@ -64,7 +64,7 @@ def noise(
     log
         The log: CSV, NPZ, Parquet, ROS bag.
     terms
-        Terms to fit, as letters of QNBKR.
+        Terms to fit, as letters of QNBKRM; M is a Gauss-Markov process.
     confidence
         Level of the intervals and limits.
     band
@@ -111,9 +111,9 @@ def characterise(
 
 def _terms(text: str) -> tuple[str, ...]:
     terms = tuple(text.replace(",", "").upper())
-    if not terms or set(terms) - set("QNBKR") or len(set(terms)) != len(terms):
-        raise CallError(f"--terms {text}: expected letters of QNBKR, each once, such as QNBK")
-    return terms
+    if not terms or set(terms) - set("QNBKRM") or len(set(terms)) != len(terms):
+        raise CallError(f"--terms {text}: expected letters of QNBKRM, each once, such as QNBK")
+    return tuple("markov" if term == "M" else term for term in terms)
 
 
 def _check(confidence: float, band: tuple[float, float] | None) -> None:

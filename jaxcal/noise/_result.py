@@ -21,13 +21,14 @@ class NoiseFit(eqx.Module):
     Attributes
     ----------
     noise : fitted `Noise`, SI units.
-    terms : names of the fitted terms, in the order of `covariance`.
+    terms : names of the fitted terms, in the order of `covariance`. A Gauss-Markov process is not among them: it is
+        `noise.markov`, and has an entry "markov" in the tables below.
     interval : term -> (low, high) at level `confidence`, in the unit of the coefficient; low is 0 where zero cannot be excluded.
     upper_limit : term -> one-sided upper limit at level `confidence`.
     verdict : term -> "present", "hint" or "not detected".
     significance : term -> drop of the chi-square when the term is admitted: by chance above 2.71 in 5 % and above 5.41 in 1 %.
-    covariance : (terms, terms) covariance of the *squared* coefficients, whose estimates are close to Gaussian and may
-        lie at zero; channels last.
+    covariance : (terms, terms) covariance of the *squared* coefficients, which may lie at zero; channels last. Those of B and K
+        are skewed in short records: a coefficient that comes out low has too small an error. The intervals allow for it.
     goodness : chance of a worse chi-square in the band used, were the model true.
     longer_record : term -> record length in s at which the coefficient would be known to 10 % (inf where it is at zero).
     band : (shortest, longest) cluster time in s that the fit uses.

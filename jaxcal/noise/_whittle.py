@@ -113,6 +113,8 @@ def fit_record(
     notes = _instead(tried, "markov" in terms, found.verdict.get("B"))
     curve = with_edf(curve, used, _model_edf(curve, found, modelled, names, n))
     left_out = sentences_of_octaves(curve, used, np.sqrt(modelled), band is None)
+    if "markov" in terms:
+        found, notes = _apart(found), (*notes, _described(found))
     return dataclasses.replace(found, deviation=curve, left_out=left_out, warnings=tuple(sentences), notes=notes)
 
 
@@ -213,6 +215,19 @@ def _model_edf(curve: Deviation, found: NoiseFit, modelled, names, n: int):
     if found.noise.markov or found.noise.sinusoid or "R" in found.terms:
         modelled = np.asarray(Noise(**{t: getattr(found.noise, t) for t in terms}).avar(curve.tau, dt=1.0 / curve.rate))
     return 2.0 * modelled**2 / np.where(variance > 0.0, variance, np.inf)
+
+
+def _apart(found: NoiseFit) -> NoiseFit:
+    """The fit with the process beside the terms proper: `terms` and `covariance` are of these alone."""
+    kept = [i for i, term in enumerate(found.terms) if term != "markov"]
+    return dataclasses.replace(found, terms=tuple(found.terms[i] for i in kept), covariance=found.covariance[np.ix_(kept, kept)])
+
+
+def _described(found: NoiseFit) -> str:
+    """A sentence on the Gauss-Markov process."""
+    ((strength, time),) = found.noise.markov
+    sigma = float(np.asarray(strength)) * np.sqrt(time / 2.0)
+    return f"Gauss-Markov process of correlation time {time:.2g} s: {found.verdict['markov']}, standard deviation {sigma:.3g} (SI units)"
 
 
 def _drifts(ramp: bool, slope: float, warm: float) -> list[str]:

@@ -26,7 +26,8 @@ def noise_document(results: dict[str, NoiseFit], log: Log | None = None) -> dict
     -------
     Dictionary with `schema` ("jaxcal.noise/1"), `version`, `rate` (Hz), `duration` (s), `provenance`, `notes`, `warnings` (of the
     log) and `channels`. Each channel holds for every term `value`, `low`, `high`, `upper_limit`, `verdict`, `significance`,
-    `longer_record` (s to reach 10 %) and `unit`; then `method`, `confidence`, `band` (s), `left_out`, `goodness` and `warnings`.
+    `longer_record` (s to reach 10 %), `decides` (s that would decide whether it is there) and `unit`; then `method`, `confidence`,
+    `band` (s), `left_out`, `goodness`, `warnings`, `notes`, `markov` (strength, correlation time in s) and `sinusoid` (amplitude, Hz).
     What is infinite or not known is None.
 
     Raises
@@ -84,6 +85,7 @@ def _channel(fit: NoiseFit, sensor: str) -> dict[str, Any]:
             "verdict": str(fit.verdict[term]),
             "significance": number(fit.significance[term]),
             "longer_record": number(fit.longer_record[term]),
+            "decides": number(fit.decides.get(term, math.inf)),
             "unit": noise_units(term, sensor)[-1],
         }
         for term in fit.terms
@@ -96,6 +98,9 @@ def _channel(fit: NoiseFit, sensor: str) -> dict[str, Any]:
         "left_out": [str(sentence) for sentence in fit.left_out],
         "goodness": number(fit.goodness),
         "warnings": [str(sentence) for sentence in fit.warnings],
+        "notes": [str(sentence) for sentence in fit.notes],
+        "markov": [[number(strength), number(time)] for strength, time in fit.noise.markov],
+        "sinusoid": [[number(amplitude), number(frequency)] for amplitude, frequency in fit.noise.sinusoid],
     }
 
 

@@ -174,9 +174,12 @@ def _warnings(results: dict[str, NoiseFit], log: Log | None) -> list[str]:
 
 
 def remarks(results: dict[str, NoiseFit], log: Log | None) -> Markup:
-    """Warnings, and what the fits left out."""
+    """Warnings, notes, and what the fits left out."""
     warnings = tag("ul", each("li", _warnings(results, log) or ["None."]))
     sections = [tag("section", tag("h2", "Warnings", id="warnings"), warnings, aria_labelledby="warnings")]
+    notes = _by_channel({name: fit.notes for name, fit in results.items()})
+    if notes:
+        sections.append(tag("section", tag("h2", "Notes", id="notes"), tag("ul", each("li", notes)), aria_labelledby="notes"))
     left_out = {channel: fit.left_out for channel, fit in results.items() if fit.left_out}
     if left_out:
         about = "Cluster times that the coefficients do not rest on, by octave, and why."

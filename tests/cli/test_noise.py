@@ -124,3 +124,12 @@ def test_a_second_run_replaces_the_files_of_the_first(call, folder, log):
     for _ in range(2):
         assert call("noise", "imu.csv", "--quiet", "--export", "kalibr", "--out", "made").status == 0
     assert listing(folder) == ["imu.csv", "made", "made/imu.yaml"]
+
+
+def test_a_gauss_markov_process_on_request(call, folder, log):
+    found = call("noise", "imu.csv", "--terms", "QNBKM", "--json", "a.json")
+    assert found.status == 0, found.err
+    assert "Gauss-Markov process of correlation time" in " ".join(found.out.split())
+    channel = json.loads((folder / "a.json").read_text())["channels"]["gyro_x"]
+    assert len(channel["markov"]) == 1
+    assert channel["K"]["decides"] > 0

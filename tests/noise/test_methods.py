@@ -11,7 +11,6 @@ import pytest
 from jaxcal import DataError
 from jaxcal.allan import deviation
 from jaxcal.noise import Noise
-from jaxcal.noise._agreement import second_opinion
 from jaxcal.noise._covariance import covariance, covariance_tensor
 from jaxcal.noise._methods import CURVES, clusters
 
@@ -302,25 +301,3 @@ def test_clusters():
         clusters("wavelet", 100, TERMS)
     with pytest.raises(DataError, match="record at least 28 samples"):
         clusters("gls", 27, TERMS)
-
-
-def test_second_opinion():
-    y = GYRO.simulate(2**14, RATE, seed=4)
-    gls, edf = fitted("gls", y), fitted("edf", y)
-    assert second_opinion(gls, edf) == ()
-    sd = float(np.sqrt(max(fit.covariance[1, 1] for fit in (gls, edf))))
-
-    def moved(number):
-        noise = dataclasses.replace(edf.noise, N=np.sqrt(edf.noise.N**2 + number * sd))
-        return dataclasses.replace(edf, noise=noise)
-
-    offset = (gls.noise.N**2 - edf.noise.N**2) / sd
-    assert second_opinion(gls, moved(offset + 2.9)) == ()
-    (sentence,) = second_opinion(gls, moved(offset + 3.2))
-    assert sentence.startswith("N is 0.00")
-    assert "by method gls" in sentence
-    assert "by method edf" in sentence
-    assert "3.2 standard deviations apart" in sentence
-    hidden = dict.fromkeys(TERMS, "not detected")
-    assert second_opinion(dataclasses.replace(gls, verdict=hidden), dataclasses.replace(moved(9.0), verdict=hidden)) == ()
-    assert second_opinion(gls, fitted("slope", y)) == ()

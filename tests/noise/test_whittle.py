@@ -176,6 +176,8 @@ def test_a_gauss_markov_process_is_told_and_fitted_where_asked():
     assert 0.5 < correlation < 2.0
     assert float(found) * np.sqrt(correlation / 2) == pytest.approx(sigma, rel=0.3)
     assert float(fit.noise.N) == pytest.approx(CASE_A.N, rel=0.02)
+    assert fit.terms == TERMS
+    assert any("Gauss-Markov process of correlation time" in sentence and "present" in sentence for sentence in fit.notes)
 
 
 def test_gaps_leave_the_coefficients_within_their_intervals(record):

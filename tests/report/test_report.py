@@ -224,7 +224,7 @@ def test_noise_document(log):
     fit = made_fit(2.0)
     assert gyro["N"] == {
         "value": 2e-4, "low": fit.interval["N"][0], "high": fit.interval["N"][1], "upper_limit": 2.1e-4, "verdict": "present",
-        "significance": 1.0, "longer_record": 1.0, "unit": "rad/sqrt(s)",
+        "significance": 1.0, "longer_record": 1.0, "decides": None, "unit": "rad/sqrt(s)",
     }  # fmt: skip
     assert gyro["K"]["longer_record"] is None
     assert [accel[term]["unit"] for term in "QNBK"] == ["m/s", "m/s^2/sqrt(Hz)", "m/s^2", "m/s^2/sqrt(s)"]
