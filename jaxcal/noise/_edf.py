@@ -2,7 +2,7 @@ r"""Method "edf": weighted least squares with variances 2 (A theta)^2 / edf."""
 
 from ..allan import Deviation
 from ._estimator import Weighted
-from ._joint import CLUSTERS as CLUSTERS, fit_jointly
+from ._joint import fit_jointly
 from ._result import NoiseFit
 
 

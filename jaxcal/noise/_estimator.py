@@ -84,9 +84,10 @@ def with_derivative(curve: Curve, estimator: Estimator, theta, change) -> Float[
     apart = jnp.eye(len(theta), dtype=theta.dtype) - slope * size[:, None] / size[None, :]
     # normal equations, for a step near its fixed point is far from singular; no LAPACK, see `_forward`
     move = solve_positive(apart.T @ apart, apart.T @ ((new - theta) * size))[0] / size
+    move = jnp.where(jnp.all(jnp.isfinite(move)), move, 0.0)
     ended = jnp.where(new > 0.0, jnp.maximum(theta + move, 0.0), 0.0)
     # where the iteration has not settled the Newton step may lead anywhere
-    ended = jnp.where((change <= 10 * SETTLED) & jnp.all(jnp.isfinite(ended)), ended, theta)
+    ended = jnp.where(change <= 10 * SETTLED, ended, theta)
     return jax.lax.stop_gradient(ended) + move - jax.lax.stop_gradient(move)
 
 

@@ -181,16 +181,6 @@ def test_results_are_numpy_in_float64_whatever_the_precision(precision):
     assert all(not isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(found))
 
 
-def test_adis16405(reference):
-    """The gyroscopes of a recording whose sensor filters: N from an independent robust fit of the same recording."""
-    stored = np.load(reference / "data/adis16405/imu1.npz")
-    record = (stored["counts"] * stored["scale"])[:, :3]
-    found = fit(record, float(stored["fs"]))
-    np.testing.assert_allclose(found.noise.N, [0.0409, 0.0431, 0.0391], rtol=0.1)
-    for out in found.left_out:
-        assert out[0].startswith("0.01 to 0.02 s: the model does not hold there")
-
-
 def test_characterise_names_channels_and_reports_progress():
     log = jaxcal.Log(None, gyro=Noise(N=[1e-4, 2e-4, 3e-4]).simulate(4000, RATE, seed=0), rate=RATE)
     steps = []

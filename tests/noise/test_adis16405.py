@@ -1,0 +1,64 @@
+"""A recording of a real sensor, made and first analysed by others: an ADIS16405 at rest, 10^6 samples of six axes at 100 Hz."""
+
+import numpy as np
+import pytest
+
+import jaxcal
+
+#: deg/sqrt(s): plateau of sqrt(tau) times the deviation near 1 s, by an independent robust fit of the same recording
+PLATEAU = (0.0409, 0.0431, 0.0391)
+
+
+@pytest.fixture(scope="module")
+def record(reference):
+    stored = np.load(reference / "data/adis16405/imu1.npz")
+    return stored["counts"] * stored["scale"], float(stored["fs"])
+
+
+@pytest.fixture(scope="module")
+def fits(record):
+    y, rate = record
+    return [jaxcal.noise.fit(y[:, i], rate) for i in range(6)]
+
+
+def test_the_random_walk_of_the_gyroscopes(fits):
+    np.testing.assert_allclose([float(fit.noise.N) for fit in fits[:3]], PLATEAU, rtol=0.04)
+
+
+def test_the_model_describes_the_measured_deviation(record, fits):
+    """From 0.3 s to 100 s, the range that the methods file names; lines are part of the model."""
+    y, rate = record
+    m = np.unique(np.round(np.geomspace(0.3 * rate, 100.0 * rate, 25)).astype(int))
+    measured = jaxcal.allan.deviation(y, rate, m=m, alpha=0).deviation
+    for i, fit in enumerate(fits):
+        modelled = np.sqrt(np.asarray(fit.noise.avar(m / rate, dt=1.0 / rate)))
+        rms = np.sqrt(np.mean((modelled / measured[:, i] - 1.0) ** 2))
+        assert rms < (0.03 if i < 3 else 0.12), (i, rms)
+
+
+def test_what_the_sensor_does_is_told(fits):
+    for fit in fits:
+        # its internal filter rolls off from some 15 Hz on
+        assert 0.03 < fit.band[0] < 0.5
+        assert any("Q was not fitted" in sentence for sentence in fit.warnings)
+        for term in ("N", "B", "K"):
+            assert np.isfinite(fit.interval[term]).all()
+    for fit in fits[3:]:
+        # the table it stood on rings
+        assert any(abs(frequency - 0.55) < 0.02 for _, frequency in fit.noise.sinusoid)
+        assert fit.verdict["N"] == "present"
+
+
+def test_disjoint_halves_agree_on_random_walk_and_flicker(record):
+    """Not on K: in the first half, while the sensor warms up, three of the six axes wander more than in the second."""
+    y, rate = record
+    apart = []
+    for i in range(6):
+        halves = [jaxcal.noise.fit(part, rate) for part in (y[:500_000, i], y[500_000:, i])]
+        for term in ("N", "B"):
+            (low, high), (lower, higher) = (half.interval[term] for half in halves)
+            first, second = (float(getattr(half.noise, term)) for half in halves)
+            # the half-widths towards one another, as two independent errors of 95 %
+            allowed = np.hypot(high - first, second - lower) if first < second else np.hypot(first - low, higher - second)
+            apart.append(abs(first - second) > allowed)
+    assert sum(apart) <= 3  # 12 comparisons at 95 %: P(> 3) = 0.2 % for a stationary sensor
