@@ -114,6 +114,9 @@ def _stored_sensor(sensor: str, axes: list[NoiseFit | None]) -> dict[str, Any]:
     if any((fit.terms, fit.method, fit.confidence) != (terms, method, confidence) for fit in measured):
         raise DataError(f"the axes of {sensor} were fitted with different terms, methods or confidence; fit them in one call")
 
+    if not all(fit.verdict for fit in measured):
+        raise DataError(f"method {method!r} gives {sensor} no intervals and no verdicts; fit it with whittle, gls, edf or wavelet")
+
     def per_term(value, missing: Any = math.nan) -> dict[str, list]:
         return {term: [missing if fit is None else value(fit, term) for fit in axes] for term in terms}
 

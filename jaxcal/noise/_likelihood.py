@@ -14,6 +14,7 @@ import jax.numpy as jnp
 
 from .._solve import nonnegative
 from .._types import Array, Float
+from ._curve import inverse
 from ._ordinates import Bins
 
 _STEPS = (1.6, 1.0, 0.5, 0.2, 0.05)
@@ -90,16 +91,6 @@ def fisher(bins: Bins, theta) -> Array:
     """Fisher information of the squared coefficients, F = 1/2 sum nu X X' / S^2."""
     rows = jnp.asarray(bins.columns) * (jnp.sqrt(0.5 * bins.weight) / density(bins, theta))[:, None]
     return rows.T @ rows
-
-
-def inverse(matrix) -> Array:
-    """Inverse of a symmetric matrix whose rows differ by many powers of ten; rows without information become zero."""
-    diagonal = jnp.diagonal(matrix)
-    there = diagonal > 0
-    scale = jnp.where(there, jnp.sqrt(jnp.where(there, diagonal, 1.0)), 1.0)
-    unit = matrix / scale[:, None] / scale[None, :] + jnp.diag(jnp.where(there, 0.0, 1.0))
-    found = jnp.linalg.inv(unit) / scale[:, None] / scale[None, :]
-    return jnp.where(there[:, None] & there[None, :], found, 0.0)
 
 
 def with_derivative(bins: Bins, theta) -> Array:

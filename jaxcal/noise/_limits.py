@@ -9,7 +9,7 @@ import jax.numpy as jnp
 
 from .._types import AnyArray, Array, Float
 
-_SEARCH = 18
+_SEARCH = 12
 _FAR = 8.0
 
 
@@ -27,7 +27,7 @@ def find_limits(rise: Callable[[Array, Array, Any], tuple[Array, Any]], theta, r
 
     The square root of the rise is nearly linear in the coefficient itself, so its crossing is found by false position
     (Illinois) on these; all searches run together. A low end is 0 where zero cannot be excluded; an end that is not found
-    within 2^18 steps of `reach` is infinite.
+    within 2^11 times `reach` is infinite.
 
     Parameters
     ----------

@@ -40,6 +40,7 @@ class NoiseFit(eqx.Module):
     duration : record length in s.
     confidence : level of interval and upper limit.
     method : name of the estimator.
+        For "unweighted", "log" and "slope", which have no uncertainty, the tables are empty and `covariance` is (0, 0).
     decides : term -> record length in s that would decide whether a coefficient at its upper limit is there: it would be called
         present in 95 % of such records. Empty for estimators other than "whittle".
     notes : sentences that ask for no action.

@@ -9,7 +9,8 @@ import numpy as np
 import scipy.special
 
 from .._types import AnyArray, Array, Int
-from ._likelihood import beginning, density, fisher, inverse, minimise, with_derivative
+from ._curve import inverse
+from ._likelihood import beginning, density, fisher, minimise, with_derivative
 from ._limits import Limits, find_limits
 from ._ordinates import FILTER, Bins
 

@@ -179,7 +179,7 @@ def _draw_term(ax: "Axes", channel: _Channel, term: str) -> Any:
     """The line of one term, dotted at its upper limit where it was not detected."""
     fit = channel.fit
     assert fit is not None
-    detected = fit.verdict[term] != "not detected"
+    detected = fit.verdict.get(term) != "not detected"
     value = float(getattr(fit.noise, term)) if detected else float(fit.upper_limit[term])
     if not (np.isfinite(value) and value > 0):
         return None
@@ -193,6 +193,8 @@ def _draw_term(ax: "Axes", channel: _Channel, term: str) -> Any:
 def coefficient_label(term: str, fit: NoiseFit, sensor: str | None) -> str:
     """A coefficient with its unit: "N = 0.245 °/√h", or "K < 1.8 °/h/√s" where it was not detected."""
     scale, unit = display_unit(term, sensor)
+    if term not in fit.verdict:  # a method without uncertainty
+        return f"{term} = {number_label(float(getattr(fit.noise, term)) / scale)} {unit}".strip()
     value, low, high = (float(v) / scale for v in (getattr(fit.noise, term), *fit.interval[term]))
     if fit.verdict[term] == "not detected":
         return f"{term} < {number_label(float(fit.upper_limit[term]) / scale, 2)} {unit}".strip()
@@ -210,7 +212,7 @@ def _draw_several(ax: "Axes", channels: list[_Channel]) -> list[list[Any]]:
         if channel.fit is not None and channel.deviation.kind in _MODELLED:
             _draw_model(ax, channel, channel.fit.noise, color)
     fits = [channel.fit for channel in channels if channel.fit is not None]
-    found = [term for term in TERM_COLORS if any(fit.verdict.get(term, "not detected") != "not detected" for fit in fits)]
+    found = [term for term in TERM_COLORS if any(term in fit.terms and fit.verdict.get(term) != "not detected" for fit in fits)]
     coefficients = ([text_only(_coefficient_of(channel, term)) for channel in channels] for term in found)
     return [[*names, *_left_out(channels, "left out")], *coefficients]
 

@@ -205,7 +205,7 @@ def _coefficient(channel: _Channel, term: str) -> tuple[float, str, str]:
     if isinstance(fit, NoiseFit):
         if term not in fit.terms:
             return 0.0, "", ""
-        absent = fit.verdict[term] == "not detected"
+        absent = fit.verdict.get(term) == "not detected"
         value = float(fit.upper_limit[term] if absent else getattr(fit.noise, term))
         return value, ":" if absent else "--", coefficient_label(term, fit, channel.sensor)
     value = float(getattr(noise, term))

@@ -64,6 +64,8 @@ def check_results(results: Any) -> None:
     for name, fit in results.items():
         if not isinstance(fit, NoiseFit) or np.ndim(fit.deviation.deviation) != 1:
             raise DataError(f"the result of {name} is not a NoiseFit of one channel; NoiseFit.channel picks one of several")
+        if not fit.verdict:
+            raise DataError(f"method {fit.method!r} gives {name} no intervals and no verdicts; fit it with whittle, gls, edf or wavelet")
         sensor_of(name)
 
 

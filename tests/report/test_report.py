@@ -208,6 +208,16 @@ def test_fit_of_several_channels_is_refused(tmp_path):
         write({"gyro_x": jaxcal.noise.fit(pair, rate=100.0)}, tmp_path / "a.html")
 
 
+def test_results_without_intervals_are_refused(tmp_path):
+    y = jaxcal.noise.Noise(N=1e-3).simulate(2000, rate=100.0, seed=1)
+    slope = jaxcal.noise.fit(y, rate=100.0, method="slope")
+    for make in (lambda: write({"gyro_x": slope}, tmp_path / "a.html"), lambda: jaxcal.Calibration(noise={"gyro_x": slope})):
+        with pytest.raises(DataError, match="no intervals and no verdicts"):
+            make()
+    labels = jaxcal.plot.allan(slope).get_legend_handles_labels()[1]
+    assert any(label.startswith("N = ") for label in labels)
+
+
 def test_elements_escape_text_and_attributes():
     assert tag("p", "<b>", title='"&', data_x=None) == '<p title="&quot;&amp;">&lt;b&gt;</p>'
     assert tag("meta", charset="utf-8") == '<meta charset="utf-8">'
