@@ -19,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 import scipy.fft
 
+from .._errors import DataError
 from .._precision import is_traced
 from .._types import Any, AnyArray
 from ..spectrum._average import log_groups
@@ -115,6 +116,11 @@ def bins_of(y, dt: float, terms: tuple[tuple[str, float | None], ...]) -> Bins:
     y : (n,) samples; NaN marks a gap (not where y is traced).
     dt : sampling interval in s.
     terms : (name, correlation time) of each column, the time only for "markov".
+
+    Raises
+    ------
+    DataError
+        If no stretch of 16 samples is free of gaps.
     """
     if is_traced(y):
         n = y.shape[0]
@@ -130,6 +136,11 @@ def bins_of(y, dt: float, terms: tuple[tuple[str, float | None], ...]) -> Bins:
         starts, count, columns, frequency = _layout(len(x), dt, terms)
         ordinates = dt * np.asarray(scipy.fft.dct(x - np.mean(x), norm="ortho", overwrite_x=True))[1:] ** 2
         parts.append((np.add.reduceat(ordinates, starts) / count, count, columns, frequency))
+    if not parts:
+        raise DataError(
+            f"no stretch of {_SHORTEST} samples is free of gaps ({int(np.isnan(y).sum())} of {len(y)} samples are missing): a spectrum needs "
+            "one; use a method of the Allan variance, such as gls, or mend the recording"
+        )
     if len(parts) > 1:
         parts = [_merged(parts)]
     return _padded(*parts[0], np)

@@ -106,6 +106,7 @@ def fit_record(
     modelled = np.asarray(found.noise.avar(curve.tau, dt=dt))
     sentences = [
         *curve.warnings,
+        *_gaps(y, dt),
         *sentences_of_spectrum(found, solved.fitted, lines, band is None),
         *_drifts(ramp and "R" not in terms, slope / error, warm[0] / warm[1]),
         *_beside(tried, "markov" in terms),
@@ -215,6 +216,17 @@ def _model_edf(curve: Deviation, found: NoiseFit, modelled, names, n: int):
     if found.noise.markov or found.noise.sinusoid or "R" in found.terms:
         modelled = np.asarray(Noise(**{t: getattr(found.noise, t) for t in terms}).avar(curve.tau, dt=1.0 / curve.rate))
     return 2.0 * modelled**2 / np.where(variance > 0.0, variance, np.inf)
+
+
+def _gaps(y, dt: float) -> list[str]:
+    parts = [part.stop - part.start for part in stretches(y)]
+    lost = 1.0 - sum(parts) / len(y)
+    if lost <= 0.0:
+        return []
+    return [
+        f"gaps: {100 * lost:.2g} % of the record is missing or in stretches too short to use; {len(parts)} stretches are left, and nothing "
+        f"slower than the longest of them, {max(parts) * dt:.3g} s, is seen"
+    ]
 
 
 def _apart(found: NoiseFit) -> NoiseFit:

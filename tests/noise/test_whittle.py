@@ -289,3 +289,10 @@ def test_what_would_decide():
     there = dataclasses.replace(absent, K=limit)
     rise = [float(jaxcal.noise.fit(there.simulate(int(length * RATE), RATE, seed=seed), RATE).significance["K"]) for seed in range(12)]
     assert np.mean(np.array(rise) > 5.41) >= 0.6  # 95 % nominal for a K known beforehand; the estimate is a rough one
+
+
+def test_gaps_everywhere_are_refused(record):
+    y = record[:5000].copy()
+    y[::10] = np.nan
+    with pytest.raises(jaxcal.DataError, match="no stretch of 16 samples is free of gaps"):
+        jaxcal.noise.fit(y, RATE)
