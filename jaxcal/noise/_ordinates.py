@@ -138,8 +138,8 @@ def bins_of(y, dt: float, terms: tuple[tuple[str, float | None], ...]) -> Bins:
         parts.append((np.add.reduceat(ordinates, starts) / count, count, columns, frequency))
     if not parts:
         raise DataError(
-            f"no stretch of {_SHORTEST} samples is free of gaps ({int(np.isnan(y).sum())} of {len(y)} samples are missing): a spectrum needs "
-            "one; use a method of the Allan variance, such as gls, or mend the recording"
+            f"no stretch of {_SHORTEST} samples is free of gaps ({int(np.isnan(y).sum())} of {len(y)} samples are missing): a spectrum "
+            "needs one; use a method of the Allan variance, such as gls, or mend the recording"
         )
     if len(parts) > 1:
         parts = [_merged(parts)]
