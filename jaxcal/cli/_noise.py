@@ -15,6 +15,7 @@ from ._outputs import staged
 from ._screen import Screen, progress, show_log, show_written
 from ._tables import by_channel, decides, left_out, longer_record, noise_tables
 
+_METHODS = ("whittle", "gls", "edf", "wavelet")
 #: format of --export -> name of the file where none is given
 _EXPORTS = {"kalibr": "imu.yaml"}
 
@@ -49,6 +50,7 @@ def noise(
     terms: str = "QNBK",
     confidence: float = 0.95,
     band: tuple[float, float] | None = None,
+    method: str = "whittle",
     reading: Reading = Reading(),
     writing: Writing = Writing(),
     running: Running = Running(),
@@ -69,8 +71,12 @@ def noise(
         Level of the intervals and limits.
     band
         Shortest and longest cluster time to use, in s; by default those at which the model holds.
+    method
+        How to fit: whittle, or on the Allan variance gls, edf or wavelet.
     """
-    characterise(log, terms, confidence, band, reading, writing, running)
+    if method not in _METHODS:
+        raise CallError(f"--method {method}: expected one of {', '.join(_METHODS)}")
+    characterise(log, terms, confidence, band, reading, writing, running, method=method)
 
 
 def characterise(
@@ -82,6 +88,7 @@ def characterise(
     writing: Writing,
     running: Running,
     truth: dict[str, Any] | None = None,
+    method: str = "whittle",
 ) -> dict[str, Any]:
     """Read, fit, write and print; `truth` (sensor -> `Noise`) is compared where a log was simulated. Gives the fits."""
     chosen = _terms(terms)
@@ -96,7 +103,7 @@ def characterise(
             keep_compiled()
             import jaxcal
 
-            fits = jaxcal.noise.characterise(log, terms=chosen, confidence=confidence, band=band, progress=move)
+            fits = jaxcal.noise.characterise(log, method=method, terms=chosen, confidence=confidence, band=band, progress=move)
             said = [sentence for target, make in plan.items() for sentence in make(places[target], fits, log)]
         written = [target for target, place in places.items() if place.exists()]
     noise_tables(screen, fits, truth)

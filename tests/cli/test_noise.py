@@ -133,3 +133,12 @@ def test_a_gauss_markov_process_on_request(call, folder, log):
     channel = json.loads((folder / "a.json").read_text())["channels"]["gyro_x"]
     assert len(channel["markov"]) == 1
     assert channel["K"]["decides"] > 0
+
+
+def test_another_method(call, folder, log):
+    found = call("noise", "imu.csv", "--method", "edf", "--json", "a.json")
+    assert found.status == 0, found.err
+    assert json.loads((folder / "a.json").read_text())["channels"]["gyro_x"]["method"] == "edf"
+    found = call("noise", "imu.csv", "--method", "slope")
+    assert found.status == 2
+    assert "whittle, gls, edf, wavelet" in found.reason
