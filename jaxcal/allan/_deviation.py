@@ -12,6 +12,7 @@ import numpy as np
 
 from .._errors import DataError
 from .._precision import host_float64, is_traced
+from .._record import checked_rate, checked_record
 from .._types import Any
 from ._edf import degrees_of_freedom, interval_factors
 from ._identify import identify
@@ -74,7 +75,7 @@ def deviation(y, rate, *, kind="oadev", m: Any = "log", data="rate", confidence=
         raise DataError(f'unknown data {data!r}; expected "rate" (samples of rate or force) or "phase" (their integral)')
     if not 0.0 < confidence < 1.0:
         raise DataError(f"confidence must lie between 0 and 1; got {confidence!r} (0.95 is 95 %)")
-    y = _checked_record(y)
+    y = checked_record(y)
     samples = y.shape[0] - (1 if data == "phase" else 0)
     sizes = cluster_sizes(m, statistic, samples)
     columns = y if y.ndim == 2 else y[:, None]
@@ -105,31 +106,6 @@ def deviation(y, rate, *, kind="oadev", m: Any = "log", data="rate", confidence=
     if y.ndim == 1:
         arrays = {name: value[:, 0] for name, value in arrays.items()}
     return Deviation(tau=sizes / rate, m=sizes, kind=kind, rate=rate, confidence=confidence, warnings=warnings, **arrays)
-
-
-def checked_rate(rate) -> float:
-    try:
-        value = float(rate)
-    except (TypeError, ValueError):
-        raise DataError(f"rate must be a number in Hz; got {rate!r}") from None
-    if not (np.isfinite(value) and value > 0):
-        raise DataError(f"rate must be positive and finite, in Hz; got {value!r}")
-    return value
-
-
-def _checked_record(y):
-    if is_traced(y):
-        if y.ndim not in (1, 2):
-            raise DataError(f"y must be (n,) or (n, channels); got shape {y.shape}")
-        return y
-    y = np.asarray(y)
-    if y.dtype.kind not in "fiu":
-        raise DataError(f"y must hold real numbers; got dtype {y.dtype}")
-    if y.ndim not in (1, 2) or 0 in y.shape:
-        raise DataError(f"y must be (n,) or (n, channels), time first, and not empty; got shape {y.shape}")
-    if y.ndim == 2 and y.shape[1] > 16 * y.shape[0]:
-        raise DataError(f"y has {y.shape[1]} channels of {y.shape[0]} samples; time is the first axis, so transpose it (y.T)")
-    return y.astype(np.float64, copy=False)
 
 
 def _missing(column, name: str):

@@ -1,5 +1,6 @@
 """What is wrong with a record before any model: spikes, and steps coarser than the noise."""
 
+import equinox as eqx
 import numpy as np
 
 from .._errors import DataError
@@ -29,28 +30,44 @@ def refuse_extremes(y) -> None:
             )
 
 
-def without_spikes(y) -> tuple[np.ndarray, int, bool]:
-    """The record with single outlying samples set to the mean of their neighbours, how many, and whether there are too many to.
+class Jumps(eqx.Module):
+    """What stands out in a record from one sample to the next.
 
-    A sample is a spike if both differences to its neighbours exceed 10 robust standard deviations with opposite signs. Steps and
-    bursts are left as they are. Where more than one sample in a thousand qualifies, nothing is changed: that noise has heavy tails.
+    y : the record without spikes. spikes : how many there were. heavy : whether they are too many to be errors, and still there.
+    steps : first sample of each new level.
     """
-    step = np.diff(y)
-    finite = step[np.isfinite(step)]
+
+    y: np.ndarray
+    spikes: int = 0
+    heavy: bool = False
+    steps: tuple[int, ...] = ()
+
+
+def find_jumps(y) -> Jumps:
+    """Spikes, set to the mean of their neighbours, and steps, which are left as they are.
+
+    A difference between samples stands out if it exceeds 10 robust standard deviations of all differences. A sample between two
+    of them of opposite signs is a spike; any other is a step. Where more than one sample in a thousand is a spike, nothing is
+    changed: that noise has heavy tails.
+    """
+    difference = np.diff(y)
+    finite = difference[np.isfinite(difference)]
     if len(finite) < 8:
-        return y, 0, False
+        return Jumps(y)
     spread = 1.4826 * float(np.median(np.abs(finite[:: max(len(finite) // 100_000, 1)])))
     if not spread > 0.0:
-        return y, 0, False
-    large = np.abs(step) > _SPIKE * spread
-    found = np.flatnonzero(large[1:] & large[:-1] & (step[1:] * step[:-1] < 0.0)) + 1
-    if not len(found):
-        return y, 0, False
+        return Jumps(y)
+    large = np.abs(difference) > _SPIKE * spread
+    if not large.any():
+        return Jumps(y)
+    found = np.flatnonzero(large[1:] & large[:-1] & (difference[1:] * difference[:-1] < 0.0)) + 1
     if len(found) > _MOST_SPIKES * len(y):
-        return y, len(found), True
-    y = y.copy()
-    y[found] = 0.5 * (y[found - 1] + y[found + 1])
-    return y, len(found), False
+        return Jumps(y, len(found), True)
+    large[found - 1] = large[found] = False
+    if len(found):
+        y = y.copy()
+        y[found] = 0.5 * (y[found - 1] + y[found + 1])
+    return Jumps(y, len(found), False, tuple((np.flatnonzero(large) + 1).tolist()))
 
 
 def resolution(y) -> tuple[float, float]:
@@ -68,10 +85,16 @@ def resolution(y) -> tuple[float, float]:
     return (least if on_grid.mean() > 0.95 else 0.0), white
 
 
-def sentences_of_checks(spikes: int, heavy: bool, step: float, white: float, dt: float, n_squared: float) -> list[str]:
+def sentences_of_checks(jumps: Jumps, step: float, white: float, dt: float, n_squared: float) -> list[str]:
     """Warnings that follow."""
-    said = []
-    if heavy:
+    said, spikes, steps = [], jumps.spikes, list(jumps.steps)
+    if steps:
+        many = f"{len(steps)} steps" if len(steps) > 1 else "a step"
+        said.append(
+            f"{many} of more than ten standard deviations of the differences between samples, the first at {steps[0] * dt:.4g} s: K "
+            "takes part of it; leave out what was not at rest"
+        )
+    if jumps.heavy:
         said.append(
             f"{spikes} samples stand out from their neighbours by ten standard deviations, too many for single errors: the noise has heavy "
             "tails, and the interval of N is too narrow"

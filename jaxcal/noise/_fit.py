@@ -8,10 +8,10 @@ import numpy as np
 from .._errors import DataError
 from .._log import Log
 from .._precision import host_float64, is_traced
+from .._record import checked_rate
 from .._types import Any
 from ..allan import deviation
-from ..allan._deviation import checked_rate
-from ._checks import refuse_extremes, resolution, sentences_of_checks, without_spikes
+from ._checks import find_jumps, refuse_extremes, resolution, sentences_of_checks
 from ._methods import CURVES, clusters
 from ._model import TERMS
 from ._overbound import overbound
@@ -102,13 +102,12 @@ def _fit(y, rate, method, terms, confidence, band, conservative=False, temperatu
     m = clusters(method, samples, terms)
     if is_traced(y):
         return _traced(y, checked_rate(rate), method, terms, m, confidence, band, conservative)
-    spikes = [(0, False)]
+    jumps = []
     if y.dtype.kind in "fiu" and y.ndim in (1, 2):
         refuse_extremes(y)
-        cleaned = [without_spikes(x) for x in (y[:, None] if y.ndim == 1 else y).T]
-        if any(count and not heavy for _, count, heavy in cleaned):
-            y = np.stack([x for x, _, _ in cleaned], axis=1).reshape(y.shape)
-        spikes = [found[1:] for found in cleaned]
+        jumps = [find_jumps(x) for x in (y[:, None] if y.ndim == 1 else y).T]
+        if any(found.spikes and not found.heavy for found in jumps):
+            y = np.stack([found.y for found in jumps], axis=1).reshape(y.shape)
     # the noise type serves the plot outside of the band
     curve = deviation(y, rate, m=m, confidence=confidence)
     inside = _inside(curve.tau, band, terms)
@@ -116,12 +115,12 @@ def _fit(y, rate, method, terms, confidence, band, conservative=False, temperatu
     columns = list(y.T) if many else [y]
     curves = [curve.channel(i) for i in range(len(columns))] if many else [curve]
     fits = []
-    for x, one, (count, heavy) in zip(columns, curves, spikes, strict=True):
+    for x, one, jump in zip(columns, curves, jumps, strict=True):
         if method == "whittle":
             found = with_second_opinion(fit_record(x, one, terms, band, confidence, temperature), samples)
         else:
             found = CURVES[method](one, samples, terms, inside, band is None, confidence)
-        said = sentences_of_checks(count, heavy, *resolution(x), 1.0 / one.rate, float(np.asarray(found.noise.N)) ** 2)
+        said = sentences_of_checks(jump, *resolution(x), 1.0 / one.rate, float(np.asarray(found.noise.N)) ** 2)
         found = dataclasses.replace(found, warnings=(*said, *found.warnings))
         fits.append(dataclasses.replace(found, conservative=overbound(found)) if conservative else found)
     return stacked(fits) if many else fits[0]

@@ -4,6 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from .. import _record as record
 from .._errors import DataError
 from .._precision import is_traced
 from .._quality import all_finite
@@ -26,33 +27,14 @@ def check_options(method: Any, sided: Any, average: Any, confidence: Any) -> Non
         raise DataError(f"confidence must lie between 0 and 1; got {confidence!r} (0.95 is 95 %)")
 
 
-def checked_rate(rate: Any) -> float:
-    """The sampling rate as a positive number."""
-    try:
-        value = float(rate)
-    except (TypeError, ValueError):
-        raise DataError(f"rate must be a number in Hz; got {rate!r}") from None
-    if not (np.isfinite(value) and value > 0):
-        raise DataError(f"rate must be positive and finite, in Hz; got {value!r}")
-    return value
-
-
 def checked_record(y: Any, rate: float) -> Any:
     """Samples (n,) or (n, channels) without gaps; a traced record is looked at when it runs."""
-    traced = is_traced(y)
-    y = jnp.asarray(y) if traced else np.asarray(y)
-    if y.dtype.kind not in "fiu":
-        raise DataError(f"y must hold real numbers; got dtype {y.dtype}")
-    if y.ndim not in (1, 2) or 0 in y.shape:
-        raise DataError(f"y must be (n,) or (n, channels), time first, and not empty; got shape {y.shape}")
-    if y.ndim == 2 and y.shape[1] > 16 * y.shape[0]:
-        raise DataError(f"y has {y.shape[1]} channels of {y.shape[0]} samples; time is the first axis, so transpose it (y.T)")
+    y = record.checked_record(y)
     if y.shape[0] < _FEWEST:
         raise DataError(f"a spectrum needs at least {_FEWEST} samples; got {y.shape[0]}")
-    if traced:
+    if is_traced(y):
         y = y if y.dtype.kind == "f" else y.astype(jnp.result_type(float))
         return eqx.error_if(y, ~jnp.all(jnp.isfinite(y)), "y must be finite: a spectrum needs a record without gaps")
-    y = y.astype(np.float64, copy=False)
     columns = y if y.ndim == 2 else y[:, None]
     for index, column in enumerate(columns.T):
         name = "y" if y.ndim == 1 else f"channel {index}"

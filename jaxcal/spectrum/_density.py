@@ -7,10 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._precision import host_float64
+from .._record import checked_rate
 from .._types import Any
 from . import _edf, _ordinates
 from ._average import GROUPS, Groups, average as average_over
-from ._checks import check_options, checked_rate, checked_record, checked_segment
+from ._checks import check_options, checked_record, checked_segment
 from ._result import Spectrum
 
 

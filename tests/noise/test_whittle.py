@@ -137,6 +137,17 @@ def test_spikes_are_counted_and_do_no_harm(record):
     assert float(fit.noise.N) == pytest.approx(float(clean.noise.N), rel=1e-3)
 
 
+def test_steps_are_told(record):
+    y = record.copy()
+    y[50_000:] += 20 * CASE_A.N * np.sqrt(RATE)
+    assert any(
+        sentence.startswith("a step of more than ten") and "first at 500 s" in sentence for sentence in jaxcal.noise.fit(y, RATE).warnings
+    )
+    y[80_000:] -= 30 * CASE_A.N * np.sqrt(RATE)
+    assert any(sentence.startswith("2 steps") for sentence in jaxcal.noise.fit(y, RATE).warnings)
+    assert not any("step of more" in sentence for sentence in jaxcal.noise.fit(record, RATE).warnings)
+
+
 def test_heavy_tails_are_told():
     y = np.random.default_rng(0).standard_t(1.5, size=30_000)
     assert any("heavy tails" in sentence for sentence in jaxcal.noise.fit(y, RATE).warnings)

@@ -1,0 +1,35 @@
+"""What a record and its sampling rate must be, wherever one is handed over as an array."""
+
+from typing import Any
+
+import numpy as np
+
+from ._errors import DataError
+from ._precision import is_traced
+
+
+def checked_rate(rate: Any) -> float:
+    """The sampling rate as a positive number, in Hz."""
+    try:
+        value = float(rate)
+    except (TypeError, ValueError):
+        raise DataError(f"rate must be a number in Hz; got {rate!r}") from None
+    if not (np.isfinite(value) and value > 0):
+        raise DataError(f"rate must be positive and finite, in Hz; got {value!r}")
+    return value
+
+
+def checked_record(y: Any) -> Any:
+    """Samples (n,) or (n, channels): a traced record as it is, any other in float64; NaN and infinity are the caller's to judge."""
+    if is_traced(y):
+        if y.ndim not in (1, 2) or 0 in y.shape:
+            raise DataError(f"y must be (n,) or (n, channels), time first, and not empty; got shape {y.shape}")
+        return y
+    y = np.asarray(y)
+    if y.dtype.kind not in "fiu":
+        raise DataError(f"y must hold real numbers; got dtype {y.dtype}")
+    if y.ndim not in (1, 2) or 0 in y.shape:
+        raise DataError(f"y must be (n,) or (n, channels), time first, and not empty; got shape {y.shape}")
+    if y.ndim == 2 and y.shape[1] > 16 * y.shape[0]:
+        raise DataError(f"y has {y.shape[1]} channels of {y.shape[0]} samples; time is the first axis, so transpose it (y.T)")
+    return y.astype(np.float64, copy=False)
