@@ -49,16 +49,29 @@ def test_what_the_sensor_does_is_told(fits):
         assert fit.verdict["N"] == "present"
 
 
-def test_disjoint_halves_agree_on_random_walk_and_flicker(record):
-    """Not on K: in the first half, while the sensor warms up, three of the six axes wander more than in the second."""
+def apart(record, terms):
+    """How many coefficients of the two halves of the recording, over six axes, differ by more than their 95 % intervals allow."""
     y, rate = record
-    apart = []
+    count = 0
     for i in range(6):
         halves = [jaxcal.noise.fit(part, rate) for part in (y[:500_000, i], y[500_000:, i])]
-        for term in ("N", "B"):
+        for term in terms:
             (low, high), (lower, higher) = (half.interval[term] for half in halves)
             first, second = (float(getattr(half.noise, term)) for half in halves)
             # the half-widths towards one another, as two independent errors of 95 %
             allowed = np.hypot(high - first, second - lower) if first < second else np.hypot(first - low, higher - second)
-            apart.append(abs(first - second) > allowed)
-    assert sum(apart) <= 3  # 12 comparisons at 95 %: P(> 3) = 0.2 % for a stationary sensor
+            count += bool(abs(first - second) > allowed)
+    return count
+
+
+def test_disjoint_halves_agree_on_random_walk_and_flicker(record):
+    assert apart(record, "NB") <= 3  # 12 comparisons at 95 %: P(> 3) = 0.2 % for a stationary sensor
+
+
+@pytest.mark.xfail(
+    strict=True,
+    reason="3 of 6 axes differ: K is larger in the first half. The fit takes the noise as stationary; a test of that, which would widen "
+    "the interval of K or say so, is missing. Whether the sensor was settling is not known.",
+)
+def test_disjoint_halves_agree_on_rate_random_walk(record):
+    assert apart(record, "K") <= 2  # 6 comparisons at 95 %: P(> 2) = 0.2 %
