@@ -15,7 +15,7 @@ from .._precision import host_float64, is_traced
 from .._record import checked_rate, checked_record
 from .._types import Any
 from ._edf import degrees_of_freedom, interval_factors
-from ._identify import identify
+from ._identify import identify, types_for_intervals
 from ._kinds import Kind, cluster_sizes, find_kind
 from ._phase import BLOCK, integrate, padded_length, running_sum_of_phase
 from ._result import Deviation
@@ -68,7 +68,8 @@ def deviation(y, rate, *, kind="oadev", m: Any = "log", data="rate", confidence=
     References
     ----------
     W. J. Riley, Handbook of Frequency Stability Analysis, NIST SP 1065, 2008, section 5; IEEE Std 952-1997, annex C;
-    intervals: Greenhall and Riley, PTTI 2003; noise type: Riley and Greenhall, EFTF 2004.
+    intervals: Greenhall and Riley, PTTI 2003; noise type: Riley and Greenhall, EFTF 2004, and with fewer than 30 averages
+    the ratios B1 and R(n) (NIST SP 1065, section 5.5).
     """
     statistic, rate = find_kind(kind), checked_rate(rate)
     if data not in ("rate", "phase"):
@@ -100,7 +101,8 @@ def deviation(y, rate, *, kind="oadev", m: Any = "log", data="rate", confidence=
         total = eqx.error_if(total, xp.any(count == 0), "a cluster size has no difference free of gaps; choose smaller m")
         expected = jnp.asarray(expected, dtype=count.dtype)
     result = xp.sqrt(total / count * statistic.scale(sizes, rate)[:, None].astype(total.dtype))
-    edf, low, high = _uncertainty(noise, count / expected, sizes, statistic, samples, confidence, xp)
+    types = types_for_intervals(noise, sizes, samples, data, xp)
+    edf, low, high = _uncertainty(types, count / expected, sizes, statistic, samples, confidence, xp)
     arrays = {"deviation": result, "lower": result * low, "upper": result * high, "edf": edf, "count": count}
     arrays |= {"alpha": noise.astype(np.int64) if xp is np else noise, "skipped": expected - count}
     if y.ndim == 1:

@@ -1,4 +1,4 @@
-"""Noise type at each cluster size, by the lag-1 autocorrelation.
+"""Noise type at each cluster size: by the lag-1 autocorrelation, and by the ratios B1 and R(n) where points are few.
 
 W. J. Riley and C. A. Greenhall, "Power law noise identification using the lag 1 autocorrelation", EFTF 2004. A fractionally
 integrated process has r1/(1+r1) = delta; differencing until it is stationary gives alpha = -2 (delta + differences).
@@ -10,8 +10,9 @@ from types import ModuleType
 import numpy as np
 
 from ._kinds import Kind
+from ._ratios import fewest_averages, noise_type_of_ratios, thinned_sums
 
-_FEWEST = 30  # averaged points that the estimate needs; beyond, the last value is carried on
+_FEWEST = 30  # averaged points that the lag-1 autocorrelation needs; with fewer, the ratios decide
 _MOST = 1 << 13  # averaged points used: r1 to 0.011, where half a unit of alpha is 0.1 and more
 
 
@@ -83,17 +84,12 @@ def identify(theta, missing, m: np.ndarray, kind: Kind, samples: int, data: str,
     """
     lowest, degree = (-2 if kind.order == 2 else -4), (1 if data == "rate" else 2)
     found, carried = [], xp.zeros(())
+    sums = functools.cache(functools.partial(thinned_sums, theta, missing, data, xp))
     order = np.argsort(m, kind="stable")
     for size in (int(size) for size in m[order]):
         points = samples // size + 1
         if points - (1 if data == "rate" else 0) >= _FEWEST:
-            held = min(points, _MOST)
-            first = (points - held) // 2 * size  # the middle of the record
-            chosen = slice(first, first + held * size, size)
-            z, valid = theta[chosen][:held], None
-            if missing is not None:
-                lost = missing[chosen][:held]
-                valid = lost[1:] == lost[:-1] if data == "rate" else lost == 0
+            z, valid = _thinned(theta, missing, size, min(points, _MOST), data)
             if data == "rate":
                 z = z[1:] - z[:-1]
             if valid is None:
@@ -103,6 +99,36 @@ def identify(theta, missing, m: np.ndarray, kind: Kind, samples: int, data: str,
                 some = valid | ~enough  # keeps the algebra finite where there are too few; not used then
                 alpha = _alpha_of(xp.where(some, z, 0.0), some, degree, kind.order, xp)
                 carried = xp.where(enough, xp.clip(alpha, lowest, 2), carried)
+        elif points > fewest_averages(kind):
+            z, valid = _thinned(theta, missing, size, points, data)
+            if valid is not None and data == "phase":
+                valid = valid[1:] & valid[:-1]
+            carried = noise_type_of_ratios((z[1:] - z[:-1]) / size, valid, sums, size, kind, samples, carried, xp)
         found.append(carried)
     back = np.argsort(order, kind="stable")
     return xp.stack(found)[back]
+
+
+def types_for_intervals(alpha, m: np.ndarray, samples: int, data: str, xp: ModuleType = np):
+    """Noise types to take the degrees of freedom from, (clusters, channels): with few averages the redder of two estimates.
+
+    Where the ratios decide, they call white rate noise phase noise once in seven times, whose edf is several times larger. The
+    redder of their type and the last one that the autocorrelation gave keeps the intervals at their level: measured on 400
+    records of 1000 samples, T/tau = 25 to 3, 95 % intervals of oadev hold 92-98 % for N, B, K and N with K; by the ratios alone 85-97 %.
+    """
+    decided = samples // m + (1 if data == "phase" else 0) >= _FEWEST
+    if decided.all() or not decided.any():
+        return alpha
+    last = alpha[int(np.argmax(np.where(decided, m, 0)))][None, :]
+    return xp.where(decided[:, None], alpha, xp.minimum(alpha, last))
+
+
+def _thinned(theta, missing, size: int, points: int, data: str):
+    """`points` phase points `size` apart from the middle of the record, and which are there ("rate": which averages); None: all."""
+    first = (theta.shape[0] - 1) // size + 1 - points
+    first = first // 2 * size
+    chosen = slice(first, first + points * size, size)
+    if missing is None:
+        return theta[chosen][:points], None
+    lost = missing[chosen][:points]
+    return theta[chosen][:points], lost[1:] == lost[:-1] if data == "rate" else lost == 0

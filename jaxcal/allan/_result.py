@@ -19,7 +19,8 @@ class Deviation(eqx.Module):
     edf : equivalent degrees of freedom of the variance, same shape.
     count : number of differences averaged, same shape; less than the full number where gaps were left out.
     alpha : noise type identified at each cluster size (2 white phase or quantisation, 1 flicker phase, 0 white
-        rate, -1 flicker rate, -2 random walk of rate), same shape.
+        rate, -1 flicker rate, -2 random walk of rate), same shape. Where fewer than 30 averages are left, edf and limits follow
+        the redder of it and the last type found before.
     kind : name of the statistic.
     rate : sampling rate in Hz.
     confidence : level of the interval.

@@ -1,0 +1,127 @@
+"""Noise type from two ratios of variances, where too few averages are left for an autocorrelation.
+
+B1, the sample variance of N averages over their Allan variance, grows with N as the noise gets redder (J. A. Barnes, NBS
+Technical Note 375, 1969); it is the same for white and flicker phase noise, which R(n), the modified over the plain Allan variance,
+tells apart. Both are compared with the geometric mean of the expectations for neighbouring types (D. Howe, R. Beard, C.
+Greenhall, F. Vernotte and W. Riley, "A total estimator of the Hadamard function used for GPS operations", PTTI 2000;
+NIST SP 1065, section 5.5).
+"""
+
+from collections.abc import Callable
+from types import ModuleType
+
+import numpy as np
+
+from .._types import Any
+from ._kinds import Kind
+
+_POINTS = 1000  # points that R(n) is taken from
+
+
+def fewest_averages(kind: Kind) -> int:
+    """Averages below which the ratios decide nothing: overlapped statistics go two octaves nearer to the end of the record.
+
+    Read off the tables that Stable32 prints for PHASE.DAT, where the type is carried on from T/tau of 8 and of 10.
+    """
+    return 8 if kind.overlapped else 10
+
+
+def _b1(terms, mu: int, xp: ModuleType):
+    """Expected B1 of `terms` averages where the Allan variance goes as tau^mu."""
+    if mu == 0:
+        return terms * xp.log(terms) / (2.0 * (terms - 1.0) * np.log(2.0))
+    if mu == 2:
+        return terms * (terms + 1.0) / 6.0
+    if mu == 1:
+        return terms / 2.0
+    if mu == -1:
+        return xp.ones_like(terms)
+    return (terms**2 - 1.0) / (1.5 * terms * (terms - 1.0))
+
+
+def _boundary(terms, mu: int, xp: ModuleType):
+    return xp.sqrt(_b1(terms, mu, xp) * _b1(terms, mu - 1, xp))
+
+
+def phase_boundary(m: int) -> float:
+    """R(n) between white phase (1/n) and flicker phase noise (3.37/(1.04 + 3 ln pi n), both variances at full bandwidth)."""
+    return float(np.sqrt(3.37 / (1.04 + 3.0 * np.log(np.pi * m)) / m))
+
+
+def thinned_sums(theta, missing, data: str, xp: ModuleType):
+    """Phase at every s-th point, its sum up to there, the number of missing points up to there (or None), and s.
+
+    With about a thousand points left, R(n) of the cluster sizes that have few averages is the same to a per cent or two, where
+    white and flicker phase noise lie factors apart; one pass over the record serves them all.
+    """
+    step = max((theta.shape[0] - 1) // _POINTS, 1)
+    blocks = theta.shape[0] // step
+    phase = theta[: blocks * step].reshape(blocks, step)
+    sums = xp.concatenate([xp.zeros_like(theta[:1]), xp.cumsum(xp.mean(phase, axis=1) - xp.mean(theta))]) * step
+    if missing is None:
+        return phase[:, 0], sums, None, step
+    marks = missing[: blocks * step].reshape(blocks, step)
+    lost = marks[:, 0] if data == "rate" else xp.cumsum(xp.sum(marks, axis=1))  # a rate record brings the running number
+    return phase[:, 0], sums, lost, step
+
+
+def modified_over_plain(phase, sums, lost, step: int, m: int, xp: ModuleType):
+    """R(n) from every s-th starting point, and whether one of them is free of gaps."""
+    size = max(round(m / step), 1)
+    starts = phase.shape[0] - 2 * size
+    windows = sums.shape[0] - 3 * size
+    shifted = [sums[k * size : k * size + windows] for k in range(4)]
+    averaged = (shifted[3] - 3.0 * (shifted[2] - shifted[1]) - shifted[0]) / (size * step)
+    plain = phase[2 * size :] - 2.0 * phase[size : size + starts] + phase[:starts]
+    plain = plain[:windows]
+    if lost is not None:
+        whole = lost[3 * size - 1 :][:windows] == lost[: lost.shape[0] - 3 * size + 1][:windows]
+        averaged, plain = (xp.where(whole, v, 0.0) for v in (averaged, plain))
+    below = plain @ plain
+    usable = below > 0
+    return averaged @ averaged / xp.where(usable, below, 1.0), usable
+
+
+def noise_type_of_ratios(
+    averages, valid, sums: Callable[[], tuple[Any, Any, Any, int]], m: int, kind: Kind, samples: int, carried, xp: ModuleType
+):
+    """Noise type from B1 and, where that cannot tell, R(n); `carried` where neither can be formed.
+
+    Parameters
+    ----------
+    averages : (points,) averages of the rate over m samples.
+    valid : (points,) which of them are free of gaps; None where all are.
+    sums : gives what `thinned_sums` returns; called only where it is needed.
+    m, kind, samples : cluster size, statistic, number of rate samples.
+    carried : noise type of the next smaller cluster size.
+    xp : numpy, or jax.numpy where the averages are traced.
+    """
+    points = averages.shape[0]
+    terms = xp.asarray(float(samples - 2 * m + 1 if kind.overlapped else points - 1), dtype=averages.dtype)
+    steps = averages[1:] - averages[:-1]
+    if valid is None:
+        some = xp.asarray(True)
+        spread = xp.var(averages, ddof=1)
+        allan = xp.mean(steps**2) / 2.0
+    else:
+        number, pairs = xp.sum(valid), xp.sum(valid[1:] & valid[:-1])
+        some = (number >= fewest_averages(kind)) & (pairs >= 2)
+        number, pairs = (xp.where(some, v, 10).astype(averages.dtype) for v in (number, pairs))  # 10: any number that divides
+        terms = terms * pairs / (points - 1)
+        mean = xp.sum(xp.where(valid, averages, 0.0)) / number
+        spread = xp.sum(xp.where(valid, averages - mean, 0.0) ** 2) / (number - 1.0)
+        allan = xp.sum(xp.where(valid[1:] & valid[:-1], steps, 0.0) ** 2) / (2.0 * pairs)
+    some = some & (allan > 0)
+    b1 = spread / xp.where(allan > 0, allan, 1.0)
+    carried = xp.asarray(carried, dtype=averages.dtype)
+    found = xp.where(b1 > _boundary(terms, 0, xp), -1.0, 0.0).astype(averages.dtype)
+    found = xp.where(b1 > _boundary(terms, 1, xp), -2.0, found)
+    if kind.order == 3:
+        found = xp.where(b1 > _boundary(terms, 2, xp), xp.minimum(carried, -3.0), found)
+    phase = some & (b1 <= _boundary(terms, -1, xp))
+    if xp is not np or bool(phase):
+        phase_points, prefix, lost, step = sums()
+        ratio, usable = modified_over_plain(phase_points, prefix, lost, step, m, xp)
+        of_phase = xp.where(ratio > phase_boundary(m), 1.0, 2.0).astype(averages.dtype)
+        found = xp.where(phase, xp.where(usable, of_phase, carried), found)
+    return xp.where(some, found, carried)
