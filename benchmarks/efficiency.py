@@ -2,7 +2,7 @@
 
     python benchmarks/efficiency.py                    the tables of docs (about fifteen minutes on two cores)
     python benchmarks/efficiency.py --runs 40          a quick look
-    python benchmarks/efficiency.py --only cases       one part: cases, power, disturbances or time
+    python benchmarks/efficiency.py --only cases       one part: cases, power, absent, disturbances or time
 
 100 Hz, N = 0.25 deg/sqrt(h), B = 7.6 deg/h, K = 1.8 deg/h/sqrt(s). A: n = 2^17, Q = 0. B: K = 0. C: Q = 1.8 arcsec. E: B = 0.
 D, F: A, B at n = 2^19. All four terms are always fitted. Record k has seed k. rmse in per cent of the coefficient, with its Monte
@@ -82,6 +82,16 @@ def power(runs):
                 print(f"{method:8} {term} = {value} {unit}: present in {found} % at 2.71, 5.41, 11.8", flush=True)
 
 
+def absent(runs):
+    """How often an absent Q or K (case B) is called present at 1 % nominal."""
+    truth, n = CASES["B"]
+    for method in ("whittle", "gls", "edf", "wavelet"):
+        fits = [jaxcal.noise.fit(truth.simulate(n, RATE, seed=seed), RATE, method=method) for seed in range(runs)]
+        found = {term: sum(fit.verdict[term] == "present" for fit in fits) for term in ("Q", "K")}
+        said = ", ".join(f"{term} in {count} ({100 * count / runs:.2f} %)" for term, count in found.items())
+        print(f"{method:8} calls present: {said} of {runs} records", flush=True)
+
+
 def disturbances(runs):
     """Bias of N, B and K under each disturbance, as fitted by default and with the cure that the warning names."""
     n = 1 << 17
@@ -143,12 +153,13 @@ def main():
     """Run all parts, or one."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--runs", type=int, default=150, help="records of each case")
-    parser.add_argument("--only", choices=["cases", "power", "disturbances", "time"], help="one part")
+    parser.add_argument("--only", choices=["cases", "power", "absent", "disturbances", "time"], help="one part")
     options = parser.parse_args()
     parts = {
         "time": seconds,
         "cases": lambda: cases(options.runs),
         "power": lambda: power(options.runs),
+        "absent": lambda: absent(max(options.runs, 400)),
         "disturbances": lambda: disturbances(min(options.runs, 40)),
     }
     for name, part in parts.items():

@@ -8,6 +8,7 @@ from .._types import Array, Bool, Float
 from ._curve import Curve, chi_square, whitened
 from ._estimator import SETTLED, Estimator, settle, with_derivative
 from ._limits import Limits, find_limits
+from ._skewness import Response, as_normal, skewness
 
 #: misfit of the deviation that does not count against a model, and the chance of a worse chi-square at which a band is refused
 _TOLERANCE = 0.0025
@@ -110,7 +111,7 @@ class Banded(eqx.Module):
     edf: Float[Array, " clusters"]
 
 
-def fit_band(curve: Curve, estimator: Estimator, short, automatic, two_sided, one_sided) -> Banded:
+def fit_band(curve: Curve, estimator: Estimator, heard: Response, short, automatic, two_sided, one_sided) -> Banded:
     r"""Fit the curve from the shortest cluster time on from which the model holds; all of it unless `automatic`.
 
     Filters and output averaging in a sensor spoil short cluster times, so these are left out one by one until the chi-square
@@ -123,6 +124,7 @@ def fit_band(curve: Curve, estimator: Estimator, short, automatic, two_sided, on
     ----------
     curve : the curve; its last column is that of the tail, of negative sign.
     estimator : how the coefficients follow from the curve.
+    heard : what the cluster sizes make of each frequency, for the test of absent terms.
     short : (p,) which terms only short cluster times show.
     automatic : whether to choose the band.
     two_sided, one_sided : rise of the chi-square at the ends of intervals and at upper limits.
@@ -151,6 +153,10 @@ def fit_band(curve: Curve, estimator: Estimator, short, automatic, two_sided, on
     def rise(index, value, state):
         return drop(eqx.tree_at(lambda c: c.free, still, admitted[index]), estimator, index, value), state
 
+    def skew(index):
+        absent = eqx.tree_at(lambda c: c.free, still, admitted[index]).fixed(index, 0.0)
+        return skewness(absent, heard, settle(absent, estimator, estimator.begin(absent), _MOST, _SETTLED)[0], index)
+
     # the search starts where the chi-square is least, near theta but for generalised least squares not at it
     reach = jnp.sqrt(jnp.where(reported, jnp.diagonal(spread_now)[:p], spread_now[p, p]))
     ends = find_limits(rise, jnp.diagonal(least[:p, :p]), reach, (), two_sided * inflation, one_sided * inflation)
@@ -159,7 +165,7 @@ def fit_band(curve: Curve, estimator: Estimator, short, automatic, two_sided, on
         low=jnp.where(reported, jnp.minimum(ends.low, middle), 0.0),
         high=jnp.maximum(ends.high, middle),
         upper=jnp.maximum(ends.upper, middle),
-        significance=jnp.where(reported, ends.significance / inflation, 0.0),
+        significance=jnp.where(reported, as_normal(ends.significance / inflation, jax.vmap(skew)(jnp.arange(p))), 0.0),
     )
     spread = spread[:p, :p] * inflation
     modelled = curve.columns[:, :p] @ theta

@@ -92,11 +92,11 @@ def whitened(curve: Curve, at: Float[Array, " p"], extra: Any = 0.0) -> Whitened
     # smallest eigenvalues are about 1e-3; the addition keeps them above zero in any precision
     correlation = c / scale[:, None] / scale[None, :] + max(1e-8, 64 * float(jnp.finfo(c.dtype).eps)) * jnp.eye(len(scale), dtype=c.dtype)
     rows = jnp.concatenate([curve.columns, curve.v[:, None]], axis=1) / scale[:, None]
-    rows = _forward(correlation, jnp.where(curve.used[:, None], rows, 0.0))
+    rows = forward(correlation, jnp.where(curve.used[:, None], rows, 0.0))
     return Whitened(rows[:, :-1], rows[:, -1])
 
 
-def _forward(matrix, rows):
+def forward(matrix, rows):
     """L^-1 rows, with L L' = matrix, by elimination. Batches of LAPACK calls wait for one another for ever (jaxlib 0.10, CPU)."""
     size = matrix.shape[0]
 

@@ -82,7 +82,7 @@ def with_derivative(curve: Curve, estimator: Estimator, theta, change) -> Float[
     size = jnp.max(jnp.where(curve.used[:, None], jnp.abs(curve.columns), 0.0), axis=0)
     size = jnp.where(size > 0.0, size, 1.0)  # in units of these the coefficients are of similar size
     apart = jnp.eye(len(theta), dtype=theta.dtype) - slope * size[:, None] / size[None, :]
-    # normal equations, for a step near its fixed point is far from singular; no LAPACK, see `_forward`
+    # normal equations, for a step near its fixed point is far from singular; no LAPACK, see `forward`
     move = solve_positive(apart.T @ apart, apart.T @ ((new - theta) * size))[0] / size
     move = jnp.where(jnp.all(jnp.isfinite(move)), move, 0.0)
     ended = jnp.where(new > 0.0, jnp.maximum(theta + move, 0.0), 0.0)

@@ -20,6 +20,7 @@ from ._estimator import Estimator
 from ._limits import Limits
 from ._result import NoiseFit
 from ._sentences import sentences_of_fit, sentences_of_octaves
+from ._skewness import Response, response
 
 #: cluster sizes of the fit: the curve is so strongly correlated that more would add nothing
 CLUSTERS = 25
@@ -43,7 +44,9 @@ def fit_jointly(
     traced = is_traced(curve.deviation)
     xp = jnp if traced else np
     levels = np.array([scipy.stats.chi2.ppf(confidence, 1), scipy.stats.norm.ppf(confidence) ** 2])
-    found, unit = _fitted(padded(curve, samples, terms, inside), 1.0 / curve.rate, automatic, levels, terms, estimator)
+    arrays = padded(curve, samples, terms, inside)
+    heard = response(samples, arrays[1], 1.0 / curve.rate, terms)
+    found, unit = _fitted(arrays, heard, 1.0 / curve.rate, automatic, levels, terms, estimator)
     if not traced:
         found, unit = jax.tree.map(np.asarray, (found, unit))
         if not np.all(np.isfinite(found.theta)):
@@ -117,9 +120,10 @@ def in_units(arrays, dt, terms: tuple[str, ...]):
 
 
 @functools.partial(jax.jit, static_argnames=("terms", "estimator"))
-def _fitted(arrays, dt, automatic, levels, terms: tuple[str, ...], estimator: Estimator):
+def _fitted(arrays, heard: Response, dt, automatic, levels, terms: tuple[str, ...], estimator: Estimator):
     """The fit of a padded curve, and the unit of its variance."""
     curve, unit = in_units(arrays, dt, terms)
     short = jnp.asarray([term == "Q" for term in terms])
     two_sided, one_sided = levels.astype(curve.v.dtype)
-    return fit_band(curve, estimator, short, automatic, two_sided, one_sided), unit
+    heard = jax.tree.map(lambda leaf: jnp.asarray(leaf, curve.v.dtype), heard)
+    return fit_band(curve, estimator, heard, short, automatic, two_sided, one_sided), unit

@@ -27,6 +27,7 @@ class NoiseFit(eqx.Module):
     upper_limit : term -> one-sided upper limit at level `confidence`.
     verdict : term -> "present", "hint" or "not detected".
     significance : term -> drop of the chi-square when the term is admitted: by chance above 2.71 in 5 % and above 5.41 in 1 %.
+        Methods gls, edf and wavelet correct it for the skewness of an Allan variance at long cluster times.
     covariance : (terms, terms) covariance of the *squared* coefficients, which may lie at zero; channels last. Those of B and K
         are skewed in short records: a coefficient that comes out low has too small an error. The intervals allow for it.
     goodness : chance of a worse chi-square in the band used, were the model true.
