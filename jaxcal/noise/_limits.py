@@ -35,12 +35,13 @@ def find_limits(rise: Callable[[Array, Array, Any], tuple[Array, Any]], theta, r
     theta : (p,) squared coefficients at the optimum.
     reach : (p,) their standard errors.
     start : state for the first evaluation, the same for all searches.
-    two_sided, one_sided : levels.
+    two_sided, one_sided : levels, for all terms or one each.
     """
     p = theta.shape[0]
     lane = jnp.tile(jnp.arange(p), 3)
     below = jnp.arange(3 * p) < p
-    level = jnp.sqrt(jnp.concatenate([jnp.full(2 * p, two_sided), jnp.full(p, one_sided)])).astype(theta.dtype)
+    both, one = (jnp.broadcast_to(level, (p,)) for level in (two_sided, one_sided))
+    level = jnp.sqrt(jnp.concatenate([both, both, one])).astype(theta.dtype)
     best, reach = theta[lane], jnp.maximum(reach, jnp.finfo(theta.dtype).tiny ** 0.5)[lane]
     states = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (3 * p, *jnp.shape(leaf))), start)
 

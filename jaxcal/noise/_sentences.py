@@ -6,6 +6,7 @@ from ..allan import Deviation
 from ._allanfit import Banded
 from ._result import NoiseFit
 from ._spectral import Fitted
+from ._stationarity import PARTS, Unevenness
 
 
 def sentences_of_octaves(curve: Deviation, used, modelled, automatic: bool) -> tuple[str, ...]:
@@ -82,4 +83,23 @@ def sentences_of_spectrum(found: NoiseFit, fitted: Fitted, lines, automatic: boo
         said.append(f"Q was not fitted: it shows at cluster times below the {shortest:.3g} s from which the fit starts")
     if bool(fitted.cut) and found.verdict.get("N") == "not detected":
         said.append(f"N cannot be told from the other terms in the cluster times that are left, {shortest:.3g} s and longer")
+    return said
+
+
+def sentences_of_unevenness(uneven: dict[str, Unevenness], duration: float) -> list[str]:
+    """Warnings where the evidence for a coefficient comes from some parts of the record more than from others."""
+    said = []
+    for what, found in (
+        ("slow wandering", {t: uneven[t] for t in ("B", "K") if t in uneven}),
+        ("white noise", {t: uneven[t] for t in "N" if t in uneven}),
+    ):
+        if not found:
+            continue
+        worst = min(found.values(), key=lambda one: one.chance)
+        wider = " and ".join(f"{term} {np.sqrt(max(one.factor, 1.0)):.1f} times" for term, one in found.items())
+        start, stop = (duration * edge / PARTS for edge in (worst.part, worst.part + 1))
+        said.append(
+            f"the {what} is uneven in time (chance {worst.chance:.1g}): {100 * worst.share:.3g} % of it falls between {start:.4g} and "
+            f"{stop:.4g} s, an eighth of the record; the intervals of {wider} wider for it; look there for a knock, a draught or warming up"
+        )
     return said

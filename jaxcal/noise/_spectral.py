@@ -195,11 +195,14 @@ def fit_whole(bins: Bins, group, terms: tuple[str, ...]) -> Fitted:
 
 
 @functools.partial(jax.jit, static_argnames="terms")
-def uncertainty(fitted: Fitted, two_sided: AnyArray, one_sided: AnyArray, terms: tuple[str, ...]) -> tuple[Array, Limits, Array]:
+def uncertainty(
+    fitted: Fitted, widened: AnyArray, two_sided: AnyArray, one_sided: AnyArray, terms: tuple[str, ...]
+) -> tuple[Array, Limits, Array]:
     """Covariance of the squared coefficients (inverse Fisher information), profile-likelihood limits, and by which factor the
     record must be longer to decide whether a coefficient at its upper limit is there: to tell it from zero in 95 % of records,
     and call it present without it in 1 %.
 
+    Every variance is `widened`, (p,), beside what the misfit of the spectrum makes of it.
     In a cut band Q is left out of the information, and its own limits are found without the filter, whose shape it has.
     """
     bins, theta, nll, apart = jax.tree.map(jnp.asarray, jax.lax.stop_gradient((fitted.bins, fitted.theta, fitted.nll, fitted.alone)))
@@ -218,7 +221,7 @@ def uncertainty(fitted: Fitted, two_sided: AnyArray, one_sided: AnyArray, terms:
         found = minimise(seen, jnp.where(here, value, jnp.where(negative, 0.0, state)), (index, value))
         return 2.0 * (found.nll - least), found.theta
 
-    scale = jnp.asarray(fitted.inflation, theta.dtype)
+    scale = jnp.asarray(fitted.inflation, theta.dtype) * jnp.asarray(widened, theta.dtype)
     levels = [jnp.asarray(level, theta.dtype) * scale for level in (two_sided, one_sided)]
     middle = jnp.where(short, apart[0], theta)
     reach = jnp.sqrt(jnp.diagonal(spread))
@@ -227,7 +230,8 @@ def uncertainty(fitted: Fitted, two_sided: AnyArray, one_sided: AnyArray, terms:
 
     def longer(index, upper):
         at = jnp.where(jnp.arange(theta.shape[0]) == index, upper, theta)
-        return inverse(fisher(informed, at))[index, index] * scale * (_DECIDED / upper) ** 2
+        return inverse(fisher(informed, at))[index, index] * scale[index] * (_DECIDED / upper) ** 2
 
     decides = jax.vmap(longer)(jnp.arange(theta.shape[0]), jnp.maximum(limits.upper, jnp.finfo(theta.dtype).tiny ** 0.25))
-    return spread * scale, eqx.tree_at(lambda found: found.significance, limits, limits.significance / scale), decides
+    spread = spread * jnp.sqrt(scale[:, None] * scale[None, :])
+    return spread, eqx.tree_at(lambda found: found.significance, limits, limits.significance / scale), decides

@@ -21,12 +21,14 @@ from ._markov import PRESENT, Scan, scan, times
 from ._model import Noise
 from ._ordinates import FILTER, Bins, bins_of, expected, stretches
 from ._result import NoiseFit
-from ._sentences import sentences_of_octaves, sentences_of_spectrum
+from ._sentences import sentences_of_octaves, sentences_of_spectrum, sentences_of_unevenness
 from ._spectral import Fitted, first_model, fit_bins, fit_whole, groups_of, uncertainty
+from ._stationarity import ORDINATES, Unevenness, unevenness, unevenness_of_level
 
 _RAMP, _TEMPERATURE = 3.0, 4.0  # standard errors above which a record follows a line in time, and its temperature
 _ALIKE = 2.0  # likelihood ratio within which flicker and one Gauss-Markov process are alike
-_LEADING = 48
+_MOST = 0.8  # share of the record that a stretch must have to stand for it
+_SHORTEST_STRETCH = 256
 
 
 class Solved(eqx.Module):
@@ -45,10 +47,22 @@ class Solved(eqx.Module):
         return float(np.max(np.where(self.fitted.bins.weight > 0, self.fitted.bins.frequency, 0.0)))
 
     def leading(self, n: int, dt: float):
-        """Density at the first ordinates of n samples."""
-        k = np.arange(1, min(_LEADING, n - 1) + 1)
+        """The columns at the first ordinates of n samples, and their density."""
+        k = np.arange(1, min(ORDINATES, n - 1) + 1)
         columns = np.stack([expected(term, k, n, dt, scale) for term, scale in self.columns], axis=1)
-        return columns @ np.asarray(self.fitted.theta) * float(self.bins.unit)
+        return columns, columns @ np.asarray(self.fitted.theta) * float(self.bins.unit)
+
+    def share(self, term: str, n: int, dt: float):
+        """Share of a term in the density at the ordinates of n samples up to the end of the band, 0 in lines; and the density."""
+        bins, index = self.fitted.bins, [name for name, _ in self.columns].index(term)
+        there = np.asarray(bins.frequency) <= min(self.end, 0.5 / dt)
+        frequency, columns = np.asarray(bins.frequency)[there], np.asarray(bins.columns)[there]
+        model = columns @ np.asarray(self.fitted.theta)
+        k = np.arange(1, max(int(frequency[-1] * 2.0 * n * dt), 1) + 1)
+        at = np.log(k / (2.0 * n * dt))
+        density = np.exp(np.interp(at, np.log(frequency), np.log(model)))
+        inside = np.interp(at, np.log(frequency), (np.asarray(bins.weight)[there] > 0).astype(float)) >= 1.0
+        return np.where(inside, columns[0, index] * float(self.fitted.theta[index]) / density, 0.0), density * float(self.bins.unit)
 
 
 def fit_record(
@@ -85,13 +99,15 @@ def fit_record(
     if "markov" in terms:
         solved = _solve(y, dt, (*base, ("markov", time)), band)
     levels = scipy.stats.chi2.ppf(confidence, 1), scipy.stats.norm.ppf(confidence) ** 2
-    spread, limits, factor = jax.tree.map(np.asarray, uncertainty(solved.fitted, *levels, tuple(name for name, _ in solved.columns)))
-    decides = {name: float(value) * n * dt for (name, _), value in zip(solved.columns, factor, strict=True)}
+    names = tuple(name for name, _ in solved.columns)
+    uneven = _uneven(y, solved, dt)
+    widened = np.array([max(uneven[name].factor, 1.0) if name in uneven else 1.0 for name in names])
+    spread, limits, factor = jax.tree.map(np.asarray, uncertainty(solved.fitted, widened, *levels, names))
+    decides = {name: float(value) * n * dt for name, value in zip(names, factor, strict=True)}
     theta = np.asarray(solved.fitted.theta)
     if not np.all(np.isfinite(theta)):
         raise FitError("the fit gave no finite coefficients; fit fewer terms (terms=) or other cluster times (band=)")
     unit = float(solved.bins.unit)
-    names = tuple(name for name, _ in solved.columns)
     theta, spread, limits = _squares(
         theta * unit, spread * unit**2, _scaled(limits, unit), names, terms, (slope, error), bool(solved.fitted.cut)
     )
@@ -110,6 +126,7 @@ def fit_record(
         *sentences_of_spectrum(found, solved.fitted, lines, band is None),
         *_drifts(ramp and "R" not in terms, slope / error, warm[0] / warm[1]),
         *_beside(tried, "markov" in terms),
+        *sentences_of_unevenness(uneven, n * dt),
     ]
     notes = _instead(tried, "markov" in terms, found.verdict.get("B"))
     curve = with_edf(curve, used, _model_edf(curve, found, modelled, names, n))
@@ -127,7 +144,7 @@ def fit_traced(y, rate: float, terms: tuple[str, ...], band: tuple[float, float]
     bins = _inside(bins_of(y, 1.0 / rate, columns), band)
     fitted = fit_whole(bins, jnp.asarray(groups_of(bins.weight, y.shape[0] - 1)), terms)
     levels = scipy.stats.chi2.ppf(confidence, 1), scipy.stats.norm.ppf(confidence) ** 2
-    spread, limits, _ = uncertainty(fitted, *levels, terms)
+    spread, limits, _ = uncertainty(fitted, np.ones(len(terms)), *levels, terms)
     duration = y.shape[0] / rate
     ends = (1.0 / rate, duration / 2.0) if band is None else band
     return assemble(
@@ -162,11 +179,30 @@ def _solve(y, dt: float, columns: tuple[tuple[str, float | None], ...], band) ->
 
 def _follows(y, regressor, solved: Solved, dt: float) -> tuple[float, float]:
     """How the longest gap-free stretch follows a regressor; not told where that is less than most of the record."""
-    longest = stretches(y)[0]
-    n = longest.stop - longest.start
-    if n < 0.8 * len(y) or not np.all(np.isfinite(regressor[longest])):
+    longest = _most(y)
+    if longest is None or not np.all(np.isfinite(regressor[longest])):
         return 0.0, np.inf
-    return follows(y[longest], regressor[longest], solved.leading(n, dt), dt)
+    return follows(y[longest], regressor[longest], solved.leading(longest.stop - longest.start, dt)[1], dt)
+
+
+def _uneven(y, solved: Solved, dt: float) -> dict[str, Unevenness]:
+    """How uneven in time B and K are, where either is; not looked at where no gap-free stretch is most of the record."""
+    longest = _most(y)
+    if longest is None or longest.stop - longest.start < _SHORTEST_STRETCH:
+        return {}
+    columns, density = solved.leading(longest.stop - longest.start, dt)
+    names = [name for name, _ in solved.columns]
+    found = {term: unevenness(y[longest], columns[:, names.index(term)], density, dt) for term in ("B", "K") if term in names}
+    found = found if any(term.told for term in found.values()) else {}
+    share, density = solved.share("N", longest.stop - longest.start, dt) if "N" in names else (np.zeros(1), np.ones(1))
+    level = unevenness_of_level(y[longest], share, density, dt) if np.any(share > 0.0) else None
+    return found | ({"N": level} if level is not None and level.told else {})
+
+
+def _most(y) -> slice | None:
+    """The longest gap-free stretch, where it is most of the record."""
+    longest = stretches(y)[0]
+    return longest if longest.stop - longest.start >= _MOST * len(y) else None
 
 
 def _scaled(limits: Limits, unit) -> Limits:

@@ -53,7 +53,7 @@ def test_minimum_and_limits_equal_those_of_a_general_minimiser(seed):
 
     lowest = least()
     assert float(fitted.nll) <= lowest + 1e-6
-    _, limits, _ = uncertainty(fitted, 3.841, 2.706, TERMS)
+    _, limits, _ = uncertainty(fitted, np.ones(len(TERMS)), 3.841, 2.706, TERMS)
     for i in range(4):
         for end, level in (("high", 3.841), ("upper", 2.706), ("low", 3.841)):
             value = float(getattr(limits, end)[i])

@@ -1,0 +1,72 @@
+"""Whether noise is as strong in every part of a record: silent on stationary noise, outspoken on noise that is not."""
+
+import numpy as np
+import pytest
+import scipy.stats
+
+import jaxcal
+from jaxcal.noise import Noise
+from jaxcal.noise._ordinates import expected
+from jaxcal.noise._stationarity import unevenness, unevenness_of_level
+
+N, DT = 1 << 13, 0.01
+NOISE = Noise(N=4e-5, B=2e-5, K=4e-6)
+
+
+def _density(count):
+    k = np.arange(1, count + 1)
+    columns = {term: expected(term, k, N, DT) for term in "NBK"}
+    return columns, sum(float(getattr(NOISE, term)) ** 2 * columns[term] for term in "NBK")
+
+
+@pytest.mark.parametrize("term", ["B", "K"])
+def test_chances_of_stationary_records_are_uniform(term):
+    columns, density = _density(512)
+    found = [unevenness(NOISE.simulate(N, 1.0 / DT, seed=s), columns[term], density, DT) for s in range(300)]
+    chances = np.array([one.chance for one in found])
+    assert scipy.stats.kstest(chances, "uniform").pvalue > 1e-3
+    # the mean of the factor is 1 by its definition; its scatter is about 1, so its standard error 0.06
+    assert abs(np.mean([one.factor for one in found]) - 1.0) < 0.25
+
+
+def test_chances_of_the_level_of_stationary_records_are_uniform():
+    density = _density(N - 1)[1]
+    share = float(NOISE.N) ** 2 / density
+    chances = [unevenness_of_level(NOISE.simulate(N, 1.0 / DT, seed=s), share, density, DT).chance for s in range(300)]
+    assert scipy.stats.kstest(chances, "uniform").pvalue > 1e-3
+
+
+def test_wandering_in_one_part_alone_is_told_and_widens_the_intervals():
+    n, truth = 1 << 16, Noise(N=4e-5, K=4e-6)
+    steady = Noise(N=4e-5).simulate(n, 100.0, seed=1)
+    walk = np.zeros(n)
+    walk[16_500:24_500] = Noise(K=float(truth.K) * np.sqrt(n / 8_000)).simulate(8_000, 100.0, seed=2)
+    walk[24_500:] = walk[24_499]
+    even = jaxcal.noise.fit(truth.simulate(n, 100.0, seed=3), 100.0)
+    uneven = jaxcal.noise.fit(steady + walk, 100.0)
+    said = [sentence for sentence in uneven.warnings if "uneven in time" in sentence]
+    assert len(said) == 1
+    # the third eighth: 163.8 to 245.8 s of 655
+    assert "between 163.8 and 245.8 s" in said[0]
+    assert not any("uneven in time" in sentence for sentence in even.warnings)
+    widths = [(fit.interval["K"][1] - fit.interval["K"][0]) / float(fit.noise.K) for fit in (even, uneven)]
+    assert widths[1] > 1.5 * widths[0]
+
+
+def test_white_noise_that_grows_is_told():
+    n = 1 << 16
+    y = Noise(N=4e-5, K=4e-6).simulate(n, 100.0, seed=4)
+    louder = y + 1e-4 * np.random.default_rng(5).standard_normal(n) * (np.arange(n) > n * 7 // 8)
+    plain, found = (jaxcal.noise.fit(record, 100.0) for record in (y, louder))
+    assert not any("white noise is uneven" in sentence for sentence in plain.warnings)
+    assert any("white noise is uneven" in sentence and "between 573.4 and 655.4 s" in sentence for sentence in found.warnings)
+    widths = [fit.interval["N"][1] - fit.interval["N"][0] for fit in (plain, found)]
+    assert widths[1] > 1.5 * widths[0]
+
+
+def test_gaps():
+    y = Noise(N=4e-5, K=4e-6).simulate(1 << 15, 100.0, seed=6)
+    y[1000:1100] = np.nan
+    y[16000:16100] = np.nan
+    # no stretch is most of this record: nothing is said
+    assert not any("uneven" in sentence for sentence in jaxcal.noise.fit(y, 100.0).warnings)
