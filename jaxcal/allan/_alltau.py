@@ -1,0 +1,161 @@
+"""Sums of squared differences at very many cluster sizes: from correlations, or strided.
+
+A sum of squared differences over K starting points is a combination of sums of x_k x_{k+m}, x_k x_{k+2m}, ... . Over a window
+these are one correlation, less the products that fall off its two ends: sums over ranges that grow with m, which
+`half_range` finds for all m at once. A record of n samples then takes O(n log^2 n) for all n/2 cluster sizes, not O(n^2).
+
+The products are as large as x^2, the result may be far smaller. So x is cut into windows in proportion to m, and each loses
+the polynomial that the difference does not see: its line, or, for the running sum of phase, its parabola. What rounding can
+still do is estimated, and cluster sizes for which it could matter are summed directly.
+"""
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import scipy.fft
+
+from ._halfrange import half_range, size_above, size_below
+from ._kinds import Kind
+
+_RATIO = 8  # largest to smallest cluster size of a range that shares its windows; also starting points over the largest
+_CHUNK = 1 << 18  # points of the windows taken together
+_FEWEST = 64  # differences; cluster sizes with fewer are summed directly
+_LARGEST_ERROR = 1e-8  # relative, of a sum; cluster sizes where it may be larger are summed directly
+#: rounding error of a sum over machine epsilon times the sum of x^2: a few times the largest measured
+_ROUNDING = {2: 400.0, 3: 1600.0}
+
+# weights of the squared difference at lags 0, m, 2m, 3m, and of the products at the two ends as (weight, a, c) of `half_range`
+_LAGS = {2: (-8.0, 2.0), 3: (-30.0, 12.0, -2.0)}
+_SQUARES = {2: (1.0, 4.0, 1.0), 3: (1.0, 9.0, 9.0, 1.0)}
+_ENDS = {2: ((4.0, 1, 1),), 3: ((18.0, 1, 1), (6.0, 2, 1), (-6.0, 1, 2))}
+
+
+def _detrended(theta, starts, points: int, modified: bool) -> np.ndarray:
+    """Windows of phase without their lines, or of its running sum without their parabolas, (windows, points)."""
+    held = points - 1 if modified else points
+    z = np.lib.stride_tricks.sliding_window_view(theta, held)[starts]
+    z -= z[:, :1]  # first, so that the fit keeps its digits
+    _remove_polynomial(z, 1)
+    if modified:
+        total = np.zeros((len(z), points))
+        np.cumsum(z, axis=1, out=total[:, 1:])
+        z = total
+        _remove_polynomial(z, 2)
+    return z
+
+
+def _remove_polynomial(z, degree: int) -> None:
+    """Takes the least-squares polynomial in time off every row, in place."""
+    t = np.linspace(-1.0, 1.0, z.shape[1])
+    basis = [np.ones_like(t), t, t**2 - np.mean(t**2)]
+    for one in basis[: degree + 1]:
+        z -= (z @ one / (one @ one))[:, None] * one
+
+
+def _running(z) -> np.ndarray:
+    """Sum of the squares before each point, (windows, points + 1)."""
+    total = np.zeros((z.shape[0], z.shape[1] + 1))
+    np.cumsum(z * z, axis=1, out=total[:, 1:])
+    return total
+
+
+def _ends(z, order: int, base: int, doublings: int) -> np.ndarray:
+    """The products at one end, (windows, M): what the correlations of a window have too much, or lack."""
+    reach = 3 * base << doublings
+    if z.shape[1] < reach:
+        z = np.pad(z, ((0, 0), (0, reach - z.shape[1])))
+    total = 0.0
+    for weight, a, c in _ENDS[order]:
+        total = total + weight * half_range(z, a, c, base, doublings)
+    return total
+
+
+def _window_sums(z, order: int, base: int, doublings: int, low: int) -> tuple[np.ndarray, float]:
+    """Sums over the first 8 M starting points of every window, for m = low .. M-1, and the sum of squares of the windows."""
+    size = base << doublings
+    starts, m = _RATIO * size, np.arange(low, size)
+    length = scipy.fft.next_fast_len(z.shape[1], real=True)
+    spectrum = scipy.fft.rfft(z[:, :starts], length)
+    np.conj(spectrum, out=spectrum)
+    spectrum *= scipy.fft.rfft(z, length)
+    products = scipy.fft.irfft(spectrum, length, overwrite_x=True).sum(axis=0)
+    total = (_ends(z, order, base, doublings) - _ends(z[:, starts:], order, base, doublings))[:, low:].sum(axis=0)
+    squares = _running(z)
+    inside = (squares[:, starts:] - squares[:, : z.shape[1] + 1 - starts]).sum(axis=0)
+    for lag, weight in enumerate(_SQUARES[order]):
+        total += weight * inside[lag * m]
+    for lag, weight in enumerate(_LAGS[order], start=1):
+        total += weight * products[lag * m]
+    return total, float(squares[:, -1].sum())
+
+
+def _record_sums(z, order: int, largest: int, low: int) -> list[Callable[[], tuple[np.ndarray, float]]]:
+    """The same over all starting points of one record, for m = low .. largest: three calls whose results add up."""
+    points, m = z.shape[1], np.arange(low, largest + 1)
+
+    def middle():
+        length = scipy.fft.next_fast_len(points + order * largest, real=True)
+        spectrum = scipy.fft.rfft(z[0], length)
+        products = scipy.fft.irfft(spectrum.real**2 + spectrum.imag**2, length, overwrite_x=True)
+        squares = _running(z)[0]
+        total = np.zeros(len(m))
+        for lag, weight in enumerate(_SQUARES[order]):
+            total += weight * (squares[points - (order - lag) * m] - squares[lag * m])
+        for lag, weight in enumerate(_LAGS[order], start=1):
+            total += weight * products[lag * m]
+        return total, float(squares[-1])
+
+    def end(z):
+        return _ends(z, order, *size_above(largest + 1))[0, low : largest + 1], 0.0
+
+    return [middle, lambda: end(z), lambda: end(z[:, ::-1])]
+
+
+def correlation_sums(theta, m, kind: Kind, workers: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    """Sums of squared differences at ascending cluster sizes m, (clusters,), and bounds on their relative errors.
+
+    The bound is infinite where the sum is not formed here: the smallest cluster sizes, and those with few differences.
+
+    Parameters
+    ----------
+    theta : (points,) phase, without gaps.
+    m : ascending cluster sizes.
+    kind : an overlapped statistic.
+    workers : threads.
+    """
+    order, points = kind.difference, len(theta) + (1 if kind.modified else 0)
+    largest = int(m[-1])
+    edges = [_FEWEST]
+    widest = points // (2 * (_RATIO + order))  # from here on a window would be more than half the record
+    if widest >= _FEWEST:
+        base, doublings = size_below(widest)
+        edges = [base << k for k in range(doublings % 3, doublings + 1, 3)]
+
+    def whole(low, high, start):
+        calls = _record_sums(_detrended(theta[start:], [0], points - start, kind.modified), order, high - 1, low)
+        return [(low, high, call) for call in calls]
+
+    def windows(low, high, size, starts):
+        base, doublings = size_below(size)
+        return low, high, lambda: _window_sums(_detrended(theta, starts, (_RATIO + order) * size, kind.modified), order, base, doublings, low)
+
+    tasks = whole(edges[-1], largest + 1, 0) if largest >= edges[-1] else []
+    for low, high in zip(edges[-2::-1], edges[:0:-1], strict=True):
+        if np.searchsorted(m, low) == np.searchsorted(m, high):
+            continue
+        step = _RATIO * high
+        starts = np.arange(0, points - order * high - step + 1, step)
+        tasks += [windows(low, high, high, part) for part in np.array_split(starts, -(-len(starts) * step // _CHUNK))]
+        tasks += whole(low, high, len(starts) * step)
+
+    sums, energy = np.zeros(max(largest + 1, edges[-1])), np.zeros(max(largest + 1, edges[-1]))
+    with ThreadPoolExecutor(workers) as pool:
+        for (low, high, _), (part, squares) in zip(tasks, pool.map(lambda task: task[2](), tasks), strict=True):
+            sums[low:high] += part
+            energy[low:high] += squares
+    sums, energy = sums[m], energy[m]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        error = np.where(energy == 0.0, 0.0, _ROUNDING[order] * np.finfo(np.float64).eps * energy / np.maximum(sums, 0.0))
+    error[(m < edges[0]) | (points - order * m < _FEWEST)] = np.inf
+    return sums, error
