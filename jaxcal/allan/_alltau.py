@@ -18,12 +18,15 @@ import scipy.fft
 from ._halfrange import half_range, size_above, size_below
 from ._kinds import Kind
 
-_RATIO = 8  # largest to smallest cluster size of a range that shares its windows; also starting points over the largest
+_STEP = 2  # doublings from the smallest to the largest cluster size of a range that shares its windows
+_RATIO = 4  # starting points of a window over the largest cluster size
 _CHUNK = 1 << 18  # points of the windows taken together
+_ROW = 1024  # points of a running sum that are added one by one
 _FEWEST = 64  # differences; cluster sizes with fewer are summed directly
 _LARGEST_ERROR = 1e-8  # relative, of a sum; cluster sizes where it may be larger are summed directly
 #: rounding error of a sum over machine epsilon times the sum of x^2: a few times the largest measured
 _ROUNDING = {2: 400.0, 3: 1600.0}
+_ROUNDING_OF_SUM = 10.0
 
 # weights of the squared difference at lags 0, m, 2m, 3m, and of the products at the two ends as (weight, a, c) of `half_range`
 _LAGS = {2: (-8.0, 2.0), 3: (-30.0, 12.0, -2.0)}
@@ -31,17 +34,14 @@ _SQUARES = {2: (1.0, 4.0, 1.0), 3: (1.0, 9.0, 9.0, 1.0)}
 _ENDS = {2: ((4.0, 1, 1),), 3: ((18.0, 1, 1), (6.0, 2, 1), (-6.0, 1, 2))}
 
 
-def _detrended(theta, starts, points: int, modified: bool) -> np.ndarray:
-    """Windows of phase without their lines, or of its running sum without their parabolas, (windows, points)."""
-    held = points - 1 if modified else points
-    z = np.lib.stride_tricks.sliding_window_view(theta, held)[starts]
+def _detrended(theta, starts, points: int, kind: Kind) -> np.ndarray:
+    """Windows of phase, or of its running sum, without the polynomials that the difference does not see, (windows, points)."""
+    z = np.lib.stride_tricks.sliding_window_view(theta, points - 1 if kind.modified else points)[starts]
     z -= z[:, :1]  # first, so that the fit keeps its digits
-    _remove_polynomial(z, 1)
-    if modified:
-        total = np.zeros((len(z), points))
-        np.cumsum(z, axis=1, out=total[:, 1:])
-        z = total
-        _remove_polynomial(z, 2)
+    if kind.modified:
+        _remove_polynomial(z, 1)
+        z = _running_sum(z)
+    _remove_polynomial(z, kind.difference - 1)
     return z
 
 
@@ -53,11 +53,16 @@ def _remove_polynomial(z, degree: int) -> None:
         z -= (z @ one / (one @ one))[:, None] * one
 
 
-def _running(z) -> np.ndarray:
-    """Sum of the squares before each point, (windows, points + 1)."""
-    total = np.zeros((z.shape[0], z.shape[1] + 1))
-    np.cumsum(z * z, axis=1, out=total[:, 1:])
-    return total
+def _running_sum(z) -> np.ndarray:
+    """Sum of the values before each point, (windows, points + 1), in two steps: rounding grows with the root of a row's length."""
+    windows, points = z.shape
+    rows = -(-points // _ROW)
+    total = np.zeros((windows, rows * _ROW + 1))
+    inside = total[:, 1:].reshape(windows, rows, _ROW)  # a view
+    total[:, 1 : points + 1] = z
+    np.cumsum(inside, axis=2, out=inside)
+    inside[:, 1:] += np.cumsum(inside[:, :-1, -1], axis=1)[:, :, None]
+    return total[:, : points + 1]
 
 
 def _ends(z, order: int, base: int, doublings: int) -> np.ndarray:
@@ -72,7 +77,7 @@ def _ends(z, order: int, base: int, doublings: int) -> np.ndarray:
 
 
 def _window_sums(z, order: int, base: int, doublings: int, low: int) -> tuple[np.ndarray, float]:
-    """Sums over the first 8 M starting points of every window, for m = low .. M-1, and the sum of squares of the windows."""
+    """Sums over the first _RATIO M starting points of every window, for m = low .. M-1, and the sum of squares of the windows."""
     size = base << doublings
     starts, m = _RATIO * size, np.arange(low, size)
     length = scipy.fft.next_fast_len(z.shape[1], real=True)
@@ -81,7 +86,7 @@ def _window_sums(z, order: int, base: int, doublings: int, low: int) -> tuple[np
     spectrum *= scipy.fft.rfft(z, length)
     products = scipy.fft.irfft(spectrum, length, overwrite_x=True).sum(axis=0)
     total = (_ends(z, order, base, doublings) - _ends(z[:, starts:], order, base, doublings))[:, low:].sum(axis=0)
-    squares = _running(z)
+    squares = _running_sum(z * z)
     inside = (squares[:, starts:] - squares[:, : z.shape[1] + 1 - starts]).sum(axis=0)
     for lag, weight in enumerate(_SQUARES[order]):
         total += weight * inside[lag * m]
@@ -98,7 +103,7 @@ def _record_sums(z, order: int, largest: int, low: int) -> list[Callable[[], tup
         length = scipy.fft.next_fast_len(points + order * largest, real=True)
         spectrum = scipy.fft.rfft(z[0], length)
         products = scipy.fft.irfft(spectrum.real**2 + spectrum.imag**2, length, overwrite_x=True)
-        squares = _running(z)[0]
+        squares = _running_sum(z * z)[0]
         total = np.zeros(len(m))
         for lag, weight in enumerate(_SQUARES[order]):
             total += weight * (squares[points - (order - lag) * m] - squares[lag * m])
@@ -130,15 +135,15 @@ def correlation_sums(theta, m, kind: Kind, workers: int = 1) -> tuple[np.ndarray
     widest = points // (2 * (_RATIO + order))  # from here on a window would be more than half the record
     if widest >= _FEWEST:
         base, doublings = size_below(widest)
-        edges = [base << k for k in range(doublings % 3, doublings + 1, 3)]
+        edges = [base << k for k in range(doublings % _STEP, doublings + 1, _STEP)]
 
     def whole(low, high, start):
-        calls = _record_sums(_detrended(theta[start:], [0], points - start, kind.modified), order, high - 1, low)
+        calls = _record_sums(_detrended(theta[start:], [0], points - start, kind), order, high - 1, low)
         return [(low, high, call) for call in calls]
 
     def windows(low, high, size, starts):
         base, doublings = size_below(size)
-        return low, high, lambda: _window_sums(_detrended(theta, starts, (_RATIO + order) * size, kind.modified), order, base, doublings, low)
+        return low, high, lambda: _window_sums(_detrended(theta, starts, (_RATIO + order) * size, kind), order, base, doublings, low)
 
     tasks = whole(edges[-1], largest + 1, 0) if largest >= edges[-1] else []
     for low, high in zip(edges[-2::-1], edges[:0:-1], strict=True):
@@ -146,7 +151,7 @@ def correlation_sums(theta, m, kind: Kind, workers: int = 1) -> tuple[np.ndarray
             continue
         step = _RATIO * high
         starts = np.arange(0, points - order * high - step + 1, step)
-        tasks += [windows(low, high, high, part) for part in np.array_split(starts, -(-len(starts) * step // _CHUNK))]
+        tasks += [windows(low, high, high, part) for part in np.array_split(starts, min(len(starts), -(-len(starts) * step // _CHUNK)))]
         tasks += whole(low, high, len(starts) * step)
 
     sums, energy = np.zeros(max(largest + 1, edges[-1])), np.zeros(max(largest + 1, edges[-1]))
@@ -154,8 +159,15 @@ def correlation_sums(theta, m, kind: Kind, workers: int = 1) -> tuple[np.ndarray
         for (low, high, _), (part, squares) in zip(tasks, pool.map(lambda task: task[2](), tasks), strict=True):
             sums[low:high] += part
             energy[low:high] += squares
-    sums, energy = sums[m], energy[m]
+    return sums[m], _relative_error(sums[m], energy[m], m, kind, (m < edges[0]) | (points - order * m < _FEWEST))
+
+
+def _relative_error(sums, energy, m, kind: Kind, absent) -> np.ndarray:
+    """Bound on the relative error of sums formed from points whose squares sum to `energy`; infinite where they are absent."""
+    epsilon = np.finfo(np.float64).eps
     with np.errstate(divide="ignore", invalid="ignore"):
-        error = np.where(energy == 0.0, 0.0, _ROUNDING[order] * np.finfo(np.float64).eps * energy / np.maximum(sums, 0.0))
-    error[(m < edges[0]) | (points - order * m < _FEWEST)] = np.inf
-    return sums, error
+        ratio = energy / np.maximum(sums, 0.0)
+        error = _ROUNDING[kind.difference] * epsilon * ratio
+        if kind.modified:  # the running sum gathers rounding errors like a random walk, of which m steps are seen
+            error += _ROUNDING_OF_SUM * epsilon * np.sqrt(m * ratio)
+    return np.where(absent, np.inf, np.where(energy == 0.0, 0.0, error))
