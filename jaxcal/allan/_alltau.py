@@ -23,7 +23,8 @@ _RATIO = 4  # starting points of a window over the largest cluster size
 _CHUNK = 1 << 18  # points of the windows taken together
 _ROW = 1024  # points of a running sum that are added one by one
 _FEWEST = 64  # differences; cluster sizes with fewer are summed directly
-_LARGEST_ERROR = 1e-8  # relative, of a sum; cluster sizes where it may be larger are summed directly
+#: bound on the relative error of a sum beyond which it is formed directly instead
+LARGEST_ERROR = 1e-8
 #: rounding error of a sum over machine epsilon times the sum of x^2: a few times the largest measured
 _ROUNDING = {2: 400.0, 3: 1600.0}
 _ROUNDING_OF_SUM = 10.0

@@ -1,7 +1,6 @@
 """`deviation`: the host driver of the time-domain statistics."""
 
 import functools
-import itertools
 import os
 from concurrent.futures import ThreadPoolExecutor
 
@@ -17,9 +16,11 @@ from .._types import Any
 from ._edf import degrees_of_freedom, interval_factors
 from ._identify import identify
 from ._kinds import Kind, cluster_sizes, find_kind
-from ._phase import BLOCK, integrate, padded_length, running_sum_of_phase
+from ._noise_types import noise_types
+from ._phase import integrate, padded_length, running_sum_of_phase
 from ._result import Deviation
-from ._sums import block_sums, direct_sums
+from ._routes import MANY, record_sums
+from ._sums import direct_sums
 
 _PARALLEL_FROM = 4_000_000  # differences; below, a second thread costs more than it brings
 
@@ -194,7 +195,7 @@ def _aligned(length: int, dtype=np.float64) -> np.ndarray:
 
 
 def _measured(columns, sizes, statistic: Kind, rate: float, data: str, samples: int, alpha):
-    """Sums, counts and noise types of a record at hand, (clusters, channels), by the block kernel on every core."""
+    """Sums, counts and noise types of a record at hand, (clusters, channels), on every core."""
     order = np.argsort(sizes, kind="stable")
     ascending = sizes[order]
     number = statistic.count(samples, ascending)
@@ -202,33 +203,16 @@ def _measured(columns, sizes, statistic: Kind, rate: float, data: str, samples: 
     workers = min(os.cpu_count() or 1, 16) if jax.default_backend() == "cpu" else 1
     if channels * int(number.sum()) < _PARALLEL_FROM:
         workers = 1
-    # the same work for each part: the number of cluster sizes that visit a block falls along the record
-    split = workers if channels == 1 else 1
-    blocks = -(-int(number[0]) // BLOCK)
-    per_block = np.sum(number[None, :] > np.arange(blocks)[:, None] * BLOCK, axis=1) if split > 1 else np.ones(blocks)
-    edges = np.searchsorted(np.cumsum(per_block), np.linspace(0, per_block.sum(), split + 1)[1:-1])
-    edges = [0, *(int(e) for e in edges), blocks]
+    # threads share a record that is alone, or at many cluster sizes; otherwise each takes a channel
+    split = workers if channels == 1 or len(sizes) > MANY else 1
 
     def channel(index):
         with jax.enable_x64(True):  # thread-local
             run = (split, pool.map) if split > 1 else (1, map)
-            parts, theta, marks, missing, rule, less = _prepare(
-                columns[:, index], f"channel {index}" if channels > 1 else "y", statistic, rate, data, samples, run
-            )
-
-            def part(span):
-                with jax.enable_x64(True):
-                    sums = block_sums(
-                        parts, missing, jnp.asarray(ascending), jnp.asarray(number), span[0], span[1], less,
-                        order=statistic.difference, strided=not statistic.overlapped, rule=rule,
-                    )  # fmt: skip
-                    return [np.asarray(s) for s in sums]
-
-            spans = [(jnp.asarray(a), jnp.asarray(b)) for a, b in itertools.pairwise(edges)]
-            found = list(pool.map(part, spans)) if split > 1 else [part(span) for span in spans]
-            total, count = (sum(values) for values in zip(*found, strict=True))
+            prepared = _prepare(columns[:, index], f"channel {index}" if channels > 1 else "y", statistic, rate, data, samples, run)
+            total, count = record_sums(prepared, ascending, number, statistic, *run)
             if alpha is None:
-                return total, count, identify(theta, marks, ascending, statistic, samples, data)
+                return total, count, noise_types(prepared[1], prepared[2], ascending, statistic, samples, data)
             return total, count, np.full(len(ascending), float(alpha))
 
     with ThreadPoolExecutor(workers) as pool:
