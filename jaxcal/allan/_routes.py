@@ -16,7 +16,7 @@ from ._sums import block_sums
 MANY = 512  # cluster sizes; up to here every record takes the block kernel
 _PER_SAMPLE = 1000  # differences per sample from which correlations cost less
 _MOST = 5e11  # differences that the block kernel is asked for: about half an hour on two cores
-_GROUP = 1024  # cluster sizes per pass of the block kernel
+_GROUP, _STEP = 1024, 256  # cluster sizes per pass of the block kernel, and what they are rounded up to
 
 
 def record_sums(prepared, sizes, number, kind: Kind, workers: int, run: Callable) -> tuple[np.ndarray, np.ndarray]:
@@ -41,7 +41,7 @@ def record_sums(prepared, sizes, number, kind: Kind, workers: int, run: Callable
     parts, theta, marks, missing, rule, less = prepared
 
     def direct(chosen):
-        return _by_blocks(parts, missing, sizes[chosen], number[chosen], less, kind, rule, workers, run)
+        return _by_blocks(parts, missing, sizes[chosen], number[chosen], less, kind, rule, workers, run, len(sizes) > MANY)
 
     everything = np.arange(len(sizes))
     if len(sizes) <= MANY:
@@ -56,7 +56,7 @@ def record_sums(prepared, sizes, number, kind: Kind, workers: int, run: Callable
     return total, number.copy()
 
 
-def _by_blocks(parts, missing, sizes, number, less, kind: Kind, rule: str, workers: int, run) -> tuple[np.ndarray, np.ndarray]:
+def _by_blocks(parts, missing, sizes, number, less, kind: Kind, rule: str, workers: int, run, padded) -> tuple[np.ndarray, np.ndarray]:
     """The block kernel, over stretches of equal work in threads, and over at most 1,024 cluster sizes at a time."""
     cost = float(number.sum())
     if cost > _MOST:
@@ -68,8 +68,9 @@ def _by_blocks(parts, missing, sizes, number, less, kind: Kind, rule: str, worke
     found = []
     for first in range(0, len(sizes), _GROUP):
         m, count = sizes[first : first + _GROUP], number[first : first + _GROUP]
-        if len(sizes) > MANY and len(m) < _GROUP:  # one program for every group: what is added has no differences
-            m, count = np.pad(m, (0, _GROUP - len(m)), mode="edge"), np.pad(count, (0, _GROUP - len(count)))
+        if padded:  # one program for many lengths: what is added has no differences
+            extra = -len(m) % _STEP
+            m, count = np.pad(m, (0, extra), mode="edge"), np.pad(count, (0, extra))
         found.append(_group(parts, missing, m, count, less, kind, rule, workers, run))
     total, count = (np.concatenate(values)[: len(sizes)] for values in zip(*found, strict=True))
     return total, count
