@@ -13,7 +13,7 @@ from .._errors import DataError
 from .._precision import host_float64, is_traced
 from .._record import checked_rate, checked_record
 from .._types import Any
-from ._edf import degrees_of_freedom, interval_factors
+from ._edf import TABLE, degrees_of_freedom, interval_factors, tabulated_factors
 from ._identify import identify
 from ._kinds import Kind, cluster_sizes, find_kind
 from ._noise_types import noise_types
@@ -94,7 +94,8 @@ def deviation(y, rate, *, kind="oadev", m: Any = "log", data="rate", confidence=
             lost = int(np.isnan(columns).any(axis=1).sum())
             raise DataError(f"no cluster size has a difference free of gaps: {lost} of {len(y)} samples are missing")
         if not kept.all():
-            lost = ", ".join(f"{size / rate:g}" for size in sizes[~kept])
+            lost = [f"{size / rate:g}" for size in sizes[~kept]]
+            lost = ", ".join(lost) if len(lost) <= 20 else f"{lost[0]} ... {lost[-1]} ({len(lost)} cluster sizes)"
             warnings = (f"no difference free of gaps at tau = {lost} s: left out",)
             total, count, noise, sizes, expected = total[kept], count[kept], noise[kept], sizes[kept], expected[kept]
     else:
@@ -125,19 +126,15 @@ def _uncertainty(noise, share, sizes, statistic: Kind, samples: int, confidence:
     """The edf and interval factors; in a trace, where neither noise type nor gaps are known yet, read from tables."""
     if xp is np:
         edf = np.maximum(degrees_of_freedom(sizes[:, None], noise, statistic, samples) * share, 1.0)
+        if edf.size > TABLE:
+            return edf, *tabulated_factors(edf, float(np.max(edf)), confidence)
         return edf, *interval_factors(edf, confidence)
     types = np.arange(2, -3 if statistic.order == 2 else -5, -1)
     limits = degrees_of_freedom(sizes[:, None], types[None, :], statistic, samples)
     table = jnp.asarray(limits, dtype=share.dtype)
     index = jnp.clip(2 - noise, 0, len(types) - 1).astype(jnp.int32)
     edf = jnp.maximum(jnp.take_along_axis(table, index, axis=1) * share, 1.0)
-    # ln(factor) sqrt(edf) hardly varies: linear between 4,000 points of ln(edf) it is good to 1e-7
-    scale = np.linspace(0.0, np.log(max(float(np.max(limits)), 2.0)), 4000)
-    factors = []
-    for factor in interval_factors(np.exp(scale), confidence):
-        curve = np.log(factor) * np.exp(scale / 2.0)
-        factors.append(jnp.exp(jnp.interp(jnp.log(edf), *(jnp.asarray(v, dtype=edf.dtype) for v in (scale, curve))) / jnp.sqrt(edf)))
-    return edf, *factors
+    return edf, *tabulated_factors(edf, float(np.max(limits)), confidence, jnp)
 
 
 def _traced(columns, sizes, statistic: Kind, rate: float, data: str, samples: int, alpha):

@@ -6,6 +6,7 @@ walk of rate, and for three-sample statistics -3 and -4.
 """
 
 import math
+from types import ModuleType
 
 import numpy as np
 import scipy.special
@@ -14,6 +15,8 @@ from .._types import Float
 from ._kinds import Kind
 
 _JMAX = 100
+#: points of the table of interval factors; more values than that are looked up
+TABLE = 4000
 _NODES = 1024  # arguments up to which a function is evaluated at each
 
 # generalised autocovariance of phase, by alpha: sign * |t|^power * (ln |t| or 1)
@@ -78,15 +81,17 @@ def _basic_sum(j, m, s, f, alpha: int, order: int) -> np.ndarray:
 
 def _at_nodes(function, x) -> np.ndarray:
     """A smooth function at positive values: each where there are few, else linear in ln x between some hundreds of them."""
-    values, back = np.unique(x, return_inverse=True)
+    if len(x) <= _NODES:
+        return function(x)
+    values = np.sort(x)
+    values = values[np.diff(values, prepend=0.0) > 0]  # np.unique takes ten times as long
     if len(values) > _NODES:
         # BasicSum has kinks where one of its terms meets a whole number of clusters: hence the even spacing beside the other
         inner = [spaced(values[0], values[-1], _NODES // 2) for spaced in (np.geomspace, np.linspace)]
         ends = np.arange(_NODES // 8)
         chosen = np.searchsorted(values, np.concatenate(inner)).clip(max=len(values) - 1)
-        nodes = values[np.unique(np.concatenate([ends, chosen, len(values) - 1 - ends]))]
-        return np.interp(np.log(values), np.log(nodes), function(nodes))[back]
-    return function(values)[back]
+        values = values[np.unique(np.concatenate([ends, chosen, len(values) - 1 - ends]))]
+    return np.interp(np.log(x), np.log(values), function(values))
 
 
 def _inverse_edf(m, points: int, alpha: int, kind: Kind) -> np.ndarray:
@@ -170,9 +175,10 @@ def degrees_of_freedom(m, alpha, kind: Kind, samples: int) -> Float[np.ndarray, 
     """
     sizes, types = np.broadcast_arrays(np.asarray(m, dtype=np.int64), np.clip(np.asarray(alpha), -2 if kind.order == 2 else -4, 2))
     inverse = np.empty(sizes.shape)
-    for one in np.unique(types):
+    for one in range(int(np.min(types)), int(np.max(types)) + 1):
         here = types == one
-        inverse[here] = _inverse_edf(sizes[here], samples + 1, int(one), kind)
+        if here.any():
+            inverse[here] = _inverse_edf(sizes[here], samples + 1, one, kind)
     # a variance of a single difference has one degree of freedom; formulas for large arguments can dip below
     return np.maximum(1.0 / inverse, 1.0)
 
@@ -183,3 +189,14 @@ def interval_factors(edf, confidence: float) -> tuple[Float[np.ndarray, "..."], 
     tail = (1.0 - confidence) / 2.0
     low, high = (2.0 * scipy.special.gammaincinv(edf / 2.0, p) for p in (tail, 1.0 - tail))
     return np.sqrt(edf / high), np.sqrt(edf / low)
+
+
+def tabulated_factors(edf, largest: float, confidence: float, xp: ModuleType = np):
+    """The same for many or traced values up to `largest`, from a table: good to 1e-7."""
+    # ln(factor) sqrt(edf) hardly varies: linear between 4,000 points of ln(edf)
+    scale = np.linspace(0.0, np.log(max(largest, 2.0)), TABLE)
+    factors = []
+    for factor in interval_factors(np.exp(scale), confidence):
+        curve = np.log(factor) * np.exp(scale / 2.0)
+        factors.append(xp.exp(xp.interp(xp.log(edf), *(xp.asarray(v, dtype=edf.dtype) for v in (scale, curve))) / xp.sqrt(edf)))
+    return tuple(factors)
