@@ -9,13 +9,13 @@ the polynomial that the difference does not see: its line, or, for the running s
 still do is estimated, and cluster sizes for which it could matter are summed directly.
 """
 
+import functools
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
-import scipy.fft
 
-from ._halfrange import half_range, size_above, size_below
+from ._halfrange import at_lags, fast_length, half_range, products, size_above, size_below
 from ._kinds import Kind
 
 _STEP = 2  # doublings from the smallest to the largest cluster size of a range that shares its windows
@@ -72,9 +72,9 @@ def _ends(z, order: int, base: int, doublings: int) -> np.ndarray:
     reach = 3 * base << doublings
     if z.shape[1] < reach:
         z = np.pad(z, ((0, 0), (0, reach - z.shape[1])))
-    total = 0.0
+    total = np.zeros((len(z), base << doublings))
     for weight, a, c in _ENDS[order]:
-        total = total + weight * half_range(z, a, c, base, doublings)
+        total += weight * half_range(z, a, c, base, doublings)
     return total
 
 
@@ -82,18 +82,15 @@ def _window_sums(z, order: int, base: int, doublings: int, low: int) -> tuple[np
     """Sums over the first _RATIO M starting points of every window, for m = low .. M-1, and the sum of squares of the windows."""
     size = base << doublings
     starts, m = _RATIO * size, np.arange(low, size)
-    length = scipy.fft.next_fast_len(z.shape[1], real=True)
-    spectrum = scipy.fft.rfft(z[:, :starts], length)
-    np.conj(spectrum, out=spectrum)
-    spectrum *= scipy.fft.rfft(z, length)
-    products = scipy.fft.irfft(spectrum, length, overwrite_x=True).sum(axis=0)
+    length = fast_length(z.shape[1])
+    lagged = at_lags(products(z[:, :starts], z, length), length).sum(axis=0)
     total = (_ends(z, order, base, doublings) - _ends(z[:, starts:], order, base, doublings))[:, low:].sum(axis=0)
     squares = _running_sum(z * z)
     inside = (squares[:, starts:] - squares[:, : z.shape[1] + 1 - starts]).sum(axis=0)
     for lag, weight in enumerate(_SQUARES[order]):
         total += weight * inside[lag * m]
     for lag, weight in enumerate(_LAGS[order], start=1):
-        total += weight * products[lag * m]
+        total += weight * lagged[lag * m]
     return total, float(squares[:, -1].sum())
 
 
@@ -102,15 +99,15 @@ def _record_sums(z, order: int, largest: int, low: int) -> list[Callable[[], tup
     points, m = z.shape[1], np.arange(low, largest + 1)
 
     def middle():
-        length = scipy.fft.next_fast_len(points + order * largest, real=True)
-        spectrum = scipy.fft.rfft(z[0], length)
-        products = scipy.fft.irfft(spectrum.real**2 + spectrum.imag**2, length, overwrite_x=True)
+        length = fast_length(points + order * largest)
+        row = z[0]
+        lagged = at_lags(products(row, row, length), length)
         squares = _running_sum(z * z)[0]
         total = np.zeros(len(m))
         for lag, weight in enumerate(_SQUARES[order]):
             total += weight * (squares[points - (order - lag) * m] - squares[lag * m])
         for lag, weight in enumerate(_LAGS[order], start=1):
-            total += weight * products[lag * m]
+            total += weight * lagged[lag * m]
         return total, float(squares[-1])
 
     def end(z):
@@ -139,26 +136,30 @@ def correlation_sums(theta, m, kind: Kind, workers: int = 1) -> tuple[np.ndarray
         base, doublings = size_below(widest)
         edges = [base << k for k in range(doublings % _STEP, doublings + 1, _STEP)]
 
-    def whole(low, high, start):
-        calls = _record_sums(_detrended(theta[start:], [0], points - start, kind), order, high - 1, low)
-        return [(low, high, call) for call in calls]
+    def window(low, size, starts):
+        z = _detrended(theta, starts, (_RATIO + order) * size, kind)
+        return _window_sums(z, order, *size_below(size), low)
 
-    def windows(low, high, size, starts):
-        base, doublings = size_below(size)
-        return low, high, lambda: _window_sums(_detrended(theta, starts, (_RATIO + order) * size, kind), order, base, doublings, low)
+    def tail(low, size, start):
+        calls = _record_sums(_detrended(theta[start:], [0], points - start, kind), order, size - 1, low)
+        parts, squares = zip(*(call() for call in calls), strict=True)
+        return np.sum(parts, axis=0), float(sum(squares))
 
-    tasks = whole(edges[-1], largest + 1, 0) if largest >= edges[-1] else []
+    tasks = []
+    if largest >= edges[-1]:
+        calls = _record_sums(_detrended(theta, [0], points, kind), order, largest, edges[-1])
+        tasks = [(edges[-1], largest + 1, call) for call in calls]
     for low, high in zip(edges[-2::-1], edges[:0:-1], strict=True):
-        if np.searchsorted(m, low) == np.searchsorted(m, high):
-            continue
-        step = _RATIO * high
-        starts = np.arange(0, points - order * high - step + 1, step)
-        tasks += [windows(low, high, high, part) for part in np.array_split(starts, min(len(starts), -(-len(starts) * step // _CHUNK)))]
-        tasks += whole(low, high, len(starts) * step)
+        if np.searchsorted(m, low) < np.searchsorted(m, high):
+            step = _RATIO * high
+            starts = np.arange(0, points - order * high - step + 1, step)
+            tasks.append((low, high, functools.partial(tail, low, high, len(starts) * step)))
+            for part in np.array_split(starts, min(len(starts), -(-len(starts) * step // _CHUNK))):
+                tasks.append((low, high, functools.partial(window, low, high, part)))
 
     sums, energy = np.zeros(max(largest + 1, edges[-1])), np.zeros(max(largest + 1, edges[-1]))
     with ThreadPoolExecutor(workers) as pool:
-        for (low, high, _), (part, squares) in zip(tasks, pool.map(lambda task: task[2](), tasks), strict=True):
+        for (low, high, _), (part, squares) in zip(tasks, pool.map(lambda task: task[-1](), tasks), strict=True):
             sums[low:high] += part
             energy[low:high] += squares
     return sums[m], _relative_error(sums[m], energy[m], m, kind, (m < edges[0]) | (points - order * m < _FEWEST))

@@ -3,6 +3,8 @@
 import numpy as np
 import scipy.fft
 
+from .._types import Any
+
 #: sizes of the triangles that are summed directly; with factors 2, 3 and 5 only, even
 _BASES = (32, 36, 40, 48, 54, 60, 64)
 
@@ -19,6 +21,25 @@ def size_above(limit: int) -> tuple[int, int]:
     while _BASES[-1] << doublings < limit:
         doublings += 1
     return min(b for b in _BASES if b << doublings >= limit), doublings
+
+
+def products(first, second, length: int) -> np.ndarray:
+    """Spectrum of the products of two arrays at every lag, along the last axis, circular over `length`."""
+    spectrum = np.asarray(scipy.fft.rfft(first, length))
+    np.conj(spectrum, out=spectrum)
+    spectrum *= np.conj(spectrum) if second is first else np.asarray(scipy.fft.rfft(second, length))
+    return spectrum
+
+
+def at_lags(spectrum, length: int) -> np.ndarray:
+    """The products of such a spectrum, lag by lag; the spectrum is spoilt."""
+    return np.asarray(scipy.fft.irfft(spectrum, length, overwrite_x=True))
+
+
+def fast_length(least: int) -> int:
+    """Length of `least` or a little more whose real FFT is quick."""
+    length: Any = scipy.fft.next_fast_len(least, real=True)
+    return int(length)
 
 
 def half_range(z: np.ndarray, a: int, c: int, base: int, doublings: int) -> np.ndarray:
@@ -43,14 +64,9 @@ def half_range(z: np.ndarray, a: int, c: int, base: int, doublings: int) -> np.n
         split = (windows, size // (2 * half), -1, c)
         first = near.reshape(split)[:, :, : a * half // c]
         second = far.reshape(split)[:, :, half : half + (a + c) * half // c]
-        length = scipy.fft.next_fast_len((a + c) * half // c, real=True)
-        spectrum = np.zeros((windows, split[1], length // 2 + 1), complex)
-        for phase in range(c):
-            one = scipy.fft.rfft(first[..., phase], length)
-            np.conj(one, out=one)
-            one *= scipy.fft.rfft(second[..., phase], length)
-            spectrum += one
-        out.reshape(windows, split[1], 2 * half)[:, :, half:] += scipy.fft.irfft(spectrum, length, overwrite_x=True)[..., :half]
+        length = fast_length((a + c) * half // c)
+        spectrum = sum(products(first[..., phase], second[..., phase], length) for phase in range(c))
+        out.reshape(windows, split[1], 2 * half)[:, :, half:] += at_lags(spectrum, length)[..., :half]
         half //= 2
     first, second = near.reshape(-1, a * base), far.reshape(-1, (a + c) * base)
     rest = out.reshape(-1, base)

@@ -1,6 +1,7 @@
 """Which route the sums of a record take: block by block, from correlations, or strided."""
 
 import itertools
+import os
 from collections.abc import Callable
 
 import jax
@@ -50,20 +51,24 @@ def record_sums(prepared, sizes, number, kind: Kind, workers: int, run: Callable
         return strided_sums(theta, marks if rule != "none" else None, rule, sizes, number, kind.order)
     if missing is not None or number.sum() <= _PER_SAMPLE * len(theta):
         return direct(everything)
-    total, error = correlation_sums(theta, sizes, kind, workers)
-    again = np.flatnonzero(error > LARGEST_ERROR)
-    total[again], _ = direct(again)
+    total, error = correlation_sums(theta, sizes, kind, min(os.cpu_count() or 1, 16))
+    again = np.flatnonzero(~(error <= LARGEST_ERROR))  # also where it is not a number
+    if len(again):
+        total[again], _ = direct(again)
     return total, number.copy()
 
 
 def _by_blocks(parts, missing, sizes, number, less, kind: Kind, rule: str, workers: int, run, padded) -> tuple[np.ndarray, np.ndarray]:
     """The block kernel, over stretches of equal work in threads, and over at most 1,024 cluster sizes at a time."""
     cost = float(number.sum())
-    if cost > _MOST:
-        why = "gaps leave only" if missing is not None else "rounding leaves only"
+    if padded and cost > _MOST:
+        if missing is None:
+            why, cure = "rounding spoils the quick sums of this record", "remove what dwarfs its noise"
+        else:
+            why, cure = "a record with gaps has no quick sums", "take its longest stretch without gaps"
         raise DataError(
-            f"{kind.name} at {len(sizes)} cluster sizes would take {cost:.1g} differences: {why} the direct sums, which are "
-            f'refused from {_MOST:.0g} on; use m="log", or the longest stretch without gaps'
+            f"{kind.name} at {len(sizes)} cluster sizes would take {cost:.1g} differences, and {_MOST:.0g} are the most: {why}; "
+            f'use m="log", or {cure}'
         )
     found = []
     for first in range(0, len(sizes), _GROUP):
@@ -109,15 +114,15 @@ def strided_sums(theta, marks, rule: str, sizes, number, order: int) -> tuple[np
             points = [b - a for a, b in itertools.pairwise(points)]
         d = points[0]
         if lost is None:
-            return d * d, 1
-        valid = lost[-1] == lost[0] if rule == "span" else sum(lost) == 0
-        return np.where(valid, d * d, 0.0), valid
+            return d * d, np.ones(len(d), dtype=np.int64)
+        valid = lost[-1] == lost[0] if rule == "span" else np.sum(lost, axis=0) == 0
+        return np.where(valid, d * d, 0.0), valid.astype(np.int64)
 
     few = int(np.searchsorted(sizes, int(np.sqrt(len(theta)))))
     for i, (size, terms) in enumerate(zip(sizes[:few].tolist(), number[:few].tolist(), strict=True)):
         held = [slice(j * size, (j + terms - 1) * size + 1, size) for j in range(order + 1)]
         square, valid = squares([theta[s] for s in held], None if marks is None else [marks[s] for s in held])
-        total[i], count[i] = square.sum(), terms if marks is None else valid.sum()
+        total[i], count[i] = square.sum(), valid.sum()
     sizes, number = sizes[few:], number[few:]
     arrays = [theta] if marks is None else [theta, marks]
     windows = [[array[j * sizes] for j in range(order)] for array in arrays]
@@ -125,7 +130,7 @@ def strided_sums(theta, marks, rule: str, sizes, number, order: int) -> tuple[np
         left = int(np.searchsorted(-number, -term, side="left"))
         for array, window in zip(arrays, windows, strict=True):
             window[:] = [w[:left] for w in window] + [array[(term + order) * sizes[:left]]]
-        square, valid = squares(*windows) if marks is not None else squares(windows[0], None)
+        square, valid = squares(windows[0], None if marks is None else windows[1])
         total[few : few + left] += square
         count[few : few + left] += valid
         for window in windows:
