@@ -27,7 +27,7 @@ _FEWEST = 64  # differences; cluster sizes with fewer are summed directly
 LARGEST_ERROR = 1e-8
 #: rounding error of a sum over machine epsilon times the sum of x^2: a few times the largest measured
 _ROUNDING = {2: 400.0, 3: 1600.0}
-_ROUNDING_OF_SUM = 10.0
+_ROUNDING_OF_REMOVAL = 100.0  # over its standard deviation
 
 # weights of the squared difference at lags 0, m, 2m, 3m, and of the products at the two ends as (weight, a, c) of `half_range`
 _LAGS = {2: (-8.0, 2.0), 3: (-30.0, 12.0, -2.0)}
@@ -35,15 +35,20 @@ _SQUARES = {2: (1.0, 4.0, 1.0), 3: (1.0, 9.0, 9.0, 1.0)}
 _ENDS = {2: ((4.0, 1, 1),), 3: ((18.0, 1, 1), (6.0, 2, 1), (-6.0, 1, 2))}
 
 
-def _detrended(theta, starts, points: int, kind: Kind) -> np.ndarray:
-    """Windows of phase, or of its running sum, without the polynomials that the difference does not see, (windows, points)."""
+def _detrended(theta, starts, points: int, kind: Kind) -> tuple[np.ndarray, float]:
+    """Windows of phase, or of its running sum, without the polynomials that the difference does not see, (windows, points).
+
+    With them the sum of the squares that were rounded on the way: those of what the polynomials were still part of.
+    """
     z = np.lib.stride_tricks.sliding_window_view(theta, points - 1 if kind.modified else points)[starts]
     z -= z[:, :1]  # first, so that the fit keeps its digits
+    rounded = float(np.einsum("ij,ij->", z, z))
     if kind.modified:
         _remove_polynomial(z, 1)
         z = _running_sum(z)
+        rounded += float(np.einsum("ij,ij->", z, z))
     _remove_polynomial(z, kind.difference - 1)
-    return z
+    return z, rounded
 
 
 def _remove_polynomial(z, degree: int) -> None:
@@ -94,7 +99,7 @@ def _window_sums(z, order: int, base: int, doublings: int, low: int) -> tuple[np
     return total, float(squares[:, -1].sum())
 
 
-def _record_sums(z, order: int, largest: int, low: int) -> list[Callable[[], tuple[np.ndarray, float]]]:
+def _record_sums(z, rounded: float, order: int, largest: int, low: int) -> list[Callable[[], tuple[np.ndarray, float, float]]]:
     """The same over all starting points of one record, for m = low .. largest: three calls whose results add up."""
     points, m = z.shape[1], np.arange(low, largest + 1)
 
@@ -108,10 +113,10 @@ def _record_sums(z, order: int, largest: int, low: int) -> list[Callable[[], tup
             total += weight * (squares[points - (order - lag) * m] - squares[lag * m])
         for lag, weight in enumerate(_LAGS[order], start=1):
             total += weight * lagged[lag * m]
-        return total, float(squares[-1])
+        return total, float(squares[-1]), rounded
 
     def end(z):
-        return _ends(z, order, *size_above(largest + 1))[0, low : largest + 1], 0.0
+        return _ends(z, order, *size_above(largest + 1))[0, low : largest + 1], 0.0, 0.0
 
     return [middle, lambda: end(z), lambda: end(z[:, ::-1])]
 
@@ -137,18 +142,19 @@ def correlation_sums(theta, m, kind: Kind, workers: int = 1) -> tuple[np.ndarray
         edges = [base << k for k in range(doublings % _STEP, doublings + 1, _STEP)]
 
     def window(low, size, starts):
-        z = _detrended(theta, starts, (_RATIO + order) * size, kind)
-        return _window_sums(z, order, *size_below(size), low)
+        z, rounded = _detrended(theta, starts, (_RATIO + order) * size, kind)
+        return *_window_sums(z, order, *size_below(size), low), rounded
 
     def tail(low, size, start):
-        calls = _record_sums(_detrended(theta[start:], [0], points - start, kind), order, size - 1, low)
-        parts, squares = zip(*(call() for call in calls), strict=True)
-        return np.sum(parts, axis=0), float(sum(squares))
+        calls = _record_sums(*_detrended(theta[start:], [0], points - start, kind), order, size - 1, low)
+        parts, squares, rounded = zip(*(call() for call in calls), strict=True)
+        return np.sum(parts, axis=0), sum(squares), sum(rounded)
 
-    tasks = []
+    tasks: list[tuple[int, int, Callable]] = []
+    energy = np.zeros((2, max(largest + 1, edges[-1])))
+    sums = np.zeros(energy.shape[1])
     if largest >= edges[-1]:
-        calls = _record_sums(_detrended(theta, [0], points, kind), order, largest, edges[-1])
-        tasks = [(edges[-1], largest + 1, call) for call in calls]
+        tasks = [(edges[-1], largest + 1, call) for call in _record_sums(*_detrended(theta, [0], points, kind), order, largest, edges[-1])]
     for low, high in zip(edges[-2::-1], edges[:0:-1], strict=True):
         if np.searchsorted(m, low) < np.searchsorted(m, high):
             step = _RATIO * high
@@ -157,20 +163,25 @@ def correlation_sums(theta, m, kind: Kind, workers: int = 1) -> tuple[np.ndarray
             for part in np.array_split(starts, min(len(starts), -(-len(starts) * step // _CHUNK))):
                 tasks.append((low, high, functools.partial(window, low, high, part)))
 
-    sums, energy = np.zeros(max(largest + 1, edges[-1])), np.zeros(max(largest + 1, edges[-1]))
     with ThreadPoolExecutor(workers) as pool:
-        for (low, high, _), (part, squares) in zip(tasks, pool.map(lambda task: task[-1](), tasks), strict=True):
+        for low, high, (part, squares, rounded) in pool.map(lambda task: (*task[:2], task[2]()), tasks):
             sums[low:high] += part
-            energy[low:high] += squares
-    return sums[m], _relative_error(sums[m], energy[m], m, kind, (m < edges[0]) | (points - order * m < _FEWEST))
+            energy[0, low:high] += squares
+            energy[1, low:high] += rounded
+    absent = (m < edges[0]) | (points - order * m < _FEWEST)
+    return sums[m], _relative_error(sums[m], energy[0, m], energy[1, m], m, points, kind, absent)
 
 
-def _relative_error(sums, energy, m, kind: Kind, absent) -> np.ndarray:
-    """Bound on the relative error of sums formed from points whose squares sum to `energy`; infinite where they are absent."""
+def _relative_error(sums, energy, rounded, m, points: int, kind: Kind, absent) -> np.ndarray:
+    """Bound on the relative error of sums from points whose squares sum to `energy`, to `rounded` before their polynomials left."""
     epsilon = np.finfo(np.float64).eps
+    # What the removal rounds differs from point to point, so that its products with the differences add up like a random walk;
+    # a running sum gathers it likewise, and m steps of that are seen.
+    steps = m if kind.modified else 1
+    positive = np.maximum(sums, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = energy / np.maximum(sums, 0.0)
-        error = _ROUNDING[kind.difference] * epsilon * ratio
-        if kind.modified:  # the running sum gathers rounding errors like a random walk, of which m steps are seen
-            error += _ROUNDING_OF_SUM * epsilon * np.sqrt(m * ratio)
-    return np.where(absent, np.inf, np.where(energy == 0.0, 0.0, error))
+        square = steps * rounded / positive * epsilon**2
+        error = _ROUNDING[kind.difference] * epsilon * energy / positive + _ROUNDING_OF_REMOVAL * (
+            np.sqrt(square * steps / points) + square
+        )
+    return np.where(absent, np.inf, np.where((energy == 0.0) & (rounded == 0.0), 0.0, error))

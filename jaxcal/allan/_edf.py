@@ -193,8 +193,8 @@ def interval_factors(edf, confidence: float) -> tuple[Float[np.ndarray, "..."], 
 
 def tabulated_factors(edf, largest: float, confidence: float, xp: ModuleType = np):
     """The same for many or traced values up to `largest`, from a table: good to 1e-7."""
-    # ln(factor) sqrt(edf) hardly varies: linear between 4,000 points of ln(edf)
-    scale = np.linspace(0.0, np.log(max(largest, 2.0)), TABLE)
+    # ln(factor) sqrt(edf) hardly varies: linear between 4,000 points of ln(edf), closer where edf is small
+    scale = np.linspace(0.0, 1.0, TABLE) ** 2 * np.log(max(largest, 2.0))
     factors = []
     for factor in interval_factors(np.exp(scale), confidence):
         curve = np.log(factor) * np.exp(scale / 2.0)
