@@ -59,7 +59,7 @@ def record(colour, length, seed=0):
 
 @pytest.mark.parametrize(
     ("kind", "colour"),
-    [("oadev", "white"), ("oadev", "flicker"), *((kind, "random walk") for kind in ("oadev", "mdev", "ohdev", "adev", "hdev"))],
+    [("oadev", "white"), ("oadev", "flicker"), *((kind, "random walk") for kind in ("oadev", "mdev", "ohdev", "adev"))],
 )
 def test_a_million_samples(kind, colour):
     y = record(colour, 1_000_000)
@@ -105,7 +105,26 @@ def test_any_length(name, length, seed, walk):
     assert np.all(good | (m < 256) | (kind.count(length, m) < 64))
 
 
-@pytest.mark.parametrize("length", [2, 3, 4, 5, 7, 63, 64, 65, 127, 128, 129, 511, 513, 1537, 3100])
+@pytest.mark.parametrize("length", [2, 3, 4, 5, 7, 63, 64, 65, 127, 128, 129, 511, 513, 1537])
+@pytest.mark.parametrize("name", KINDS)
+def test_both_quick_routes_on_short_records(name, length):
+    kind, theta = find_kind(name), phase(np.random.default_rng(length).standard_normal(length))
+    m = np.arange(1, kind.largest(length) + 1)
+    if not len(m):
+        return
+    exact, number = sums(theta, m, kind), kind.count(length, m)
+    if kind.overlapped:
+        found, error = correlation_sums(theta, m, kind)
+        assert np.all(np.isfinite(error) == ((m >= 64) & (number >= 64))) or length > 500
+        good = error < LARGEST_ERROR
+        np.testing.assert_allclose(found[good], exact[good], rtol=1e-10)
+    else:
+        found, count = _routes.strided_sums(theta, None, "none", m, number, kind.order)
+        np.testing.assert_allclose(found, exact, rtol=1e-9, atol=1e-25)
+        np.testing.assert_array_equal(count, number)
+
+
+@pytest.mark.parametrize("length", [2, 3, 5, 3100])
 @pytest.mark.parametrize("kind", KINDS)
 def test_short_records(kind, length):
     y = np.random.default_rng(length).standard_normal(length)
@@ -113,8 +132,6 @@ def test_short_records(kind, length):
         with pytest.raises(DataError, match="needs at least"):
             deviation(y, 1.0, kind=kind, m="all")
         return
-    if length not in (2, 3, 7, 64, 129, 3100) and kind in ("tdev", "hdev", "adev"):
-        return  # each length is a program to compile: the rest adds nothing
     found = deviation(y, 1.0, kind=kind, m="all")
     np.testing.assert_allclose(found.deviation, truth(y, found.m, kind), rtol=1e-9, atol=1e-13)
     np.testing.assert_array_equal(found.count, find_kind(kind).count(length, found.m))
@@ -141,7 +158,7 @@ def test_sizes_bracket_what_is_asked():
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_constant_record_has_no_deviation(kind):
-    found = deviation(np.full(20_000, 9.81), 1.0, kind=kind, m="all")
+    found = deviation(np.full(10_000, 9.81), 1.0, kind=kind, m="all")
     assert np.all(found.deviation == 0.0)
 
 
@@ -156,7 +173,7 @@ HARD = {
 @pytest.mark.parametrize("name", OVERLAPPED)
 @pytest.mark.parametrize("case", HARD)
 def test_what_rounding_would_spoil_is_summed_directly(name, case):
-    length = 12_000
+    length = 7000
     y = HARD[case](length, np.random.default_rng(0).standard_normal(length))
     kind, theta = find_kind(name), phase(y)
     m = np.arange(1, kind.largest(length) + 1)
@@ -202,14 +219,13 @@ def test_phase_channels_and_lists(kind):
     )
 
 
-@pytest.mark.parametrize("data", ["rate", "phase"])
-@pytest.mark.parametrize("kind", ["adev", "hdev", "oadev"])
+@pytest.mark.parametrize(("kind", "data"), [("adev", "rate"), ("adev", "phase"), ("hdev", "rate"), ("oadev", "rate")])
 def test_gaps(kind, data):
-    y = np.random.default_rng(2).standard_normal(2600)
+    y = np.random.default_rng(2).standard_normal(1800)
     y = np.cumsum(y) if data == "phase" else y
-    y[[5, 700, 701, 1900]] = np.nan
+    y[[5, 700, 701, 1500]] = np.nan
     found = deviation(y, 1.0, kind=kind, m="all", data=data)
-    for part in np.array_split(found.m, 3):
+    for part in np.array_split(found.m, 2):
         alone, here = deviation(y, 1.0, kind=kind, m=part, data=data), np.isin(found.m, part)
         np.testing.assert_array_equal(alone.m, part)
         np.testing.assert_array_equal(alone.count, found.count[here])
