@@ -36,11 +36,11 @@ def deviation(y, rate, *, kind="oadev", m: Any = "log", data="rate", confidence=
     over all M starting points k (oadev) or every m-th (adev); hdev and ohdev use third differences and 6 m^2; mdev averages
     the phase over m points first; tdev is mdev times tau/sqrt(3). Every cluster size is exact.
 
-    Hundreds of cluster sizes or all of them (``m="all"``) cost O(n log^2 n) in a record without gaps: FFT correlations replace the
-    direct sums, to a relative error below 1e-8, and cluster sizes where rounding could exceed that are summed directly. With gaps
-    adev and hdev are as quick, but the overlapped statistics need the direct sums, n^2/4 differences for all of oadev: minutes at
-    10^6 samples. From 5e11 differences on they are refused. The noise type is then identified at 512 cluster sizes, and held from
-    each to the next; the degrees of freedom agree with the formula to 1e-3.
+    More than 512 cluster sizes, or all (``m="all"``), cost O(n log^2 n) in a record without gaps: FFT correlations replace the direct
+    sums, to a relative error of the variance below 1e-8, and cluster sizes where rounding could exceed that are summed directly.
+    With gaps adev and hdev are as quick, but the overlapped statistics need the direct sums: n^2/4 differences for all of oadev,
+    minutes at 10^6 samples. From 5e11 differences on they are refused. The noise type is then identified at 512 cluster sizes and
+    held from each to the next, and the degrees of freedom agree with their formula to 1e-3.
 
     Parameters
     ----------
