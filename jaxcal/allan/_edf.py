@@ -5,8 +5,8 @@ the "combined" algorithm. alpha is the noise type: 2 white phase, 1 flicker phas
 walk of rate, and for three-sample statistics -3 and -4.
 """
 
-import functools
 import math
+from types import ModuleType
 
 import numpy as np
 import scipy.special
@@ -15,6 +15,9 @@ from .._types import Float
 from ._kinds import Kind
 
 _JMAX = 100
+#: points of the table of interval factors; more values than that are looked up
+TABLE = 4000
+_NODES = 1024  # arguments up to which a function is evaluated at each
 
 # generalised autocovariance of phase, by alpha: sign * |t|^power * (ln |t| or 1)
 _WALK = {2: (-1, 1, 0), 1: (1, 2, 1), 0: (1, 3, 0), -1: (-1, 4, 1), -2: (-1, 5, 0), -3: (1, 6, 1), -4: (1, 7, 0)}
@@ -46,13 +49,20 @@ def _sw(t, alpha: int):
     return sign * t**power * np.log(np.where(t > 0, t, 1.0))  # zero at t = 0
 
 
-def _sx(t, f: float, alpha: int):
-    if math.isinf(f):
+def _sx(t, f, alpha: int):
+    if np.ndim(f) == 0 and math.isinf(f):
         return _sw(t, alpha + 2)
-    return f**2 * (2 * _sw(t, alpha) - _sw(t - 1 / f, alpha) - _sw(t + 1 / f, alpha))
+    whole = f**2 * (2 * _sw(t, alpha) - _sw(t - 1 / f, alpha) - _sw(t + 1 / f, alpha))
+    if alpha != 1:  # the others take this road at small f only
+        return whole
+    # the second difference of t^2 ln |t| at spacing 1/f cancels; its series does not
+    reach = np.abs(t) * f
+    far = reach > 300.0
+    reach = np.where(far, reach, 300.0)
+    return np.where(far, 1 / (6 * reach**2) - 2 * np.log(reach / f) - 3, whole)
 
 
-def _sz(t, f: float, alpha: int, order: int):
+def _sz(t, f, alpha: int, order: int):
     weights = _TWICE[order]
     total = weights[0] * _sx(t, f, alpha)
     for shift, weight in enumerate(weights[1:], start=1):
@@ -60,47 +70,88 @@ def _sz(t, f: float, alpha: int, order: int):
     return total
 
 
-def _basic_sum(j: int, m: float | int, s: float, f: float, alpha: int, order: int) -> float:
-    inner = np.arange(1, j)
-    total = _sz(np.zeros(()), f, alpha, order) ** 2 + (1 - j / m) * _sz(np.float64(j / s), f, alpha, order) ** 2
-    return float(total + 2 * np.sum((1 - inner / m) * _sz(inner / s, f, alpha, order) ** 2))
+def _basic_sum(j, m, s, f, alpha: int, order: int) -> np.ndarray:
+    """BasicSum of the paper for arrays of arguments, (clusters,); f may be the scalar infinity."""
+    i = np.arange(1, int(np.max(j)))
+    total = _sz(np.zeros_like(s), f, alpha, order) ** 2 + (1 - j / m) * _sz(j / s, f, alpha, order) ** 2
+    column = f if np.ndim(f) == 0 else f[:, None]
+    terms = np.where(i < j[:, None], (1 - i / m[:, None]) * _sz(i / s[:, None], column, alpha, order) ** 2, 0.0)
+    return total + 2 * np.sum(terms, axis=1)
 
 
-@functools.lru_cache(maxsize=65536)
-def _inverse_edf(m: int, points: int, alpha: int, order: int, modified: bool, overlapped: bool) -> float:
-    """1/edf of one cluster size; `points` phase points."""
-    f = 1.0 if modified else float(m)
-    s = float(m) if overlapped else 1.0
-    reach = m / f + m * order
-    total = 1 + math.floor(s * (points - reach) / m)
-    j = int(min(total, (order + 1) * s))
+def _at_nodes(function, x) -> np.ndarray:
+    """A smooth function at positive values: each where there are few, else linear in ln x between some hundreds of them."""
+    if len(x) <= _NODES:
+        return function(x)
+    values = np.sort(x)
+    values = values[np.diff(values, prepend=0.0) > 0]  # np.unique takes ten times as long
+    if len(values) > _NODES:
+        # BasicSum has kinks where one of its terms meets a whole number of clusters: hence the even spacing beside the other
+        inner = [spaced(values[0], values[-1], _NODES // 2) for spaced in (np.geomspace, np.linspace)]
+        ends = np.arange(_NODES // 8)
+        chosen = np.searchsorted(values, np.concatenate(inner)).clip(max=len(values) - 1)
+        values = values[np.unique(np.concatenate([ends, chosen, len(values) - 1 - ends]))]
+    return np.interp(np.log(x), np.log(values), function(values))
+
+
+def _inverse_edf(m, points: int, alpha: int, kind: Kind) -> np.ndarray:
+    """1/edf at cluster sizes m, (clusters,), of one noise type; `points` phase points."""
+    order, modified = kind.order, kind.modified
+    size = m.astype(np.float64)
+    s = size if kind.overlapped else np.ones_like(size)
+    reach = (m if modified else 1) + m * order
+    total = 1 + np.floor(s * (points - reach) / m)
     r = total / s
-    wide = j > _JMAX
+    a0, a1 = (_TABLE_1 if modified else _TABLE_2)[order][alpha]
     if alpha == 2 and not modified:
-        k = math.ceil(r)
-        if k <= order:
-            centre = math.comb(2 * order, order)
-            pairs = sum((1 - i / r) * math.comb(2 * order, order - i) ** 2 for i in range(1, k))
-            return (1 + 2 * pairs / centre**2) / total
-        a0, a1 = _TABLE_2[order][2]
-        return (a0 - a1 / r) / total
-    if modified:
-        zero, table, wide_f = _sz(np.zeros(()), 1.0, alpha, order) ** 2, _TABLE_1, 1.0
-    elif alpha == 1:
+        centre = math.comb(2 * order, order)
+        pairs = sum(np.maximum(1 - i / r, 0.0) * math.comb(2 * order, order - i) ** 2 for i in range(1, order))
+        return np.where(r <= order, 1 + 2 * pairs / centre**2, a0 - a1 / r) / total
+    f = np.ones_like(size) if modified else size
+    j = np.minimum(total, (order + 1) * s)
+    scale = np.ones_like(size)
+    if not modified and alpha == 1:
         b0, b1 = _TABLE_3[order]
-        zero = (b0 + b1 * math.log(m)) ** 2 if wide else _sz(np.zeros(()), f, alpha, order) ** 2
-        table, wide_f = _TABLE_2, None
-    else:
-        if not wide:
-            f = f if m * (order + 1) <= _JMAX else math.inf
-        zero, table, wide_f = _sz(np.zeros(()), math.inf if wide else f, alpha, order) ** 2, _TABLE_2, math.inf
-    if not wide:
-        return _basic_sum(j, total, s, f, alpha, order) / float(total * zero)
-    if r >= order + 1:
-        a0, a1 = table[order][alpha]
-        return (a0 - a1 / r) / r / (float(zero) if alpha == 1 and not modified else 1.0)
-    step = _JMAX / r
-    return _basic_sum(_JMAX, _JMAX, step, step if wide_f is None else wide_f, alpha, order) / (_JMAX * float(zero))
+        scale = (b0 + b1 * np.log(size)) ** 2
+    out = (a0 - a1 / r) / r / scale  # long records
+    limited = (j > _JMAX) & (r < order + 1)
+    if limited.any():
+        wide_f = 1.0 if modified else math.inf
+
+        def wide(r):
+            most, step = np.full_like(r, _JMAX), _JMAX / r
+            return _basic_sum(most, most, step, step if scale_known else wide_f, alpha, order) / _JMAX
+
+        scale_known = not modified and alpha == 1
+        zero = scale[limited] if scale_known else _sz(np.zeros(()), wide_f, alpha, order) ** 2
+        out[limited] = _at_nodes(wide, r[limited]) / zero
+    short = j <= _JMAX
+    continuous = short & (size * (order + 1) > _JMAX) if not modified and alpha <= 0 else np.zeros_like(short)
+    for chosen, infinite in ((short & ~continuous, False), (continuous, True)):
+        if chosen.any():
+            part = (total[chosen], j[chosen], s[chosen], math.inf if infinite else f[chosen])
+            out[chosen] = (_short if kind.overlapped else _short_strided)(*part, alpha, order)
+    return out
+
+
+def _short(total, j, s, f, alpha: int, order: int) -> np.ndarray:
+    """1/edf where all terms of BasicSum are added."""
+    return _basic_sum(j, total, s, f, alpha, order) / (total * _sz(np.zeros_like(s), f, alpha, order) ** 2)
+
+
+def _short_strided(total, j, s, f, alpha: int, order: int) -> np.ndarray:
+    """The same at s = 1, where the few s_z needed depend on f alone."""
+
+    def one(t):
+        if np.ndim(f) == 0:
+            return _sz(np.float64(t), f, alpha, order) ** 2
+        return _at_nodes(lambda f: _sz(np.full_like(f, t), f, alpha, order) ** 2, f)
+
+    squares = [one(float(t)) for t in range(order + 2)]
+    out = squares[0] * np.ones_like(total)
+    for i in range(1, order + 2):
+        out += np.where(i < j, 2.0, np.where(i == j, 1.0, 0.0)) * (1 - i / total) * squares[i]
+    return out / (total * squares[0])
 
 
 def degrees_of_freedom(m, alpha, kind: Kind, samples: int) -> Float[np.ndarray, "..."]:
@@ -123,12 +174,13 @@ def degrees_of_freedom(m, alpha, kind: Kind, samples: int) -> Float[np.ndarray, 
     [553.7, 88.5, 9.8]
     """
     sizes, types = np.broadcast_arrays(np.asarray(m, dtype=np.int64), np.clip(np.asarray(alpha), -2 if kind.order == 2 else -4, 2))
-    inverse = [
-        _inverse_edf(int(size), samples + 1, int(kind_of_noise), kind.order, kind.modified, kind.overlapped)
-        for size, kind_of_noise in zip(sizes.ravel(), types.ravel(), strict=True)
-    ]
+    inverse = np.empty(sizes.shape)
+    for one in range(int(np.min(types)), int(np.max(types)) + 1):
+        here = types == one
+        if here.any():
+            inverse[here] = _inverse_edf(sizes[here], samples + 1, one, kind)
     # a variance of a single difference has one degree of freedom; formulas for large arguments can dip below
-    return np.maximum(1.0 / np.array(inverse), 1.0).reshape(sizes.shape)
+    return np.maximum(1.0 / inverse, 1.0)
 
 
 def interval_factors(edf, confidence: float) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
@@ -137,3 +189,14 @@ def interval_factors(edf, confidence: float) -> tuple[Float[np.ndarray, "..."], 
     tail = (1.0 - confidence) / 2.0
     low, high = (2.0 * scipy.special.gammaincinv(edf / 2.0, p) for p in (tail, 1.0 - tail))
     return np.sqrt(edf / high), np.sqrt(edf / low)
+
+
+def tabulated_factors(edf, largest: float, confidence: float, xp: ModuleType = np):
+    """The same for many or traced values up to `largest`, from a table: good to 1e-7."""
+    # ln(factor) sqrt(edf) hardly varies: linear between 4,000 points of ln(edf), closer where edf is small
+    scale = np.linspace(0.0, 1.0, TABLE) ** 2 * np.log(max(largest, 2.0))
+    factors = []
+    for factor in interval_factors(np.exp(scale), confidence):
+        curve = np.log(factor) * np.exp(scale / 2.0)
+        factors.append(xp.exp(xp.interp(xp.log(edf), *(xp.asarray(v, dtype=edf.dtype) for v in (scale, curve))) / xp.sqrt(edf)))
+    return tuple(factors)

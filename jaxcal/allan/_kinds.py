@@ -95,7 +95,7 @@ def cluster_sizes(m, kind: Kind, samples: int) -> Int[np.ndarray, " clusters"]:
         elif m == "decade":
             sizes = (10 ** np.arange(int(np.log10(largest)) + 1)[:, None] * np.array([1, 2, 4])).ravel()
         elif m == "all":
-            sizes = np.arange(1, largest + 1)
+            return np.arange(1, largest + 1)
         else:
             raise DataError(f'unknown grid of cluster sizes {m!r}; expected "log", "octave", "decade", "all" or integers')
         return np.unique(sizes[sizes <= largest]).astype(np.int64)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jaxcal.allan import deviation
-from jaxcal.allan._edf import degrees_of_freedom, interval_factors
+from jaxcal.allan._edf import degrees_of_freedom, interval_factors, tabulated_factors
 from jaxcal.allan._kinds import find_kind
 from jaxcal.allan._ratios import _b1, modified_over_plain, thinned_sums
 from jaxcal.noise import Noise
@@ -76,7 +76,7 @@ def test_b1_of_simulated_averages_has_its_expectation():
         np.testing.assert_allclose(ratio, _b1(np.float64(averages), mu, np), rtol=0.06)
 
 
-def testmodified_over_plain_of_white_phase_is_one_over_n():
+def test_modified_over_plain_of_white_phase_is_one_over_n():
     y = np.stack([Noise(Q=1.0).simulate(4000, 1.0, seed=s) for s in range(50)])
     theta = np.concatenate([np.zeros((50, 1)), np.cumsum(y, axis=1)], axis=1)
     found = [modified_over_plain(*thinned_sums(t, None, "rate", np), 100, np)[0] for t in theta]
@@ -91,3 +91,36 @@ def test_intervals_hold_where_few_averages_are_left(noise):
     truth = np.sqrt(noise.avar(m * 1.0, dt=1.0))[:, None]
     coverage = np.mean((found.lower <= truth) & (truth <= found.upper), axis=1)
     assert coverage[6:].min() > 0.95 - 3.0 * np.sqrt(0.95 * 0.05 / runs)
+
+
+@pytest.mark.parametrize("samples", [3000, 1_000_000])
+@pytest.mark.parametrize("kind", ["adev", "oadev", "mdev", "hdev", "ohdev"])
+def test_edf_of_many_cluster_sizes_agrees_with_the_formula_at_each(kind, samples):
+    """Many are interpolated where the formula needs a sum for each; a few at a time are evaluated as published."""
+    statistic = find_kind(kind)
+    m = np.arange(1, statistic.largest(samples) + 1)
+    chosen = np.unique(np.concatenate([np.arange(60), len(m) - 1 - np.arange(150), np.linspace(0, len(m) - 1, 400).astype(int)]))
+    for alpha in range(2, -3 if statistic.order == 2 else -5, -1):
+        many = degrees_of_freedom(m, alpha, statistic, samples)
+        exact = degrees_of_freedom(m[chosen], alpha, statistic, samples)
+        np.testing.assert_allclose(many[chosen], exact, rtol=1e-3, err_msg=f"{alpha}")
+        assert np.all(many >= 1.0)
+
+
+def test_flicker_phase_keeps_its_digits_at_large_cluster_sizes():
+    """s_x is a second difference at spacing 1/m: at m = 10^6 the plain form has 4 digits; extended precision has 8."""
+    from jaxcal.allan._edf import _sx
+
+    f, t = np.longdouble(1e6), np.array([1.0, 2.0, 0.5], dtype=np.longdouble)
+
+    def sw(t):
+        return t**2 * np.log(np.abs(t))
+
+    exact = f**2 * (2 * sw(t) - sw(t - 1 / f) - sw(t + 1 / f))
+    np.testing.assert_allclose(_sx(t.astype(float), 1e6, 1), exact.astype(float), rtol=1e-6)
+
+
+def test_tabulated_factors_are_those_of_the_quantiles():
+    edf = np.geomspace(1.0, 1e6, 5001)
+    for quick, exact in zip(tabulated_factors(edf, 1e6, 0.9), interval_factors(edf, 0.9), strict=True):
+        np.testing.assert_allclose(quick, exact, rtol=1e-6)
