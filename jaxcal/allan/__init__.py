@@ -1,4 +1,5 @@
 """Time-domain statistics of a record."""
 
+from ._accumulator import Accumulator as Accumulator
 from ._deviation import deviation as deviation
 from ._result import Deviation as Deviation
