@@ -41,7 +41,7 @@ class Accumulator(eqx.Module):
     walk of the rate (by less than 1 % where the record is hardly longer than one difference). White noise of phase would lose
     more, by up to s; it has no weight at such cluster sizes. adev and hdev are exact everywhere.
 
-    **Digits.** The phase is kept relative to the mean of the latest 262,144 samples, of which no difference knows: neither the length
+    **Digits.** The phase is kept relative to the mean of the latest 1,048,576 samples, of which no difference knows: neither the length
     of the stream nor a wandering mean costs digits. Chunks may be float32; they are summed in float64.
 
     **Noise type.** The lag-1 autocorrelation of the first 8,192 averages at each cluster size. `deviation` takes those in the middle of

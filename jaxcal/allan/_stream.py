@@ -20,10 +20,10 @@ from .._types import AnyArray
 from ._kinds import Kind
 from ._phase import BLOCK, running_sum_of_phase
 from ._sums import block_sums
-from ._tracks import NEVER, Piece, Tracks, extended, joined, new_tracks
+from ._tracks import NEVER, Piece, Tracks, at_the_beginning, extended, joined, new_tracks
 
 #: samples that are taken in at a time
-PIECE = 1 << 18
+PIECE = 1 << 20
 #: points per cluster size between starting points, at least, where not all are taken
 PER_CLUSTER = 128
 #: averages kept for the noise type, at each cluster size
@@ -129,11 +129,10 @@ def lengthened(plan: Plan, old: Stretch, samples: np.ndarray, run: Callable, par
     tilt, drift = old.level - level, level - first_level
     lost_before = old.samples - old.present
     here = np.array([p[-1] for p in phase])
-    squares, count, new = old.squares, old.count, {}
+    squares, count, sums, new = old.squares.copy(), old.count.copy(), (), {}
     if plan.dense:
         buffers = list(run(lambda c: _laid_out(plan, old, c, phase[c], lost[c], tilt[c]), range(channels)))
-        total, valid = _dense_sums(plan, buffers, old.samples, width, run, parts)
-        squares, count = squares + total, count + valid
+        sums = _dense_sums(plan, buffers, old.samples, width, run, parts)
         kept = min(plan.reach, old.samples + width + 1)
         new["tail"] = tuple(b[0][:kept].copy() for b in buffers)
         new["tail_lost"] = tuple(None if b[1] is None or not b[1][:kept].any() else b[1][:kept].copy() for b in buffers)
@@ -144,10 +143,15 @@ def lengthened(plan: Plan, old: Stretch, samples: np.ndarray, run: Callable, par
             new["head"] = tuple(
                 np.concatenate([old.head[c], phase[c][1 : need + 1] + ends[c] + slopes[c]]) for c in range(channels)
             )  # fmt: skip
-            new["head_lost"] = tuple(_more_lost(old.head_lost[c], lost[c], len(old.head[c]), need, width, int(lost_before[c])) for c in range(channels))
+            new["head_lost"] = tuple(
+                _more_lost(old.head_lost[c], lost[c], len(old.head[c]), need, width, int(lost_before[c])) for c in range(channels)
+            )
     piece = Piece(now=old.origin + old.samples, phase=phase, lost=lost, lost_before=lost_before)
     tracks = extended(old.tracks, piece, tilt, (old.net - old.here, drift))
     marks, mark_due = _more_marks(plan, old, Piece(now=old.samples, phase=phase, lost=lost, lost_before=lost_before), drift)
+    for c, total, valid in sums:
+        squares[:, c] += total[: plan.dense]
+        count[:, c] += valid[: plan.dense]
     return Stretch(
         start=old.start, samples=old.samples + width, present=old.present + width - gone, first_level=first_level, level=level, here=here,
         net=old.net + (here - old.here) + drift * width, squares=squares, count=count, tracks=tracks, marks=marks, mark_due=mark_due,
@@ -196,7 +200,7 @@ def _laid_out(plan: Plan, old: Stretch, c: int, phase, lost, tilt: float):
 
 
 def _dense_sums(plan: Plan, buffers, before: int, width: int, run: Callable, parts: int):
-    """Sums and counts over the differences that end in the piece, (dense, channels)."""
+    """Channel, sums and counts over the differences that end in the piece; a pool's threads begin at once."""
     kind, m = plan.kind, plan.m[: plan.dense]
     filled = -(-plan.dense // _BUCKET) * _BUCKET - plan.dense
     number = np.clip(kind.count(before + width, m), 0, width)
@@ -216,11 +220,7 @@ def _dense_sums(plan: Plan, buffers, before: int, width: int, run: Callable, par
             )  # fmt: skip
             return c, *(np.asarray(s) for s in sums)
 
-    total, valid = np.zeros((plan.dense, len(buffers))), np.zeros((plan.dense, len(buffers)), np.int64)
-    for c, squares, count in run(one, tasks):
-        total[:, c] += squares[: plan.dense]
-        valid[:, c] += count[: plan.dense]
-    return total, valid
+    return run(one, tasks)
 
 
 def _aligned(length: int) -> np.ndarray:
@@ -264,6 +264,9 @@ def side_by_side(plan: Plan, a: Stretch, b: Stretch) -> Stretch:
     kind, channels = plan.kind, len(a.level)
     border = a.origin + a.samples
     shift = border - b.origin  # zero where the second stretch knows its place
+    start, first_tracks = a.start, a.tracks
+    if start is None and b.start is not None:  # the place of the second says that the first begins the record
+        start, first_tracks = 0, at_the_beginning(a.tracks)
     lost = a.samples - a.present
     squares, count = a.squares + b.squares, a.count + b.count
     rise = a.level - b.first_level
@@ -310,9 +313,9 @@ def side_by_side(plan: Plan, a: Stretch, b: Stretch) -> Stretch:
         marks.append(np.concatenate([mine, more])[: AVERAGES + 1])
         due.append(NEVER if len(marks[-1]) > AVERAGES else a.samples + int(b.mark_due[i]))
     return Stretch(
-        start=a.start, samples=a.samples + b.samples, present=a.present + b.present, first_level=a.first_level, level=b.level, here=b.here,
+        start=start, samples=a.samples + b.samples, present=a.present + b.present, first_level=a.first_level, level=b.level, here=b.here,
         net=a.net + b.net + (b.first_level - a.first_level) * b.samples, squares=squares, count=count,
-        tracks=joined(a.tracks, b.tracks, border, shift, frames, lost), marks=tuple(marks), mark_due=np.array(due, np.int64),
+        tracks=joined(first_tracks, b.tracks, border, shift, frames, lost), marks=tuple(marks), mark_due=np.array(due, np.int64),
         **({name: getattr(a, name) for name in ("head", "tail", "head_lost", "tail_lost")} | new),
     )  # fmt: skip
 

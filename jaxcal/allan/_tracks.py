@@ -5,6 +5,7 @@ difference is formed, and its points dropped, when the point on the last track h
 track, however large m is.
 """
 
+import dataclasses
 import itertools
 from collections.abc import Sequence
 
@@ -46,8 +47,12 @@ class Tracks(eqx.Module):
     seen: AnyArray
 
 
-class Piece(eqx.Module):
-    """Phase at the positions now .. now + w of each channel, in one frame, and the number of missing samples before each point."""
+@dataclasses.dataclass(frozen=True, slots=True)
+class Piece:
+    """Phase at the positions now .. now + w of each channel, in one frame, and the number of missing samples before each point.
+
+    Not an Equinox module: it lives for one call, and is asked thousands of times.
+    """
 
     now: int
     phase: Sequence[np.ndarray]
@@ -91,6 +96,13 @@ def new_tracks(m: np.ndarray, stride: np.ndarray, order: int, channels: int, sta
     )  # fmt: skip
 
 
+def at_the_beginning(tracks: Tracks) -> Tracks:
+    """The tracks of a stretch that turns out to begin at the record's first sample: no difference starts before it."""
+    none = tuple(tuple(rows[:0] for rows in row) for row in tracks.lead)
+    due = tracks.due + tracks.ahead * tracks.stride[:, None]
+    return eqx.tree_at(lambda t: (t.due, t.ahead, t.lead), tracks, (due, np.zeros_like(tracks.ahead), none))
+
+
 def extended(tracks: Tracks, piece: Piece, tilt: np.ndarray, to_first: tuple[np.ndarray, np.ndarray]) -> Tracks:
     """The tracks after another piece.
 
@@ -99,14 +111,14 @@ def extended(tracks: Tracks, piece: Piece, tilt: np.ndarray, to_first: tuple[np.
     tilt : (channels,) slope that carries points held, counted from piece.now, into the frame of the piece.
     to_first : offset and slope that carry the piece into the frame in which `lead` is kept.
     """
-    channels, last = len(piece.phase), len(piece.phase[0]) - 1
+    channels, last, order = len(piece.phase), len(piece.phase[0]) - 1, tracks.order
     held = list(_tilted(tracks.held, piece.now, tilt))
     lead, due, ahead = list(tracks.lead), tracks.due.copy(), tracks.ahead.copy()
     squares, count, seen = tracks.squares.copy(), tracks.count.copy(), tracks.seen.copy()
     for b in np.flatnonzero((due <= piece.now + last).any(axis=1)):
         stride, first, number = int(tracks.stride[b]), [], []
         leading, rest = list(lead[b]), []
-        for j in range(tracks.order + 1):
+        for j in range(order + 1):
             begin = int(due[b, j]) - piece.now
             come = max((last - begin) // stride + 1, 0)
             due[b, j] += come * stride
@@ -122,8 +134,7 @@ def extended(tracks: Tracks, piece: Piece, tilt: np.ndarray, to_first: tuple[np.
         complete = number[-1]  # the last track holds nothing: its points complete a difference at once
         for c in range(channels if complete else 0):
             points = [
-                np.concatenate([held[b][j][:, 1 + c], piece.phase[c][first[j] :: stride][: number[j]]])[:complete]
-                for j in range(tracks.order + 1)
+                np.concatenate([held[b][j][:, 1 + c], piece.phase[c][first[j] :: stride][: number[j]]])[:complete] for j in range(order + 1)
             ]
             ends = None
             if piece.lost[c] is not None or piece.lost_before[c]:
@@ -133,7 +144,7 @@ def extended(tracks: Tracks, piece: Piece, tilt: np.ndarray, to_first: tuple[np.
             squares[b, c] += total
             count[b, c] += valid
         seen[b] += complete
-        for j in range(tracks.order + 1):
+        for j in range(order + 1):
             passed = max(complete - len(held[b][j]), 0)
             fresh = piece.rows(first[j] + passed * stride, number[j] - passed, stride)
             rest.append(np.concatenate([held[b][j][complete:], fresh]))
