@@ -2,4 +2,5 @@
 
 from ._accumulator import Accumulator as Accumulator
 from ._deviation import deviation as deviation
+from ._dynamic import DynamicDeviation as DynamicDeviation, dynamic as dynamic
 from ._result import Deviation as Deviation
