@@ -131,7 +131,10 @@ def dynamic(y, rate, *, window, step: Any = None, m: Any = "log", kind="oadev", 
     sizes = cluster_sizes(m, statistic, width)
     starts = np.arange(0, len(y) - width + 1, stride)
     columns = y if y.ndim == 2 else y[:, None]
-    found = [_one_channel(columns[:, c], f"channel {c}" if y.ndim == 2 else "y", starts, width, sizes, statistic) for c in range(columns.shape[1])]
+    found = [
+        _one_channel(columns[:, c], f"channel {c}" if y.ndim == 2 else "y", starts, width, sizes, statistic)
+        for c in range(columns.shape[1])
+    ]
     squares, count, noise = (np.stack(values, axis=-1) for values in zip(*found, strict=True))
     alive = ~np.isnan(columns).all(axis=0)
     if not alive.any():
@@ -139,7 +142,9 @@ def dynamic(y, rate, *, window, step: Any = None, m: Any = "log", kind="oadev", 
     warnings = [f"channel {c} holds nothing but NaN: no deviation" for c in np.flatnonzero(~alive)]
     kept = (count > 0).any(axis=(0, 2))
     if not kept.any():
-        raise DataError(f"no window has a difference free of gaps: {int(np.isnan(columns).any(axis=1).sum())} of {len(y)} samples are missing")
+        raise DataError(
+            f"no window has a difference free of gaps: {int(np.isnan(columns).any(axis=1).sum())} of {len(y)} samples are missing"
+        )
     if not kept.all():
         lost = ", ".join(f"{size / rate:g}" for size in sizes[~kept])
         warnings.append(f"no difference free of gaps in any window at tau = {lost} s: left out")
@@ -188,7 +193,7 @@ def _one_channel(column, name: str, starts, width: int, sizes, statistic: Kind):
         missing = np.zeros(length, np.int32)
         np.cumsum(gone, out=missing[1 : samples + 1])
     # as many windows and cluster sizes as the bucket holds: one program serves neighbouring lengths
-    begin = np.zeros(1 << max(len(starts) - 1, 0).bit_length(), np.int64)
+    begin = np.zeros(max(1 << (len(starts) - 1).bit_length(), 64), np.int64)
     begin[: len(starts)] = starts
     m = np.ones(-(-len(sizes) // 16) * 16, np.int64)
     m[: len(sizes)] = sizes

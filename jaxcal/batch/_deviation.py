@@ -3,7 +3,7 @@
 import dataclasses
 import os
 import pathlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -74,28 +74,31 @@ def deviation(
         raise DataError(f"chunk must be a whole number of samples, at least 1; got {chunk!r}")
     options = {"kind": kind, "m": m, "confidence": confidence, "alpha": alpha}
     if not isinstance(source, list | tuple):
-        return _one(source, rate, columns, int(chunk), exact, options)
+        return _one(_opened(source, columns), rate, int(chunk), exact, options)
     rates = list(rate) if isinstance(rate, Sequence | np.ndarray) and not isinstance(rate, str) else [rate] * len(source)
     if len(rates) != len(source):
         raise DataError(f"{len(rates)} rates for {len(source)} logs; give one for each, or a single one")
     if not source:
         raise DataError("the list of logs is empty")
 
-    def numbered(index: int) -> Deviation:
-        name = f" ({source[index]})" if isinstance(source[index], str | os.PathLike) else ""
+    def named(index: int, function: Callable, *arguments: Any) -> Any:
         try:
-            return _one(source[index], rates[index], columns, int(chunk), exact, options)
+            return function(*arguments)
         except DataError as error:
+            name = f" ({source[index]})" if isinstance(source[index], str | os.PathLike) else ""
             raise DataError(f"log {index}{name}: {error}") from error
 
+    records = [named(i, _opened, each, columns) for i, each in enumerate(source)]
+    # the first of each bucket of lengths before the others: two threads would compile the same program twice
+    first = list({padded_length(record.samples): i for i, record in reversed(list(enumerate(records)))}.values())
+    found: dict[int, Deviation] = {}
     with ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:
-        return list(pool.map(numbered, range(len(source))))
+        for turn in (first, [i for i in range(len(records)) if i not in set(first)]):
+            found |= zip(turn, pool.map(lambda i: named(i, _one, records[i], rates[i], int(chunk), exact, options), turn), strict=True)
+    return [found[i] for i in range(len(records))]
 
 
-def _one(source: Any, rate: Any, columns: Any, chunk: int, exact: int, options: dict[str, Any]) -> Deviation:
-    record = _opened(source, columns)
-    if record.samples == 0:
-        raise DataError("the record is empty")
+def _one(record: Chunks, rate: Any, chunk: int, exact: int, options: dict[str, Any]) -> Deviation:
     statistic = find_kind(options["kind"])
     sizes = cluster_sizes(options["m"], statistic, record.samples)
     if record.samples <= chunk:
@@ -125,8 +128,12 @@ def _one(source: Any, rate: Any, columns: Any, chunk: int, exact: int, options: 
 
 def _opened(source: Any, columns: Any) -> Chunks:
     if isinstance(source, str | os.PathLike):
-        return open_chunks(pathlib.Path(source), columns)
-    return array_chunks(np.asarray(source) if not isinstance(source, np.ndarray) else source, columns)
+        record = open_chunks(pathlib.Path(source), columns)
+    else:
+        record = array_chunks(source if isinstance(source, np.ndarray) else np.asarray(source), columns)
+    if record.samples == 0:
+        raise DataError("the record is empty")
+    return record
 
 
 def _tables(found: Deviation) -> list[Any]:

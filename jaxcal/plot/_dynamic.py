@@ -8,7 +8,7 @@ from .._errors import DataError
 from ..allan import DynamicDeviation
 from ._allan import _KINDS
 from ._labels import duration_label
-from ._style import INK, MUTED, SHADE, new_figure, style_axes, tick_decades
+from ._style import INK, MUTED, SHADE, new_figure, style_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -61,7 +61,7 @@ def dynamic(result: Any, ax: Any = None) -> Any:
 
 def _draw(ax: "Axes", result: DynamicDeviation, tau: np.ndarray, shown: Any) -> None:
     from matplotlib.colors import LogNorm
-    from matplotlib.ticker import ScalarFormatter
+    from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator, ScalarFormatter
 
     style_axes(ax, "Time (s)", "Cluster time τ (s)")
     formatter = ax.yaxis.get_major_formatter()
@@ -75,9 +75,9 @@ def _draw(ax: "Axes", result: DynamicDeviation, tau: np.ndarray, shown: Any) -> 
     ax.set_xscale("linear")
     ax.xaxis.set_major_formatter(ScalarFormatter())
     ax.set_xlim(time[0], time[-1])
-    tick_decades(ax)
-    ax.xaxis.set_major_locator(_plain_locator())
-    ax.xaxis.set_minor_locator(_no_locator())
+    ax.xaxis.set_major_locator(MaxNLocator(8))
+    ax.xaxis.set_minor_locator(NullLocator())
+    ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if tau[-1] / tau[0] < 1000 else (1.0,), numticks=12))
     unit = "unit of the record" + (" s" if result.kind == "tdev" else "")
     bar = ax.figure.colorbar(image, ax=ax, pad=0.02)
     bar.set_label(f"{_KINDS[result.kind]} ({unit})", color=INK)
@@ -95,15 +95,3 @@ def _edges(centres: np.ndarray, alone: float) -> np.ndarray:
         return np.array([centres[0] - alone / 2, centres[0] + alone / 2])
     middle = (centres[1:] + centres[:-1]) / 2
     return np.concatenate([[2 * centres[0] - middle[0]], middle, [2 * centres[-1] - middle[-1]]])
-
-
-def _plain_locator() -> Any:
-    from matplotlib.ticker import MaxNLocator
-
-    return MaxNLocator(8)
-
-
-def _no_locator() -> Any:
-    from matplotlib.ticker import NullLocator
-
-    return NullLocator()
