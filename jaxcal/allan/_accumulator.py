@@ -1,6 +1,7 @@
 """`Accumulator`: the deviation of a record that comes chunk by chunk, or that does not fit into memory."""
 
 import itertools
+import mmap
 import os
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -20,6 +21,7 @@ from ._result import Deviation
 from ._stream import PIECE, Plan, Stretch, lengthened, make_plan, new_stretch, side_by_side
 
 _FOLLOWED = 10**10  # largest cluster size of a named grid
+_SMALLER = 1 << 17  # samples taken in at a time where no cluster size has every starting point
 _FEWEST = 30  # averages that the noise type needs; with fewer, that of the size before is carried on
 _PARALLEL_FROM = 4_000_000  # differences; below, a second thread costs more than it brings
 
@@ -140,7 +142,7 @@ class Accumulator(eqx.Module):
         >>> acc.samples
         4
         """
-        chunk = self._checked(chunk)
+        given, chunk = chunk, self._checked(chunk)
         length = len(chunk) + sum(len(piece) for piece in self._waiting)
         if length < PIECE:
             waiting, last = list(self._waiting), np.array(chunk, dtype=np.float64)
@@ -151,7 +153,7 @@ class Accumulator(eqx.Module):
                 last = np.concatenate([waiting.pop(), last])
             return self._with(self._taken, (*waiting, last))
         pieces, rest = _pieces(self._waiting, chunk, length)
-        return self._with(self._advanced(pieces), (rest,) if len(rest) else ())
+        return self._with(self._advanced(pieces, given), (rest,) if len(rest) else ())
 
     def merge(self, other: "Accumulator") -> "Accumulator":
         """A new accumulator for the record of this one followed, without a sample between, by that of another.
@@ -278,14 +280,17 @@ class Accumulator(eqx.Module):
             raise DataError("the chunk is empty; leave it out")
         return chunk[:, None] if chunk.ndim == 1 else chunk
 
-    def _advanced(self, pieces: Iterator[np.ndarray]) -> Stretch:
+    def _advanced(self, pieces: Iterator[np.ndarray], source: Any = None) -> Stretch:
         taken = self._taken
         workers = min(os.cpu_count() or 1, 16) if jax.default_backend() == "cpu" else 1
         with ThreadPoolExecutor(workers) as pool:
-            for piece in pieces:
+            # points far apart are picked out by NumPy, whose temporary arrays want a smaller cache
+            parts_of = (lambda piece: [piece]) if self._plan.dense else (lambda piece: np.array_split(piece, -(-len(piece) // _SMALLER)))
+            for piece in itertools.chain.from_iterable(map(parts_of, pieces)):
                 busy = workers > 1 and len(piece) * max(self._plan.dense, 1) * self.channels >= _PARALLEL_FROM
                 parts = max(workers // self.channels, 1) if busy else 1
                 taken = lengthened(self._plan, taken, piece, pool.map if busy else map, parts)
+                _let_go(source)
         return taken
 
     def _flushed(self) -> Stretch:
@@ -343,6 +348,14 @@ def _pieces(waiting: tuple[np.ndarray, ...], chunk: np.ndarray, length: int) -> 
     edges = np.arange(PIECE - held, len(chunk) + 1, PIECE).tolist()
     first = np.concatenate([*waiting, chunk[: edges[0]]])
     return itertools.chain([first], (chunk[a:b] for a, b in itertools.pairwise(edges))), np.array(chunk[edges[-1] :], dtype=np.float64)
+
+
+def _let_go(source: Any) -> None:
+    """Gives back the pages of a memory map that have been read: they count as memory of the process until the system wants them."""
+    pages = getattr(source, "_mmap", None)
+    # of a copy-on-write map the user's changes would be lost
+    if isinstance(pages, mmap.mmap) and getattr(source, "mode", "c") in ("r", "r+") and hasattr(mmap, "MADV_DONTNEED"):
+        pages.madvise(mmap.MADV_DONTNEED)
 
 
 def _whole(name: str, value, least: int) -> int:
