@@ -1,6 +1,6 @@
 """Streams larger than memory, many logs, and the dynamic deviation: the parts of compare.py that need no peer, or hardly one.
 
-    python benchmarks/_stream.py --longest 1000000000     everything; the longest stream needs 4 GB on disk
+python benchmarks/_stream.py --longest 1000000000     everything; the longest stream needs 4 GB on disk
 """
 
 import argparse
@@ -89,7 +89,9 @@ def many_logs(logs=1000):
     start = time.perf_counter()
     jaxcal.batch.deviation(records, RATE)
     again = time.perf_counter() - start
-    print(f"{logs} logs of {lengths.min()} to {lengths.max()} samples, log grid: allantools {theirs:.1f} s; jaxcal {ours:.1f} s with ", end="")
+    print(
+        f"{logs} logs of {lengths.min()} to {lengths.max()} samples, log grid: allantools {theirs:.1f} s; jaxcal {ours:.1f} s with ", end=""
+    )
     print(f"compilation, {again:.1f} s after it: {theirs / ours:.1f} and {theirs / again:.1f} times; agree to {agree:.0e}")
     print(f"compiled: the kernel {compiled} times for {np.log2(lengths.max() / lengths.min()):.1f} doublings of length, ", end="")
     print(f"{len(programs)} programs in all in {spent:.1f} s", flush=True)

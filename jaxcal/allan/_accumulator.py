@@ -16,10 +16,12 @@ from .._precision import is_traced
 from .._record import checked_rate
 from ._edf import degrees_of_freedom, interval_factors
 from ._identify import identify
+from ._join import side_by_side
 from ._kinds import Kind, find_kind
 from ._result import Deviation
-from ._stream import PIECE, Plan, Stretch, lengthened, make_plan, new_stretch, side_by_side
+from ._stream import PIECE, Plan, Stretch, lengthened, make_plan, new_stretch
 
+_KINDS = ("adev", "oadev", "mdev", "tdev", "hdev", "ohdev")
 _FOLLOWED = 10**10  # largest cluster size of a named grid
 _SMALLER = 1 << 17  # samples taken in at a time where no cluster size has every starting point
 _FEWEST = 30  # averages that the noise type needs; with fewer, that of the size before is carried on
@@ -55,7 +57,7 @@ class Accumulator(eqx.Module):
     m : cluster sizes in samples: "log" (default, 15 per decade), "octave", "decade", or integers. A grid goes on as far as the record.
     channels : number of channels, 1 by default. With 1 the chunks are (n,) or (n, 1), and the result is (clusters,).
     kind : "adev", "oadev" (default), "hdev", "ohdev", or, up to `exact`, "mdev" and "tdev".
-    exact : cluster size in samples up to which every overlapped difference is taken. It costs 2 to 6 times `exact` numbers for each channel.
+    exact : cluster size in samples up to which every overlapped difference is taken. It costs 4 to 6 times `exact` numbers a channel.
     start : position of the first sample of this part in the record. Only needed for a part that is merged to another where starting
         points are not at every sample, and the part does not start at a multiple of their distance.
     confidence : level of the intervals, 0.95 by default.
@@ -100,6 +102,8 @@ class Accumulator(eqx.Module):
     def __init__(
         self, rate, m: Any = "log", channels=1, kind="oadev", *, exact=65_536, start: Any = None, confidence=0.95, alpha: Any = None
     ):
+        if kind not in _KINDS:
+            raise DataError(f"unknown kind {kind!r} for a stream; expected one of {', '.join(_KINDS)}")
         statistic = find_kind(kind)
         self.rate, self.channels = checked_rate(rate), _whole("channels", channels, 1)
         self.exact, place = _whole("exact", exact, 1), None if start is None else _whole("start", start, 0)
@@ -386,6 +390,7 @@ def _sizes(m, kind: Kind, exact: int) -> np.ndarray:
     sizes = sizes.astype(np.int64)
     if kind.modified and sizes.max() > exact:
         raise DataError(
-            f"{kind.name} of a stream is kept up to cluster size {exact}; got {sizes.max()}. Raise exact=, or use adev, oadev, hdev or ohdev"
+            f"{kind.name} of a stream is kept up to cluster size {exact}; got {sizes.max()}. "
+            "Raise exact=, or use adev, oadev, hdev or ohdev"
         )
     return sizes

@@ -1,6 +1,7 @@
 """`dynamic`: the deviation in windows that move along the record, a surface over time and cluster time."""
 
 import functools
+import itertools
 from typing import Any
 
 import equinox as eqx
@@ -237,7 +238,7 @@ def _window_sums(
         for part in parts:
             points = [lax.dynamic_slice(part, (j * size,), (length,)) for j in range(order + 1)]
             while len(points) > 1:
-                points = [b - a for a, b in zip(points[:-1], points[1:], strict=True)]
+                points = [b - a for a, b in itertools.pairwise(points)]
             total = points[0] if total is None else total + points[0]
         assert total is not None
         end = begin + differences

@@ -1,4 +1,4 @@
-"""Sums of squared differences of a stretch of samples that comes piece by piece, and of two such stretches side by side.
+"""Sums of squared differences of a stretch of samples that comes piece by piece.
 
 Differences of the phase do not see a line in it. So the phase is kept relative to the mean of the latest piece, as far back as the
 cluster sizes reach: it stays small, and its digits are not lost, however long the stream and wherever its mean wanders.
@@ -16,11 +16,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._errors import DataError
-from .._types import AnyArray
 from ._kinds import Kind
 from ._phase import BLOCK, running_sum_of_phase
 from ._sums import block_sums
-from ._tracks import NEVER, Piece, Tracks, at_the_beginning, extended, joined, new_tracks
+from ._tracks import NEVER, Piece, Tracks, extended, new_tracks
 
 #: samples that are taken in at a time
 PIECE = 1 << 20
@@ -35,8 +34,8 @@ class Plan(eqx.Module):
     """What is computed: cluster sizes in ascending order, the first `dense` of them at every starting point."""
 
     kind: Kind
-    m: AnyArray
-    stride: AnyArray
+    m: np.ndarray
+    stride: np.ndarray
     dense: int
 
     @property
@@ -81,20 +80,20 @@ class Stretch(eqx.Module):
 
     start: int | None
     samples: int
-    present: AnyArray
-    first_level: AnyArray
-    level: AnyArray
-    here: AnyArray
-    net: AnyArray
+    present: np.ndarray
+    first_level: np.ndarray
+    level: np.ndarray
+    here: np.ndarray
+    net: np.ndarray
     head: tuple[np.ndarray, ...]
     tail: tuple[np.ndarray, ...]
     head_lost: tuple[np.ndarray | None, ...]
     tail_lost: tuple[np.ndarray | None, ...]
-    squares: AnyArray
-    count: AnyArray
+    squares: np.ndarray
+    count: np.ndarray
     tracks: Tracks
     marks: tuple[np.ndarray, ...]
-    mark_due: AnyArray
+    mark_due: np.ndarray
 
     @property
     def origin(self) -> int:
@@ -131,7 +130,7 @@ def lengthened(plan: Plan, old: Stretch, samples: np.ndarray, run: Callable, par
     here = np.array([p[-1] for p in phase])
     squares, count, sums, new = old.squares.copy(), old.count.copy(), (), {}
     if plan.dense:
-        buffers = list(run(lambda c: _laid_out(plan, old, c, phase[c], lost[c], tilt[c]), range(channels)))
+        buffers = list(run(lambda c: _laid_out(plan, old, c, phase[c], lost[c], float(tilt[c])), range(channels)))
         sums = _dense_sums(plan, buffers, old.samples, width, run, parts)
         kept = min(plan.reach, old.samples + width + 1)
         new["tail"] = tuple(b[0][:kept].copy() for b in buffers)
@@ -144,7 +143,7 @@ def lengthened(plan: Plan, old: Stretch, samples: np.ndarray, run: Callable, par
                 np.concatenate([old.head[c], phase[c][1 : need + 1] + ends[c] + slopes[c]]) for c in range(channels)
             )  # fmt: skip
             new["head_lost"] = tuple(
-                _more_lost(old.head_lost[c], lost[c], len(old.head[c]), need, width, int(lost_before[c])) for c in range(channels)
+                _more_lost(old.head_lost[c], lost[c], len(old.head[c]), min(need, width), int(lost_before[c])) for c in range(channels)
             )
     piece = Piece(now=old.origin + old.samples, phase=phase, lost=lost, lost_before=lost_before)
     tracks = extended(old.tracks, piece, tilt, (old.net - old.here, drift))
@@ -190,12 +189,13 @@ def _laid_out(plan: Plan, old: Stretch, c: int, phase, lost, tilt: float):
     buffer[:width] = phase[:0:-1]
     np.multiply(np.arange(len(tail)), -tilt, out=buffer[width : width + len(tail)])
     buffer[width : width + len(tail)] += tail
-    if lost is None and old.tail_lost[c] is None:
+    tail_lost = old.tail_lost[c]
+    if lost is None and tail_lost is None:
         return buffer, None
     counted = np.zeros(plan.padded, np.int32)
     gone = 0 if lost is None else int(lost[-1])
     counted[:width] = 0 if lost is None else gone - lost[:0:-1]
-    counted[width : width + len(tail)] = gone + (0 if old.tail_lost[c] is None else old.tail_lost[c])
+    counted[width : width + len(tail)] = gone if tail_lost is None else gone + tail_lost
     return buffer, counted
 
 
@@ -236,13 +236,13 @@ def _on_device(plan: Plan, buffer: np.ndarray, counted: np.ndarray | None):
         return parts, None if counted is None else jnp.asarray(counted)
 
 
-def _more_lost(old, lost, length: int, need: int, width: int, before: int):
+def _more_lost(old, lost, length: int, number: int, before: int):
     """Missing samples before each point of the head, with those of the piece."""
     if old is None and lost is None and before == 0:
         return None
     old = np.zeros(length, np.int64) if old is None else old
-    fresh = np.full(min(need, width), before, np.int64)
-    return np.concatenate([old, fresh if lost is None else fresh + lost[1 : need + 1]])
+    fresh = np.full(number, before, np.int64)
+    return np.concatenate([old, fresh if lost is None else fresh + lost[1 : number + 1]])
 
 
 def _more_marks(plan: Plan, old: Stretch, piece: Piece, drift: np.ndarray):
@@ -257,83 +257,3 @@ def _more_marks(plan: Plan, old: Stretch, piece: Piece, drift: np.ndarray):
         marks[i] = np.concatenate([marks[i], rows[:, 1:]])
         due[i] = due[i] + number * m if len(marks[i]) <= AVERAGES else NEVER
     return tuple(marks), due
-
-
-def side_by_side(plan: Plan, a: Stretch, b: Stretch) -> Stretch:
-    """Two neighbouring stretches as one."""
-    kind, channels = plan.kind, len(a.level)
-    border = a.origin + a.samples
-    shift = border - b.origin  # zero where the second stretch knows its place
-    start, first_tracks = a.start, a.tracks
-    if start is None and b.start is not None:  # the place of the second says that the first begins the record
-        start, first_tracks = 0, at_the_beginning(a.tracks)
-    lost = a.samples - a.present
-    squares, count = a.squares + b.squares, a.count + b.count
-    rise = a.level - b.first_level
-    new = {}
-    if plan.dense:
-        heads, tails, heads_lost, tails_lost = [], [], [], []
-        for c in range(channels):
-            # latest first up to the border, in the first frame of the second stretch
-            back = a.tail[c] - a.here[c] - rise[c] * np.arange(len(a.tail[c]))
-            back_lost = np.zeros(len(back), np.int64) if a.tail_lost[c] is None else a.tail_lost[c].astype(np.int64)
-            after = b.head[c]
-            after_lost = np.zeros(len(after), np.int64) if b.head_lost[c] is None else b.head_lost[c]
-            across = np.concatenate([back[:0:-1], after]), np.concatenate([-back_lost[:0:-1], after_lost])
-            found = [_across(across, len(back) - 1, int(m), kind) for m in plan.m[: plan.dense]]
-            squares[:, c] += [f[0] for f in found]
-            count[:, c] += [f[1] for f in found]
-            ahead = after + a.net[c] + (b.first_level[c] - a.first_level[c]) * np.arange(len(after))
-            heads.append(np.concatenate([a.head[c], ahead[1:]])[: plan.reach] if len(a.head[c]) == a.samples + 1 else a.head[c])
-            before = np.zeros(len(a.head[c]), np.int64) if a.head_lost[c] is None else a.head_lost[c]
-            heads_lost.append(np.concatenate([before, after_lost[1:] + lost[c]])[: len(heads[-1])])
-            # the points of the first stretch that the second does not push out, in the second frame of the second
-            ago = np.arange(len(back))
-            gone = b.samples - b.present[c]
-            older = back - b.net[c] + b.here[c] + (b.first_level[c] - b.level[c]) * -(ago + b.samples)
-            recent_lost = np.zeros(len(b.tail[c]), np.int64) if b.tail_lost[c] is None else b.tail_lost[c]
-            whole = len(b.tail[c]) == b.samples + 1
-            tails.append(np.concatenate([b.tail[c], older[1:]])[: plan.reach] if whole else b.tail[c])
-            tails_lost.append(np.concatenate([recent_lost, back_lost[1:] + gone])[: len(tails[-1])].astype(np.int32))
-        new = {"head": tuple(heads), "tail": tuple(tails), "head_lost": tuple(heads_lost), "tail_lost": tuple(tails_lost)}
-        new["tail_lost"] = tuple(t if t.any() else None for t in tails_lost)
-        new["head_lost"] = tuple(h if h.any() else None for h in heads_lost)
-    on = b.first_level - b.level
-    frames = (
-        (-a.here, rise),
-        (a.net, b.first_level - a.first_level),
-        (b.here - b.net - on * b.samples, on),
-    )  # fmt: skip
-    marks, due = [], []
-    for i in range(len(plan.m)):
-        mine, more = a.marks[i], b.marks[i].copy()
-        steps = np.arange(len(more))[:, None] * int(plan.m[i])
-        more[:, :channels] += a.net + (b.first_level - a.first_level) * steps
-        more[:, channels:] += lost + 1  # no average spans the border
-        marks.append(np.concatenate([mine, more])[: AVERAGES + 1])
-        due.append(NEVER if len(marks[-1]) > AVERAGES else a.samples + int(b.mark_due[i]))
-    return Stretch(
-        start=start, samples=a.samples + b.samples, present=a.present + b.present, first_level=a.first_level, level=b.level, here=b.here,
-        net=a.net + b.net + (b.first_level - a.first_level) * b.samples, squares=squares, count=count,
-        tracks=joined(first_tracks, b.tracks, border, shift, frames, lost), marks=tuple(marks), mark_due=np.array(due, np.int64),
-        **({name: getattr(a, name) for name in ("head", "tail", "head_lost", "tail_lost")} | new),
-    )  # fmt: skip
-
-
-def _across(points: tuple[np.ndarray, np.ndarray], border: int, m: int, kind: Kind) -> tuple[float, int]:
-    """Sum of squares and count of the differences that start before and end after the border."""
-    theta, lost = points
-    span = kind.difference * m - (1 if kind.modified else 0)
-    low, high = max(border - span + 1, 0), min(border, len(theta) - span)  # starting points low .. high - 1
-    if high <= low:
-        return 0.0, 0
-    used = theta[low : high + span]
-    if kind.modified:
-        used = used - used.mean()
-        used = np.concatenate([[0.0], np.cumsum(used)])
-    d = used
-    for _ in range(kind.difference):
-        d = d[m:] - d[:-m]
-    valid = lost[low:high] == lost[low + span : high + span]
-    d = d[valid]
-    return float(d @ d), len(d)

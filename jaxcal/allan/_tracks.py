@@ -12,8 +12,6 @@ from collections.abc import Sequence
 import equinox as eqx
 import numpy as np
 
-from .._types import AnyArray
-
 #: later than any sample: a cluster size that is no longer followed
 NEVER = 1 << 62
 
@@ -35,16 +33,16 @@ class Tracks(eqx.Module):
     seen : (sizes,) number of differences, gaps or not.
     """
 
-    m: AnyArray
-    stride: AnyArray
+    m: np.ndarray
+    stride: np.ndarray
     order: int = eqx.field(static=True)
-    due: AnyArray
-    ahead: AnyArray
+    due: np.ndarray
+    ahead: np.ndarray
     lead: Rows
     held: Rows
-    squares: AnyArray
-    count: AnyArray
-    seen: AnyArray
+    squares: np.ndarray
+    count: np.ndarray
+    seen: np.ndarray
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -57,7 +55,7 @@ class Piece:
     now: int
     phase: Sequence[np.ndarray]
     lost: Sequence[np.ndarray | None]
-    lost_before: AnyArray
+    lost_before: np.ndarray
 
     def rows(self, first: int, number: int, stride: int) -> np.ndarray:
         """Points first, first + stride, ... counted from now."""

@@ -72,7 +72,7 @@ def deviation(
     """
     if isinstance(chunk, bool) or not isinstance(chunk, int | np.integer) or chunk < 1:
         raise DataError(f"chunk must be a whole number of samples, at least 1; got {chunk!r}")
-    options = {"kind": kind, "m": m, "confidence": confidence, "alpha": alpha}
+    options: dict[str, Any] = {"kind": kind, "m": m, "confidence": confidence, "alpha": alpha}
     if not isinstance(source, list | tuple):
         return _one(_opened(source, columns), rate, int(chunk), exact, options)
     rates = list(rate) if isinstance(rate, Sequence | np.ndarray) and not isinstance(rate, str) else [rate] * len(source)
@@ -109,7 +109,7 @@ def _one(record: Chunks, rate: Any, chunk: int, exact: int, options: dict[str, A
         # lengths share the program
         fill = len(cluster_sizes(options["m"], statistic, padded_length(record.samples))) - len(sizes)
         padded = np.concatenate([sizes, np.full(fill, sizes.max())])
-        found = _deviation(y[:, 0] if record.flat else y, rate, **(options | {"m": padded}))
+        found = _deviation(y[:, 0] if record.flat else y, rate, **{**options, "m": padded})
         return _first(found, len(found.m) - fill) if fill and found.m[-1] == sizes.max() else found
     if isinstance(options["m"], str) and options["m"] == "all":
         raise DataError(f'm="all" needs the whole record in memory: it has {record.samples} samples; raise chunk= to that, or choose "log"')
@@ -117,7 +117,7 @@ def _one(record: Chunks, rate: Any, chunk: int, exact: int, options: dict[str, A
     if statistic.modified and isinstance(options["m"], str) and sizes[-1] > exact:
         sizes = sizes[sizes <= exact]
         warnings = (f"{statistic.name} of a record longer than chunk={chunk} ends at cluster size exact={exact}",)
-    accumulator = Accumulator(rate, channels=record.channels, exact=exact, **(options | {"m": sizes}))
+    accumulator = Accumulator(rate, channels=record.channels, exact=exact, **{**options, "m": sizes})
     for samples in record.of(chunk):
         accumulator = accumulator.update(samples)
     found = accumulator.result()

@@ -136,7 +136,7 @@ def test_channels_threads_and_float32(monkeypatch, kind):
     for module in (_stream, _accumulator):
         monkeypatch.setattr(module, "PIECE", 1 << 16)
     monkeypatch.setattr(_accumulator, "_PARALLEL_FROM", 1)
-    y = (np.random.default_rng(1).standard_normal((300_000, 2)) + [9.81, -2.0]).astype(np.float32)
+    y = (np.random.default_rng(1).standard_normal((300_000, 2)) + np.array([9.81, -2.0])).astype(np.float32)
     y[150_000:150_010, 1] = np.nan
     m = [1, 4, 50, 700, 5_000]
     whole = deviation(y, 50.0, kind=kind, m=m)
