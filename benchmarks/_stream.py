@@ -89,10 +89,9 @@ def many_logs(logs=1000):
     start = time.perf_counter()
     jaxcal.batch.deviation(records, RATE)
     again = time.perf_counter() - start
-    print(
-        f"{logs} logs of {lengths.min()} to {lengths.max()} samples, log grid: allantools {theirs:.1f} s; jaxcal {ours:.1f} s with ", end=""
-    )
-    print(f"compilation, {again:.1f} s after it: {theirs / ours:.1f} and {theirs / again:.1f} times; agree to {agree:.0e}")
+    print(f"{logs} logs of {lengths.min()} to {lengths.max()} samples, log grid: allantools {theirs:.1f} s; ", end="")
+    print(f"jaxcal {ours:.1f} s with compilation, {again:.1f} s after it: ", end="")
+    print(f"{theirs / ours:.1f} and {theirs / again:.1f} times; agree to {agree:.0e}")
     print(f"compiled: the kernel {compiled} times for {np.log2(lengths.max() / lengths.min()):.1f} doublings of length, ", end="")
     print(f"{len(programs)} programs in all in {spent:.1f} s", flush=True)
 
@@ -101,7 +100,7 @@ def dynamic(samples=10**6, windows=200):
     """The surface of a record, with and without compilation."""
     y = np.random.default_rng(2).standard_normal(samples)
     window = samples // 20 / RATE
-    step = (samples / RATE - window) / (windows - 1)
+    step = (samples - samples // 20) // (windows - 1) / RATE
     for state in ("first call", "second call"):
         start = time.perf_counter()
         found = jaxcal.allan.dynamic(y, RATE, window=window, step=step)
