@@ -17,7 +17,7 @@ from ._errors import (
 )
 
 if TYPE_CHECKING:
-    from . import allan as allan, export as export, noise as noise, plot as plot, report as report, spectrum as spectrum
+    from . import allan as allan, batch as batch, export as export, noise as noise, plot as plot, report as report, spectrum as spectrum
     from ._log import Log as Log
     from .calibration import Calibration as Calibration
     from .io import read as read
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 #: public name -> the module it is, or comes from
 _HOME = {
     "allan": "allan",
+    "batch": "batch",
     "export": "export",
     "noise": "noise",
     "plot": "plot",

@@ -1,5 +1,6 @@
 """Figures, with matplotlib's object interface: no window, no global setting."""
 
 from ._allan import allan as allan
+from ._dynamic import dynamic as dynamic
 from ._save import save as save
 from ._spectrum import spectrum as spectrum

@@ -1,0 +1,128 @@
+"""Streams larger than memory, many logs, and the dynamic deviation: the parts of compare.py that need no peer, or hardly one.
+
+python benchmarks/_stream.py --longest 1000000000     everything; the longest stream needs 4 GB on disk
+"""
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+import time
+
+import jax
+import numpy as np
+
+import jaxcal
+
+RATE = 100.0
+_COMPILED = "/jax/core/compile/backend_compile_duration"
+
+
+def stream(samples, folder=None):
+    """A file of float32 samples through `batch.deviation`, each length in a process of its own: speed, memory, cluster sizes."""
+    lengths = [10**e for e in range(6, 12) if 10**e <= samples]
+    print(f"{'samples':>10} {'kind':6} {'cluster sizes':>13} {'seconds':>8} {'samples/us':>10} {'ns/sample':>9} {'peak MB':>8}")
+    for length in lengths:
+        with tempfile.TemporaryDirectory(dir=folder) as place:
+            path = os.path.join(place, "stream.npy")
+            _write(path, length)
+            for kind in ("oadev", "ohdev", "adev") if length <= 10**8 else ("oadev",):
+                done = subprocess.run([sys.executable, __file__, "--stream-of", path, kind], capture_output=True, text=True, check=True)
+                seconds, clusters, peak = (float(v) for v in done.stdout.split())
+                print(f"{length:10d} {kind:6} {clusters:13.0f} {seconds:8.2f} {length / seconds / 1e6:10.1f} ", end="")
+                print(f"{seconds / length * 1e9:9.1f} {peak:8.0f}", flush=True)
+
+
+def _write(path, length):
+    """White noise with a mean of 9.81, float32; the file is written block by block."""
+    file = np.lib.format.open_memmap(path, mode="w+", dtype=np.float32, shape=(length,))
+    random, block = np.random.default_rng(0), 1 << 22
+    for start in range(0, length, block):
+        stop = min(start + block, length)
+        file[start:stop] = random.standard_normal(stop - start, dtype=np.float32) + np.float32(9.81)
+    file.flush()
+
+
+def _stream_of(path, kind):
+    """Runs in a process of its own: seconds after compilation, number of cluster sizes, peak resident MB."""
+    y = np.load(path, mmap_mode="r")
+    jaxcal.allan.Accumulator(RATE, kind=kind).update(y[:1_500_000]).result()  # compiles what the stream needs
+    times = []
+    for _ in range(1 if len(y) > 10**8 else 3):
+        start = time.perf_counter()
+        accumulator = jaxcal.allan.Accumulator(RATE, kind=kind)
+        found = accumulator.update(y).result()
+        times.append(time.perf_counter() - start)
+    print(min(times), len(found.m), _peak() / 1024)
+
+
+def _peak():
+    """Peak resident memory of this process in KiB."""
+    with open("/proc/self/status") as status:
+        return next(int(line.split()[1]) for line in status if line.startswith("VmHWM"))
+
+
+def many_logs(logs=1000):
+    """Logs of 0.5 to 1.5 x 10^5 samples, all of different lengths, against allantools one after another."""
+    import allantools
+
+    random = np.random.default_rng(1)
+    lengths = random.choice(np.arange(50_000, 150_001), logs, replace=False)
+    long = random.standard_normal(int(lengths.max()))
+    records = [long[:length] for length in lengths]
+    programs = []
+
+    def hear(event, duration, fun_name="", **_):
+        if event == _COMPILED:
+            programs.append((fun_name, duration))
+
+    jax.monitoring.register_event_duration_secs_listener(hear)
+    start = time.perf_counter()
+    found = jaxcal.batch.deviation(records, RATE)
+    ours = time.perf_counter() - start
+    compiled, spent = len([name for name, _ in programs if "block_sums" in name]), sum(seconds for _, seconds in programs)
+    start = time.perf_counter()
+    other = [allantools.oadev(y, rate=RATE, data_type="freq", taus=d.tau) for y, d in zip(records, found, strict=True)]
+    theirs = time.perf_counter() - start
+    agree = max(float(np.max(np.abs(d.deviation[: len(o[1])] / o[1] - 1))) for d, o in zip(found, other, strict=True))
+    start = time.perf_counter()
+    jaxcal.batch.deviation(records, RATE)
+    again = time.perf_counter() - start
+    print(f"{logs} logs of {lengths.min()} to {lengths.max()} samples, log grid: allantools {theirs:.1f} s; ", end="")
+    print(f"jaxcal {ours:.1f} s with compilation, {again:.1f} s after it: ", end="")
+    print(f"{theirs / ours:.1f} and {theirs / again:.1f} times; agree to {agree:.0e}")
+    print(f"compiled: the kernel {compiled} times for {np.log2(lengths.max() / lengths.min()):.1f} doublings of length, ", end="")
+    print(f"{len(programs)} programs in all in {spent:.1f} s", flush=True)
+
+
+def dynamic(samples=10**6, windows=200):
+    """The surface of a record, with and without compilation."""
+    y = np.random.default_rng(2).standard_normal(samples)
+    window = samples // 20 / RATE
+    step = (samples - samples // 20) // (windows - 1) / RATE
+    for state in ("first call", "second call"):
+        start = time.perf_counter()
+        found = jaxcal.allan.dynamic(y, RATE, window=window, step=step)
+        seconds = time.perf_counter() - start
+        shape = f"{found.deviation.shape[0]} windows, {found.deviation.shape[1]} cluster sizes"
+        print(f"dynamic: {samples} samples, {shape}, {state}: {seconds:.2f} s", flush=True)
+
+
+def main():
+    """Run everything, or the part asked for."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--longest", type=int, default=10**8, help="longest stream, in samples")
+    parser.add_argument("--folder", help="where the file of the stream is written")
+    parser.add_argument("--stream-of", nargs=2, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.stream_of:
+        _stream_of(*options.stream_of)
+        return
+    stream(options.longest, options.folder)
+    dynamic()
+    many_logs()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,299 @@
+"""`dynamic`: the deviation in windows that move along the record, a surface over time and cluster time."""
+
+import functools
+import itertools
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from .._errors import DataError
+from .._precision import host_float64, is_traced
+from .._record import checked_rate, checked_record
+from .._types import AnyArray, Array, Float, Int
+from ._edf import degrees_of_freedom, interval_factors
+from ._identify import identify
+from ._kinds import Kind, cluster_sizes, find_kind
+from ._phase import integrate, padded_length, running_sum_of_phase
+
+_ROW = 256  # squares summed together; a prefix sum runs over rows
+_TYPED = 256  # windows in which the noise types are told
+_KINDS = ("oadev", "ohdev", "mdev", "tdev")
+
+
+class DynamicDeviation(eqx.Module):
+    """A time-domain deviation in windows along the record.
+
+    Attributes
+    ----------
+    time : (windows,) centres of the windows in s, from the first sample.
+    tau : (clusters,) cluster time in s.
+    m : (clusters,) cluster size in samples.
+    deviation : (windows, clusters) or (windows, clusters, channels), in the unit of the record (tdev: that unit times s). NaN where
+        a gap leaves no difference in a window, and in a channel without samples; `warnings` tells of both.
+    lower, upper : limits of the interval at level `confidence`, same shape and unit.
+    edf : equivalent degrees of freedom of the variance, same shape.
+    count : number of differences averaged, same shape.
+    alpha : noise type (see `Deviation`), same shape.
+    kind : name of the statistic.
+    rate : sampling rate in Hz.
+    window : length of a window in s.
+    confidence : level of the intervals.
+    warnings : sentences on what gaps left out.
+    """
+
+    time: AnyArray
+    tau: AnyArray
+    m: AnyArray
+    deviation: AnyArray
+    lower: AnyArray
+    upper: AnyArray
+    edf: AnyArray
+    count: AnyArray
+    alpha: AnyArray
+    kind: str = eqx.field(static=True)
+    rate: float = eqx.field(static=True)
+    window: float = eqx.field(static=True)
+    confidence: float = eqx.field(static=True)
+    warnings: tuple[str, ...] = eqx.field(static=True, default=())
+
+    def channel(self, index: int) -> "DynamicDeviation":
+        """The same result for one channel of a record with several."""
+        if self.deviation.ndim == 2:
+            raise IndexError("this deviation is of a single channel; there is nothing to pick")
+        names = ("deviation", "lower", "upper", "edf", "count", "alpha")
+        return eqx.tree_at(lambda d: [getattr(d, n) for n in names], self, [getattr(self, n)[:, :, index] for n in names])
+
+
+@host_float64
+def dynamic(y, rate, *, window, step: Any = None, m: Any = "log", kind="oadev", confidence=0.95) -> DynamicDeviation:
+    r"""Dynamic Allan deviation: how the deviation at each cluster time changes along the record.
+
+    With :math:`E_m(k) = \sum_{j<k} D_m(j)^2` over all overlapped differences of the record, the window of W samples that begins at p has
+
+    .. math:: \sigma^2(p, m) = \frac{E_m(p + W - 2m + 1) - E_m(p)}{2 m^2 (W - 2m + 1)}
+
+    so that any number of windows costs one pass for each cluster size. It equals `deviation` of each window alone.
+
+    Parameters
+    ----------
+    y : (n,) or (n, channels) rate samples. NaN marks a gap: differences that touch it are left out and counted.
+    rate : sampling rate in Hz.
+    window : length of the windows in s.
+    step : distance between windows in s; half a window by default.
+    m : cluster sizes in samples, as for `deviation`, within a window.
+    kind : "oadev" (default), "ohdev", "mdev" or "tdev".
+    confidence : level of the intervals, 0.95 by default.
+
+    Returns
+    -------
+    DynamicDeviation
+        time and tau in s, deviation and limits in the unit of y. Intervals are those of `deviation` in each window; with more than
+        256 windows the noise types are told in 256 of them, and taken from the nearest in between.
+
+    Raises
+    ------
+    DataError
+        If y is not a finite numeric record (NaN apart), if a window or step does not suit it, or if an option is unknown.
+
+    Examples
+    --------
+    Noise that doubles after 200 s:
+
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> y = np.random.default_rng(0).standard_normal(40_000)
+    >>> y[20_000:] *= 2.0
+    >>> found = jaxcal.allan.dynamic(y, 100.0, window=100.0, m=[1, 10])
+    >>> found.time.tolist()
+    [50.0, 100.0, 150.0, 200.0, 250.0, 300.0, 350.0]
+    >>> bool(abs(found.deviation[-1, 0] / found.deviation[0, 0] - 2) < 0.05)
+    True
+
+    References
+    ----------
+    L. Galleani and P. Tavella, "The dynamic Allan variance", IEEE Trans. UFFC 56, 2009; the prefix sums are our own.
+    """
+    statistic, rate = find_kind(kind), checked_rate(rate)
+    if kind not in _KINDS:
+        raise DataError(f"the windows of a dynamic {kind} have no differences in common; use {', '.join(_KINDS)}")
+    if is_traced(y):
+        raise DataError("dynamic takes a record at hand, not a traced one; use jaxcal.allan.deviation inside jit or grad")
+    if not 0.0 < confidence < 1.0:
+        raise DataError(f"confidence must lie between 0 and 1; got {confidence!r} (0.95 is 95 %)")
+    y = checked_record(y)
+    width = _in_samples("window", window, rate)
+    stride = max(width // 2, 1) if step is None else _in_samples("step", step, rate)
+    if width > len(y):
+        raise DataError(f"the window of {width / rate:g} s is longer than the record of {len(y) / rate:g} s; choose a shorter one")
+    sizes = cluster_sizes(m, statistic, width)
+    starts = np.arange(0, len(y) - width + 1, stride)
+    columns = y if y.ndim == 2 else y[:, None]
+    found = [
+        _one_channel(columns[:, c], f"channel {c}" if y.ndim == 2 else "y", starts, width, sizes, statistic)
+        for c in range(columns.shape[1])
+    ]
+    squares, count, noise = (np.stack(values, axis=-1) for values in zip(*found, strict=True))
+    alive = ~np.isnan(columns).all(axis=0)
+    if not alive.any():
+        raise DataError(f"y holds nothing but NaN in {len(y)} samples")
+    warnings = [f"channel {c} holds nothing but NaN: no deviation" for c in np.flatnonzero(~alive)]
+    kept = (count > 0).any(axis=(0, 2))
+    if not kept.any():
+        raise DataError(
+            f"no window has a difference free of gaps: {int(np.isnan(columns).any(axis=1).sum())} of {len(y)} samples are missing"
+        )
+    if not kept.all():
+        lost = ", ".join(f"{size / rate:g}" for size in sizes[~kept])
+        warnings.append(f"no difference free of gaps in any window at tau = {lost} s: left out")
+        squares, count, noise, sizes = squares[:, kept], count[:, kept], noise[:, kept], sizes[kept]
+    empty = count == 0
+    if empty[:, :, alive].any():
+        windows = int(empty[:, :, alive].any(axis=(1, 2)).sum())
+        warnings.append(f"gaps leave no difference at some cluster times in {windows} of {len(starts)} windows: NaN there")
+    full = statistic.count(width, sizes)[:, None]
+    mean = np.where(empty, np.nan, squares / np.maximum(count, 1))
+    deviation = np.sqrt(mean * statistic.scale(sizes, rate)[:, None])
+    edf = np.where(empty, np.nan, np.maximum(_whole_edf(noise, sizes, statistic, width) * (count / full), 1.0))
+    low, high = interval_factors(edf, confidence)
+    arrays = {"deviation": deviation, "lower": deviation * low, "upper": deviation * high, "edf": edf, "count": count, "alpha": noise}
+    if y.ndim == 1:
+        arrays = {name: value[:, :, 0] for name, value in arrays.items()}
+    return DynamicDeviation(
+        time=(starts + width / 2) / rate, tau=sizes / rate, m=sizes, kind=kind, rate=rate, window=width / rate, confidence=confidence,
+        warnings=tuple(warnings), **arrays,
+    )  # fmt: skip
+
+
+def _in_samples(name: str, seconds, rate: float) -> int:
+    try:
+        value = float(seconds)
+    except (TypeError, ValueError):
+        value = np.nan
+    if not (np.isfinite(value) and round(value * rate) >= 1):
+        raise DataError(f"{name} must be a length of time in s, at least one sample ({1 / rate:g} s); got {seconds!r}")
+    return round(value * rate)
+
+
+def _one_channel(column, name: str, starts, width: int, sizes, statistic: Kind):
+    """Sums of squares, counts and noise types of one channel, (windows, clusters)."""
+    samples, gone = len(column), np.isnan(column)
+    infinite = np.flatnonzero(np.isinf(column))
+    if len(infinite):
+        raise DataError(f"{name} has {len(infinite)} infinite values, the first at sample {infinite[0]}; replace them by NaN to mark a gap")
+    if gone.all():
+        none = np.zeros((len(starts), len(sizes)), np.int64)
+        return none.astype(np.float64), none, none
+    length = padded_length(samples)
+    theta, missing = np.zeros(length), None
+    integrate(np.where(gone, np.mean(column[~gone]), column) if gone.any() else column, theta[: samples + 1], 1)
+    if gone.any():
+        missing = np.zeros(length, np.int32)
+        np.cumsum(gone, out=missing[1 : samples + 1])
+    # as many windows and cluster sizes as the bucket holds: one program serves neighbouring lengths
+    begin = np.zeros(max(1 << (len(starts) - 1).bit_length(), 64), np.int64)
+    begin[: len(starts)] = starts
+    m = np.ones(-(-len(sizes) // 16) * 16, np.int64)
+    m[: len(sizes)] = sizes
+    # differences of a window: of the starting points from its first on
+    number = np.zeros_like(m)
+    number[: len(sizes)] = statistic.count(width, sizes)
+    squares, count = _window_sums(
+        jnp.asarray(theta), None if missing is None else jnp.asarray(missing), jnp.asarray(begin), jnp.asarray(m), jnp.asarray(number),
+        order=statistic.difference, modified=statistic.modified,
+    )  # fmt: skip
+    window, cluster = slice(len(starts)), slice(len(sizes))
+    squares, count = np.asarray(squares).T[window, cluster], np.asarray(count).T[window, cluster]
+    return squares, count, _noise_types(theta, missing, starts, width, sizes, statistic)
+
+
+@functools.partial(jax.jit, static_argnames=("order", "modified"))
+def _window_sums(
+    theta: Float[Array, " padded"],
+    missing: Int[Array, " padded"] | None,
+    begin: Int[Array, " windows"],
+    m: Int[Array, " clusters"],
+    number: Int[Array, " clusters"],
+    *,
+    order: int,
+    modified: bool,
+) -> tuple[Float[Array, "clusters windows"], Int[Array, "clusters windows"]]:
+    """Sum of squared differences with starting points begin .. begin + number - 1, and how many touch no gap.
+
+    The prefix sum is kept as a sum within a row and an unevaluated sum of two numbers over the rows before, so that a quiet
+    window after a loud one keeps its digits.
+    """
+    length = theta.shape[0]
+    parts = running_sum_of_phase(theta) if modified else (theta,)
+    # read as far as the largest cluster size reaches; what comes from there belongs to no window
+    parts = tuple(jnp.concatenate([part, jnp.zeros_like(part)]) for part in parts)
+    lost = None if missing is None else jnp.concatenate([missing, jnp.zeros_like(missing)])
+
+    def one(args):
+        size, differences = args
+        total = None
+        for part in parts:
+            points = [lax.dynamic_slice(part, (j * size,), (length,)) for j in range(order + 1)]
+            while len(points) > 1:
+                points = [b - a for a, b in itertools.pairwise(points)]
+            total = points[0] if total is None else total + points[0]
+        assert total is not None
+        end = begin + differences
+        if lost is None:
+            squares, counts = total * total, jnp.broadcast_to(differences, begin.shape)
+        else:
+            last = lax.dynamic_slice(lost, (order * size - (1 if modified else 0),), (length,))
+            valid = last == lost[:length]
+            squares = jnp.where(valid, total * total, 0.0)
+            prefix = jnp.concatenate([jnp.zeros(1, begin.dtype), jnp.cumsum(valid.astype(begin.dtype))])
+            counts = prefix[end] - prefix[begin]
+        return _between(squares, begin, end), counts
+
+    return lax.map(one, (m, number))
+
+
+def _between(squares, begin, end):
+    """Sums of squares[begin:end]."""
+    rows = squares.reshape(-1, _ROW)
+    inside = jnp.cumsum(rows, axis=1)
+    high, low = lax.associative_scan(_add, (inside[:, -1], jnp.zeros_like(inside[:, -1])))
+
+    def prefix(k):
+        row, place = k // _ROW, k % _ROW
+        before = jnp.where(row > 0, row - 1, 0)
+        part = jnp.where(place > 0, inside[jnp.minimum(row, rows.shape[0] - 1), jnp.maximum(place - 1, 0)], 0.0)
+        return jnp.where(row > 0, high[before], 0.0), jnp.where(row > 0, low[before], 0.0), part
+
+    first, last = prefix(begin), prefix(end)
+    return (last[0] - first[0]) + ((last[1] - first[1]) + (last[2] - first[2]))
+
+
+def _add(x, y):
+    """Sum of two unevaluated sums of two numbers (Knuth, TAOCP 2, 4.2.2)."""
+    total = x[0] + y[0]
+    shadow = total - x[0]
+    rest = (x[0] - (total - shadow)) + (y[0] - shadow) + (x[1] + y[1])
+    high = total + rest
+    return high, rest - (high - total)
+
+
+def _noise_types(theta, missing, starts, width: int, sizes, statistic: Kind) -> np.ndarray:
+    """Noise types, (windows, clusters)."""
+    told = np.unique(np.linspace(0, len(starts) - 1, min(len(starts), _TYPED)).round().astype(int))
+    types = []
+    for start in starts[told]:
+        reach = slice(start, start + width + 1)
+        lost = None if missing is None or missing[start] == missing[start + width] else missing[reach]
+        types.append(identify(theta[reach], lost, sizes, statistic, width, "rate"))
+    nearest = np.searchsorted((told[1:] + told[:-1]) / 2, np.arange(len(starts)))
+    return np.stack(types).astype(np.int64)[nearest]
+
+
+def _whole_edf(noise: np.ndarray, sizes: np.ndarray, statistic: Kind, width: int) -> np.ndarray:
+    """Degrees of freedom of windows without gaps: a table of cluster sizes and noise types, read for each window."""
+    types = np.arange(-4, 3)
+    table = degrees_of_freedom(sizes[:, None], types[None, :], statistic, width)
+    return table[np.arange(len(sizes))[None, :, None], noise + 4]

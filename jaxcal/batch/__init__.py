@@ -1,0 +1,3 @@
+"""Many logs, and logs larger than memory."""
+
+from ._deviation import deviation as deviation

@@ -1,0 +1,148 @@
+"""`deviation`: of many logs, and of logs larger than memory."""
+
+import dataclasses
+import os
+import pathlib
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+
+from .._errors import DataError
+from ..allan import Accumulator, Deviation, deviation as _deviation
+from ..allan._kinds import cluster_sizes, find_kind
+from ..allan._phase import padded_length
+from ..io._chunks import Chunks, array_chunks, open_chunks
+
+
+def deviation(
+    source: Any, rate: Any, *, kind="oadev", m: Any = "log", confidence=0.95, alpha: Any = None, columns: Any = None,
+    chunk=4_194_304, exact=65_536, workers: int | None = None,
+) -> Any:  # fmt: skip
+    """Allan, modified Allan, time or Hadamard deviation of a file larger than memory, or of many logs.
+
+    A record of up to `chunk` samples is that of `jaxcal.allan.deviation`. A longer one is read `chunk` samples at a time through
+    `jaxcal.allan.Accumulator`: the same result up to the cluster size `exact`, and at a stride of starting points beyond. A list of
+    logs of any lengths is shared among the cores and costs one compilation for each doubling of length.
+
+    Parameters
+    ----------
+    source : a path to a .npy or Parquet file, an array or memory map (n,) or (n, channels), or a list of these, each a record of its own.
+    rate : sampling rate in Hz, one for all logs, or a list with one for each.
+    kind : statistic, see `jaxcal.allan.deviation`.
+    m : cluster sizes in samples, see there; for a record longer than `chunk` not "all".
+    confidence : level of the intervals, 0.95 by default.
+    alpha : noise type for the degrees of freedom (2 .. -2), instead of the one identified at each cluster size.
+    columns : channels by number (arrays, .npy) or name (Parquet). By default all; of Parquet all that hold numbers and whose name
+        does not begin with time, timestamp, stamp or t.
+    chunk : samples in memory at a time.
+    exact : cluster size up to which every overlapped difference of a longer record is taken; mdev and tdev end there.
+    workers : threads for a list of logs; as many as there are cores by default.
+
+    Returns
+    -------
+    Deviation
+        tau in s, deviation and its limits in the unit of the record. For a list of logs a list of them, in the same order.
+
+    Raises
+    ------
+    DataError
+        If a record cannot be read or is no record; the message says which of the list.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> y = np.random.default_rng(0).standard_normal(50_000).astype(np.float32)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "log.npy")
+    ...     np.save(path, y)
+    ...     found = jaxcal.batch.deviation(path, 100.0, m=[1, 10, 100], chunk=10_000)
+    >>> bool(np.allclose(found.deviation, jaxcal.allan.deviation(y, 100.0, m=[1, 10, 100]).deviation, rtol=1e-12))
+    True
+    >>> [len(each.m) for each in jaxcal.batch.deviation([y[:1000], y[:2000]], 100.0, m="octave")]
+    [9, 10]
+
+    References
+    ----------
+    See `jaxcal.allan.deviation`.
+    """
+    if isinstance(chunk, bool) or not isinstance(chunk, int | np.integer) or chunk < 1:
+        raise DataError(f"chunk must be a whole number of samples, at least 1; got {chunk!r}")
+    options: dict[str, Any] = {"kind": kind, "m": m, "confidence": confidence, "alpha": alpha}
+    if not isinstance(source, list | tuple):
+        return _one(_opened(source, columns), rate, int(chunk), exact, options)
+    rates = list(rate) if isinstance(rate, Sequence | np.ndarray) and not isinstance(rate, str) else [rate] * len(source)
+    if len(rates) != len(source):
+        raise DataError(f"{len(rates)} rates for {len(source)} logs; give one for each, or a single one")
+    if not source:
+        raise DataError("the list of logs is empty")
+
+    def named(index: int, function: Callable, *arguments: Any) -> Any:
+        try:
+            return function(*arguments)
+        except DataError as error:
+            name = f" ({source[index]})" if isinstance(source[index], str | os.PathLike) else ""
+            raise DataError(f"log {index}{name}: {error}") from error
+
+    records = [named(i, _opened, each, columns) for i, each in enumerate(source)]
+    # the first of each bucket of lengths before the others: two threads would compile the same program twice
+    first = list({padded_length(record.samples): i for i, record in reversed(list(enumerate(records)))}.values())
+    found: dict[int, Deviation] = {}
+    with ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:
+        for turn in (first, [i for i in range(len(records)) if i not in set(first)]):
+            found |= zip(turn, pool.map(lambda i: named(i, _one, records[i], rates[i], int(chunk), exact, options), turn), strict=True)
+    return [found[i] for i in range(len(records))]
+
+
+def _one(record: Chunks, rate: Any, chunk: int, exact: int, options: dict[str, Any]) -> Deviation:
+    statistic = find_kind(options["kind"])
+    sizes = cluster_sizes(options["m"], statistic, record.samples)
+    if record.samples <= chunk:
+        y = record.read(0, record.samples)
+        if isinstance(options["m"], str) and options["m"] == "all":
+            return _deviation(y[:, 0] if record.flat else y, rate, **options)
+        # as many cluster sizes as the longest record of its bucket has, by repeating the largest, which costs least: logs of other
+        # lengths share the program
+        fill = len(cluster_sizes(options["m"], statistic, padded_length(record.samples))) - len(sizes)
+        padded = np.concatenate([sizes, np.full(fill, sizes.max())])
+        found = _deviation(y[:, 0] if record.flat else y, rate, **{**options, "m": padded})
+        return _first(found, len(found.m) - fill) if fill and found.m[-1] == sizes.max() else found
+    if isinstance(options["m"], str) and options["m"] == "all":
+        raise DataError(f'm="all" needs the whole record in memory: it has {record.samples} samples; raise chunk= to that, or choose "log"')
+    warnings: tuple[str, ...] = ()
+    if statistic.modified and isinstance(options["m"], str) and sizes[-1] > exact:
+        sizes = sizes[sizes <= exact]
+        warnings = (f"{statistic.name} of a record longer than chunk={chunk} ends at cluster size exact={exact}",)
+    accumulator = Accumulator(rate, channels=record.channels, exact=exact, **{**options, "m": sizes})
+    for samples in record.of(chunk):
+        accumulator = accumulator.update(samples)
+    found = accumulator.result()
+    if record.channels == 1 and not record.flat:
+        found = eqx.tree_at(_tables, found, [table[:, None] for table in _tables(found)])
+    return dataclasses.replace(found, warnings=(*warnings, *found.warnings))
+
+
+def _opened(source: Any, columns: Any) -> Chunks:
+    if isinstance(source, str | os.PathLike):
+        record = open_chunks(pathlib.Path(source), columns)
+    else:
+        record = array_chunks(source if isinstance(source, np.ndarray) else np.asarray(source), columns)
+    if record.samples == 0:
+        raise DataError("the record is empty")
+    return record
+
+
+def _tables(found: Deviation) -> list[Any]:
+    """The arrays that have the channels, if any, as their second axis."""
+    return [getattr(found, name) for name in ("deviation", "lower", "upper", "edf", "count", "alpha", "skipped")]
+
+
+def _first(found: Deviation, number: int) -> Deviation:
+    def arrays(d: Deviation) -> list[Any]:
+        return [d.tau, d.m, *_tables(d)]
+
+    return eqx.tree_at(arrays, found, [array[:number] for array in arrays(found)])

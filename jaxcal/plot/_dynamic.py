@@ -1,0 +1,97 @@
+"""`dynamic`: a deviation over time and cluster time, as colours."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .._errors import DataError
+from ..allan import DynamicDeviation
+from ._allan import _KINDS
+from ._labels import duration_label
+from ._style import INK, MUTED, SHADE, new_figure, style_axes
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_COLORS = "viridis"  # even in lightness, also for colour-blind readers and in grey
+
+
+def dynamic(result: Any, ax: Any = None) -> Any:
+    """Draw a dynamic Allan deviation: time along, cluster time up, the deviation as colour on a logarithmic scale.
+
+    Where a gap leaves no difference the axes are grey. An edge between two colours that runs upwards is a change of the sensor; one
+    that runs along is the slope of the Allan deviation.
+
+    Parameters
+    ----------
+    result : a `DynamicDeviation` of one channel; pick one of several with ``result.channel(0)``.
+    ax : matplotlib Axes to draw on; None makes a figure 1000 pixels wide, which `jaxcal.plot.save` writes.
+
+    Returns
+    -------
+    The Axes.
+
+    Raises
+    ------
+    DataError
+        If the result is not that of one channel, or no deviation is above zero.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> y = np.random.default_rng(0).normal(size=20_000)
+    >>> ax = jaxcal.plot.dynamic(jaxcal.allan.dynamic(y, 100.0, window=20.0))
+    >>> ax.get_xlabel(), ax.get_ylabel()
+    ('Time (s)', 'Cluster time τ (s)')
+    """
+    if not isinstance(result, DynamicDeviation):
+        raise DataError(f"cannot draw {type(result).__name__}; expected a DynamicDeviation, as jaxcal.allan.dynamic returns it")
+    if result.deviation.ndim != 2:
+        raise DataError(f"the deviation has {result.deviation.shape[2]} channels, which need axes each; pick one with result.channel(0)")
+    order = np.argsort(result.tau, kind="stable")
+    tau, values = np.asarray(result.tau)[order], np.asarray(result.deviation)[:, order].T
+    shown = np.ma.masked_where(~(values > 0), values)  # NaN too
+    if shown.count() == 0:
+        raise DataError("there is nothing to draw: no deviation is above zero; the record is constant")
+    ax = new_figure(1).subplots() if ax is None else ax
+    _draw(ax, result, tau, shown)
+    return ax
+
+
+def _draw(ax: "Axes", result: DynamicDeviation, tau: np.ndarray, shown: Any) -> None:
+    from matplotlib.colors import LogNorm
+    from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator, ScalarFormatter
+
+    style_axes(ax, "Time (s)", "Cluster time τ (s)")
+    formatter = ax.yaxis.get_major_formatter()
+    low, high = float(shown.min()), float(shown.max())
+    # a constant surface has no scale of its own
+    norm = LogNorm(low / 1.05, high * 1.05) if low == high else LogNorm(low, high)
+    time = _edges(np.asarray(result.time), result.window)
+    ax.set_facecolor(SHADE)
+    ax.grid(False)
+    image = ax.pcolormesh(time, np.exp(_edges(np.log(tau), 1.0)), shown, norm=norm, cmap=_COLORS, rasterized=True)
+    ax.set_xscale("linear")
+    ax.xaxis.set_major_formatter(ScalarFormatter())
+    ax.set_xlim(time[0], time[-1])
+    ax.xaxis.set_major_locator(MaxNLocator(8))
+    ax.xaxis.set_minor_locator(NullLocator())
+    ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if tau[-1] / tau[0] < 1000 else (1.0,), numticks=12))
+    unit = "unit of the record" + (" s" if result.kind == "tdev" else "")
+    bar = ax.figure.colorbar(image, ax=ax, pad=0.02)
+    bar.set_label(f"{_KINDS[result.kind]} ({unit})", color=INK)
+    bar.ax.yaxis.set_major_formatter(formatter)
+    if high / low < 30:
+        bar.ax.yaxis.set_minor_formatter(formatter)
+    bar.ax.tick_params(which="both", color=MUTED, labelcolor=INK, labelsize=9)
+    bar.outline.set_visible(False)
+    ax.set_title(f"Windows of {duration_label(result.window)}", loc="left", color=INK, fontsize=11, fontweight="bold")
+
+
+def _edges(centres: np.ndarray, alone: float) -> np.ndarray:
+    """Borders half way between centres, and as far beyond the first and last; `alone` is the width of a single one."""
+    if len(centres) == 1:
+        return np.array([centres[0] - alone / 2, centres[0] + alone / 2])
+    middle = (centres[1:] + centres[:-1]) / 2
+    return np.concatenate([[2 * centres[0] - middle[0]], middle, [2 * centres[-1] - middle[-1]]])

@@ -1,0 +1,332 @@
+"""`Accumulator` against `deviation` of the whole record: any chunking, any merging, gaps; strides; noise types; bad input."""
+
+import math
+
+import hypothesis
+import hypothesis.strategies as st
+import jax
+import numpy as np
+import pytest
+
+from jaxcal import DataError
+from jaxcal.allan import Accumulator, _accumulator, _stream, deviation
+from jaxcal.allan._kinds import find_kind
+from jaxcal.noise import Noise
+from jaxcal.noise._covariance import _lagged
+
+KINDS = ("adev", "oadev", "mdev", "tdev", "hdev", "ohdev")
+M = [1, 2, 3, 5, 8, 13, 21, 34]
+
+
+@pytest.fixture
+def short_pieces(monkeypatch):
+    """Pieces of 64 samples instead of a million, so that short records span many."""
+    for module in (_stream, _accumulator):
+        monkeypatch.setattr(module, "PIECE", 64)
+
+
+def record(length, seed, gaps, offset):
+    random = np.random.default_rng(seed)
+    y = offset + random.standard_normal(length) + 0.1 * np.cumsum(random.standard_normal(length))
+    for _ in range(gaps):
+        start = random.integers(0, length)
+        y[start : start + random.integers(1, 8)] = np.nan
+    return y
+
+
+def fed(y, cuts, **options):
+    acc = Accumulator(10.0, M, **options)
+    for chunk in np.split(y, cuts):
+        if len(chunk):
+            acc = acc.update(chunk)
+    return acc
+
+
+def same(found, whole):
+    np.testing.assert_array_equal(found.m, whole.m)
+    np.testing.assert_array_equal(found.count, whole.count)
+    np.testing.assert_array_equal(found.skipped, whole.skipped)
+    np.testing.assert_allclose(found.deviation, whole.deviation, rtol=1e-12)
+
+
+LENGTHS = st.integers(102, 400)  # every cluster size has a difference; shorter records are below, at a stride
+CUTS = st.lists(st.integers(0, 400), max_size=12)
+SEEDS = st.integers(0, 2**32 - 1)
+GAPS = st.integers(0, 4)
+OFFSETS = st.sampled_from([0.0, 9.81, -300.0])
+slow = hypothesis.settings(max_examples=20, deadline=None, suppress_health_check=[hypothesis.HealthCheck.function_scoped_fixture])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@slow
+@hypothesis.given(length=LENGTHS, cuts=CUTS, seed=SEEDS, gaps=GAPS, offset=OFFSETS)
+def test_any_chunking_gives_the_deviation_of_the_whole(short_pieces, kind, length, cuts, seed, gaps, offset):
+    y = record(length, seed, gaps, offset)
+    whole, acc = deviation(y, 10.0, kind=kind, m=M), fed(y, sorted(c for c in cuts if c < length), kind=kind)
+    assert acc.samples == length
+    found = acc.result()
+    same(found, whole)
+    np.testing.assert_array_equal(found.alpha, whole.alpha)
+    np.testing.assert_allclose(found.edf, whole.edf, rtol=1e-12)
+    np.testing.assert_allclose(found.upper, whole.upper, rtol=1e-12)
+    assert len(found.warnings) == len(whole.warnings)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@slow
+@hypothesis.given(length=LENGTHS, cuts=CUTS, borders=st.lists(st.integers(1, 399), max_size=4), seed=SEEDS, gaps=GAPS, left=st.booleans())
+def test_merged_parts_give_the_deviation_of_the_whole(short_pieces, kind, length, cuts, borders, seed, gaps, left):
+    y = record(length, seed, gaps, 9.81)
+    borders = sorted({b for b in borders if b < length})
+    parts, begin = [], 0
+    for part in np.split(y, borders):
+        place = begin if kind in ("adev", "hdev") else None
+        parts.append(fed(part, sorted(c for c in cuts if c < len(part)), kind=kind, start=place))
+        begin += len(part)
+    while len(parts) > 1:  # from the left, or from the right
+        parts = [parts[0].merge(parts[1]), *parts[2:]] if left else [*parts[:-2], parts[-2].merge(parts[-1])]
+    same(parts[0].result(), deviation(y, 10.0, kind=kind, m=M))
+    more = record(50, seed + 1, 0, 9.81)
+    same(parts[0].update(more).result(), deviation(np.concatenate([y, more]), 10.0, kind=kind, m=M))
+
+
+@pytest.mark.parametrize("kind", ["oadev", "ohdev"])
+@slow
+@hypothesis.given(length=st.integers(3, 2400), border=st.integers(1, 2399), place=st.booleans(), seed=SEEDS, gaps=GAPS)
+def test_strides_are_the_plain_definition_however_chunked_and_merged(short_pieces, kind, length, border, place, seed, gaps):
+    """Every difference at a stride by hand; parts that know their place, or that begin at a multiple of the largest stride."""
+    m = np.array([1, 100, 300, 701])
+    stride = [1, 1, 2, 4]
+    y = record(length, seed, gaps, 9.81)
+    border = min(border, length - 1) if place else min(border, length - 1) // 4 * 4
+    options = {"kind": kind, "exact": 10}
+    acc = Accumulator(1.0, m, **options)
+    for chunk in (y[:border], y[border:]):
+        if len(chunk):
+            acc = acc.update(chunk)
+    found = [acc]
+    if 0 < border < length:
+        second = Accumulator(1.0, m, start=border if place else None, **options).update(y[border:])
+        found.append(Accumulator(1.0, m, **options).update(y[:border]).merge(second))
+    order = 2 if kind == "oadev" else 3
+    theta = np.concatenate([[0.0], np.cumsum(np.nan_to_num(y - 9.81))])
+    gone = np.concatenate([[0], np.cumsum(np.isnan(y))])
+    truth = {}
+    for size, s in zip(m, stride, strict=True):
+        if length + 1 > order * size:
+            starts = np.arange(0, length + 1 - order * size, s)
+            d = sum(math.comb(order, j) * (-1) ** j * theta[starts + j * size] for j in range(order + 1))
+            kept = d[gone[starts] == gone[starts + order * size]]
+            if len(kept):
+                truth[int(size)] = math.sqrt(np.mean(kept**2) / (2 if order == 2 else 6)) / size, len(kept), len(d)
+    for acc in found:
+        if not truth:
+            with pytest.raises(DataError):
+                acc.result()
+            continue
+        result = acc.result()
+        assert result.m.tolist() == list(truth)
+        np.testing.assert_array_equal(result.count, [t[1] for t in truth.values()])
+        np.testing.assert_array_equal(result.count + result.skipped, [t[2] for t in truth.values()])
+        np.testing.assert_allclose(result.deviation, [t[0] for t in truth.values()], rtol=1e-10)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_channels_threads_and_float32(monkeypatch, kind):
+    for module in (_stream, _accumulator):
+        monkeypatch.setattr(module, "PIECE", 1 << 16)
+    monkeypatch.setattr(_accumulator, "_PARALLEL_FROM", 1)
+    y = (np.random.default_rng(1).standard_normal((300_000, 2)) + np.array([9.81, -2.0])).astype(np.float32)
+    y[150_000:150_010, 1] = np.nan
+    m = [1, 4, 50, 700, 5_000]
+    whole = deviation(y, 50.0, kind=kind, m=m)
+    same(Accumulator(50.0, m, channels=2, kind=kind).update(y[:70_001]).update(y[70_001:]).result(), whole)
+    place = 123_457
+    second = Accumulator(50.0, m, channels=2, kind=kind, start=place).update(y[place:])
+    same(Accumulator(50.0, m, channels=2, kind=kind).update(y[:place]).merge(second).result(), whole)
+
+
+def test_pieces_as_they_are():
+    y = np.random.default_rng(1).standard_normal(2_200_000)
+    m = [1, 40, 2000, 60_000]
+    same(Accumulator(50.0, m).update(y[:1_500_000]).update(y[1_500_000:]).result(), deviation(y, 50.0, m=m))
+
+
+def test_one_sample_at_a_time():
+    y = np.random.default_rng(2).standard_normal(3000)
+    acc = Accumulator(10.0, M)
+    for value in y:
+        acc = acc.update([value])
+    same(acc.result(), deviation(y, 10.0, m=M))
+
+
+def test_it_is_frozen_and_may_branch():
+    y = np.random.default_rng(3).standard_normal(600)
+    first = Accumulator(10.0, M).update(y[:300])
+    before = first.result()
+    a, b = first.update(y[300:]), first.update(y[:300])
+    same(first.result(), before)
+    same(a.result(), deviation(y, 10.0, m=M))
+    same(b.result(), deviation(np.tile(y[:300], 2), 10.0, m=M))
+    chunk = y[:300].copy()
+    kept = Accumulator(10.0, M).update(chunk)
+    chunk[:] = 7.0
+    same(kept.result(), before)
+    with pytest.raises(AttributeError):
+        first.rate = 2.0
+
+
+def test_a_wandering_mean_costs_no_digits(short_pieces):
+    """Steps of the mean of 1e6 times the noise, long past: the latest differences keep their digits, against extended precision."""
+    random = np.random.default_rng(4)
+    y = random.standard_normal(20_000)
+    y[:5000] += 1e6
+    y[3000] = np.nan  # so that the step can be cut out
+    y[4900:5100] = np.nan
+    found = Accumulator(1.0, [1, 30]).update(y).result()
+    theta = np.cumsum(np.nan_to_num(y.astype(np.longdouble) - np.where(np.arange(len(y)) < 5000, 1e6, 0.0)))
+    theta = np.concatenate([[np.longdouble(0)], theta])
+    gone = np.concatenate([[0], np.cumsum(np.isnan(y))])
+    for i, m in enumerate((1, 30)):
+        d = (theta[2 * m :] - 2 * theta[m:-m] + theta[: -2 * m])[gone[2 * m :] == gone[: -2 * m]]
+        np.testing.assert_allclose(found.deviation[i], math.sqrt(np.mean(d**2) / 2) / m, rtol=1e-10)
+
+
+@pytest.mark.parametrize("term", ["N", "B", "K"])
+def test_the_stride_costs_less_than_one_per_cent(term):
+    """Exact variance of the mean of the squares, every start against every s-th, summed over the covariance of two differences."""
+
+    def variance(n, m, s):
+        number = (n - 2 * m) // s + 1
+        h = s * np.arange(1 - number, number)
+        c = _lagged(term, h.astype(float), m, m, 1.0)
+        return np.sum((number - np.abs(h / s)) * c**2) / number**2
+
+    for m in (65_537, 131_071):
+        s = int(_stream.make_plan(np.array([m]), find_kind("oadev"), 65_536).stride[0])
+        assert m / 256 < s <= m / 128
+        for n in (2 * m + s - 1, 2 * m + 40 * s, 3 * m, 8 * m):  # the first has a single start, instead of s
+            loss = variance(n, m, s) / variance(n, m, 1) - 1
+            assert loss < (0.001 if n > 2 * m + s else 0.01), (m, n, loss)
+
+
+def test_noise_types_of_a_stream():
+    for alpha, noise in {2: Noise(Q=1.0), 0: Noise(N=1.0), -2: Noise(K=1.0)}.items():
+        y = np.stack([noise.simulate(20_000, 1.0, seed=s) for s in range(9)], axis=1)
+        acc = Accumulator(1.0, [1, 4, 16, 500], channels=9).update(y)
+        assert np.median(acc.result().alpha, axis=1).tolist() == [alpha] * 4
+        halves = Accumulator(1.0, [1, 4, 16, 500], channels=9).update(y[:7001])
+        merged = halves.merge(Accumulator(1.0, [1, 4, 16, 500], channels=9).update(y[7001:]))
+        assert np.median(merged.result().alpha, axis=1).tolist() == [alpha] * 4
+    assert Accumulator(1.0, [1, 4], alpha=-1).update(y[:, 0]).result().alpha.tolist() == [-1, -1]
+
+
+def test_grids_go_on_as_far_as_the_record():
+    y = np.random.default_rng(5).standard_normal(1000)
+    assert Accumulator(1.0, "octave").update(y).result().m.tolist() == [1, 2, 4, 8, 16, 32, 64, 128, 256]
+    assert Accumulator(1.0, "decade").update(y).result().m.tolist() == [1, 2, 4, 10, 20, 40, 100, 200, 400]
+    found = Accumulator(1.0).update(y).result()
+    assert found.m[0] == 1
+    assert found.m[-1] == 464
+    assert found.warnings == ()
+    assert Accumulator(1.0, kind="mdev").m[-1] <= 65_536
+    assert Accumulator(1.0, [8, 2, 8]).update(y).result().m.tolist() == [8, 2, 8]
+    same(Accumulator(1.0, [2, 3]).update(y).result(), deviation(y, 1.0, m=[2, 3]))
+
+
+def test_a_channel_without_samples_is_said_and_the_others_are_served():
+    y = np.random.default_rng(6).standard_normal((500, 3))
+    y[:, 1] = np.nan
+    found = Accumulator(1.0, [1, 10], channels=3).update(y[:200]).update(y[200:]).result()
+    assert found.warnings == ("channel 1 holds nothing but NaN: no deviation",)
+    assert np.isnan(found.deviation[:, 1]).all()
+    assert np.isnan(found.upper[:, 1]).all()
+    assert found.count[:, 1].tolist() == [0, 0]
+    np.testing.assert_allclose(found.deviation[:, [0, 2]], deviation(y[:, [0, 2]], 1.0, m=[1, 10]).deviation, rtol=1e-12)
+    with pytest.raises(DataError, match="nothing but NaN"):
+        Accumulator(1.0).update(np.full(50, np.nan)).result()
+
+
+def test_no_setting_of_jax_is_changed_and_precision_does_not_matter(precision):
+    before = jax.config.jax_enable_x64
+    y = 9.81 + 1e-3 * np.random.default_rng(7).standard_normal(5000)
+    found = Accumulator(100.0, [1, 10]).update(y).result()
+    assert jax.config.jax_enable_x64 == before
+    assert found.deviation.dtype == np.float64
+    same(found, deviation(y, 100.0, m=[1, 10]))
+
+
+def test_a_constant_has_deviation_zero():
+    assert np.all(Accumulator(1.0, [1, 2]).update(np.full(100, 9.81)).result().deviation == 0.0)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"kind": "totdev"}, "unknown kind"),
+        ({"m": "all"}, "unknown grid"),
+        ({"m": [0]}, "at least 1"),
+        ({"m": [1.5]}, "whole numbers"),
+        ({"m": []}, "whole numbers"),
+        ({"kind": "mdev", "m": [70_000]}, "Raise exact="),
+        ({"channels": 0}, "channels must be"),
+        ({"exact": 0.5}, "exact must be"),
+        ({"start": -1}, "start must be"),
+        ({"confidence": 95}, "between 0 and 1"),
+        ({"rate": 0.0}, "rate must be"),
+    ],
+)
+def test_messages_about_options(options, words):
+    with pytest.raises(DataError, match=words):
+        Accumulator(**({"rate": 1.0} | options))
+
+
+def test_messages_about_chunks():
+    acc = Accumulator(1.0, [1, 2], channels=2)
+    for chunk, words in (
+        (np.zeros((0, 2)), "the chunk is empty"),
+        (np.zeros(5), r"must be \(n, 2\)"),
+        (np.zeros((5, 3)), r"must be \(n, 2\)"),
+        (np.array([["a", "b"]]), "real numbers"),
+        (np.array([[1.0, np.inf]]), "infinite values"),
+        (np.full((1 << 20, 2), np.inf), "channel 0 has an infinite value at sample 0"),
+    ):
+        with pytest.raises(DataError, match=words):
+            acc.update(chunk)
+    with pytest.raises(DataError, match="the chunk is empty"):
+        Accumulator(1.0).update([])
+    with pytest.raises(DataError, match="holds no samples"):
+        acc.result()
+    with pytest.raises(DataError, match="2 are needed"):
+        Accumulator(1.0, [1]).update([1.0]).result()
+    with pytest.raises(DataError, match="touches a gap"):
+        Accumulator(1.0, [1]).update([1.0, np.nan, 1.0, np.nan]).result()
+    with pytest.raises(DataError, match="inside jit or grad"):
+        jax.jit(lambda y: Accumulator(1.0).update(y).samples)(np.zeros(3))
+
+
+def test_messages_about_parts_that_do_not_join():
+    y = np.random.default_rng(8).standard_normal(100)
+    part = Accumulator(1.0, [1, 2]).update(y)
+    for other, words in (
+        (Accumulator(1.0, [1, 3]).update(y), "differ in m"),
+        (Accumulator(2.0, [1, 2]).update(y), r"differ in rate \(1.0 and 2.0\)"),
+        (Accumulator(1.0, [1, 2], kind="adev").update(y), r"differ in kind \('oadev' and 'adev'\)"),
+        (Accumulator(1.0, [1, 2], channels=2).update(np.zeros((5, 2))), "differ in channels"),
+        (Accumulator(1.0, [1, 2], exact=1).update(y), "differ in exact"),
+        (Accumulator(1.0, [1, 2], start=99).update(y), "the first ends at sample 100, the second starts at 99"),
+        (Accumulator(1.0, [1, 2]), "the second part holds no samples"),
+        (part.result(), "only an Accumulator"),
+    ):
+        with pytest.raises(DataError, match=words):
+            part.merge(other)
+    with pytest.raises(DataError, match="the first part holds no samples"):
+        Accumulator(1.0, [1, 2]).merge(part)
+    odd = Accumulator(1.0, [1, 7], kind="adev")
+    with pytest.raises(DataError, match=r"start=100\), or cut the record at a multiple of 7 samples"):
+        odd.update(y).merge(odd.update(y))
+    # a cluster size that neither part can have yet is not followed any more, and that is said
+    far = Accumulator(1.0, [1, 70_000])
+    found = far.update(y).merge(far.update(y)).update(np.tile(y, 2000)).result()
+    assert found.m.tolist() == [1]
+    assert "parts merged without start=: tau = 70000 s" in found.warnings[0]

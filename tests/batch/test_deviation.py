@@ -1,0 +1,135 @@
+"""`batch.deviation` against `allan.deviation`: files and arrays, longer than a chunk or not, lists, compilations, bad input."""
+
+import pathlib
+
+import jax
+import numpy as np
+import polars as pl
+import pytest
+
+import jaxcal
+from jaxcal import DataError
+from jaxcal.allan._phase import padded_length
+from jaxcal.batch import deviation
+
+RATE = 100.0
+
+
+@pytest.fixture(scope="module")
+def y():
+    y = 9.81 + np.random.default_rng(0).standard_normal((30_000, 3))
+    y[12_000:12_010, 1] = np.nan
+    return y
+
+
+def same(found, whole):
+    for name in ("m", "count", "skipped", "alpha"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(whole, name))
+    for name in ("tau", "deviation", "lower", "upper", "edf"):
+        np.testing.assert_allclose(getattr(found, name), getattr(whole, name), rtol=1e-12)
+
+
+@pytest.mark.parametrize("chunk", [7_000, 30_000])
+@pytest.mark.parametrize("source", ["array", "memmap", "npy", "parquet", "text path"])
+def test_every_source_gives_the_deviation_of_the_record(y, tmp_path, source, chunk):
+    whole = jaxcal.allan.deviation(y, RATE, m=[1, 3, 50, 900])
+    path = tmp_path / ("log.parquet" if source == "parquet" else "log.npy")
+    if source == "parquet":
+        columns = {"time_s": np.arange(len(y)) / RATE, **{f"gyro_{a}": y[:, i] for i, a in enumerate("xyz")}, "name": ["a"] * len(y)}
+        pl.DataFrame(columns).write_parquet(path, row_group_size=5_000)
+    else:
+        np.save(path, y)
+    given = {"array": y, "npy": path, "parquet": path, "text path": str(path)}.get(source)
+    given = np.load(path, mmap_mode="r") if given is None else given
+    same(deviation(given, RATE, m=[1, 3, 50, 900], chunk=chunk), whole)
+
+
+def test_the_grid_is_that_of_the_record_and_columns_are_chosen(y, tmp_path):
+    whole = jaxcal.allan.deviation(y[:, 0], RATE)
+    for chunk in (4_000, 100_000):
+        found = deviation(y[:, 0], RATE, chunk=chunk)
+        np.testing.assert_array_equal(found.m, whole.m)
+        np.testing.assert_allclose(found.deviation, whole.deviation, rtol=1e-12)
+        assert deviation(y, RATE, columns=[2, 0], chunk=chunk).deviation.shape == (len(whole.m), 2)
+        assert deviation(y[:, :1], RATE, chunk=chunk).deviation.shape == (len(whole.m), 1)
+    path = tmp_path / "log.parquet"
+    pl.DataFrame({"t": np.arange(3000), "gx": [None, *y[1:3000, 0]], "gy": y[:3000, 2]}).write_parquet(path)
+    found = deviation(path, RATE, columns="gx", m=[1, 10])
+    assert found.skipped.tolist() == [1, 1]
+    same(found, jaxcal.allan.deviation(np.where(np.arange(3000) == 0, np.nan, y[:3000, 0]), RATE, m=[1, 10]))
+    assert deviation(path, RATE, m=[1]).deviation.shape == (1, 2)
+
+
+def test_strides_and_the_end_of_mdev_are_said(y):
+    z = y[:, 0]
+    found = deviation(z, RATE, m=[1, 2_000], chunk=1_000, exact=100)
+    assert found.count.tolist() == [29_999, (30_000 - 4_000) // 8 + 1]
+    assert abs(found.deviation[1] / jaxcal.allan.deviation(z, RATE, m=[2_000]).deviation[0] - 1) < 0.01
+    found = deviation(z, RATE, kind="mdev", chunk=1_000, exact=100)
+    assert found.m[-1] <= 100
+    assert found.warnings == ("mdev of a record longer than chunk=1000 ends at cluster size exact=100",)
+
+
+def test_a_list_of_logs_is_a_list_of_results():
+    random = np.random.default_rng(1)
+    logs = [random.standard_normal(n) for n in (100, 2_000, 5_001, 333)]
+    logs[2][100:150] = np.nan
+    for found, log in zip(deviation(logs, RATE), logs, strict=True):
+        same(found, jaxcal.allan.deviation(log, RATE))
+    assert [d.rate for d in deviation(logs, [1.0, 2.0, 3.0, 4.0], workers=1)] == [1.0, 2.0, 3.0, 4.0]
+
+
+def test_one_compilation_for_each_doubling_of_length():
+    random = np.random.default_rng(2)
+    lengths = random.choice(np.arange(10_000, 100_000), 40, replace=False)
+    record, compiled = random.standard_normal(100_000), []
+    jax.clear_caches()
+
+    def hear(event, duration, fun_name="", **_):
+        # what only moves arguments is compiled too, in milliseconds
+        if event == "/jax/core/compile/backend_compile_duration" and "block_sums" in fun_name:
+            compiled.append(duration)
+
+    jax.monitoring.register_event_duration_secs_listener(hear)
+    deviation([record[:n] for n in lengths], RATE)
+    buckets = {padded_length(int(n)) for n in lengths}
+    assert len(buckets) == 3
+    assert len(compiled) == len(buckets)
+    deviation([record[: n + 1] for n in lengths], RATE)
+    assert len(compiled) == len(buckets)
+
+
+@pytest.mark.parametrize(
+    ("source", "options", "words"),
+    [
+        ([], {}, "list of logs is empty"),
+        ([np.zeros(5), np.zeros(0)], {}, "log 1: the record is empty"),
+        ([np.zeros(5), "nowhere.npy"], {}, r"log 1 \(nowhere.npy\): there is no such file"),
+        ([np.zeros(5)], {"rate": [1.0, 2.0]}, "2 rates for 1 logs"),
+        (np.zeros((2, 2, 2)), {}, "expected numbers of shape"),
+        (np.array(["a"]), {}, "expected numbers of shape"),
+        (np.zeros(100), {"m": [51]}, "outside 1 .. 50"),
+        (np.zeros(100), {"m": [51], "chunk": 10}, "outside 1 .. 50"),
+        (np.zeros(100), {"m": "all", "chunk": 10}, "needs the whole record in memory"),
+        (np.zeros(100), {"chunk": 0}, "chunk must be"),
+        (np.zeros((100, 2)), {"columns": [2]}, "columns 0 .. 1"),
+        (np.full(100, np.nan), {"chunk": 10}, "nothing but NaN"),
+        (np.array([0.0, 1.0, np.inf] * 9), {"chunk": 10}, "infinite value"),
+    ],
+)
+def test_messages(source, options, words):
+    with pytest.raises(DataError, match=words):
+        deviation(source, **({"rate": 1.0} | options))
+
+
+def test_messages_about_files(tmp_path):
+    text = pathlib.Path(tmp_path, "log.csv")
+    text.write_text("1,2\n3,4\n")
+    with pytest.raises(DataError, match="not read in chunks"):
+        deviation(text, 1.0)
+    path = tmp_path / "log.parquet"
+    pl.DataFrame({"time": [0.0, 1.0], "name": ["a", "b"]}).write_parquet(path)
+    with pytest.raises(DataError, match="those that hold numbers are time"):
+        deviation(path, 1.0)
+    with pytest.raises(DataError, match="columns gyro: not in the file"):
+        deviation(path, 1.0, columns=["gyro"])
