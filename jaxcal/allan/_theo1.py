@@ -45,15 +45,15 @@ def _fast(theta, m: int) -> float:
     first, last = theta[:windows], theta[m:]
     total = w.sum() * (squares[windows] + squares[n] - squares[m] + 2.0 * float(first @ last))
     total += float(w @ (squares[windows + h - d] - squares[h - d] + squares[windows + h + d] - squares[h + d]))
-    size = scipy.fft.next_fast_len(2 * n, real=True)
-    spectrum = scipy.fft.rfft(theta, size)
+    size: int = scipy.fft.next_fast_len(2 * n, real=True)  # type: ignore[assignment]
+    spectrum = np.fft.rfft(theta, size)
     kernel = np.zeros(size)
     kernel[:h] = w
     kernel[0] *= 2.0
     kernel[size - h + 1 :] = w[:0:-1]
-    inner = scipy.fft.irfft(scipy.fft.rfft(kernel) * spectrum, size)[h : h + windows]
+    inner = np.fft.irfft(np.fft.rfft(kernel) * spectrum, size)[h : h + windows]
     total -= 2.0 * float((first + last) @ inner)
-    pairs = scipy.fft.irfft(np.abs(spectrum) ** 2, size)[2 * d]
+    pairs = np.fft.irfft(np.abs(spectrum) ** 2, size)[2 * d]
     pairs -= _near_the_start(theta, h) + _near_the_start(theta[::-1], h)
     return float(total + 2.0 * float(w @ pairs))
 
@@ -100,8 +100,8 @@ def _triangle(x, size: int):
         # triangles of this level: left from t width, right from (count - 1 - t) width; each has a square, then two halves
         a = left.reshape(-1, width)[:, :half]
         b = right.reshape(-1, width)[::-1, :half]
-        product = np.conj(scipy.fft.rfft(a, width, axis=1)) * scipy.fft.rfft(b, width, axis=1)
-        square = scipy.fft.fftshift(scipy.fft.irfft(product, width, axis=1), axes=1)  # lag -half .. half - 1
+        product = np.conj(np.fft.rfft(a, width, axis=1)) * np.fft.rfft(b, width, axis=1)
+        square = np.fft.fftshift(np.fft.irfft(product, width, axis=1), axes=1)  # lag -half .. half - 1
         for_t = found.reshape(len(a), 2 * width)[::-1]  # lag (count - 1 - 2 t) width is the middle of its row
         for_t[:, half : half + width] += square
         width = half

@@ -17,9 +17,12 @@ of F, R and H, and one with stride 2 for R(i - s) H(i + s). Removing the window'
 
 import functools
 
+import jax
+import jax.numpy as jnp
 import numpy as np
+from jax import lax
 
-from .._types import Float
+from .._types import Array, Float, Int
 
 #: up to this cluster size the windows are formed one by one: quicker, and exact to the last digits
 LITERAL = 12
@@ -47,11 +50,28 @@ def total_sum(reflected: Float[np.ndarray, " points"], m: int) -> float:
     return total
 
 
+def traced_total_sums(theta: Float[Array, " points"], m: Int[Array, " clusters"]) -> Float[Array, " clusters"]:
+    """`total_sum` at every cluster size, in plain algebra that JAX can differentiate."""
+    n = theta.shape[0] - 1
+    reflected = reflected_record(theta, jnp)
+    inner = n + jnp.arange(1, n)
+
+    @jax.checkpoint
+    def one(size):
+        d = (reflected[inner + size] - reflected[inner]) - (reflected[inner] - reflected[inner - size])
+        return jnp.sum(d * d)
+
+    return lax.map(one, m)
+
+
 def window_sum(z: Float[np.ndarray, " points"], m: int) -> float:
-    """Sum over all windows of 3 m points of the 6 m squared third differences of its reflected extension, each divided by m^2."""
+    """Sum over all windows of 3 m points of the mean squared third difference of the running sum of the reflected window.
+
+    The differences have the step m and 6 m positions, one period of the extension.
+    """
     windows = len(z) - 3 * m + 1
     if m <= LITERAL:
-        return _literal(z, m, windows) / m**2
+        return _literal(z, m, windows) / (6 * m)
     chunk = min(max(8 * m, _FEWEST), windows)
     reach = chunk + 3 * m - 1
     pieces = np.lib.stride_tricks.sliding_window_view(z, reach)[::chunk]
@@ -62,11 +82,11 @@ def window_sum(z: Float[np.ndarray, " points"], m: int) -> float:
     done = len(pieces) * chunk
     if done < windows:
         total += _chunks(z[None, done:], m)
-    return total / m**2
+    return total / (6 * m)
 
 
 @functools.lru_cache(maxsize=64)
-def _window_map(m: int) -> Float[np.ndarray, "points differences"]:
+def window_map(m: int) -> Float[np.ndarray, "points differences"]:
     """The definition, applied to unit windows: matrix from the points of a window to the third differences of its extension."""
     length = 3 * m
     unit = np.eye(length)
@@ -82,7 +102,7 @@ def _window_map(m: int) -> Float[np.ndarray, "points differences"]:
 
 def _literal(z, m: int, windows: int) -> float:
     """The definition, as a product of all windows with one matrix."""
-    to_differences = _window_map(m)
+    to_differences = window_map(m)
     views = np.lib.stride_tricks.sliding_window_view(z, 3 * m)
     total, rows = 0.0, max(_POINTS // (6 * m), 1)
     for start in range(0, windows, rows):
