@@ -2,11 +2,11 @@
 
 Every one of them is a mean of squares of differences that do not see a line, so for a noise type its expectation follows from
 the generalised covariance of phase alone (C. A. Greenhall, "The generalized autocovariance: a tool for clock statistics", TMO
-Progress Report 42-137, 1999): the factors of mtotdev, htotdev and theo1 here are these expectations and hold at every cluster
-size. Printed tables hold their limits for large m, or fits to simulations: htotdev 0.995, 0.851, 0.771, 0.717, 0.679 (NIST SP
-1065), which these factors reach to the last digit; mtotdev 0.94, 0.83, 0.73, 0.70, 0.69 (Stable32), where the expectation is 0.995,
-0.851, 0.771, 0.717, 0.679; theo1 within 10 %. totdev: D. A. Howe and C. A. Greenhall, "Total variance: a progress report on a new
-frequency stability characterization", PTTI 1997; white phase derived, flicker phase to 1 % from the expectation.
+Progress Report 42-137, 1999). The factors of mtotdev, htotdev and theo1 are these expectations, at every cluster size. Printed
+tables hold their limits for large m, or fits to simulations: htotdev 0.995, 0.851, 0.771, 0.717, 0.679 (NIST SP 1065), which is
+the limit to the last digit; mtotdev 0.94, 0.83, 0.73, 0.70, 0.69 (Stable32), where the limit is 0.995, 0.851, 0.771, 0.717,
+0.679; theo1 within 3 %, of phase noise 15 %. totdev: D. A. Howe and C. A. Greenhall, "Total variance: a progress report on a new
+frequency stability characterization", PTTI 1997; white phase derived, flicker phase fitted to the expectation.
 """
 
 import functools
@@ -18,7 +18,7 @@ from .._types import Float
 from ._kinds import Kind
 from ._total import window_map
 
-_TOTAL = {2: 4.0 / 3.0, 1: 0.94, 0: 0.0, -1: -0.481, -2: -0.750}  # totdev: 1 + a tau / T
+_TOTAL = {2: 4.0 / 3.0, 1: 4.0 / 3.0, 0: 0.0, -1: -0.481, -2: -0.750}  # totdev: 1 + a tau / T
 _LIMIT = 64  # cluster size from which the factors of the windows no longer change
 
 
@@ -27,10 +27,10 @@ def covariance(alpha: int, lag) -> Float[np.ndarray, "..."]:
     t = np.abs(np.asarray(lag, dtype=np.float64))
     held = np.where(t > 0, t, 1.0)
     if alpha == 2:
-        return (t == 0).astype(np.float64)
+        return np.asarray(t == 0, dtype=np.float64)
     if alpha == 1:  # flicker phase is infinite without a band limit
         return np.where(t > 0, scipy.special.sici(np.pi * held)[1] - np.log(np.pi * held) - np.euler_gamma, 0.0)
-    return {0: -t, -1: t**2 * np.log(held), -2: t**3, -3: -(t**4) * np.log(held), -4: -(t**5)}[alpha]
+    return np.asarray({0: -t, -1: t**2 * np.log(held), -2: t**3, -3: -(t**4) * np.log(held), -4: -(t**5)}[alpha])
 
 
 def bias_factors(m, alpha, kind: Kind, samples) -> Float[np.ndarray, "..."]:
@@ -45,7 +45,9 @@ def bias_factors(m, alpha, kind: Kind, samples) -> Float[np.ndarray, "..."]:
     """
     sizes, types, lengths = np.broadcast_arrays(m, np.clip(np.asarray(alpha), -4 if kind.order == 3 else -2, 2), samples)
     if kind.name == "totdev":
-        return 1.0 + np.vectorize(_TOTAL.get, otypes=[float])(types.astype(int)) * sizes / np.maximum(lengths, 1)
+        slopes = np.vectorize(_TOTAL.get, otypes=[float])(types.astype(int))
+        slopes = slopes - np.where(types == 1, 0.77 * sizes**-0.135, 0.0)  # flicker phase nears white phase slowly
+        return np.where(sizes > 1, 1.0 + slopes * sizes / np.maximum(lengths, 1), 1.0)  # at m = 1 nothing is reflected
     if not kind.contiguous:
         return np.ones(sizes.shape)
     one = _theo1_factor if kind.family == "theo1" else functools.partial(_window_factor, order=kind.order)

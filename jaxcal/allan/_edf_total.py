@@ -62,10 +62,11 @@ def degrees_of_freedom(m, alpha, kind: Kind, samples) -> Float[np.ndarray, "..."
     for noise in np.unique(types):
         here = types == noise
         edf[here] = formula(sizes[here].astype(np.float64), np.maximum(lengths[here], 1).astype(np.float64), int(noise), shift)
-    if kind.order == 3 and np.any(sizes == 1):  # htotdev is ohdev there
-        plain = _edf.degrees_of_freedom(1, types, kind.plain, int(np.max(lengths)))
-        edf = np.where(sizes == 1, plain * lengths / np.max(lengths), edf)
-    return np.maximum(edf, 1.0)
+    if kind.order == 3:  # htotdev is ohdev at m = 1
+        for length in np.unique(lengths[sizes == 1]):
+            here = (sizes == 1) & (lengths == length)
+            edf[here] = _edf.degrees_of_freedom(1, types[here], kind.plain, int(length))
+    return np.asarray(np.maximum(edf, 1.0))
 
 
 def _totdev(m, n, alpha: int, _):
