@@ -16,7 +16,6 @@ import scipy.special
 
 from .._types import Float
 from ._kinds import Kind
-from ._total import window_map
 
 _TOTAL = {2: 4.0 / 3.0, 1: 4.0 / 3.0, 0: 0.0, -1: -0.481, -2: -0.750}  # totdev: 1 + a tau / T
 _LIMIT = 64  # cluster size from which the factors of the windows no longer change
@@ -54,6 +53,21 @@ def bias_factors(m, alpha, kind: Kind, samples) -> Float[np.ndarray, "..."]:
     return np.array([one(int(size), int(noise)) for size, noise in zip(sizes.ravel(), types.ravel(), strict=True)]).reshape(sizes.shape)
 
 
+@functools.lru_cache(maxsize=64)
+def _window_map(m: int) -> Float[np.ndarray, "points differences"]:
+    """The definition, applied to unit windows: matrix from the points of a window to the third differences of its extension."""
+    length = 3 * m
+    unit = np.eye(length)
+    half, rest = length // 2, -(-length // 2)
+    slope = (unit[:, rest:].mean(axis=1) - unit[:, :half].mean(axis=1)) / rest
+    line_free = unit - slope[:, None] * np.arange(length)
+    extended = np.concatenate([line_free[:, ::-1], line_free, line_free[:, ::-1]], axis=1)
+    running = np.concatenate([np.zeros((length, 1)), np.cumsum(extended, axis=1)], axis=1)[:, : 9 * m]
+    third = running[:, length:] - 3.0 * running[:, 2 * m : -m] + 3.0 * running[:, m : -2 * m] - running[:, :-length]
+    third.flags.writeable = False
+    return third
+
+
 def _window_factor(m: int, alpha: int, order: int) -> float:
     if order == 3 and m == 1:
         return 1.0  # htotdev is ohdev there
@@ -63,7 +77,7 @@ def _window_factor(m: int, alpha: int, order: int) -> float:
 @functools.lru_cache(maxsize=1024)
 def _window_expectation(m: int, alpha: int, order: int) -> float:
     """Mean squared third difference of the reflected windows, over that of the record itself."""
-    length, differences = 3 * m, window_map(m)
+    length, differences = 3 * m, _window_map(m)
     time = np.arange(length + order - 2)
     phase = covariance(alpha, time[:, None] - time[None, :])
     if order == 2:  # windows of phase

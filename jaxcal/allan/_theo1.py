@@ -15,6 +15,7 @@ import numpy as np
 import scipy.fft
 
 from .._types import Float
+from ._total import dot
 
 _DIRECT = 32  # windows, or offsets, up to which the double sum is formed as it stands
 _FEWEST = 8192  # windows of a chunk at least
@@ -38,13 +39,13 @@ def _fast(theta, m: int) -> float:
         return _double_sum(theta, m)
     time = np.linspace(-1.0, 1.0, n)
     theta = theta - theta.mean()
-    theta -= (theta @ time / (time @ time)) * time
+    theta -= (dot(theta, time) / dot(time, time)) * time
     squares = np.concatenate([[0.0], np.cumsum(theta**2)])
     d = np.arange(h)
     w = 1.0 / (h - d)
     first, last = theta[:windows], theta[m:]
-    total = w.sum() * (squares[windows] + squares[n] - squares[m] + 2.0 * float(first @ last))
-    total += float(w @ (squares[windows + h - d] - squares[h - d] + squares[windows + h + d] - squares[h + d]))
+    total = w.sum() * (squares[windows] + squares[n] - squares[m] + 2.0 * dot(first, last))
+    total += dot(w, squares[windows + h - d] - squares[h - d] + squares[windows + h + d] - squares[h + d])
     size: int = scipy.fft.next_fast_len(2 * n, real=True)  # type: ignore[assignment]
     spectrum = np.fft.rfft(theta, size)
     kernel = np.zeros(size)
@@ -52,10 +53,10 @@ def _fast(theta, m: int) -> float:
     kernel[0] *= 2.0
     kernel[size - h + 1 :] = w[:0:-1]
     inner = np.fft.irfft(np.fft.rfft(kernel) * spectrum, size)[h : h + windows]
-    total -= 2.0 * float((first + last) @ inner)
+    total -= 2.0 * dot(first + last, inner)
     pairs = np.fft.irfft(np.abs(spectrum) ** 2, size)[2 * d]
     pairs -= _near_the_start(theta, h) + _near_the_start(theta[::-1], h)
-    return float(total + 2.0 * float(w @ pairs))
+    return float(total + 2.0 * dot(w, pairs))
 
 
 def _double_sum(theta, m: int) -> float:
@@ -66,12 +67,12 @@ def _double_sum(theta, m: int) -> float:
         ends = theta[:windows] + theta[m:]
         for d in range(h):
             e = ends - theta[h - d : h - d + windows] - theta[h + d : h + d + windows]
-            total += float(e @ e) / (h - d)
+            total += dot(e, e) / (h - d)
         return total
     w = 1.0 / np.arange(h, 0, -1)
     for i in range(windows):
         e = (theta[i] + theta[i + m]) - theta[i + 1 : i + h + 1][::-1] - theta[i + h : i + m]
-        total += float((e * e) @ w)
+        total += dot(e * e, w)
     return total
 
 

@@ -15,8 +15,6 @@ of F, R and H, and one with stride 2 for R(i - s) H(i + s). Removing the window'
 -s^2 on the first range and 2 s^2 - 6 m s + 3 m^2 on the second.
 """
 
-import functools
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -24,10 +22,15 @@ from jax import lax
 
 from .._types import Array, Float, Int
 
-#: up to this cluster size the windows are formed one by one: quicker, and exact to the last digits
-LITERAL = 12
+#: up to this cluster size every D(i, s) is formed and squared: quicker, and nothing large cancels
+LITERAL = 16
 _FEWEST = 512  # windows of a chunk at least
 _POINTS = 1 << 16  # points worked on at a time, so that they stay in the cache
+
+
+def dot(a, b) -> float:
+    """Sum of products over all entries, on this thread alone: the linear algebra library would start others for each small sum."""
+    return float(np.einsum(*((a, [0], b, [0]) if a.ndim == 1 else (a, [0, 1], b, [0, 1])), []))
 
 
 def reflected_record(theta, xp=np):
@@ -46,7 +49,7 @@ def total_sum(reflected: Float[np.ndarray, " points"], m: int) -> float:
         last = min(first + _POINTS, 2 * n)
         d = reflected[first - m : last - m] - reflected[first:last]
         d += reflected[first + m : last + m] - reflected[first:last]
-        total += float(d @ d)
+        total += dot(d, d)
     return total
 
 
@@ -70,8 +73,6 @@ def window_sum(z: Float[np.ndarray, " points"], m: int) -> float:
     The differences have the step m and 6 m positions, one period of the extension.
     """
     windows = len(z) - 3 * m + 1
-    if m <= LITERAL:
-        return _literal(z, m, windows) / (6 * m)
     chunk = min(max(8 * m, _FEWEST), windows)
     reach = chunk + 3 * m - 1
     pieces = np.lib.stride_tricks.sliding_window_view(z, reach)[::chunk]
@@ -85,41 +86,12 @@ def window_sum(z: Float[np.ndarray, " points"], m: int) -> float:
     return total / (6 * m)
 
 
-@functools.lru_cache(maxsize=64)
-def window_map(m: int) -> Float[np.ndarray, "points differences"]:
-    """The definition, applied to unit windows: matrix from the points of a window to the third differences of its extension."""
-    length = 3 * m
-    unit = np.eye(length)
-    half, rest = length // 2, -(-length // 2)
-    slope = (unit[:, rest:].mean(axis=1) - unit[:, :half].mean(axis=1)) / rest
-    line_free = unit - slope[:, None] * np.arange(length)
-    extended = np.concatenate([line_free[:, ::-1], line_free, line_free[:, ::-1]], axis=1)
-    running = np.concatenate([np.zeros((length, 1)), np.cumsum(extended, axis=1)], axis=1)[:, : 9 * m]
-    third = running[:, length:] - 3.0 * running[:, 2 * m : -m] + 3.0 * running[:, m : -2 * m] - running[:, :-length]
-    third.flags.writeable = False
-    return third
-
-
-def _literal(z, m: int, windows: int) -> float:
-    """The definition, as a product of all windows with one matrix."""
-    to_differences = window_map(m)
-    views = np.lib.stride_tricks.sliding_window_view(z, 3 * m)
-    total, rows = 0.0, max(_POINTS // (6 * m), 1)
-    for start in range(0, windows, rows):
-        some = views[start : start + rows]
-        # less its middle and the line through its ends: the map does not see them, rounding does
-        middle, slope = some[:, 3 * m // 2], (some[:, -1] - some[:, 0]) / (3 * m - 1)
-        d = (some - middle[:, None] - slope[:, None] * (np.arange(3 * m) - 3 * m // 2)) @ to_differences
-        total += float(np.vdot(d, d))
-    return total
-
-
 def _chunks(z, m: int) -> float:
     """Sum over all windows of every row of z."""
     length = z.shape[1]
     time = np.linspace(-1.0, 1.0, length)
     z = z - z.mean(axis=1, keepdims=True)
-    z -= (z @ time / (time @ time))[:, None] * time
+    z -= (np.einsum("ij,j->i", z, time) / dot(time, time))[:, None] * time
     return _one_end(z, m) + _one_end(z[:, ::-1], m)
 
 
@@ -133,6 +105,8 @@ def _one_end(z, m: int) -> float:
     before, after = sums[:, half : half + windows] - sums[:, :windows], sums[:, 3 * m :] - sums[:, rest : rest + windows]
     slope = (after - before) / (half * rest)
     ends = sums[:, 3 * m :]
+    if m <= LITERAL:
+        return _one_by_one(sums, slope, m)
 
     def point(first, count, shift):
         return sums[:, first + shift : first + shift + count]
@@ -149,7 +123,27 @@ def _one_end(z, m: int) -> float:
         back = 3.0 * point(1 - 2 * m, many, 4 * m) - point(1 - 2 * m, many, 3 * m)
         ahead = 3.0 * point(m + 1, many, m) - point(m + 1, many, 0)
         far = _squares(-4.0 * ends, back, ahead, m + 1, 2 * m - 1, slope, (3.0 * m**2, -6.0 * m, 2.0))
-    return 2.0 * near - float(np.vdot(first, first)) + far
+    return 2.0 * near - dot(first, first) + far
+
+
+def _one_by_one(sums, slope, m: int) -> float:
+    """The same, offset by offset."""
+    windows = slope.shape[1]
+
+    def point(shift):
+        return sums[:, shift : shift + windows]
+
+    total = 0.0
+    for s in range(2 * m):
+        if s <= m:
+            d = (point(3 * m) - point(3 * m - s)) - 3.0 * (point(2 * m + s) - point(m + s)) + (point(3 * m) - point(s))
+            line = -float(s * s)
+        else:
+            d = 3.0 * (point(4 * m - s) - point(3 * m)) - (point(3 * m - s) - point(m + s)) + 2.0 * point(m + s) - point(3 * m) - point(s)
+            line = float(2 * s * s - 6 * m * s + 3 * m * m)
+        d -= line * slope
+        total += (2.0 if 1 <= s <= m else 1.0) * dot(d, d)
+    return total
 
 
 def _squares(f, r, h, low: int, high: int, slope, line) -> float:
@@ -161,19 +155,19 @@ def _squares(f, r, h, low: int, high: int, slope, line) -> float:
     many = windows + offsets - 1
     j = np.arange(many)
     ways = np.minimum(np.minimum(j + 1, many - j), min(windows, offsets)).astype(np.float64)  # pairs (i, s) with one i - s, or i + s
-    total = offsets * float(np.vdot(f, f)) + float(((r * r + h * h) @ ways).sum())
+    total = offsets * dot(f, f) + float(np.einsum("ij,j->", r * r + h * h, ways))
     # over s, for every i: sums of s^p r_{i-s} and s^p h_{i+s}, p = 0, 1, 2, from running sums about the middle of the window range
     at = np.arange(windows) - (windows - 1) / 2.0
     behind, ahead = _moments(r, offsets, high, windows), _moments(h, offsets, -low, windows)
-    total += 2.0 * float(np.vdot(f, behind[0] + ahead[0]))
+    total += 2.0 * dot(f, behind[0] + ahead[0])
     # r_{i-s} h_{i+s}: with u = i + s, h_u times the sum of r_{u-2s} over the s that leave i inside
-    total += 2.0 * float(np.vdot(h, _strided(r, low, high, windows)))
+    total += 2.0 * dot(h, _strided(r, low, high, windows))
     s = np.arange(low, high + 1, dtype=np.float64)
     g = line[0] + line[1] * s + line[2] * s**2
     with_line = f * g.sum() + line[0] * (behind[0] + ahead[0])
     with_line += line[1] * (at * (behind[0] - ahead[0]) - behind[1] + ahead[1])
     with_line += line[2] * (at**2 * (behind[0] + ahead[0]) - 2.0 * at * (behind[1] + ahead[1]) + behind[2] + ahead[2])
-    return total - 2.0 * float(np.vdot(slope, with_line)) + float(np.vdot(slope, slope)) * float(g @ g)
+    return total - 2.0 * dot(slope, with_line) + dot(slope, slope) * dot(g, g)
 
 
 def _moments(values, width: int, before: int, windows: int):
