@@ -67,7 +67,8 @@ def deviation(y, rate, *, kind="oadev", m: Any = "log", data="rate", confidence=
     data : "rate" (default) or "phase".
     confidence : level of the intervals, 0.95 by default.
     alpha : noise type for the degrees of freedom (2 .. -2), instead of the one identified at each cluster size.
-    bias_corrected : divide the variance by its bias against adev, mdev, ohdev or oadev, for the noise type at each cluster size.
+    bias_corrected : divide the variance by its bias against adev, mdev, ohdev or oadev, for the noise type at each cluster size;
+        the factor is reported (`bias`).
 
     Returns
     -------
@@ -124,7 +125,7 @@ def deviation(y, rate, *, kind="oadev", m: Any = "log", data="rate", confidence=
             lost = int(np.isnan(columns).any(axis=1).sum())
             raise DataError(f"no cluster size has a difference free of gaps: {lost} of {len(y)} samples are missing")
         if not kept.all():
-            lost = ", ".join(f"{size / rate:g}" for size in sizes[~kept])
+            lost = ", ".join(f"{tau:g}" for tau in statistic.tau(sizes[~kept], rate))
             warnings = (*warnings, f"no difference free of gaps at tau = {lost} s: left out")
             total, count, noise, sizes, expected = total[kept], count[kept], noise[kept], sizes[kept], expected[kept]
     else:

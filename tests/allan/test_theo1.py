@@ -88,6 +88,7 @@ def test_gaps():
     np.testing.assert_allclose(found.deviation, alone.deviation)
     np.testing.assert_allclose(found.edf, alone.edf)
     assert found.warnings == ("theo1 needs a record without gaps: of y the longest stretch, samples 152 .. 399 (62% of 400), was used",)
+    assert deviation(y, 1.0, kind="theo1", m=[2, 300]).warnings[1] == "no difference free of gaps at tau = 225 s: left out"
     np.testing.assert_array_equal(found.skipped, (401 - found.m) * found.m // 2 - found.count)
 
 
