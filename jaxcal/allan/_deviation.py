@@ -13,7 +13,9 @@ from .._errors import DataError
 from .._precision import host_float64, is_traced
 from .._record import checked_rate, checked_record
 from .._types import Any
-from ._edf import TABLE, degrees_of_freedom, interval_factors, tabulated_factors
+from ._bias import bias_factors
+from ._edf import TABLE, interval_factors, tabulated_factors
+from ._edf_total import degrees_of_freedom
 from ._identify import identify, types_for_intervals
 from ._kinds import Kind, cluster_sizes, find_kind
 from ._noise_types import noise_types
@@ -21,13 +23,15 @@ from ._phase import integrate, padded_length, running_sum_of_phase
 from ._result import Deviation
 from ._routes import MANY, record_sums
 from ._sums import direct_sums
+from ._total import traced_total_sums
+from ._whole import effective_sizes, measure_whole, refuse_traced
 
 _PARALLEL_FROM = 4_000_000  # differences; below, a second thread costs more than it brings
 
 
 @host_float64
-def deviation(y, rate, *, kind="oadev", m: Any = "log", data="rate", confidence=0.95, alpha=None) -> Deviation:
-    r"""Allan, modified Allan, time or Hadamard deviation with noise type, degrees of freedom and interval.
+def deviation(y, rate, *, kind="oadev", m: Any = "log", data="rate", confidence=0.95, alpha=None, bias_corrected=False) -> Deviation:
+    r"""Allan, modified Allan, time, Hadamard or total deviation, Theo1 or interval error, with noise type and interval.
 
     With the phase :math:`\theta_k = \sum_{t<k} (y_t - \bar y)` in units of samples,
 
@@ -35,6 +39,22 @@ def deviation(y, rate, *, kind="oadev", m: Any = "log", data="rate", confidence=
 
     over all M starting points k (oadev) or every m-th (adev); hdev and ohdev use third differences and 6 m^2; mdev averages
     the phase over m points first; tdev is mdev times tau/sqrt(3). Every cluster size is exact.
+
+    ======== ==================================================================================== ============ =================
+    kind     variance                                                                             cluster size unit
+    ======== ==================================================================================== ============ =================
+    totdev   second differences of the record reflected through its first and last phase point    1 .. n/2     of the record
+    mtotdev  mdev of every window of 3 m phase points, its line removed, reflected at both ends   1 .. n/3     of the record
+    ttotdev  mtotdev times tau/sqrt(3)                                                            1 .. n/3     times s
+    htotdev  ohdev of every window of 3 m rate samples, likewise; ohdev itself at m = 1           1 .. n/3     of the record
+    theo1    pairs of differences within windows of m, tau = 0.75 m / rate                        even, 2 .. n of the record
+    mtie     largest range of the phase within any window of m + 1 points                         1 .. n       times s
+    tierms   root mean square of theta_{k+m} - theta_k                                            1 .. n       times s
+    ======== ==================================================================================== ============ =================
+
+    The total statistics and theo1 know more at long cluster times than their plain counterparts, at the price of a bias that
+    depends on the noise type; `bias_corrected` takes it off. mtie and tierms see a constant rate: it is removed from rate samples
+    (their mean), and kept in phase.
 
     More than 512 cluster sizes, or all (``m="all"``), cost O(n log^2 n) in a record without gaps: FFT correlations replace the direct
     sums, to a relative error of the variance below 1e-8, and cluster sizes where rounding could exceed that are summed directly.
@@ -45,24 +65,29 @@ def deviation(y, rate, *, kind="oadev", m: Any = "log", data="rate", confidence=
     Parameters
     ----------
     y : (n,) or (n, channels) rate samples in any unit (rad/s, m/s^2), or phase in that unit times s. NaN marks a gap:
-        differences that touch it are left out and counted.
+        differences that touch it are left out and counted. totdev, mtotdev, ttotdev, htotdev and theo1 need a record without
+        gaps: they use its longest stretch without, and a warning says which.
     rate : sampling rate in Hz.
-    kind : "adev", "oadev" (default), "mdev", "tdev", "hdev" or "ohdev".
+    kind : "adev", "oadev" (default), "mdev", "tdev", "hdev", "ohdev", "totdev", "mtotdev", "ttotdev", "htotdev", "theo1", "mtie"
+        or "tierms". In a traced record (jit, grad, vmap) all but mtotdev, ttotdev, htotdev, theo1 and mtie.
     m : cluster sizes in samples: "log" (default, about 15 per decade), "octave", "decade", "all", or integers.
     data : "rate" (default) or "phase".
     confidence : level of the intervals, 0.95 by default.
     alpha : noise type for the degrees of freedom (2 .. -2), instead of the one identified at each cluster size.
+    bias_corrected : divide the variance by its bias against adev, mdev, ohdev or oadev, for the noise type at each cluster size;
+        the factor is reported (`bias`).
 
     Returns
     -------
     Deviation
-        tau in s, deviation and its limits in the unit of y, edf, counts and noise types.
+        tau in s, deviation and its limits in the unit of y, edf, counts and noise types. Of mtie and tierms no interval is known:
+        their limits and edf are NaN.
 
     Raises
     ------
     DataError
-        If y is not a finite numeric record (NaN apart), is too short for the statistic or for a cluster size, if an option is unknown, or
-        if a record with gaps would need more than 5e11 differences.
+        If y is not a finite numeric record (NaN apart), is too short for the statistic or for a cluster size, if an option is unknown, if
+        the record is traced and the statistic cannot be, or if a record with gaps would need more than 5e11 differences.
 
     Examples
     --------
@@ -77,7 +102,7 @@ def deviation(y, rate, *, kind="oadev", m: Any = "log", data="rate", confidence=
     ----------
     W. J. Riley, Handbook of Frequency Stability Analysis, NIST SP 1065, 2008, section 5; IEEE Std 952-1997, annex C;
     intervals: Greenhall and Riley, PTTI 2003; noise type: Riley and Greenhall, EFTF 2004, and with fewer than 30 averages
-    the ratios B1 and R(n) (NIST SP 1065, section 5.5).
+    the ratios B1 and R(n) (NIST SP 1065, section 5.5); interval errors: ITU-T G.810.
     """
     statistic, rate = find_kind(kind), checked_rate(rate)
     if data not in ("rate", "phase"):
@@ -88,35 +113,46 @@ def deviation(y, rate, *, kind="oadev", m: Any = "log", data="rate", confidence=
     samples = y.shape[0] - (1 if data == "phase" else 0)
     sizes = cluster_sizes(m, statistic, samples)
     columns = y if y.ndim == 2 else y[:, None]
+    warnings: tuple[str, ...] = ()
     if is_traced(y):
+        refuse_traced(statistic)
         total, count, noise = _traced(columns, sizes, statistic, rate, data, samples, alpha)
         xp = jnp
+    elif statistic.contiguous or statistic.family == "range":
+        names = [f"channel {index}" if columns.shape[1] > 1 else "y" for index in range(columns.shape[1])]
+        missing = [None if np.isfinite(np.sum(column)) else _missing(column, name) for column, name in zip(columns.T, names, strict=True)]
+        total, count, noise, warnings = measure_whole(columns, missing, sizes, statistic, rate, data, alpha)
+        xp = np
     else:
         total, count, noise = _measured(columns, sizes, statistic, rate, data, samples, alpha)
         xp = np
     expected = statistic.count(samples, sizes)[:, None]
-    warnings: tuple[str, ...] = ()
     if xp is np:
         kept = np.all(count > 0, axis=1)
         if not kept.any():
             lost = int(np.isnan(columns).any(axis=1).sum())
             raise DataError(f"no cluster size has a difference free of gaps: {lost} of {len(y)} samples are missing")
         if not kept.all():
-            lost = [f"{size / rate:g}" for size in sizes[~kept]]
+            lost = [f"{tau:g}" for tau in statistic.tau(sizes[~kept], rate)]
             lost = ", ".join(lost) if len(lost) <= 20 else f"{lost[0]} ... {lost[-1]} ({len(lost)} cluster sizes)"
-            warnings = (f"no difference free of gaps at tau = {lost} s: left out",)
+            warnings = (*warnings, f"no difference free of gaps at tau = {lost} s: left out")
             total, count, noise, sizes, expected = total[kept], count[kept], noise[kept], sizes[kept], expected[kept]
     else:
         total = eqx.error_if(total, xp.any(count == 0), "a cluster size has no difference free of gaps; choose smaller m")
         expected = jnp.asarray(expected, dtype=count.dtype)
-    result = xp.sqrt(total / count * statistic.scale(sizes, rate)[:, None].astype(total.dtype))
-    types = types_for_intervals(noise, sizes, samples, data, xp)
-    edf, low, high = _uncertainty(types, count / expected, sizes, statistic, samples, confidence, xp)
-    arrays = {"deviation": result, "lower": result * low, "upper": result * high, "edf": edf, "count": count}
+    variance = total / count * statistic.scale(sizes, rate)[:, None].astype(total.dtype)
+    lengths = statistic.length(count, sizes[:, None], samples) if xp is np else samples
+    bias = xp.ones_like(variance)
+    if bias_corrected:
+        bias = _by_noise_type(functools.partial(bias_factors, kind=statistic, samples=lengths), sizes, noise, statistic, xp)
+    result = xp.sqrt(variance / bias)
+    types = types_for_intervals(noise, effective_sizes(sizes, statistic), lengths, data, xp)
+    edf, low, high = _uncertainty(types, count / expected, sizes, statistic, lengths, confidence, xp)
+    arrays = {"deviation": result, "lower": result * low, "upper": result * high, "edf": edf, "count": count, "bias": bias}
     arrays |= {"alpha": noise.astype(np.int64) if xp is np else noise, "skipped": expected - count}
     if y.ndim == 1:
         arrays = {name: value[:, 0] for name, value in arrays.items()}
-    return Deviation(tau=sizes / rate, m=sizes, kind=kind, rate=rate, confidence=confidence, warnings=warnings, **arrays)
+    return Deviation(tau=statistic.tau(sizes, rate), m=sizes, kind=kind, rate=rate, confidence=confidence, warnings=warnings, **arrays)
 
 
 def _missing(column, name: str):
@@ -131,19 +167,26 @@ def _missing(column, name: str):
     return gone
 
 
-def _uncertainty(noise, share, sizes, statistic: Kind, samples: int, confidence: float, xp):
-    """The edf and interval factors; in a trace, where neither noise type nor gaps are known yet, read from tables."""
+def _by_noise_type(function, sizes, noise, statistic: Kind, xp):
+    """function(m, alpha) at the noise types found; in a trace, where they are not known yet, picked from a table of all types."""
     if xp is np:
-        edf = np.maximum(degrees_of_freedom(sizes[:, None], noise, statistic, samples) * share, 1.0)
-        if edf.size > TABLE:
-            return edf, *tabulated_factors(edf, float(np.max(edf)), confidence)
-        return edf, *interval_factors(edf, confidence)
-    types = np.arange(2, -3 if statistic.order == 2 else -5, -1)
-    limits = degrees_of_freedom(sizes[:, None], types[None, :], statistic, samples)
-    table = jnp.asarray(limits, dtype=share.dtype)
-    index = jnp.clip(2 - noise, 0, len(types) - 1).astype(jnp.int32)
-    edf = jnp.maximum(jnp.take_along_axis(table, index, axis=1) * share, 1.0)
-    return edf, *tabulated_factors(edf, float(np.max(limits)), confidence, jnp)
+        return function(sizes[:, None], noise)
+    types = np.arange(2, -5 if statistic.plain.order == 3 else -3, -1)
+    table = jnp.asarray(function(sizes[:, None], types[None, :]), dtype=noise.dtype)
+    return jnp.take_along_axis(table, jnp.clip(2 - noise, 0, len(types) - 1).astype(jnp.int32), axis=1)
+
+
+def _uncertainty(noise, share, sizes, statistic: Kind, samples, confidence: float, xp):
+    """The edf and interval factors; in a trace the factors are read from a table."""
+    if statistic.interval_error:
+        return (xp.full(share.shape, xp.nan, dtype=share.dtype),) * 3
+    edf = _by_noise_type(functools.partial(degrees_of_freedom, kind=statistic, samples=samples), sizes, noise, statistic, xp)
+    edf = xp.maximum(edf if statistic.contiguous else edf * share, 1.0)
+    if xp is np:
+        if edf.size <= TABLE:
+            return edf, *interval_factors(edf, confidence)
+        return edf, *tabulated_factors(edf, float(np.max(edf)), confidence)
+    return edf, *tabulated_factors(edf, 2.0 * samples, confidence, jnp)
 
 
 def _traced(columns, sizes, statistic: Kind, rate: float, data: str, samples: int, alpha):
@@ -157,15 +200,19 @@ def _traced(columns, sizes, statistic: Kind, rate: float, data: str, samples: in
         theta = jnp.cumsum(jnp.where(gone, 0.0, columns - mean[None, :]), axis=0)
         theta = jnp.concatenate([jnp.zeros_like(theta[:1]), theta])
     else:
-        line = jnp.linspace(0.0, 1.0, samples + 1, dtype=columns.dtype)[:, None]
+        line = jnp.linspace(0.0, 0.0 if statistic.interval_error else 1.0, samples + 1, dtype=columns.dtype)[:, None]
         theta = (clean - clean[:1] - line * (clean[-1:] - clean[:1])) * rate
     parts = theta
     if statistic.modified:
         parts = jnp.concatenate([jnp.zeros_like(theta[:1]), jnp.cumsum(theta, axis=0)])
     number = statistic.count(samples, sizes)
+    if statistic.contiguous:
+        parts = eqx.error_if(parts, jnp.any(gone), f"a traced {statistic.name} needs a record without gaps")
 
     def channel(arrays):
         part, lost = arrays
+        if statistic.name == "totdev":
+            return traced_total_sums(part, jnp.asarray(sizes)), jnp.asarray(number)
         return direct_sums(
             (part,), lost, jnp.asarray(sizes), jnp.asarray(number), less,
             order=statistic.difference, strided=not statistic.overlapped, rule=rule,
@@ -174,7 +221,7 @@ def _traced(columns, sizes, statistic: Kind, rate: float, data: str, samples: in
     total, count = jax.lax.map(channel, (parts.T, missing.T))
     marks = missing if data == "phase" and rule == "points" else gone.astype(jnp.int32) if data == "phase" else missing
     if alpha is None:
-        each = functools.partial(identify, m=sizes, kind=statistic, samples=samples, data=data, xp=jnp)
+        each = functools.partial(identify, m=sizes, kind=statistic.plain, samples=samples, data=data, xp=jnp)
         noise = jax.vmap(each, in_axes=1, out_axes=1)(jax.lax.stop_gradient(theta), marks)
     else:
         noise = jnp.full(total.T.shape, float(alpha), dtype=columns.dtype)
@@ -218,7 +265,7 @@ def _measured(columns, sizes, statistic: Kind, rate: float, data: str, samples: 
             prepared = _prepare(columns[:, index], f"channel {index}" if channels > 1 else "y", statistic, rate, data, samples, run)
             total, count = record_sums(prepared, ascending, number, statistic, *run)
             if alpha is None:
-                return total, count, noise_types(prepared[1], prepared[2], ascending, statistic, samples, data)
+                return total, count, noise_types(prepared[1], prepared[2], ascending, statistic.plain, samples, data)
             return total, count, np.full(len(ascending), float(alpha))
 
     with ThreadPoolExecutor(workers) as pool:
@@ -247,7 +294,7 @@ def _prepare(column, name: str, statistic: Kind, rate: float, data: str, samples
             integrate(np.where(gone, np.mean(column[~gone]), column), held, *run)
     if data == "phase":
         clean = np.where(gone, 0.0, column) if gone is not None else column
-        np.subtract(clean, np.linspace(clean[0], clean[-1], samples + 1), out=held)
+        np.subtract(clean, clean[0] if statistic.interval_error else np.linspace(clean[0], clean[-1], samples + 1), out=held)
         held *= rate
     theta = jax.device_put(buffer, may_alias=True)
     parts = running_sum_of_phase(theta) if statistic.modified else (theta,)

@@ -8,34 +8,78 @@ from .._types import Int
 
 
 class Kind(eqx.Module):
-    """One statistic: differences of `order` of the phase (or of its running sum, if `modified`), all or every m-th."""
+    """One statistic: differences of `order` of the phase (or of its running sum, if `modified`), all or every m-th.
+
+    `family` tells how it is formed: "difference" from differences of the record as it is; "total" from differences of the record,
+    or of windows of it, reflected about their ends; "theo1" from pairs of differences within windows; "range" from the extremes
+    of windows.
+    """
 
     name: str
-    order: int  # 2 Allan, 3 Hadamard: what the edf formulas call d
+    order: int  # 1 interval error, 2 Allan, 3 Hadamard: what the edf formulas call d
     modified: bool  # averages the phase over m points first
     overlapped: bool  # all starting points, or every m-th
     timed: bool = False  # multiplied by tau/sqrt(3)
+    family: str = "difference"
 
     @property
     def difference(self) -> int:
         """Order of the difference of the array that is summed: 3 for the running sum of phase (NIST SP 1065, 5.2.5)."""
         return 3 if self.modified else self.order
 
-    def count(self, samples: int, m: Int[np.ndarray, " clusters"]) -> Int[np.ndarray, " clusters"]:
+    @property
+    def plain(self) -> "Kind":
+        """The statistic of differences that this one estimates, or that sees the noise types as this one does."""
+        name = {1: "oadev", 2: "mdev" if self.modified else "oadev", 3: "ohdev"}[self.order]
+        return self if self.family == "difference" and self.order > 1 else _KINDS[name]
+
+    @property
+    def interval_error(self) -> bool:
+        """Whether it is an error of phase (mtie, tierms), of which neither noise type nor interval is defined."""
+        return self.order == 1
+
+    @property
+    def contiguous(self) -> bool:
+        """Whether it needs a stretch without gaps."""
+        return self.family in ("total", "theo1")
+
+    def tau(self, m, rate: float):
+        """Cluster time in s: m / rate, for theo1 three quarters of it."""
+        return m / rate * (0.75 if self.family == "theo1" else 1.0)
+
+    def count(self, samples, m: Int[np.ndarray, " clusters"]) -> Int[np.ndarray, " clusters"]:
         """Number of differences in a record of `samples` rate samples (one more phase point) at cluster sizes m."""
+        if self.family == "theo1":
+            return (samples + 1 - m) * (m // 2)
+        if self.name == "totdev":
+            return samples - 1 + 0 * m
         if not self.overlapped:
             return samples // m - self.order + 1
         return samples - self.difference * m + (2 if self.modified else 1)
 
+    def length(self, count, m, samples: int):
+        """Rate samples of the stretch that gave `count` differences: the whole record where gaps are left out one by one."""
+        if not self.contiguous:
+            return samples
+        if self.family == "theo1":
+            return count // (m // 2) + m - 1
+        return count + (1 if self.name == "totdev" else self.difference * m - (2 if self.modified else 1))
+
     def largest(self, samples: int) -> int:
-        """Largest cluster size with at least one difference."""
-        if not self.overlapped:
+        """Largest cluster size with at least one difference; totdev is defined up to half the record."""
+        if self.family == "theo1":
+            return samples // 2 * 2
+        if self.name == "totdev" or not self.overlapped:
             return samples // self.order
         return (samples + (1 if self.modified else 0)) // self.difference
 
     def scale(self, m: np.ndarray, rate: float) -> np.ndarray:
         """Factor from the mean squared difference to the variance."""
         m = np.asarray(m, dtype=np.float64)
+        if self.interval_error:
+            return np.full_like(m, 1.0 / rate**2)
+        if self.family == "theo1":
+            return 2.0 / (3.0 * m)
         factor = 1.0 / ((2.0 if self.order == 2 else 6.0) * m**2)
         if self.modified:
             factor = factor / m**2
@@ -53,6 +97,13 @@ _KINDS = {
         Kind("tdev", order=2, modified=True, overlapped=True, timed=True),
         Kind("hdev", order=3, modified=False, overlapped=False),
         Kind("ohdev", order=3, modified=False, overlapped=True),
+        Kind("totdev", order=2, modified=False, overlapped=True, family="total"),
+        Kind("mtotdev", order=2, modified=True, overlapped=True, family="total"),
+        Kind("ttotdev", order=2, modified=True, overlapped=True, timed=True, family="total"),
+        Kind("htotdev", order=3, modified=False, overlapped=True, family="total"),
+        Kind("theo1", order=2, modified=False, overlapped=True, family="theo1"),
+        Kind("mtie", order=1, modified=False, overlapped=True, family="range"),
+        Kind("tierms", order=1, modified=False, overlapped=True),
     )
 }
 
@@ -73,20 +124,23 @@ def cluster_sizes(m, kind: Kind, samples: int) -> Int[np.ndarray, " clusters"]:
 
     Parameters
     ----------
-    m : "log" (about 15 per decade), "octave" (1, 2, 4, ...), "decade" (1, 2, 4, 10, 20, 40, ...), "all", or integers.
+    m : "log" (about 15 per decade), "octave" (1, 2, 4, ...), "decade" (1, 2, 4, 10, 20, 40, ...), "all", or integers. The named
+        grids hold even sizes only for theo1, and end at half the record for mtie and tierms.
     kind : the statistic.
     samples : number of rate samples.
 
     Raises
     ------
     DataError
-        If the record is too short for the statistic, or a given size is not an integer within 1 .. the largest possible.
+        If the record is too short for the statistic, or a given size is not an integer within 1 .. the largest possible, or
+        odd where the statistic has even ones only.
     """
-    largest = kind.largest(samples)
-    if largest < 1:
+    largest, step = kind.largest(samples), 2 if kind.family == "theo1" else 1
+    if largest < step or samples < 2:
         need = kind.difference - (1 if kind.modified else 0)
         raise DataError(f"{kind.name} needs at least {max(need, 2)} rate samples (one more phase point); got {samples}")
     if isinstance(m, str):
+        largest = samples // 2 if kind.interval_error else largest  # beyond, the few windows are nearly the same
         if m == "log":
             decades = np.log10(largest)
             sizes = np.round(np.logspace(0.0, decades, int(np.ceil(decades * _PER_DECADE)) + 1)).astype(np.int64)
@@ -95,17 +149,22 @@ def cluster_sizes(m, kind: Kind, samples: int) -> Int[np.ndarray, " clusters"]:
         elif m == "decade":
             sizes = (10 ** np.arange(int(np.log10(largest)) + 1)[:, None] * np.array([1, 2, 4])).ravel()
         elif m == "all":
-            return np.arange(1, largest + 1)
+            return np.arange(step, largest + 1, step)
         else:
             raise DataError(f'unknown grid of cluster sizes {m!r}; expected "log", "octave", "decade", "all" or integers')
-        return np.unique(sizes[sizes <= largest]).astype(np.int64)
+        if step == 2:
+            sizes = 2 * np.round(sizes / 2).astype(np.int64) if m == "log" else sizes[sizes % 2 == 0]
+        return np.unique(sizes[(sizes >= step) & (sizes <= largest)]).astype(np.int64)
     sizes = np.atleast_1d(np.asarray(m))
     if sizes.ndim != 1 or sizes.size == 0 or not np.issubdtype(sizes.dtype, np.number) or np.any(sizes != np.round(sizes)):
         raise DataError(f"cluster sizes must be a list of whole numbers of samples; got {m!r} (tau in s is m / rate)")
     sizes = sizes.astype(np.int64)
-    bad = sizes[(sizes < 1) | (sizes > largest)]
+    bad = sizes[(sizes < step) | (sizes > largest)]
     if bad.size:
         raise DataError(
-            f"cluster size {bad[0]} is outside 1 .. {largest}, the sizes that {kind.name} can have in a record of {samples} samples"
+            f"cluster size {bad[0]} is outside {step} .. {largest}, the sizes that {kind.name} can have in a record of {samples} samples"
         )
+    odd = sizes[sizes % step != 0]
+    if odd.size:
+        raise DataError(f"cluster size {odd[0]} is odd; {kind.name} is defined for even sizes: take {odd[0] - 1} or {odd[0] + 1}")
     return sizes

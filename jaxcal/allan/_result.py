@@ -1,6 +1,8 @@
 """`Deviation`: a time-domain statistic with its uncertainty."""
 
 import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
 
 from .._types import AnyArray
 
@@ -14,10 +16,12 @@ class Deviation(eqx.Module):
     ----------
     tau : (clusters,) cluster time in s.
     m : (clusters,) cluster size in samples.
-    deviation : (clusters,) or (clusters, channels), in the unit of the record (tdev: that unit times s).
-    lower, upper : limits of the interval at level `confidence`, same shape and unit as `deviation`.
-    edf : equivalent degrees of freedom of the variance, same shape.
-    count : number of differences averaged, same shape; less than the full number where gaps were left out.
+    deviation : (clusters,) or (clusters, channels), in the unit of the record (tdev, ttotdev, mtie, tierms: that unit times s).
+    lower, upper : limits of the interval at level `confidence`, same shape and unit as `deviation`. NaN throughout for mtie and
+        tierms, of which no interval is known: the one is an extreme, and both depend on the record's mean.
+    edf : equivalent degrees of freedom of the variance, same shape; NaN for mtie and tierms.
+    count : number of differences averaged (windows for mtotdev, ttotdev, htotdev and mtie), same shape; less than the full number
+        where gaps were left out.
     alpha : noise type identified at each cluster size (2 white phase or quantisation, 1 flicker phase, 0 white
         rate, -1 flicker rate, -2 random walk of rate), same shape. Where fewer than 30 averages are left, edf and limits follow
         the redder of it and the last type found before.
@@ -25,7 +29,8 @@ class Deviation(eqx.Module):
     rate : sampling rate in Hz.
     confidence : level of the interval.
     skipped : number of differences left out because they touch a gap, same shape as `count`.
-    warnings : sentences, where a cluster size had to be left out.
+    warnings : sentences, where a cluster size or a part of the record had to be left out.
+    bias : factor by which the variance was divided (`bias_corrected`), same shape; ones where nothing was.
     """
 
     tau: AnyArray
@@ -41,10 +46,21 @@ class Deviation(eqx.Module):
     rate: float = eqx.field(static=True)
     confidence: float = eqx.field(static=True)
     warnings: tuple[str, ...] = eqx.field(static=True, default=())
+    bias: AnyArray = None  # type: ignore[assignment]  # ones, once made
+
+    def __post_init__(self):
+        if self.bias is None:
+            self.bias = (np if isinstance(self.deviation, np.ndarray) else jnp).ones_like(self.deviation)
+
+    @property
+    def unit_of_phase(self) -> bool:
+        """Whether the deviation is in the unit of the record times s."""
+        return self.kind in ("tdev", "ttotdev", "mtie", "tierms")
 
     def channel(self, index: int) -> "Deviation":
         """The same result for one channel of a record with several."""
         if self.deviation.ndim == 1:
             raise IndexError("this deviation is of a single channel; there is nothing to pick")
-        pick = {name: getattr(self, name)[:, index] for name in ("deviation", "lower", "upper", "edf", "count", "alpha", "skipped")}
+        names = ("deviation", "lower", "upper", "edf", "count", "alpha", "skipped", "bias")
+        pick = {name: getattr(self, name)[:, index] for name in names}
         return Deviation(tau=self.tau, m=self.m, kind=self.kind, rate=self.rate, confidence=self.confidence, warnings=self.warnings, **pick)

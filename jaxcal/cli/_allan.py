@@ -15,7 +15,9 @@ from ._outputs import staged
 from ._screen import Screen, progress, show_log, show_written
 from ._tables import number
 
-Kind = Literal["adev", "oadev", "mdev", "tdev", "hdev", "ohdev"]
+Kind = Literal[
+    "adev", "oadev", "mdev", "tdev", "hdev", "ohdev", "totdev", "mtotdev", "ttotdev", "htotdev", "theo1", "mtie", "tierms"
+]  # fmt: skip
 _GRIDS = ("log", "octave", "decade", "all")
 _SENSORS = {"gyro": ("gyroscope", "deg/h"), "accel": ("accelerometer", "ug"), "mag": ("magnetometer", "nT")}
 _PICTURES = (".png", ".svg", ".pdf")
@@ -49,6 +51,7 @@ def allan(
     kind: Kind = "oadev",
     m: str = "log",
     confidence: float = 0.95,
+    bias_corrected: bool = False,
     reading: Reading = Reading(),
     writing: Writing = Writing(),
     running: Running = Running(),
@@ -60,11 +63,14 @@ def allan(
     log
         The log: CSV, NPZ, Parquet, ROS bag.
     kind
-        Statistic: Allan (adev, overlapping oadev), modified Allan (mdev), time (tdev), Hadamard (hdev, overlapping ohdev).
+        Statistic: Allan (adev, overlapping oadev), modified Allan (mdev), time (tdev), Hadamard (hdev, overlapping ohdev), their
+        total forms (totdev, mtotdev, ttotdev, htotdev), Theo1 (theo1), interval error (largest mtie, rms tierms: no interval known).
     m
         Cluster sizes: log (15 per decade), octave, decade, all, or numbers of samples as 1,10,100.
     confidence
         Level of the intervals.
+    bias_corrected
+        Take off the bias of the total statistics and of Theo1, for the noise type found.
     """
     sizes = _sizes(m)
     if not 0.0 < confidence < 1.0:
@@ -79,8 +85,9 @@ def allan(
             keep_compiled()
             import jaxcal
 
+            options: dict[str, Any] = {"kind": kind, "m": sizes, "confidence": confidence, "bias_corrected": bias_corrected}
             found = {
-                sensor: jaxcal.allan.deviation(values.reshape(len(values), -1), recording.rate, kind=kind, m=sizes, confidence=confidence)
+                sensor: jaxcal.allan.deviation(values.reshape(len(values), -1), recording.rate, **options)
                 for sensor in _SENSORS
                 if (values := getattr(recording, sensor)) is not None
             }
@@ -121,25 +128,35 @@ def _plan(log: Path, writing: Writing) -> dict[Path, Callable[[Path, dict[str, A
 
 
 def _table(screen: Screen, sensor: str, result: Any) -> None:
+    import numpy as np
+
     name, unit = _SENSORS[sensor]
     scale = factor(unit, sensor)
-    unit = f"{unit} s" if result.kind == "tdev" else unit
+    unit = f"{unit} s" if result.unit_of_phase else unit
     step = -(-len(result.tau) // _ROWS)
     rows = []
     for i in range(0, len(result.tau), step):
         cells = []
         for value, low, high in zip(result.deviation[i], result.lower[i], result.upper[i], strict=True):
             doubt = 5 * (high - low) / scale  # one doubtful digit: there are many rows and they are narrow
-            cells.append(f"{number(value / scale, doubt)} [{number(low / scale, doubt)}, {number(high / scale, doubt)}]")
+            known = not np.isnan(low)
+            limits = f" [{number(low / scale, doubt)}, {number(high / scale, doubt)}]" if known else ""
+            cells.append(number(value / scale, doubt) + limits)
         rows.append([f"{result.tau[i]:.4g}", *cells])
     every = f"; every {step}th of {len(result.tau)} cluster times" if step > 1 else ""
-    title = f"{name}: {result.kind} in {unit}, {100 * result.confidence:g} % interval{every}"
+    interval = "no interval known" if np.isnan(result.lower).all() else f"{100 * result.confidence:g} % interval"
+    title = f"{name}: {result.kind} in {unit}, {interval}{every}"
     screen.table(title, ["tau (s)", *"xyz"[: result.deviation.shape[1]]], rows)
 
 
-def _unit(channel: str, kind: str) -> str:
+def _unit(channel: str, result: Any) -> str:
     sensor = channel.partition("_")[0]
-    return {"gyro": "rad", "accel": "m/s", "mag": "T s"}[sensor] if kind == "tdev" else si_unit(sensor)
+    return {"gyro": "rad", "accel": "m/s", "mag": "T s"}[sensor] if result.unit_of_phase else si_unit(sensor)
+
+
+def _known(values: Any) -> list[Any]:
+    """Numbers for a file, None where there is no number (limits of an interval error)."""
+    return [None if value != value else value for value in values.tolist()]
 
 
 def _channels(found: dict[str, Any]) -> dict[str, Any]:
@@ -151,10 +168,10 @@ def _channels(found: dict[str, Any]) -> dict[str, Any]:
 def _json(place: Path, found: dict[str, Any], log: Any) -> None:
     import jaxcal
 
-    names = ("tau", "m", "deviation", "lower", "upper", "edf", "count", "alpha")
+    names = ("tau", "m", "deviation", "lower", "upper", "edf", "count", "alpha", "bias")
     first = next(iter(found.values()))
     channels = {
-        channel: {"unit": _unit(channel, result.kind), **{name: getattr(result, name).tolist() for name in names}}
+        channel: {"unit": _unit(channel, result), **{name: _known(getattr(result, name)) for name in names}}
         for channel, result in _channels(found).items()
     }
     document = {
@@ -167,9 +184,10 @@ def _json(place: Path, found: dict[str, Any], log: Any) -> None:
 def _csv(place: Path, found: dict[str, Any], log: Any) -> None:
     lines = ["channel,unit,tau_s,m,deviation,lower,upper,edf"]
     for channel, result in _channels(found).items():
-        unit = _unit(channel, result.kind)
+        unit = _unit(channel, result)
         columns = (result.tau, result.m, result.deviation, result.lower, result.upper, result.edf)
-        lines += [f"{channel},{unit}," + ",".join(str(v) for v in row) for row in zip(*(c.tolist() for c in columns), strict=True)]
+        for row in zip(*map(_known, columns), strict=True):
+            lines.append(f"{channel},{unit}," + ",".join("" if value is None else str(value) for value in row))
     write_atomically(place, "\n".join(lines) + "\n")
 
 

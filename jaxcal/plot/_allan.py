@@ -18,6 +18,8 @@ _SENSORS = {"gyro": "Gyroscope", "accel": "Accelerometer", "mag": "Magnetometer"
 _KINDS = {
     "adev": "Allan deviation", "oadev": "Allan deviation", "mdev": "Modified Allan deviation", "tdev": "Time deviation",
     "hdev": "Hadamard deviation", "ohdev": "Hadamard deviation", "totdev": "Total deviation",
+    "mtotdev": "Modified total deviation", "ttotdev": "Time total deviation", "htotdev": "Hadamard total deviation",
+    "theo1": "Theo1 deviation", "mtie": "Maximum time interval error", "tierms": "RMS time interval error",
 }  # fmt: skip
 _MOST_POINTS = 400  # cluster sizes drawn; more cannot be told apart
 _MODELLED = ("adev", "oadev", "totdev")  # statistics whose expectation is the Allan variance of the model
@@ -127,9 +129,9 @@ def _channels(name: str, item: Any) -> list[_Channel]:
 
 
 def _draw(ax: "Axes", channels: list[_Channel], *, own: bool) -> None:
-    sensor, kind = channels[0].sensor, channels[0].deviation.kind
-    unit = (display_unit("B", sensor)[1] or "unit of the record") + (" s" if kind == "tdev" else "")
-    style_axes(ax, "Cluster time τ (s)", f"{_KINDS.get(kind, kind)} ({unit})")
+    sensor, deviation = channels[0].sensor, channels[0].deviation
+    unit = (display_unit("B", sensor)[1] or "unit of the record") + (" s" if deviation.unit_of_phase else "")
+    style_axes(ax, "Cluster time τ (s)", f"{_KINDS.get(deviation.kind, deviation.kind)} ({unit})")
     if len(channels) == 1:
         columns = _draw_one(ax, channels[0])
         title = " ".join(filter(None, (_SENSORS.get(sensor or ""), channels[0].label)))
@@ -166,7 +168,8 @@ def _draw_one(ax: "Axes", channel: _Channel) -> list[list[Any]]:
     """One channel in ink, with the lines of its terms in colour; the columns of its key."""
     fit = channel.fit
     points = _draw_points(ax, channel, SERIES[0] if fit is None else INK, whole_interval=True)
-    points.set_label(f"measured, {100 * channel.deviation.confidence:g} % interval")
+    interval = "no interval known" if np.isnan(channel.deviation.lower).all() else f"{100 * channel.deviation.confidence:g} % interval"
+    points.set_label(f"measured, {interval}")
     if fit is None or channel.deviation.kind not in _MODELLED:
         return [[points]]
     model = _draw_model(ax, channel, fit.noise, INK)

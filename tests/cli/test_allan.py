@@ -50,6 +50,28 @@ def test_files_hold_what_the_library_gives(call, folder, log, kind, unit):
     assert "<svg" in (folder / "a.svg").read_text()
 
 
+@pytest.mark.parametrize("kind", ["mtie", "tierms"])
+def test_where_no_interval_is_known_files_hold_none(call, folder, log, kind):
+    found = call("allan", "imu.csv", "--kind", kind, "--m", "1,10", "--json", "a.json", "--export", "csv", "--plot", "a.svg")
+    assert (found.status, found.err) == (0, "")
+    assert f"gyroscope: {kind} in deg/h s, no interval known" in found.out
+    assert "nan" not in found.out
+    channel = json.loads((folder / "a.json").read_text())["channels"]["accel_x"]
+    assert (channel["unit"], channel["lower"], channel["upper"], channel["edf"]) == ("m/s", [None, None], [None, None], [None, None])
+    assert (folder / "imu-allan.csv").read_text().splitlines()[1].endswith(",,,")
+
+
+def test_the_bias_is_taken_off_on_request(call, folder, log):
+    for words in ((), ("--bias-corrected",)):
+        assert call("allan", "imu.csv", "--kind", "mtotdev", "--m", "4,16", "--json", "a.json", "--quiet", *words).status == 0
+        channel = json.loads((folder / "a.json").read_text())["channels"]["gyro_x"]
+        if not words:
+            raw = channel
+    assert raw["bias"] == [1.0, 1.0]
+    np.testing.assert_allclose(np.square(np.divide(raw["deviation"], channel["deviation"])), channel["bias"])
+    np.testing.assert_allclose(channel["bias"], [0.7837, 0.7714], atol=1e-4)  # white noise
+
+
 def test_a_long_table_is_thinned_and_says_so(call, folder):
     save(folder / "short.csv", table(1000))
     found = call("allan", "short.csv", "--m", "all", "--json", "a.json")
