@@ -48,6 +48,9 @@ class Accumulator(eqx.Module):
     **Digits.** The phase is kept relative to the mean of the latest 1,048,576 samples, of which no difference knows: neither the length
     of the stream nor a wandering mean costs digits. Chunks may be float32; they are summed in float64.
 
+    **Cost.** oadev of a float32 file on the default grid, two cores (`benchmarks/_stream.py`): 38, 31, 27 and 24 ns a sample at 10^6, 10^7,
+    10^8 and 10^9 samples, at most 0.5 GB in all.
+
     **Noise type.** The lag-1 autocorrelation of the first 8,192 averages at each cluster size. `deviation` takes those in the middle of
     a longer record, so that the type, and with it the interval, may differ where a type is at the boundary to the next.
 

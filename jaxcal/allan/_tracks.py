@@ -230,4 +230,5 @@ def _sum_of_squares(points: list[np.ndarray], ends: tuple[np.ndarray, np.ndarray
     d = points[0]
     if ends is not None:
         d = d[ends[0] == ends[1]]
-    return float(d @ d), len(d)
+    d *= d
+    return float(np.sum(d)), len(d)  # a dot product would start the linear algebra library's threads

@@ -54,7 +54,7 @@ CUTS = st.lists(st.integers(0, 400), max_size=12)
 SEEDS = st.integers(0, 2**32 - 1)
 GAPS = st.integers(0, 4)
 OFFSETS = st.sampled_from([0.0, 9.81, -300.0])
-slow = hypothesis.settings(max_examples=20, deadline=None, suppress_health_check=[hypothesis.HealthCheck.function_scoped_fixture])
+slow = hypothesis.settings(max_examples=12, deadline=None, suppress_health_check=[hypothesis.HealthCheck.function_scoped_fixture])
 
 
 @pytest.mark.parametrize("kind", KINDS)
