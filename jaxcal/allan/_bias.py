@@ -18,6 +18,9 @@ from .._types import Float
 from ._kinds import Kind
 
 _TOTAL = {2: 4.0 / 3.0, 1: 4.0 / 3.0, 0: 0.0, -1: -0.481, -2: -0.750}  # totdev: 1 + a tau / T
+_MTOT = {2: 0.94, 1: 0.83, 0: 0.73, -1: 0.70, -2: 0.69}
+_HTOT = {0: 0.995, -1: 0.851, -2: 0.771, -3: 0.717, -4: 0.679}
+_THEO1 = {2: (0.09, 0.74, 0.40), 1: (0.14, 0.82, 0.30), 0: (1.0, 0.0, 0.0), -1: (1.87, -1.05, 0.79), -2: (2.70, -1.53, 0.85)}
 _LIMIT = 64  # cluster size from which the factors of the windows no longer change
 
 
@@ -32,8 +35,10 @@ def covariance(alpha: int, lag) -> Float[np.ndarray, "..."]:
     return np.asarray({0: -t, -1: t**2 * np.log(held), -2: t**3, -3: -(t**4) * np.log(held), -4: -(t**5)}[alpha])
 
 
-def bias_factors(m, alpha, kind: Kind, samples) -> Float[np.ndarray, "..."]:
+def bias_factors(m, alpha, kind: Kind, samples, published: bool = False) -> Float[np.ndarray, "..."]:
     """Expectation of the variance over that of the plain one, for cluster sizes m, noise types alpha and record lengths, broadcast.
+
+    With `published`, the constants that printed tables were made with.
 
     Examples
     --------
@@ -49,8 +54,19 @@ def bias_factors(m, alpha, kind: Kind, samples) -> Float[np.ndarray, "..."]:
         return np.where(sizes > 1, 1.0 + slopes * sizes / np.maximum(lengths, 1), 1.0)  # at m = 1 nothing is reflected
     if not kind.contiguous:
         return np.ones(sizes.shape)
+    if published:
+        return _published(sizes, types, kind)
     one = _theo1_factor if kind.family == "theo1" else functools.partial(_window_factor, order=kind.order)
     return np.array([one(int(size), int(noise)) for size, noise in zip(sizes.ravel(), types.ravel(), strict=True)]).reshape(sizes.shape)
+
+
+def _published(sizes, types, kind: Kind) -> Float[np.ndarray, "..."]:
+    """Stable32's factors of mtotdev, and those of NIST SP 1065, where phase noise of htotdev has none."""
+    if kind.family == "theo1":
+        a, b, c = (np.vectorize(lambda noise, i=i: _THEO1[max(int(noise), -2)][i], otypes=[float])(types) for i in range(3))
+        return 1.0 / (a + b / sizes**c)
+    factors = np.vectorize(lambda noise: (_MTOT if kind.modified else _HTOT).get(int(noise), 1.0), otypes=[float])(types)
+    return np.where((sizes == 1) & (kind.order == 3), 1.0, factors)
 
 
 @functools.lru_cache(maxsize=64)

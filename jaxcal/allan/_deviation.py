@@ -1,7 +1,9 @@
 """`deviation`: the host driver of the time-domain statistics."""
 
+import dataclasses
 import functools
 import os
+import threading
 from concurrent.futures import ThreadPoolExecutor
 
 import equinox as eqx
@@ -19,9 +21,11 @@ from ._edf_total import degrees_of_freedom
 from ._identify import identify, types_for_intervals
 from ._kinds import Kind, cluster_sizes, find_kind
 from ._noise_types import noise_types
-from ._phase import integrate, padded_length, running_sum_of_phase
+from ._phase import aligned, integrate, padded_length, running_sum_of_phase
 from ._result import Deviation
+from ._robust import EFFICIENCY, refuse_robust, robust_squares
 from ._routes import MANY, record_sums
+from ._stamps import on_grid
 from ._sums import direct_sums
 from ._total import traced_total_sums
 from ._whole import effective_sizes, measure_whole, refuse_traced
@@ -30,7 +34,10 @@ _PARALLEL_FROM = 4_000_000  # differences; below, a second thread costs more tha
 
 
 @host_float64
-def deviation(y, rate, *, kind="oadev", m: Any = "log", data="rate", confidence=0.95, alpha=None, bias_corrected=False) -> Deviation:
+def deviation(
+    y, rate, *, kind="oadev", m: Any = "log", data="rate", confidence=0.95, alpha: Any = None, bias_corrected: Any = False, robust=False,
+    time: Any = None,
+) -> Deviation:  # fmt: skip
     r"""Allan, modified Allan, time, Hadamard or total deviation, Theo1 or interval error, with noise type and interval.
 
     With the phase :math:`\theta_k = \sum_{t<k} (y_t - \bar y)` in units of samples,
@@ -66,7 +73,8 @@ def deviation(y, rate, *, kind="oadev", m: Any = "log", data="rate", confidence=
     ----------
     y : (n,) or (n, channels) rate samples in any unit (rad/s, m/s^2), or phase in that unit times s. NaN marks a gap:
         differences that touch it are left out and counted. totdev, mtotdev, ttotdev, htotdev and theo1 need a record without
-        gaps: they use its longest stretch without, and a warning says which.
+        gaps: they use its longest stretch without, and a warning says which. A channel of nothing but NaN comes out as NaN, with
+        a warning, beside others that hold samples.
     rate : sampling rate in Hz.
     kind : "adev", "oadev" (default), "mdev", "tdev", "hdev", "ohdev", "totdev", "mtotdev", "ttotdev", "htotdev", "theo1", "mtie"
         or "tierms". In a traced record (jit, grad, vmap) all but mtotdev, ttotdev, htotdev, theo1 and mtie.
@@ -74,8 +82,13 @@ def deviation(y, rate, *, kind="oadev", m: Any = "log", data="rate", confidence=
     data : "rate" (default) or "phase".
     confidence : level of the intervals, 0.95 by default.
     alpha : noise type for the degrees of freedom (2 .. -2), instead of the one identified at each cluster size.
-    bias_corrected : divide the variance by its bias against adev, mdev, ohdev or oadev, for the noise type at each cluster size;
-        the factor is reported (`bias`).
+    bias_corrected : True divides the variance by its bias against mdev, ohdev or oadev, for the noise type at each cluster size and
+        exact; "published" by the constants in use (mtotdev 0.94, 0.83, 0.73, 0.70, 0.69 as Stable32 has them, the others of NIST SP
+        1065), to compare with tables that others print. The factor is reported (`bias`).
+    robust : of adev, oadev, hdev or ohdev, in place of the mean of squares an M-estimate (Tukey's biweight) that outliers do not carry
+        off; 8 % of the degrees of freedom is its price.
+    time : (n,) stamps in s of a record that is not evenly spaced. It is put on the grid of `rate`: the mean of the samples nearest to
+        each step, a gap where there are none; a warning says how many. Nothing is interpolated.
 
     Returns
     -------
@@ -107,13 +120,24 @@ def deviation(y, rate, *, kind="oadev", m: Any = "log", data="rate", confidence=
     statistic, rate = find_kind(kind), checked_rate(rate)
     if data not in ("rate", "phase"):
         raise DataError(f'unknown data {data!r}; expected "rate" (samples of rate or force) or "phase" (their integral)')
+    if bias_corrected not in (True, False, "published"):
+        raise DataError(f'bias_corrected must be True, False or "published"; got {bias_corrected!r}')
     if not 0.0 < confidence < 1.0:
         raise DataError(f"confidence must lie between 0 and 1; got {confidence!r} (0.95 is 95 %)")
     y = checked_record(y)
+    warnings: tuple[str, ...] = ()
+    if robust or time is not None:
+        if is_traced(y):
+            raise DataError("robust= and time= are for a record at hand: they cannot be traced (jit, grad, vmap)")
+        refuse_robust(statistic, robust)
+        y, warnings = (y, ()) if time is None else on_grid(y, time, rate)
+    empty = _empty(y)
+    if empty is not None:
+        rest = {"kind": kind, "m": m, "data": data, "confidence": confidence, "alpha": alpha, "bias_corrected": bias_corrected}
+        return _with_empty(deviation(y[:, ~empty], rate, robust=robust, **rest), empty, warnings)
     samples = y.shape[0] - (1 if data == "phase" else 0)
     sizes = cluster_sizes(m, statistic, samples)
     columns = y if y.ndim == 2 else y[:, None]
-    warnings: tuple[str, ...] = ()
     if is_traced(y):
         refuse_traced(statistic)
         total, count, noise = _traced(columns, sizes, statistic, rate, data, samples, alpha)
@@ -121,10 +145,11 @@ def deviation(y, rate, *, kind="oadev", m: Any = "log", data="rate", confidence=
     elif statistic.contiguous or statistic.family == "range":
         names = [f"channel {index}" if columns.shape[1] > 1 else "y" for index in range(columns.shape[1])]
         missing = [None if np.isfinite(np.sum(column)) else _missing(column, name) for column, name in zip(columns.T, names, strict=True)]
-        total, count, noise, warnings = measure_whole(columns, missing, sizes, statistic, rate, data, alpha)
+        total, count, noise, told = measure_whole(columns, missing, sizes, statistic, rate, data, alpha)
+        warnings = (*warnings, *told)
         xp = np
     else:
-        total, count, noise = _measured(columns, sizes, statistic, rate, data, samples, alpha)
+        total, count, noise = _measured(columns, sizes, statistic, rate, data, samples, alpha, robust)
         xp = np
     expected = statistic.count(samples, sizes)[:, None]
     if xp is np:
@@ -144,15 +169,38 @@ def deviation(y, rate, *, kind="oadev", m: Any = "log", data="rate", confidence=
     lengths = statistic.length(count, sizes[:, None], samples) if xp is np else samples
     bias = xp.ones_like(variance)
     if bias_corrected:
-        bias = _by_noise_type(functools.partial(bias_factors, kind=statistic, samples=lengths), sizes, noise, statistic, xp)
+        factors = functools.partial(bias_factors, kind=statistic, samples=lengths, published=bias_corrected == "published")
+        bias = _by_noise_type(factors, sizes, noise, statistic, xp)
     result = xp.sqrt(variance / bias)
     types = types_for_intervals(noise, effective_sizes(sizes, statistic), lengths, data, xp)
-    edf, low, high = _uncertainty(types, count / expected, sizes, statistic, lengths, confidence, xp)
+    share = count / expected * (EFFICIENCY if robust else 1.0)
+    edf, low, high = _uncertainty(types, share, sizes, statistic, lengths, confidence, xp)
     arrays = {"deviation": result, "lower": result * low, "upper": result * high, "edf": edf, "count": count, "bias": bias}
     arrays |= {"alpha": noise.astype(np.int64) if xp is np else noise, "skipped": expected - count}
     if y.ndim == 1:
         arrays = {name: value[:, 0] for name, value in arrays.items()}
     return Deviation(tau=statistic.tau(sizes, rate), m=sizes, kind=kind, rate=rate, confidence=confidence, warnings=warnings, **arrays)
+
+
+def _empty(y):
+    """Which channels hold nothing but NaN, where others hold samples; None where there are no such."""
+    if is_traced(y) or y.ndim == 1 or not np.isnan(y[0]).any():
+        return None
+    empty = np.array([bool(np.isnan(column[0]) and np.isnan(column).all()) for column in y.T])
+    return empty if empty.any() and not empty.all() else None
+
+
+def _with_empty(found: Deviation, empty, warnings: tuple[str, ...]) -> Deviation:
+    """The result of the channels that hold samples, with NaN, and a sentence, for those that hold none."""
+    values = {"count": 0, "alpha": 0, "skipped": found.count[:, 0] + found.skipped[:, 0], "bias": 1.0}
+    arrays = {}
+    for name in ("deviation", "lower", "upper", "edf", "count", "alpha", "skipped", "bias"):
+        array = getattr(found, name)
+        arrays[name] = np.empty((len(array), len(empty)), array.dtype)
+        arrays[name][:, ~empty] = array
+        arrays[name][:, empty] = np.reshape(values.get(name, np.nan), (-1, 1))
+    said = tuple(f"channel {index} holds nothing but NaN: no deviation" for index in np.flatnonzero(empty))
+    return dataclasses.replace(found, warnings=(*warnings, *said, *found.warnings), **arrays)
 
 
 def _missing(column, name: str):
@@ -240,21 +288,15 @@ def _gap_rule(gone, statistic: Kind, data: str, xp):
     return running, "span", 1 if statistic.modified and data == "rate" else 0
 
 
-def _aligned(length: int, dtype=np.float64) -> np.ndarray:
-    """Uninitialised array whose address suits JAX, so that handing it over copies nothing."""
-    item = np.dtype(dtype).itemsize
-    raw = np.empty(length + 64 // item, dtype)
-    return raw[(-raw.ctypes.data // item) % (64 // item) :][:length]
-
-
-def _measured(columns, sizes, statistic: Kind, rate: float, data: str, samples: int, alpha):
+def _measured(columns, sizes, statistic: Kind, rate: float, data: str, samples: int, alpha, robust: bool):
     """Sums, counts and noise types of a record at hand, (clusters, channels), on every core."""
     order = np.argsort(sizes, kind="stable")
     ascending = sizes[order]
     number = statistic.count(samples, ascending)
     channels = columns.shape[1]
     workers = min(os.cpu_count() or 1, 16) if jax.default_backend() == "cpu" else 1
-    if channels * int(number.sum()) < _PARALLEL_FROM:
+    # a thread of its own, as `batch` starts one for each log, is a core's worth already
+    if channels * int(number.sum()) < _PARALLEL_FROM or threading.current_thread() is not threading.main_thread():
         workers = 1
     # threads share a record that is alone, or at many cluster sizes; otherwise each takes a channel
     split = workers if channels == 1 or len(sizes) > MANY else 1
@@ -263,7 +305,11 @@ def _measured(columns, sizes, statistic: Kind, rate: float, data: str, samples: 
         with jax.enable_x64(True):  # thread-local
             run = (split, pool.map) if split > 1 else (1, map)
             prepared = _prepare(columns[:, index], f"channel {index}" if channels > 1 else "y", statistic, rate, data, samples, run)
-            total, count = record_sums(prepared, ascending, number, statistic, *run)
+            if robust:
+                squares, count = robust_squares(prepared[1], prepared[2], ascending, statistic, samples, data)
+                total = squares * count
+            else:
+                total, count = record_sums(prepared, ascending, number, statistic, *run)
             if alpha is None:
                 return total, count, noise_types(prepared[1], prepared[2], ascending, statistic.plain, samples, data)
             return total, count, np.full(len(ascending), float(alpha))
@@ -280,7 +326,7 @@ def _prepare(column, name: str, statistic: Kind, rate: float, data: str, samples
     length = padded_length(samples)
     marks = missing = None
     rule, less = "none", 0
-    buffer = _aligned(length)  # what lies beyond the record stays arbitrary
+    buffer = aligned(length)  # what lies beyond the record stays arbitrary
     held = buffer[: samples + 1]
     whole = integrate(column, held, *run) if data == "rate" else bool(np.isfinite(np.sum(column)))
     gone = None if whole else _missing(column, name)

@@ -15,7 +15,7 @@ from .._precision import host_float64, is_traced
 from .._record import checked_rate, checked_record
 from .._types import AnyArray, Array, Float, Int
 from ._edf import degrees_of_freedom, interval_factors
-from ._identify import identify
+from ._identify import identify, types_for_intervals
 from ._kinds import Kind, cluster_sizes, find_kind
 from ._phase import integrate, padded_length, running_sum_of_phase
 
@@ -157,7 +157,8 @@ def dynamic(y, rate, *, window, step: Any = None, m: Any = "log", kind="oadev", 
     full = statistic.count(width, sizes)[:, None]
     mean = np.where(empty, np.nan, squares / np.maximum(count, 1))
     deviation = np.sqrt(mean * statistic.scale(sizes, rate)[:, None])
-    edf = np.where(empty, np.nan, np.maximum(_whole_edf(noise, sizes, statistic, width) * (count / full), 1.0))
+    types = np.stack([types_for_intervals(each, sizes, width, "rate") for each in noise])
+    edf = np.where(empty, np.nan, np.maximum(_whole_edf(types, sizes, statistic, width) * (count / full), 1.0))
     low, high = interval_factors(edf, confidence)
     arrays = {"deviation": deviation, "lower": deviation * low, "upper": deviation * high, "edf": edf, "count": count, "alpha": noise}
     if y.ndim == 1:

@@ -124,7 +124,7 @@ def types_for_intervals(alpha, m: np.ndarray, samples, data: str, xp: ModuleType
     decided = np.broadcast_to(decided, alpha.shape)
     channels = np.arange(alpha.shape[1])
     last = alpha[np.argmax(np.where(decided, m[:, None], 0), axis=0), channels]
-    last = xp.where(decided.any(axis=0), last, 2.0)
+    last = xp.where(decided.any(axis=0), last, xp.full_like(last, 2))
     return xp.where(decided, alpha, xp.minimum(alpha, last[None, :]))
 
 

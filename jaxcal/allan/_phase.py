@@ -98,3 +98,10 @@ def running_sum_of_phase(theta: Float[Array, " padded"]) -> tuple[Float[Array, "
     before = jnp.concatenate([jnp.zeros_like(first), inside[:, :-1]], axis=1)
     hi, lo = _double_add(start, _double_add(line, (before, jnp.zeros_like(before))))
     return hi.reshape(-1), lo.reshape(-1)
+
+
+def aligned(length: int, dtype=np.float64) -> np.ndarray:
+    """Uninitialised array whose address suits JAX, so that handing it over copies nothing."""
+    item = np.dtype(dtype).itemsize
+    raw = np.empty(length + 64 // item, dtype)
+    return raw[(-raw.ctypes.data // item) % (64 // item) :][:length]

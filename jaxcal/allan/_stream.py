@@ -17,7 +17,7 @@ import numpy as np
 
 from .._errors import DataError
 from ._kinds import Kind
-from ._phase import BLOCK, running_sum_of_phase
+from ._phase import BLOCK, aligned, running_sum_of_phase
 from ._sums import block_sums
 from ._tracks import NEVER, Piece, Tracks, extended, new_tracks
 
@@ -185,7 +185,7 @@ def _integrated(samples: np.ndarray, old: Stretch, c: int):
 def _laid_out(plan: Plan, old: Stretch, c: int, phase, lost, tilt: float):
     """Phase in reverse order of time, the new points first, as the block kernel wants its starting points; and missing samples."""
     width, tail = len(phase) - 1, old.tail[c]
-    buffer = _aligned(plan.padded)  # what lies beyond the points stays arbitrary
+    buffer = aligned(plan.padded)  # what lies beyond the points stays arbitrary
     buffer[:width] = phase[:0:-1]
     np.multiply(np.arange(len(tail)), -tilt, out=buffer[width : width + len(tail)])
     buffer[width : width + len(tail)] += tail
@@ -221,12 +221,6 @@ def _dense_sums(plan: Plan, buffers, before: int, width: int, run: Callable, par
             return c, *(np.asarray(s) for s in sums)
 
     return run(one, tasks)
-
-
-def _aligned(length: int) -> np.ndarray:
-    """Uninitialised array whose address suits JAX, so that handing it over copies nothing."""
-    raw = np.empty(length + 8)
-    return raw[(-raw.ctypes.data // 8) % 8 :][:length]
 
 
 def _on_device(plan: Plan, buffer: np.ndarray, counted: np.ndarray | None):

@@ -42,14 +42,15 @@ def test_nbs14(reference, kind):
 @pytest.mark.parametrize("kind", ["totdev", "mtotdev", "ttotdev", "htotdev"])
 def test_nbs14_total(reference, kind):
     for record, data, printed in _nbs14(reference):
-        m = np.array(printed["m"])
-        found = jaxcal.allan.deviation(record, 1.0, kind=kind, m=m, data=data).deviation
-        # htotdev is printed with the variance over 0.995, white rate at large m, but at m = 1, which is ohdev
-        constant = np.where(m > 1, 0.995, 1.0) if kind == "htotdev" else 1.0
-        np.testing.assert_allclose(found / np.sqrt(constant), printed[kind], rtol=1e-4)
+        plain, corrected = (
+            jaxcal.allan.deviation(record, 1.0, kind=kind, m=printed["m"], data=data, alpha=0, bias_corrected=constants)
+            for constants in (False, "published")
+        )
+        # htotdev is printed with its constant taken off
+        np.testing.assert_allclose((corrected if kind == "htotdev" else plain).deviation, printed[kind], rtol=1e-4)
         if f"{kind}_bias_corrected" in printed:
-            # with the constant that is in use there; the expectation for white rate is 0.771 (jaxcal.allan._bias)
-            np.testing.assert_allclose(found / np.sqrt(0.73), printed[f"{kind}_bias_corrected"], rtol=1e-4)
+            np.testing.assert_allclose(corrected.deviation, printed[f"{kind}_bias_corrected"], rtol=1e-4)
+            np.testing.assert_array_equal(corrected.bias, 0.73)
 
 
 def test_nbs14_theo1(reference):
