@@ -1,6 +1,7 @@
 """jaxcal beside allantools, in one run: speed, agreement, memory, compilations, and the whole `jaxcal noise` command.
 
-    python benchmarks/compare.py                     everything (about ten minutes on two cores)
+    python benchmarks/compare.py                     everything (about twenty minutes on two cores)
+    python benchmarks/compare.py --only total        one part: command, speed, all, total, stream, dynamic, logs, memory, programs, gpu
     python benchmarks/compare.py --longest 1000000   shorter records only
     python benchmarks/compare.py --log imu.csv.gz    the command on a log of yours instead of a simulated one
 
@@ -15,6 +16,10 @@ import sys
 import tempfile
 import time
 
+import _alltau
+import _gpu
+import _stream
+import _total
 import allantools
 import jax
 import numpy as np
@@ -180,21 +185,34 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--longest", type=int, default=10**7, help="longest record, in samples")
     parser.add_argument("--log", help="log for the command")
+    parser.add_argument("--only", help="one part")
+    parser.add_argument("--stream", type=int, default=10**8, help="longest stream, in samples; 10^9 needs 4 GB on disk")
     parser.add_argument("--memory-of", choices=["allantools", "jaxcal"], help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.memory_of:
         memory_of(options.memory_of, options.longest)
         return
     versions = f"jaxcal {jaxcal.__version__}, allantools {allantools.__version__}, jax {jax.__version__}"
-    print(f"{versions}, {os.cpu_count()} cores, {jax.default_backend()}\n")
+    print(f"{versions}, {os.cpu_count()} cores, {jax.default_backend()}")
     compilations = Compilations()
-    command(options.log)
-    print()
-    speed(options.longest, compilations)
-    print()
-    memory(options.longest)
-    print()
-    compilations_over_lengths(compilations)
+    parts = {
+        "command": lambda: command(options.log),
+        "speed": lambda: speed(options.longest, compilations),
+        "all": lambda: _alltau.all_tau(options.longest),
+        "total": _total.total_family,
+        "stream": lambda: _stream.stream(options.stream),
+        "dynamic": _stream.dynamic,
+        "logs": _stream.many_logs,
+        "memory": lambda: memory(options.longest),
+        "programs": lambda: compilations_over_lengths(compilations),
+        "gpu": _gpu.bandwidth,
+    }
+    if options.only not in (None, *parts):
+        parser.error(f"unknown part {options.only!r}; expected one of {', '.join(parts)}")
+    for name, part in parts.items():
+        if options.only in (None, name):
+            print(f"\n{name}")
+            part()
 
 
 if __name__ == "__main__":

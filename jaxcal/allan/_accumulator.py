@@ -15,16 +15,16 @@ from .._errors import DataError
 from .._precision import is_traced
 from .._record import checked_rate
 from ._edf import degrees_of_freedom, interval_factors
-from ._identify import identify
+from ._identify import FEWEST, identify, types_for_intervals
 from ._join import side_by_side
 from ._kinds import Kind, find_kind
+from ._ratios import fewest_averages, noise_type_of_ratios
 from ._result import Deviation
 from ._stream import PIECE, Plan, Stretch, lengthened, make_plan, new_stretch
 
 _KINDS = ("adev", "oadev", "mdev", "tdev", "hdev", "ohdev")
 _FOLLOWED = 10**10  # largest cluster size of a named grid
 _SMALLER = 1 << 17  # samples taken in at a time where no cluster size has every starting point
-_FEWEST = 30  # averages that the noise type needs; with fewer, that of the size before is carried on
 _PARALLEL_FROM = 4_000_000  # differences; below, a second thread costs more than it brings
 
 
@@ -51,8 +51,9 @@ class Accumulator(eqx.Module):
     **Cost.** oadev of a float32 file on the default grid, two cores (`benchmarks/_stream.py`): 38, 31, 27 and 24 ns a sample at 10^6, 10^7,
     10^8 and 10^9 samples, at most 0.5 GB in all.
 
-    **Noise type.** The lag-1 autocorrelation of the first 8,192 averages at each cluster size. `deviation` takes those in the middle of
-    a longer record, so that the type, and with it the interval, may differ where a type is at the boundary to the next.
+    **Noise type.** As by `deviation`, from the first 8,192 averages at each cluster size; that takes those in the middle of a longer
+    record, so that the type, and with it the interval, may differ where a type is at the boundary to the next. The ratio R(n) is not
+    formed: phase noise shown by fewer than 30 averages is taken as flicker phase noise, unless it was white phase noise before.
 
     Parameters
     ----------
@@ -254,7 +255,8 @@ class Accumulator(eqx.Module):
         squares, count, expected, noise = squares[chosen], count[chosen], expected[chosen][:, None], noise[chosen]
         with np.errstate(invalid="ignore"):  # 0/0 in a channel without samples: NaN, as said below
             deviation = np.sqrt(squares / count * statistic.scale(m, self.rate)[:, None])
-        edf = np.maximum(degrees_of_freedom(m[:, None], noise, statistic, samples) * (count / expected), 1.0)
+        types = types_for_intervals(noise, m, samples, "rate")
+        edf = np.maximum(degrees_of_freedom(m[:, None], types, statistic, samples) * (count / expected), 1.0)
         edf = np.where(alive, edf, np.nan)
         low, high = interval_factors(edf, self.confidence)
         arrays = {"deviation": deviation, "lower": deviation * low, "upper": deviation * high, "edf": edf, "count": count}
@@ -320,15 +322,20 @@ class Accumulator(eqx.Module):
         """Noise types at the cluster sizes of the plan, (sizes, channels)."""
         if self.alpha is not None:
             return np.full((len(self._plan.m), self.channels), float(self.alpha))
-        found, carried = [], np.zeros(self.channels)
-        for marks in taken.marks:
+        kind, found, carried = self._plan.kind, [], np.zeros(self.channels)
+        for size, marks in zip(self._plan.m.tolist(), taken.marks, strict=True):
             averages = len(marks) - 1
             carried = carried.copy()
-            for c in range(self.channels if averages >= _FEWEST else 0):
-                lost = marks[:, self.channels + c].astype(np.int64)
-                if np.count_nonzero(lost[1:] == lost[:-1]) >= _FEWEST:
-                    gaps = lost if lost[-1] > lost[0] else None
-                    carried[c] = identify(marks[:, c], gaps, np.ones(1, np.int64), self._plan.kind, averages, "rate")[0]
+            for c in range(self.channels if averages >= fewest_averages(kind) else 0):
+                phase, lost = marks[:, c], marks[:, self.channels + c].astype(np.int64)
+                gaps = lost if lost[-1] > lost[0] else None
+                if averages < FEWEST:
+                    valid = None if gaps is None else lost[1:] == lost[:-1]
+                    carried[c] = noise_type_of_ratios(
+                        np.diff(phase) / size, valid, None, size, kind, taken.samples, carried[c], np
+                    )  # fmt: skip
+                elif np.count_nonzero(lost[1:] == lost[:-1]) >= FEWEST:
+                    carried[c] = identify(phase, gaps, np.ones(1, np.int64), kind, averages, "rate")[0]
             found.append(carried)
         return np.stack(found)
 

@@ -12,7 +12,7 @@ import numpy as np
 from ._kinds import Kind
 from ._ratios import fewest_averages, noise_type_of_ratios, thinned_sums
 
-_FEWEST = 30  # averaged points that the lag-1 autocorrelation needs; with fewer, the ratios decide
+FEWEST = 30  # averaged points that the lag-1 autocorrelation needs; with fewer, the ratios decide
 _MOST = 1 << 13  # averaged points used: r1 to 0.011, where half a unit of alpha is 0.1 and more
 
 
@@ -90,14 +90,14 @@ def identify(theta, missing, m: np.ndarray, kind: Kind, samples: int, data: str,
     order = np.argsort(m, kind="stable")
     for size in (int(size) for size in m[order]):
         points = samples // size + 1
-        if points - (1 if data == "rate" else 0) >= _FEWEST:
+        if points - (1 if data == "rate" else 0) >= FEWEST:
             z, valid = _thinned(theta, missing, size, min(points, _MOST), data)
             if data == "rate":
                 z = z[1:] - z[:-1]
             if valid is None:
                 carried = xp.clip(_alpha_of(z, None, degree, kind.order, xp), lowest, 2)
             else:
-                enough = xp.sum(valid) >= _FEWEST
+                enough = xp.sum(valid) >= FEWEST
                 some = valid | ~enough  # keeps the algebra finite where there are too few; not used then
                 alpha = _alpha_of(xp.where(some, z, 0.0), some, degree, kind.order, xp)
                 carried = xp.where(enough, xp.clip(alpha, lowest, 2), carried)
@@ -118,7 +118,7 @@ def types_for_intervals(alpha, m: np.ndarray, samples, data: str, xp: ModuleType
     redder of their type and the last one that the autocorrelation gave keeps the intervals at their level: measured on 400
     records of 1000 samples, T/tau = 25 to 3, 95 % intervals of oadev hold 92-98 % for N, B, K and N with K; by the ratios alone 85-97 %.
     """
-    decided = np.asarray(samples) // m[:, None] + (1 if data == "phase" else 0) >= _FEWEST
+    decided = np.asarray(samples) // m[:, None] + (1 if data == "phase" else 0) >= FEWEST
     if decided.all() or not decided.any():
         return alpha
     decided = np.broadcast_to(decided, alpha.shape)

@@ -82,16 +82,15 @@ def modified_over_plain(phase, sums, lost, step: int, m: int, xp: ModuleType):
     return averaged @ averaged / xp.where(usable, below, 1.0), usable
 
 
-def noise_type_of_ratios(
-    averages, valid, sums: Callable[[], tuple[Any, Any, Any, int]], m: int, kind: Kind, samples: int, carried, xp: ModuleType
-):
+def noise_type_of_ratios(averages, valid, sums: Callable[[], Any] | None, m: int, kind: Kind, samples: int, carried, xp: ModuleType):
     """Noise type from B1 and, where that cannot tell, R(n); `carried` where neither can be formed.
 
     Parameters
     ----------
     averages : (points,) averages of the rate over m samples.
     valid : (points,) which of them are free of gaps; None where all are.
-    sums : gives what `thinned_sums` returns; called only where it is needed.
+    sums : gives what `thinned_sums` returns; called only where it is needed. None: not known; phase noise is then taken as flicker
+        phase noise, unless `carried` is white phase noise.
     m, kind, samples : cluster size, statistic, number of rate samples.
     carried : noise type of the next smaller cluster size.
     xp : numpy, or jax.numpy where the averages are traced.
@@ -119,7 +118,9 @@ def noise_type_of_ratios(
     if kind.order == 3:
         found = xp.where(b1 > _boundary(terms, 2, xp), xp.minimum(carried, -3.0), found)
     phase = some & (b1 <= _boundary(terms, -1, xp))
-    if xp is not np or bool(phase):
+    if sums is None:
+        found = xp.where(phase, xp.maximum(carried, 1.0), found)
+    elif xp is not np or bool(phase):
         phase_points, prefix, lost, step = sums()
         ratio, usable = modified_over_plain(phase_points, prefix, lost, step, m, xp)
         of_phase = xp.where(ratio > phase_boundary(m), 1.0, 2.0).astype(averages.dtype)
