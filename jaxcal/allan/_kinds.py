@@ -138,7 +138,10 @@ def cluster_sizes(m, kind: Kind, samples: int) -> Int[np.ndarray, " clusters"]:
     largest, step = kind.largest(samples), 2 if kind.family == "theo1" else 1
     if largest < step or samples < 2:
         need = kind.difference - (1 if kind.modified else 0)
-        raise DataError(f"{kind.name} needs at least {max(need, 2)} rate samples (one more phase point); got {samples}")
+        need = max(need, 2)
+        raise DataError(
+            f"{kind.name} needs a record of at least {need} rate samples or {need + 1} phase points; got {samples} or {samples + 1}"
+        )
     if isinstance(m, str):
         largest = samples // 2 if kind.interval_error else largest  # beyond, the few windows are nearly the same
         if m == "log":

@@ -74,7 +74,10 @@ def deviation(
         raise DataError(f"chunk must be a whole number of samples, at least 1; got {chunk!r}")
     options: dict[str, Any] = {"kind": kind, "m": m, "confidence": confidence, "alpha": alpha}
     if not isinstance(source, list | tuple):
-        return _one(_opened(source, columns), rate, int(chunk), exact, options)
+        try:
+            return _one(_opened(source, columns), rate, int(chunk), exact, options)
+        except DataError as error:
+            raise DataError(f"{source}: {error}" if isinstance(source, str | os.PathLike) else str(error)) from error
     rates = list(rate) if isinstance(rate, Sequence | np.ndarray) and not isinstance(rate, str) else [rate] * len(source)
     if len(rates) != len(source):
         raise DataError(f"{len(rates)} rates for {len(source)} logs; give one for each, or a single one")

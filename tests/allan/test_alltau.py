@@ -129,7 +129,7 @@ def test_both_quick_routes_on_short_records(name, length):
 def test_short_records(kind, length):
     y = np.random.default_rng(length).standard_normal(length)
     if find_kind(kind).largest(length) < 1:
-        with pytest.raises(DataError, match="needs at least"):
+        with pytest.raises(DataError, match="needs a record of at least"):
             deviation(y, 1.0, kind=kind, m="all")
         return
     found = deviation(y, 1.0, kind=kind, m="all")
@@ -248,6 +248,6 @@ def test_noise_types_are_held_between_those_identified():
     changes = np.flatnonzero(np.diff(held)) + 2  # cluster sizes where a new type begins
     np.testing.assert_array_equal(held[changes - 1], identify(theta, None, changes, kind, len(y), "rate"))
     assert held[0] == 0
-    assert held[-1] == -2
+    assert held[-1] < 0  # few averages, overlapped: flicker or random walk
     few = m[:500]
     np.testing.assert_array_equal(noise_types(theta, None, few, kind, len(y), "rate"), identify(theta, None, few, kind, len(y), "rate"))

@@ -76,7 +76,7 @@ def test_messages():
     for wrong in (0, 1, 102):
         with pytest.raises(DataError, match=f"cluster size {wrong} is outside 2 .. 100"):
             deviation(y, 1.0, kind="theo1", m=[wrong])
-    with pytest.raises(DataError, match="theo1 needs at least 2 rate samples"):
+    with pytest.raises(DataError, match="theo1 needs a record of at least 2 rate samples"):
         deviation(y[:1], 1.0, kind="theo1")
     assert np.all(deviation(np.full(300, 9.81), 1.0, kind="theo1").deviation < 1e-12)
 

@@ -67,7 +67,7 @@ def test_unsorted_sizes_channels_and_grids():
         assert deviation(y, 1.0, kind=kind, m="octave").m[-1] == 128
         with pytest.raises(DataError, match=f"outside 1 .. 300, the sizes that {kind} can have"):
             deviation(y, 1.0, kind=kind, m=[301])
-        with pytest.raises(DataError, match=f"{kind} needs at least 2 rate samples"):
+        with pytest.raises(DataError, match=f"{kind} needs a record of at least 2 rate samples"):
             deviation(y[:1, 0], 1.0, kind=kind)
 
 

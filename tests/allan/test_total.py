@@ -114,7 +114,7 @@ def test_smallest_records():
     for kind, fewest in (("totdev", 2), ("mtotdev", 2), ("ttotdev", 2), ("htotdev", 3)):
         y = np.array([1.0, -1.0, 4.0])[:fewest]
         assert deviation(y, 1.0, kind=kind, m=[1]).deviation[0] == pytest.approx(by_definition(y, 1, kind))
-        with pytest.raises(DataError, match=f"{kind} needs at least {fewest} rate samples"):
+        with pytest.raises(DataError, match=f"{kind} needs a record of at least {fewest} rate samples"):
             deviation(y[: fewest - 1], 1.0, kind=kind)
         assert np.all(deviation(np.full(60, 9.81), 1.0, kind=kind).deviation < 1e-12)
 
