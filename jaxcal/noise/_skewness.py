@@ -24,7 +24,7 @@ from .._types import AnyArray, Array, Float
 from ._columns import spectral_column
 from ._curve import Curve, forward, inverse
 
-_BINS = 288
+_BINS = 384  # enough for 10^9 samples
 _SINGLE = 64  # lowest frequencies kept apart
 _PER_DECADE = 40
 _LARGEST = 3.0  # beyond, the statistic is that of less than one degree of freedom
@@ -45,17 +45,18 @@ def response(samples: int, m, dt: float, terms: tuple[str, ...]) -> Response:
     """Kernels and densities for a record of `samples`; one column more, of zeros, for the tail of a cut band."""
     per_decade = np.arange(np.log10(_SINGLE), np.log10(samples), 1.0 / _PER_DECADE)
     edges = np.unique(np.concatenate([np.arange(1, min(_SINGLE, samples)), np.round(10.0**per_decade), [samples]]))
-    number = np.diff(edges)
-    middle = (edges[:-1] + edges[1:] - 1) / 2.0
+    # filled up to a fixed number, for records of other lengths to share the programs
+    pad = _BINS - (len(edges) - 1)
+    number = np.pad(np.diff(edges), (0, pad))
+    middle = np.pad((edges[:-1] + edges[1:] - 1) / 2.0, (0, pad), constant_values=1.0)
     half = np.pi * middle / (2.0 * samples)
-    angle, width = half * m[:, None], (number - 1) / (2.0 * samples) * m[:, None]
+    angle, width = half * m[:, None], np.maximum(number - 1, 0) / (2.0 * samples) * m[:, None]
     # sin^4 averaged over the bin, which spans many of its periods at high frequency
     fourth = 0.375 - np.cos(2.0 * angle) / 2.0 * np.sinc(width) + np.cos(4.0 * angle) / 8.0 * np.sinc(2.0 * width)
     kernel = 2.0 * fourth / (m[:, None] * np.sin(half)) ** 2 / (samples * dt)  # a sum over frequencies is the variance then
     frequency = middle / (2.0 * samples * dt)
-    columns = jnp.stack([*(spectral_column(term, jnp.asarray(frequency), dt) for term in terms), jnp.zeros(len(frequency))], axis=1)
-    pad = _BINS - len(number)
-    return Response(np.pad(number, (0, pad)), np.pad(kernel, [(0, 0), (0, pad)]), jnp.pad(columns, [(0, pad), (0, 0)]))
+    columns = [spectral_column(term, jnp.asarray(frequency), dt) for term in terms]
+    return Response(number, kernel, jnp.stack([*columns, jnp.zeros(_BINS)], axis=1))
 
 
 def skewness(curve: Curve, heard: Response, at: Float[Array, " p"], index) -> Float[Array, ""]:
