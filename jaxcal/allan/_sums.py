@@ -100,10 +100,9 @@ def block_sums(
         def whole(j, carry):
             squares, valid = carry
             pieces = [lane(start + q * _LANE, j, None) for q in range(BLOCK // _LANE)]
-            total = functools.reduce(operator.add, [p[0] for p in pieces])
-            squares = squares.at[j].add(total)
+            squares = squares.at[j].add(functools.reduce(operator.add, [p[0] for p in pieces]))
             if rule == "none":
-                return squares, valid.at[j].add(BLOCK)
+                return squares, valid
             kept = functools.reduce(operator.add, [p[1] for p in pieces])
             return squares, valid.at[j].add(jnp.sum(kept).astype(valid.dtype))
 
@@ -113,15 +112,18 @@ def block_sums(
             def piece(q, carry):
                 squares, valid = carry
                 total, kept = lane(start + q * _LANE, j, count[j])
-                return squares.at[j].add(total), valid.at[j].add(jnp.sum(kept).astype(valid.dtype))
+                squares = squares.at[j].add(total)
+                return squares, valid if rule == "none" else valid.at[j].add(jnp.sum(kept).astype(valid.dtype))
 
-            return lax.fori_loop(0, BLOCK // _LANE, piece, (squares, valid))
+            return lax.fori_loop(0, (count[j] - start + _LANE - 1) // _LANE, piece, (squares, valid))
 
         carry = lax.fori_loop(0, full, whole, carry)
         return lax.fori_loop(full, begun, cut, carry)
 
     zero = (jnp.zeros((clusters, _LANE), parts[0].dtype), jnp.zeros(clusters, count.dtype))
     squares, valid = lax.fori_loop(first, last, block, zero)
+    if rule == "none":
+        valid = jnp.clip(count - first * BLOCK, 0, (last - first) * BLOCK).astype(count.dtype)
     return jnp.sum(squares, axis=1), valid
 
 
