@@ -83,6 +83,13 @@ def modified_over_plain(phase, sums, lost, step: int, m: int, xp: ModuleType):
     return averaged @ averaged / xp.where(usable, below, 1.0), usable
 
 
+def bounds_of_phase(thinned, m: int, xp: ModuleType):
+    """1 or 2 twice, as R(n) tells flicker from white phase noise, or no bounds where no difference is free of gaps."""
+    ratio, usable = modified_over_plain(*thinned, m, xp)
+    found = xp.where(ratio > phase_boundary(m), 1.0, 2.0)
+    return xp.where(usable, found, -np.inf), xp.where(usable, found, np.inf)
+
+
 def carried_on(low, high, carried, xp: ModuleType):
     """Noise types, (clusters,): each is that of the one before, `carried` for the first, held between two bounds."""
     found = []
@@ -134,10 +141,9 @@ def bounds_of_ratios(averages, weight, series: Segments, m, kind: Kind, samples:
     if sums is None:
         low, high = xp.where(phase, 1.0, low), xp.where(phase, np.inf, high)
     elif xp is not np or phase.any():
-        ratio, usable = (xp.stack(v) for v in zip(*(modified_over_plain(*sums(), size, xp) for size in m.tolist()), strict=True))
-        of_phase = xp.where(ratio > np.array([phase_boundary(size) for size in m.tolist()]).astype(ratio.dtype), 1.0, 2.0)
-        low = xp.where(phase, xp.where(usable, of_phase, -np.inf), low)
-        high = xp.where(phase, xp.where(usable, of_phase, np.inf), high)
+        # a traced record has no way to leave out those not needed
+        both = [bounds_of_phase(sums(), size, xp) if xp is not np or phase[i] else (0.0, 0.0) for i, size in enumerate(m.tolist())]
+        low, high = (xp.where(phase, xp.stack(v), there) for v, there in zip(zip(*both, strict=True), (low, high), strict=True))
     dtype = averages.dtype
     return xp.where(some, low, -np.inf).astype(dtype), xp.where(some, high, np.inf).astype(dtype)
 
