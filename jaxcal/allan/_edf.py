@@ -66,10 +66,9 @@ def _sx(t, f, alpha: int):
 
 def _sz(t, f, alpha: int, order: int):
     weights = _TWICE[order]
-    total = weights[0] * _sx(t, f, alpha)
-    for shift, weight in enumerate(weights[1:], start=1):
-        total = total + weight * (_sx(t - shift, f, alpha) + _sx(t + shift, f, alpha))
-    return total
+    shifts = np.arange(-order, order + 1.0)
+    values = _sx(np.asarray(t) + shifts.reshape(-1, *(1,) * np.ndim(t)), f, alpha)
+    return np.tensordot([weights[abs(shift)] for shift in range(-order, order + 1)], values, axes=1)
 
 
 def _basic_sum(j, m, s, f, alpha: int, order: int) -> np.ndarray:

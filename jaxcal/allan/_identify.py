@@ -30,7 +30,10 @@ def _without_polynomial(z, weight, series: Segments, degree: int, xp: ModuleType
     else:
         norms = [np.sqrt(norm).astype(z.dtype) for norm in norms]
         weighted = [weight, *(b * weight for b in basis)]
-        rows = [[series.sums(v if j == 0 else v * basis[j - 1]) / (norms[i] * norms[j]) for j in range(degree + 1)] for i, v in enumerate(weighted)]
+        rows = [
+            [series.sums(v if j == 0 else v * basis[j - 1]) / (norms[i] * norms[j]) for j in range(degree + 1)]
+            for i, v in enumerate(weighted)
+        ]
         gram = xp.stack([xp.stack(row, axis=-1) for row in rows], axis=-2) + 1e-12 * np.eye(degree + 1, dtype=z.dtype)[None]
         right = xp.stack([moment / norm for moment, norm in zip(moments, norms, strict=True)], axis=-1)
         solved = xp.linalg.solve(gram, right[..., None])[..., 0]

@@ -1,6 +1,7 @@
 """`deviation`: of many logs, and of logs larger than memory."""
 
 import dataclasses
+import functools
 import os
 import pathlib
 from collections.abc import Callable, Sequence
@@ -8,12 +9,16 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import equinox as eqx
+import jax
 import numpy as np
 
 from .._errors import DataError
+from .._record import checked_rate, checked_record
 from ..allan import Accumulator, Deviation, deviation as _deviation
-from ..allan._kinds import cluster_sizes, find_kind
+from ..allan._deviation import checked_confidence, deviation_at, empty_channels
+from ..allan._kinds import Kind, cluster_sizes, find_kind
 from ..allan._phase import padded_length
+from ..allan._routes import MANY
 from ..io._chunks import Chunks, array_chunks, open_chunks
 
 
@@ -93,7 +98,7 @@ def deviation(
     first = list({padded_length(record.samples): i for i, record in reversed(list(enumerate(records)))}.values())
     found: dict[int, Deviation] = {}
     with ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:
-        for turn in (first, [i for i in range(len(records)) if i not in set(first)]):
+        for turn in (first, sorted({*range(len(records))} - {*first})):
             found |= zip(turn, pool.map(lambda i: named(i, _one, records[i], rates[i], int(chunk), exact, options), turn), strict=True)
     return [found[i] for i in range(len(records))]
 
@@ -103,14 +108,7 @@ def _one(record: Chunks, rate: Any, chunk: int, exact: int, options: dict[str, A
     sizes = cluster_sizes(options["m"], statistic, record.samples)
     if record.samples <= chunk:
         y = record.read(0, record.samples)
-        if isinstance(options["m"], str) and options["m"] == "all":
-            return _deviation(y[:, 0] if record.flat else y, rate, **options)
-        # as many cluster sizes as the longest record of its bucket has, by repeating the largest, which costs least: logs of other
-        # lengths share the program
-        fill = len(cluster_sizes(options["m"], statistic, padded_length(record.samples))) - len(sizes)
-        padded = np.concatenate([sizes, np.full(fill, sizes.max())])
-        found = _deviation(y[:, 0] if record.flat else y, rate, **{**options, "m": padded})
-        return _first(found, len(found.m) - fill) if fill and found.m[-1] == sizes.max() else found
+        return _whole(y[:, 0] if record.flat else y, rate, statistic, sizes, options)
     if isinstance(options["m"], str) and options["m"] == "all":
         raise DataError(f'm="all" needs the whole record in memory: it has {record.samples} samples; raise chunk= to that, or choose "log"')
     warnings: tuple[str, ...] = ()
@@ -126,6 +124,23 @@ def _one(record: Chunks, rate: Any, chunk: int, exact: int, options: dict[str, A
     return dataclasses.replace(found, warnings=(*warnings, *found.warnings))
 
 
+def _whole(y: np.ndarray, rate: Any, statistic: Kind, sizes: np.ndarray, options: dict[str, Any]) -> Deviation:
+    """`jaxcal.allan.deviation`, less the part of its checks that takes as long as a short log, in the program of the bucket."""
+    named = isinstance(options["m"], str)
+    if statistic.family != "difference" or len(sizes) > MANY or empty_channels(y) is not None:
+        return _deviation(y, rate, **options)
+    # as many cluster sizes as the longest record of its bucket has
+    rows = _most_sizes(options["m"], statistic.name, padded_length(len(y))) if named else 0
+    with jax.enable_x64(True):
+        y = np.asarray(y, dtype=np.float64) if y.ndim == 1 else checked_record(y)
+        return deviation_at(y, checked_rate(rate), statistic, sizes, checked_confidence(options["confidence"]), options["alpha"], rows=rows)
+
+
+@functools.lru_cache(maxsize=256)
+def _most_sizes(grid: str, kind: str, samples: int) -> int:
+    return len(cluster_sizes(grid, find_kind(kind), samples))
+
+
 def _opened(source: Any, columns: Any) -> Chunks:
     if isinstance(source, str | os.PathLike):
         record = open_chunks(pathlib.Path(source), columns)
@@ -139,10 +154,3 @@ def _opened(source: Any, columns: Any) -> Chunks:
 def _tables(found: Deviation) -> list[Any]:
     """The arrays that have the channels, if any, as their second axis."""
     return [getattr(found, name) for name in ("deviation", "lower", "upper", "edf", "count", "alpha", "skipped")]
-
-
-def _first(found: Deviation, number: int) -> Deviation:
-    def arrays(d: Deviation) -> list[Any]:
-        return [d.tau, d.m, *_tables(d)]
-
-    return eqx.tree_at(arrays, found, [array[:number] for array in arrays(found)])
