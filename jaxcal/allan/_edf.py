@@ -95,8 +95,8 @@ def _at_nodes(function, x) -> np.ndarray:
     return np.interp(np.log(x), np.log(values), function(values))
 
 
-def _inverse_edf(m, alpha, points: int, kind: Kind) -> np.ndarray:
-    """1/edf at cluster sizes m and noise types alpha, both (values,); `points` phase points."""
+def _inverse_edf(m, alpha, points, kind: Kind) -> np.ndarray:
+    """1/edf at cluster sizes m and noise types alpha, both (values,); `points` phase points, one number or (values,)."""
     order, modified = kind.order, kind.modified
     size = m.astype(np.float64)
     s = size if kind.overlapped else np.ones_like(size)
@@ -195,7 +195,7 @@ def _short_strided(total, j, s, f, alpha: int, order: int) -> np.ndarray:
     return out / (total * squares[0])
 
 
-def degrees_of_freedom(m, alpha, kind: Kind, samples: int) -> Float[np.ndarray, "..."]:
+def degrees_of_freedom(m, alpha, kind: Kind, samples) -> Float[np.ndarray, "..."]:
     """Equivalent degrees of freedom for cluster sizes m (broadcast against noise types alpha), gap-free record.
 
     Parameters
@@ -203,7 +203,7 @@ def degrees_of_freedom(m, alpha, kind: Kind, samples: int) -> Float[np.ndarray, 
     m : cluster sizes.
     alpha : noise types, 2 .. -2 (-4 for three-sample statistics); clipped to that range.
     kind : the statistic.
-    samples : number of rate samples of the record.
+    samples : number of rate samples of the record, one for all or (broadcast) for each.
 
     Examples
     --------
@@ -214,8 +214,9 @@ def degrees_of_freedom(m, alpha, kind: Kind, samples: int) -> Float[np.ndarray, 
     >>> [round(float(v), 1) for v in degrees_of_freedom([2, 16, 128], 0, find_kind("oadev"), 1024)]
     [553.7, 88.5, 9.8]
     """
-    sizes, types = np.broadcast_arrays(np.asarray(m, dtype=np.int64), np.clip(np.asarray(alpha), -2 if kind.order == 2 else -4, 2))
-    inverse = _inverse_edf(sizes.ravel(), types.ravel().astype(np.int64), samples + 1, kind).reshape(sizes.shape)
+    alpha = np.clip(np.asarray(alpha), -2 if kind.order == 2 else -4, 2).astype(np.int64)
+    sizes, types, samples = np.broadcast_arrays(np.asarray(m, dtype=np.int64), alpha, samples)
+    inverse = _inverse_edf(sizes.ravel(), types.ravel(), samples.ravel() + 1, kind).reshape(sizes.shape)
     # a variance of a single difference has one degree of freedom; formulas for large arguments can dip below
     return np.maximum(1.0 / inverse, 1.0)
 

@@ -45,7 +45,7 @@ def record_sums(prepared, sizes, number, kind: Kind, workers: int, run: Callable
         return _by_blocks(parts, missing, sizes[chosen], number[chosen], less, kind, rule, workers, run, len(sizes) > MANY)
 
     if len(sizes) <= MANY:
-        total, count = _group(parts, missing, *_filled(sizes, number, rows), less, kind, rule, workers, run)
+        total, count = _group(parts, missing, *filled(sizes, number, rows), less, kind, rule, workers, run)
         return total[: len(sizes)], count[: len(sizes)]
     everything = np.arange(len(sizes))
     if not kind.overlapped:
@@ -75,13 +75,13 @@ def _by_blocks(parts, missing, sizes, number, less, kind: Kind, rule: str, worke
     for first in range(0, len(sizes), _GROUP):
         m, count = sizes[first : first + _GROUP], number[first : first + _GROUP]
         if padded:  # one program for many lengths: what is added has no differences
-            m, count = _filled(m, count, len(m) + -len(m) % _STEP)
+            m, count = filled(m, count, len(m) + -len(m) % _STEP)
         found.append(_group(parts, missing, m, count, less, kind, rule, workers, run))
     total, count = (np.concatenate(values)[: len(sizes)] for values in zip(*found, strict=True))
     return total, count
 
 
-def _filled(m, count, rows: int):
+def filled(m, count, rows: int):
     """Cluster sizes and numbers of differences, lengthened to `rows` by the largest without any difference."""
     extra = max(rows - len(m), 0)
     return np.concatenate([m, np.full(extra, m[-1])]), np.concatenate([count, np.zeros(extra, count.dtype)])

@@ -16,6 +16,7 @@ from .._errors import DataError
 from .._record import checked_rate, checked_record
 from ..allan import Accumulator, Deviation, deviation as _deviation
 from ..allan._deviation import checked_confidence, deviation_at, empty_channels
+from ..allan._group import group_deviations, group_size
 from ..allan._kinds import Kind, cluster_sizes, find_kind
 from ..allan._phase import padded_length
 from ..allan._routes import MANY
@@ -94,13 +95,47 @@ def deviation(
             raise DataError(f"log {index}{name}: {error}") from error
 
     records = [named(i, _opened, each, columns) for i, each in enumerate(source)]
-    # the first of each bucket of lengths before the others: two threads would compile the same program twice
-    first = list({padded_length(record.samples): i for i, record in reversed(list(enumerate(records)))}.values())
+    checked_confidence(confidence)
+    statistic = find_kind(kind)
+    plain = {i: sizes for i, record in enumerate(records) if (sizes := named(i, _grouped, record, statistic, m, int(chunk))) is not None}
+    rates = [named(i, checked_rate, each) for i, each in enumerate(rates)]
+
+    def together(group: list[int]) -> list[Deviation]:
+        if group[0] not in plain:
+            return [named(group[0], _one, records[group[0]], rates[group[0]], int(chunk), exact, options)]
+        logs = [np.asarray(records[i].read(0, records[i].samples)[:, 0], dtype=np.float64) for i in group]
+        sizes = [plain[i] for i in group]
+        # as many cluster sizes as the longest record of its bucket has
+        rows = _most_sizes(m, kind, padded_length(len(logs[0]))) if isinstance(m, str) else len(sizes[0])
+        found = group_deviations(logs, [rates[i] for i in group], statistic, sizes, rows, confidence, alpha)
+        # one with a gap, or with an infinite value, by itself
+        return [
+            named(i, _one, records[i], rates[i], int(chunk), exact, options) if d is None else d for i, d in zip(group, found, strict=True)
+        ]
+
+    buckets: dict[Any, list[int]] = {}
+    for i, record in enumerate(records):
+        buckets.setdefault((i in plain, padded_length(record.samples)), []).append(i)
+    groups = [_cut(bucket, group_size(padded) if together else 1) for (together, padded), bucket in buckets.items()]
     found: dict[int, Deviation] = {}
     with ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:
-        for turn in (first, sorted({*range(len(records))} - {*first})):
-            found |= zip(turn, pool.map(lambda i: named(i, _one, records[i], rates[i], int(chunk), exact, options), turn), strict=True)
+        # the first of each bucket of lengths before the others: two threads would compile the same program twice
+        for turn in ([each[0] for each in groups], [group for each in groups for group in each[1:]]):
+            for group, each in zip(turn, pool.map(together, turn), strict=True):
+                found |= zip(group, each, strict=True)
     return [found[i] for i in range(len(records))]
+
+
+def _cut(items: list[int], size: int) -> list[list[int]]:
+    return [items[start : start + size] for start in range(0, len(items), size)]
+
+
+def _grouped(record: Chunks, statistic: Kind, m: Any, chunk: int) -> np.ndarray | None:
+    """The cluster sizes of a record that is taken together with others: a single channel, in memory as a whole; None for any other."""
+    if not record.flat or record.samples > chunk or statistic.family != "difference" or (isinstance(m, str) and m == "all"):
+        return None
+    sizes = cluster_sizes(m, statistic, record.samples)
+    return sizes if len(sizes) <= MANY else None
 
 
 def _one(record: Chunks, rate: Any, chunk: int, exact: int, options: dict[str, Any]) -> Deviation:
