@@ -66,9 +66,12 @@ def _sx(t, f, alpha: int):
 
 def _sz(t, f, alpha: int, order: int):
     weights = _TWICE[order]
-    shifts = np.arange(-order, order + 1.0)
+    shifts = np.arange(-order, order + 1)
     values = _sx(np.asarray(t) + shifts.reshape(-1, *(1,) * np.ndim(t)), f, alpha)
-    return np.tensordot([weights[abs(shift)] for shift in range(-order, order + 1)], values, axes=1)
+    # one after another: large values cancel, and the rounding must not depend on how many are taken together
+    return (
+        sum(weights[abs(shift)] * value for shift, value in zip(shifts[1:].tolist(), values[1:], strict=True)) + weights[order] * values[0]
+    )
 
 
 def _basic_sum(j, m, s, f, alpha: int, order: int) -> np.ndarray:
@@ -135,7 +138,7 @@ def _inverse_edf(m, alpha, points, kind: Kind) -> np.ndarray:
 
 
 def _white_phase(total, r, order: int) -> np.ndarray:
-    """edf's inverse times `total`, of the plain variances of white phase noise."""
+    """Inverse of edf times `total`, of the plain variances of white phase noise."""
     centre, (a0, a1) = math.comb(2 * order, order), _TABLE_2[order][2]
     pairs = sum(np.maximum(1 - i / r, 0.0) * math.comb(2 * order, order - i) ** 2 for i in range(1, order))
     return np.where(r <= order, 1 + 2 * pairs / centre**2, a0 - a1 / r)
@@ -160,7 +163,10 @@ def _limited(r, size, alpha: int, kind: Kind) -> np.ndarray:
 
 @functools.cache
 def _short_table(order: int, modified: bool) -> Float[np.ndarray, "2 types sizes"]:
-    """c and b of 1/edf = (c - b / M) / M at the cluster sizes all of whose terms are added, M differences in a record longer than they reach."""
+    """The c and b of 1/edf = (c - b / M) / M with M differences, at the cluster sizes all of whose terms are added.
+
+    Of records in which M is no less than the terms.
+    """
     sizes = np.arange(_JMAX // (order + 1) + 1)
     table = np.zeros((2, 5 if order == 2 else 7, len(sizes)))
     s = sizes[1:].astype(np.float64)
