@@ -18,7 +18,7 @@ _MOST = 1 << 11  # averaged points used: r1 to 0.022, where half a unit of alpha
 
 
 def _without_polynomial(z, weight, series: Segments, degree: int, xp: ModuleType):
-    """Residual of each series from its least-squares polynomial in time over the valid points, 0 at the others."""
+    """Residual of each series from its least-squares polynomial in time over the valid points, 0 at the others; z is spent."""
     n, t = series.points.astype(np.float64), series.time()
     # Gram's polynomials, orthogonal over all points of a series, and their squared norms
     basis = [t, t**2 - np.repeat((n**2 - 1.0) / 12.0, series.lengths) if degree == 2 else t][:degree]
@@ -38,18 +38,20 @@ def _without_polynomial(z, weight, series: Segments, degree: int, xp: ModuleType
         right = xp.stack([moment / norm for moment, norm in zip(moments, norms, strict=True)], axis=-1)
         solved = xp.linalg.solve(gram, right[..., None])[..., 0]
         factors = [solved[..., i] / norm for i, norm in enumerate(norms)]
-    z = z - series.spread(factors[0])
+    z -= series.spread(factors[0])  # in place where z is an array of NumPy
     for b, factor in zip(basis, factors[1:], strict=True):
-        z = z - series.spread(factor) * b
+        term = series.spread(factor)
+        term *= b
+        z -= term
     return z if weight is None else z * weight
 
 
 def _lag_one(z, weight, series: Segments, xp: ModuleType):
-    """Lag-1 autocorrelation of each series over pairs of valid points; z is 0 at the others."""
+    """Lag-1 autocorrelation of each series over pairs of valid points; z is 0 at the others, and loses its mean."""
     one_less = series.shorter()
     if weight is None:
         total, pairs = series.points.astype(z.dtype), one_less.points.astype(z.dtype)
-        z = z - series.spread(series.sums(z) / total)
+        z -= series.spread(series.sums(z) / total)
     else:
         total, pairs = series.sums(weight), xp.maximum(one_less.sums(followed(weight, xp)), 1.0)
         z = (z - series.spread(series.sums(z) / xp.maximum(total, 1.0))) * weight

@@ -58,7 +58,8 @@ def thinned_sums(theta, missing, data: str, xp: ModuleType):
     step = max((theta.shape[0] - 1) // _POINTS, 1)
     blocks = theta.shape[0] // step
     phase = theta[: blocks * step].reshape(blocks, step)
-    sums = xp.concatenate([xp.zeros_like(theta[:1]), xp.cumsum(xp.mean(phase, axis=1) - xp.mean(theta))]) * step
+    means = xp.mean(phase, axis=1)
+    sums = xp.concatenate([xp.zeros_like(theta[:1]), xp.cumsum(means - xp.mean(means))]) * step
     if missing is None:
         return phase[:, 0], sums, None, step
     marks = missing[: blocks * step].reshape(blocks, step)

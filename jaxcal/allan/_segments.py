@@ -32,14 +32,19 @@ class Segments:
     def sums(self, values: Any) -> Any:
         """Sum over each series, (series,)."""
         if self._xp is np:
-            edges = np.stack([self.starts, self.stops - self.less], axis=1).ravel()
-            # an edge at the end of the array is one too many; the sums between two series are not used
-            return np.add.reduceat(values, edges[: edges.size - (edges[-1] == len(values))])[::2]
+            return np.add.reduceat(values, self._edges)[::2]
         return jax.ops.segment_sum(values, self._inside, num_segments=len(self.lengths) + 1, indices_are_sorted=False)[:-1]
 
     def spread(self, each: Any) -> Any:
         """A value of each series at all its points."""
         return np.repeat(each, self.lengths) if self._xp is np else each[self._series]
+
+    @functools.cached_property
+    def _edges(self) -> np.ndarray:
+        """Where series begin and end, by turns: the sums between two of them are not used."""
+        edges = np.empty(2 * len(self.lengths), dtype=np.int64)
+        edges[::2], edges[1::2] = self.starts, self.stops - self.less
+        return edges if self.less else edges[:-1]  # the end of the array is no beginning
 
     @functools.cached_property
     def _series(self) -> np.ndarray:
