@@ -1,5 +1,7 @@
 """Deviations of several records at once: what takes a step of Python for each of them takes one for all."""
 
+import threading
+
 import jax
 import numpy as np
 
@@ -15,6 +17,9 @@ from ._sums import stacked_block_sums
 
 _SAMPLES = 1 << 20  # of all records of a group: 8 MB, which stay in the third-level cache
 _LARGEST = 16  # records of a group
+# held by the one thread that is at many short NumPy steps: two at once wait for the interpreter at each of them, and both take
+# longer than one after the other; meanwhile another is in the kernel
+_short_steps = threading.Lock()
 _VALUES = 1000  # degrees of freedom found together; of more some are interpolated
 
 
@@ -42,33 +47,35 @@ def group_deviations(
     theta = scratch(group_size(padded), padded)
     m, number = np.ones((len(theta), rows), np.int64), np.zeros((len(theta), rows), np.int64)
     finite, orders = [], []
-    for i, (y, chosen) in enumerate(zip(records, sizes, strict=True)):
-        orders.append(np.argsort(chosen, kind="stable"))
-        if integrate(y, theta[i, : len(y) + 1], 1):
-            finite.append(i)
-            ascending = chosen[orders[i]]
-            m[i], number[i] = filled(ascending, Kind.count(statistic, len(y), ascending), rows)
+    with _short_steps:
+        for i, (y, chosen) in enumerate(zip(records, sizes, strict=True)):
+            orders.append(np.argsort(chosen, kind="stable"))
+            if integrate(y, theta[i, : len(y) + 1], 1):
+                finite.append(i)
+                ascending = chosen[orders[i]]
+                m[i], number[i] = filled(ascending, Kind.count(statistic, len(y), ascending), rows)
     kernel = {"order": statistic.difference, "strided": not statistic.overlapped, "modified": statistic.modified}
     with jax.enable_x64(True):  # thread-local
         sums = np.asarray(stacked_block_sums(jax.device_put(theta, may_alias=True), m, number, **kernel))
     found: list[Deviation | None] = [None] * len(records)
-    each = []
-    for i in finite:
-        back, samples, n = np.argsort(orders[i], kind="stable"), len(records[i]), len(sizes[i])
-        if alpha is None:
-            noise = noise_types(theta[i, : samples + 1], None, m[i, :n], statistic.plain, samples, "rate")[back]
-        else:
-            noise = np.full(n, float(alpha))
-        types = types_for_intervals(noise[:, None], sizes[i], samples, "rate")[:, 0]
-        each.append((sizes[i], np.full(n, samples), np.full(n, rates[i]), sums[i, :n][back], number[i, :n][back], noise, types))
-    ends = np.cumsum([0, *(len(sizes[i]) for i in finite)])
-    step = max(_VALUES // rows, 1)
-    for start in range(0, len(finite), step):
-        part = [np.concatenate(values) for values in zip(*each[start : start + step], strict=True)]
-        arrays = _with_intervals(*part, statistic, confidence)
-        for i, first, last in zip(finite[start:], ends[start:], ends[start + 1 : start + step + 1], strict=False):
-            own = {name: value[first - ends[start] : last - ends[start]] for name, value in arrays.items()}
-            found[i] = Deviation(kind=statistic.name, rate=rates[i], confidence=confidence, **own)
+    with _short_steps:
+        each = []
+        for i in finite:
+            back, samples, n = np.argsort(orders[i], kind="stable"), len(records[i]), len(sizes[i])
+            if alpha is None:
+                noise = noise_types(theta[i, : samples + 1], None, m[i, :n], statistic.plain, samples, "rate")[back]
+            else:
+                noise = np.full(n, float(alpha))
+            types = types_for_intervals(noise[:, None], sizes[i], samples, "rate")[:, 0]
+            each.append((sizes[i], np.full(n, samples), np.full(n, rates[i]), sums[i, :n][back], number[i, :n][back], noise, types))
+        ends = np.cumsum([0, *(len(sizes[i]) for i in finite)])
+        step = max(_VALUES // rows, 1)
+        for start in range(0, len(finite), step):
+            part = [np.concatenate(values) for values in zip(*each[start : start + step], strict=True)]
+            arrays = _with_intervals(*part, statistic, confidence)
+            for i, first, last in zip(finite[start:], ends[start:], ends[start + 1 : start + step + 1], strict=False):
+                own = {name: value[first - ends[start] : last - ends[start]] for name, value in arrays.items()}
+                found[i] = Deviation(kind=statistic.name, rate=rates[i], confidence=confidence, **own)
     return found
 
 
