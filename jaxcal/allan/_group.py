@@ -67,26 +67,28 @@ def group_deviations(
             else:
                 noise = np.full(n, float(alpha))
             types = types_for_intervals(noise[:, None], sizes[i], samples, "rate")[:, 0]
-            each.append((sizes[i], np.full(n, samples), np.full(n, rates[i]), sums[i, :n][back], number[i, :n][back], noise, types))
+            variance = sums[i, :n][back] / number[i, :n][back] * Kind.scale(statistic, sizes[i], rates[i])
+            tau = Kind.tau(statistic, sizes[i], rates[i])
+            each.append((sizes[i], tau, variance, number[i, :n][back], np.full(n, samples), noise, types))
         ends = np.cumsum([0, *(len(sizes[i]) for i in finite)])
         step = max(_VALUES // rows, 1)
         for start in range(0, len(finite), step):
-            part = [np.concatenate(values) for values in zip(*each[start : start + step], strict=True)]
-            arrays = _with_intervals(*part, statistic, confidence)
+            arrays = _with_intervals(each[start : start + step], statistic, confidence)
             for i, first, last in zip(finite[start:], ends[start:], ends[start + 1 : start + step + 1], strict=False):
                 own = {name: value[first - ends[start] : last - ends[start]] for name, value in arrays.items()}
                 found[i] = Deviation(kind=statistic.name, rate=rates[i], confidence=confidence, **own)
     return found
 
 
-def _with_intervals(m, samples, rate, total, count, noise, types, statistic: Kind, confidence: float) -> dict[str, np.ndarray]:
-    """The arrays of a `Deviation`, for (values,) of several records."""
-    deviation = np.sqrt(total / count * Kind.scale(statistic, m, rate))
+def _with_intervals(parts: list, statistic: Kind, confidence: float) -> dict[str, np.ndarray]:
+    """The arrays of a `Deviation`, (values,) of several records."""
+    m, tau, variance, count, samples, noise, types = (np.concatenate(values) for values in zip(*parts, strict=True))
+    deviation = np.sqrt(variance)
     if statistic.interval_error:
         edf = low = high = np.full(len(m), np.nan)
     else:
         edf = degrees_of_freedom(m, types, statistic, samples)
         low, high = interval_factors(edf, confidence)
-    arrays = {"tau": Kind.tau(statistic, m, rate), "m": m, "deviation": deviation, "lower": deviation * low, "upper": deviation * high}
+    arrays = {"tau": tau, "m": m, "deviation": deviation, "lower": deviation * low, "upper": deviation * high}
     arrays |= {"edf": edf, "count": count, "alpha": noise.astype(np.int64), "skipped": np.zeros_like(count)}
     return arrays | {"bias": np.ones(len(m))}

@@ -86,7 +86,8 @@ def modified_over_plain(phase, sums, lost, step: int, m: int, xp: ModuleType):
 
 def bounds_of_phase(thinned, m: int, xp: ModuleType):
     """1 or 2 twice, as R(n) tells flicker from white phase noise, or no bounds where no difference is free of gaps."""
-    ratio, usable = modified_over_plain(*thinned, m, xp)
+    phase, sums, lost, step = thinned
+    ratio, usable = modified_over_plain(phase, sums, lost, step, m, xp)
     found = xp.where(ratio > phase_boundary(m), 1.0, 2.0)
     return xp.where(usable, found, -np.inf), xp.where(usable, found, np.inf)
 

@@ -105,7 +105,8 @@ def _group(parts, missing, sizes, number, less, kind: Kind, rule: str, workers: 
             return [np.asarray(s) for s in sums]
 
     found = list(run(part, itertools.pairwise(edges)))
-    return tuple(sum(values) for values in zip(*found, strict=True))
+    total, count = (np.sum(values, axis=0) for values in zip(*found, strict=True))
+    return total, count
 
 
 def strided_sums(theta, marks, rule: str, sizes, number, order: int) -> tuple[np.ndarray, np.ndarray]:
