@@ -14,7 +14,7 @@ import numpy as np
 from .._errors import DataError
 from .._precision import host_float64, is_traced
 from .._record import checked_rate, checked_record
-from .._types import Any
+from .._types import Any, Int
 from ._bias import bias_factors
 from ._edf import TABLE, interval_factors, tabulated_factors
 from ._edf_total import degrees_of_freedom
@@ -122,23 +122,33 @@ def deviation(
         raise DataError(f'unknown data {data!r}; expected "rate" (samples of rate or force) or "phase" (their integral)')
     if bias_corrected not in (True, False, "published"):
         raise DataError(f'bias_corrected must be True, False or "published"; got {bias_corrected!r}')
-    if not 0.0 < confidence < 1.0:
-        raise DataError(f"confidence must lie between 0 and 1; got {confidence!r} (0.95 is 95 %)")
-    y = checked_record(y)
+    confidence, y = checked_confidence(confidence), checked_record(y)
     warnings: tuple[str, ...] = ()
     if robust or time is not None:
         if is_traced(y):
             raise DataError("robust= and time= are for a record at hand: they cannot be traced (jit, grad, vmap)")
         refuse_robust(statistic, robust)
         y, warnings = (y, ()) if time is None else on_grid(y, time, rate)
-    empty = _empty(y)
+    empty = empty_channels(y)
     if empty is not None:
         rest = {"kind": kind, "m": m, "data": data, "confidence": confidence, "alpha": alpha, "bias_corrected": bias_corrected}
         return _with_empty(deviation(y[:, ~empty], rate, robust=robust, **rest), empty, warnings)
+    sizes = cluster_sizes(m, statistic, y.shape[0] - (1 if data == "phase" else 0))
+    options = {"data": data, "bias_corrected": bias_corrected, "robust": robust, "warnings": warnings, "traced": is_traced(y)}
+    return deviation_at(y, rate, statistic, sizes, confidence, alpha, **options)
+
+
+def deviation_at(
+    y, rate: float, statistic: Kind, sizes: Int[np.ndarray, " clusters"], confidence: float, alpha: Any, *, data="rate",
+    bias_corrected: Any = False, robust=False, warnings: tuple[str, ...] = (), traced=False, rows=0,
+) -> Deviation:  # fmt: skip
+    """`deviation` of a record that is checked, none of whose channels is empty, at given cluster sizes, in float64 unless traced.
+
+    With `rows`, the block kernel runs in the program for so many cluster sizes.
+    """
     samples = y.shape[0] - (1 if data == "phase" else 0)
-    sizes = cluster_sizes(m, statistic, samples)
     columns = y if y.ndim == 2 else y[:, None]
-    if is_traced(y):
+    if traced:
         refuse_traced(statistic)
         total, count, noise = _traced(columns, sizes, statistic, rate, data, samples, alpha)
         xp = jnp
@@ -149,9 +159,9 @@ def deviation(
         warnings = (*warnings, *told)
         xp = np
     else:
-        total, count, noise = _measured(columns, sizes, statistic, rate, data, samples, alpha, robust)
+        total, count, noise = _measured(columns, sizes, statistic, rate, data, samples, alpha, robust, rows)
         xp = np
-    expected = statistic.count(samples, sizes)[:, None]
+    expected = Kind.count(statistic, samples, sizes)[:, None]
     if xp is np:
         kept = np.all(count > 0, axis=1)
         if not kept.any():
@@ -165,8 +175,8 @@ def deviation(
     else:
         total = eqx.error_if(total, xp.any(count == 0), "a cluster size has no difference free of gaps; choose smaller m")
         expected = jnp.asarray(expected, dtype=count.dtype)
-    variance = total / count * statistic.scale(sizes, rate)[:, None].astype(total.dtype)
-    lengths = statistic.length(count, sizes[:, None], samples) if xp is np else samples
+    variance = total / count * Kind.scale(statistic, sizes, rate)[:, None].astype(total.dtype)
+    lengths = Kind.length(statistic, count, sizes[:, None], samples) if xp is np else samples
     bias = xp.ones_like(variance)
     if bias_corrected:
         factors = functools.partial(bias_factors, kind=statistic, samples=lengths, published=bias_corrected == "published")
@@ -179,10 +189,18 @@ def deviation(
     arrays |= {"alpha": noise.astype(np.int64) if xp is np else noise, "skipped": expected - count}
     if y.ndim == 1:
         arrays = {name: value[:, 0] for name, value in arrays.items()}
-    return Deviation(tau=statistic.tau(sizes, rate), m=sizes, kind=kind, rate=rate, confidence=confidence, warnings=warnings, **arrays)
+    tau, named = Kind.tau(statistic, sizes, rate), {"kind": statistic.name, "rate": rate, "confidence": confidence}
+    return Deviation(tau=tau, m=sizes, warnings=warnings, **named, **arrays)
 
 
-def _empty(y):
+def checked_confidence(confidence) -> float:
+    """The level of an interval."""
+    if not 0.0 < confidence < 1.0:
+        raise DataError(f"confidence must lie between 0 and 1; got {confidence!r} (0.95 is 95 %)")
+    return confidence
+
+
+def empty_channels(y):
     """Which channels hold nothing but NaN, where others hold samples; None where there are no such."""
     if is_traced(y) or y.ndim == 1 or not np.isnan(y[0]).any():
         return None
@@ -288,16 +306,15 @@ def _gap_rule(gone, statistic: Kind, data: str, xp):
     return running, "span", 1 if statistic.modified and data == "rate" else 0
 
 
-def _measured(columns, sizes, statistic: Kind, rate: float, data: str, samples: int, alpha, robust: bool):
+def _measured(columns, sizes, statistic: Kind, rate: float, data: str, samples: int, alpha, robust: bool, rows: int):
     """Sums, counts and noise types of a record at hand, (clusters, channels), on every core."""
     order = np.argsort(sizes, kind="stable")
     ascending = sizes[order]
-    number = statistic.count(samples, ascending)
-    channels = columns.shape[1]
-    workers = min(os.cpu_count() or 1, 16) if jax.default_backend() == "cpu" else 1
+    number = Kind.count(statistic, samples, ascending)
+    channels, workers = columns.shape[1], 1
     # a thread of its own, as `batch` starts one for each log, is a core's worth already
-    if channels * int(number.sum()) < _PARALLEL_FROM or threading.current_thread() is not threading.main_thread():
-        workers = 1
+    if channels * int(number.sum()) >= _PARALLEL_FROM and threading.current_thread() is threading.main_thread():
+        workers = min(os.cpu_count() or 1, 16) if jax.default_backend() == "cpu" else 1
     # threads share a record that is alone, or at many cluster sizes; otherwise each takes a channel
     split = workers if channels == 1 or len(sizes) > MANY else 1
 
@@ -309,7 +326,7 @@ def _measured(columns, sizes, statistic: Kind, rate: float, data: str, samples: 
                 squares, count = robust_squares(prepared[1], prepared[2], ascending, statistic, samples, data)
                 total = squares * count
             else:
-                total, count = record_sums(prepared, ascending, number, statistic, *run)
+                total, count = record_sums(prepared, ascending, number, statistic, *run, rows)
             if alpha is None:
                 return total, count, noise_types(prepared[1], prepared[2], ascending, statistic.plain, samples, data)
             return total, count, np.full(len(ascending), float(alpha))
@@ -344,4 +361,4 @@ def _prepare(column, name: str, statistic: Kind, rate: float, data: str, samples
         held *= rate
     theta = jax.device_put(buffer, may_alias=True)
     parts = running_sum_of_phase(theta) if statistic.modified else (theta,)
-    return parts, held, marks, missing, rule, jnp.asarray(less)
+    return parts, held, marks, missing, rule, np.int64(less)

@@ -5,6 +5,7 @@ the "combined" algorithm. alpha is the noise type: 2 white phase, 1 flicker phas
 walk of rate, and for three-sample statistics -3 and -4.
 """
 
+import functools
 import math
 from types import ModuleType
 
@@ -44,9 +45,10 @@ _TABLE_3 = {2: (15.23, 12.0), 3: (47.8, 40.0)}
 def _sw(t, alpha: int):
     sign, power, log = _WALK[alpha]
     t = np.abs(t)
-    if not log:
-        return sign * t**power
-    return sign * t**power * np.log(np.where(t > 0, t, 1.0))  # zero at t = 0
+    value = sign * t
+    for _ in range(power - 1):  # a tenth of the time of t**power
+        value = value * t
+    return value * np.log(np.where(t > 0, t, 1.0)) if log else value  # zero at t = 0
 
 
 def _sx(t, f, alpha: int):
@@ -64,10 +66,12 @@ def _sx(t, f, alpha: int):
 
 def _sz(t, f, alpha: int, order: int):
     weights = _TWICE[order]
-    total = weights[0] * _sx(t, f, alpha)
-    for shift, weight in enumerate(weights[1:], start=1):
-        total = total + weight * (_sx(t - shift, f, alpha) + _sx(t + shift, f, alpha))
-    return total
+    shifts = np.arange(-order, order + 1)
+    values = _sx(np.asarray(t) + shifts.reshape(-1, *(1,) * np.ndim(t)), f, alpha)
+    # one after another: large values cancel, and the rounding must not depend on how many are taken together
+    return (
+        sum(weights[abs(shift)] * value for shift, value in zip(shifts[1:].tolist(), values[1:], strict=True)) + weights[order] * values[0]
+    )
 
 
 def _basic_sum(j, m, s, f, alpha: int, order: int) -> np.ndarray:
@@ -94,44 +98,87 @@ def _at_nodes(function, x) -> np.ndarray:
     return np.interp(np.log(x), np.log(values), function(values))
 
 
-def _inverse_edf(m, points: int, alpha: int, kind: Kind) -> np.ndarray:
-    """1/edf at cluster sizes m, (clusters,), of one noise type; `points` phase points."""
+def _inverse_edf(m, alpha, points, kind: Kind) -> np.ndarray:
+    """1/edf at cluster sizes m and noise types alpha, both (values,); `points` phase points, one number or (values,)."""
     order, modified = kind.order, kind.modified
     size = m.astype(np.float64)
     s = size if kind.overlapped else np.ones_like(size)
     reach = (m if modified else 1) + m * order
     total = 1 + np.floor(s * (points - reach) / m)
     r = total / s
-    a0, a1 = (_TABLE_1 if modified else _TABLE_2)[order][alpha]
-    if alpha == 2 and not modified:
-        centre = math.comb(2 * order, order)
-        pairs = sum(np.maximum(1 - i / r, 0.0) * math.comb(2 * order, order - i) ** 2 for i in range(1, order))
-        return np.where(r <= order, 1 + 2 * pairs / centre**2, a0 - a1 / r) / total
-    f = np.ones_like(size) if modified else size
+    a0, a1 = np.array([*(_TABLE_1 if modified else _TABLE_2)[order].values()])[2 - alpha].T
+    out = (a0 - a1 / r) / r  # long records
     j = np.minimum(total, (order + 1) * s)
-    scale = np.ones_like(size)
-    if not modified and alpha == 1:
-        b0, b1 = _TABLE_3[order]
-        scale = (b0 + b1 * np.log(size)) ** 2
-    out = (a0 - a1 / r) / r / scale  # long records
-    limited = (j > _JMAX) & (r < order + 1)
-    if limited.any():
-        wide_f = 1.0 if modified else math.inf
-
-        def wide(r):
-            most, step = np.full_like(r, _JMAX), _JMAX / r
-            return _basic_sum(most, most, step, step if scale_known else wide_f, alpha, order) / _JMAX
-
-        scale_known = not modified and alpha == 1
-        zero = scale[limited] if scale_known else _sz(np.zeros(()), wide_f, alpha, order) ** 2
-        out[limited] = _at_nodes(wide, r[limited]) / zero
-    short = j <= _JMAX
-    continuous = short & (size * (order + 1) > _JMAX) if not modified and alpha <= 0 else np.zeros_like(short)
-    for chosen, infinite in ((short & ~continuous, False), (continuous, True)):
-        if chosen.any():
-            part = (total[chosen], j[chosen], s[chosen], math.inf if infinite else f[chosen])
-            out[chosen] = (_short if kind.overlapped else _short_strided)(*part, alpha, order)
+    limited, short = (j > _JMAX) & (r < order + 1), j <= _JMAX
+    if not modified:
+        flicker, white = alpha == 1, alpha == 2
+        if flicker.any():
+            out[flicker] /= _flicker_phase(size[flicker], order)
+        if white.any():
+            out[white] = _white_phase(total[white], r[white], order) / total[white]
+            limited, short = limited & ~white, short & ~white
+    if kind.overlapped:
+        common = short & (total >= (order + 1) * s)
+        if common.any():
+            constant, slope = _short_table(order, modified)[:, 2 - alpha[common], m[common]]
+            out[common] = (constant - slope / total[common]) / total[common]
+            short = short & ~common
+    for one in {*alpha[limited | short].tolist()}:
+        infinite = not modified and one <= 0  # f where m is large
+        here = limited & (alpha == one)
+        if here.any():
+            out[here] = _limited(r[here], size[here], one, kind)
+        here = short & (alpha == one)
+        continuous = here & (infinite & (size * (order + 1) > _JMAX))
+        for chosen, f in ((here & ~continuous, np.ones_like(size) if modified else size), (continuous, None)):
+            if chosen.any():
+                part = (total[chosen], j[chosen], s[chosen], math.inf if f is None else f[chosen])
+                out[chosen] = (_short if kind.overlapped else _short_strided)(*part, one, order)
     return out
+
+
+def _white_phase(total, r, order: int) -> np.ndarray:
+    """Inverse of edf times `total`, of the plain variances of white phase noise."""
+    centre, (a0, a1) = math.comb(2 * order, order), _TABLE_2[order][2]
+    pairs = sum(np.maximum(1 - i / r, 0.0) * math.comb(2 * order, order - i) ** 2 for i in range(1, order))
+    return np.where(r <= order, 1 + 2 * pairs / centre**2, a0 - a1 / r)
+
+
+def _flicker_phase(size, order: int) -> np.ndarray:
+    b0, b1 = _TABLE_3[order]
+    return (b0 + b1 * np.log(size)) ** 2
+
+
+def _limited(r, size, alpha: int, kind: Kind) -> np.ndarray:
+    """1/edf where a hundred terms stand for all of BasicSum, and the record is short."""
+    flicker = not kind.modified and alpha == 1
+    f = 1.0 if kind.modified else math.inf
+
+    def wide(r):
+        most, step = np.full_like(r, _JMAX), _JMAX / r
+        return _basic_sum(most, most, step, step if flicker else f, alpha, kind.order) / _JMAX
+
+    return _at_nodes(wide, r) / (_flicker_phase(size, kind.order) if flicker else _sz(np.zeros(()), f, alpha, kind.order) ** 2)
+
+
+@functools.cache
+def _short_table(order: int, modified: bool) -> Float[np.ndarray, "2 types sizes"]:
+    """The c and b of 1/edf = (c - b / M) / M with M differences, at the cluster sizes all of whose terms are added.
+
+    Of records in which M is no less than the terms.
+    """
+    sizes = np.arange(_JMAX // (order + 1) + 1)
+    table = np.zeros((2, 5 if order == 2 else 7, len(sizes)))
+    s = sizes[1:].astype(np.float64)
+    # linear in 1/M: two values give it; at M infinite, and at the least that the terms allow
+    j = (order + 1) * s
+    for row in range(table.shape[1]):
+        part = (s, np.ones_like(s) if modified else s, 2 - row, order)
+        zero = _sz(np.zeros_like(s), *part[1:]) ** 2
+        constant = _basic_sum(j, np.full_like(s, math.inf), *part) / zero
+        table[:, row, 1:] = constant, (constant - _basic_sum(j, j, *part) / zero) * j
+    table.flags.writeable = False
+    return table
 
 
 def _short(total, j, s, f, alpha: int, order: int) -> np.ndarray:
@@ -154,7 +201,7 @@ def _short_strided(total, j, s, f, alpha: int, order: int) -> np.ndarray:
     return out / (total * squares[0])
 
 
-def degrees_of_freedom(m, alpha, kind: Kind, samples: int) -> Float[np.ndarray, "..."]:
+def degrees_of_freedom(m, alpha, kind: Kind, samples) -> Float[np.ndarray, "..."]:
     """Equivalent degrees of freedom for cluster sizes m (broadcast against noise types alpha), gap-free record.
 
     Parameters
@@ -162,7 +209,7 @@ def degrees_of_freedom(m, alpha, kind: Kind, samples: int) -> Float[np.ndarray, 
     m : cluster sizes.
     alpha : noise types, 2 .. -2 (-4 for three-sample statistics); clipped to that range.
     kind : the statistic.
-    samples : number of rate samples of the record.
+    samples : number of rate samples of the record, one for all or (broadcast) for each.
 
     Examples
     --------
@@ -173,12 +220,9 @@ def degrees_of_freedom(m, alpha, kind: Kind, samples: int) -> Float[np.ndarray, 
     >>> [round(float(v), 1) for v in degrees_of_freedom([2, 16, 128], 0, find_kind("oadev"), 1024)]
     [553.7, 88.5, 9.8]
     """
-    sizes, types = np.broadcast_arrays(np.asarray(m, dtype=np.int64), np.clip(np.asarray(alpha), -2 if kind.order == 2 else -4, 2))
-    inverse = np.empty(sizes.shape)
-    for one in range(int(np.min(types)), int(np.max(types)) + 1):
-        here = types == one
-        if here.any():
-            inverse[here] = _inverse_edf(sizes[here], samples + 1, one, kind)
+    alpha = np.clip(np.asarray(alpha), -2 if kind.order == 2 else -4, 2).astype(np.int64)
+    sizes, types, samples = np.broadcast_arrays(np.asarray(m, dtype=np.int64), alpha, samples)
+    inverse = _inverse_edf(sizes.ravel(), types.ravel(), samples.ravel() + 1, kind).reshape(sizes.shape)
     # a variance of a single difference has one degree of freedom; formulas for large arguments can dip below
     return np.maximum(1.0 / inverse, 1.0)
 

@@ -10,69 +10,81 @@ from types import ModuleType
 import numpy as np
 
 from ._kinds import Kind
-from ._ratios import fewest_averages, noise_type_of_ratios, thinned_sums
+from ._ratios import bounds_of_ratios, carried_on, fewest_averages, thinned_sums
+from ._segments import Segments, followed, steps
 
 FEWEST = 30  # averaged points that the lag-1 autocorrelation needs; with fewer, the ratios decide
-_MOST = 1 << 13  # averaged points used: r1 to 0.011, where half a unit of alpha is 0.1 and more
+_MOST = 1 << 11  # averaged points used: r1 to 0.022, where half a unit of alpha is 0.1 and more
 
 
-@functools.lru_cache(maxsize=512)
-def _polynomials(points: int, degree: int) -> np.ndarray:
-    """Orthonormal polynomials in time, (points, degree + 1)."""
-    t = np.arange(points) - (points - 1) / 2.0
-    columns = [np.ones(points), t, t**2 - (points**2 - 1) / 12.0][: degree + 1]  # Gram's polynomials, orthogonal as they are
-    basis = np.stack([column / np.linalg.norm(column) for column in columns], axis=1)
-    basis.flags.writeable = False
-    return basis
-
-
-def _without_polynomial(z, valid, degree: int, xp: ModuleType):
-    """Residual of a least-squares polynomial in time over the valid points, 0 at the others; all are valid where `valid` is None."""
-    basis = _polynomials(z.shape[0], degree).astype(z.dtype)
-    if valid is None:
-        return z - basis @ (basis.T @ z)
-    rows = xp.where(valid[:, None], basis, 0.0)
-    ridge = 1e-12 * np.eye(degree + 1, dtype=z.dtype)
-    return xp.where(valid, z - basis @ xp.linalg.solve(rows.T @ rows + ridge, rows.T @ z), 0.0)
-
-
-def _lag_one(z, valid, xp: ModuleType):
-    """Lag-1 autocorrelation over pairs of valid points; z is 0 at the others."""
-    if valid is None:
-        z = z - xp.mean(z)
-        total, pairs = z.shape[0], z.shape[0] - 1
+def _without_polynomial(z, weight, series: Segments, degree: int, xp: ModuleType):
+    """Residual of each series from its least-squares polynomial in time over the valid points, 0 at the others; z is spent."""
+    n, t = series.points.astype(np.float64), series.time()
+    # Gram's polynomials, orthogonal over all points of a series, and their squared norms
+    basis = [t, t**2 - np.repeat((n**2 - 1.0) / 12.0, series.lengths) if degree == 2 else t][:degree]
+    basis = [b.astype(z.dtype) for b in basis]
+    norms = [n, n * (n**2 - 1.0) / 12.0, n * (n**2 - 1.0) * (n**2 - 4.0) / 180.0][: degree + 1]
+    moments = [series.sums(z), *(series.sums(b * z) for b in basis)]
+    if weight is None:
+        factors = [moment / norm.astype(z.dtype) for moment, norm in zip(moments, norms, strict=True)]
     else:
-        total, pairs = (xp.sum(v).astype(z.dtype) for v in (valid, valid[1:] & valid[:-1]))
-        pairs = xp.maximum(pairs, 1.0)
-        z = xp.where(valid, z - xp.sum(z) / total, 0.0)
-    square = z @ z
+        norms = [np.sqrt(norm).astype(z.dtype) for norm in norms]
+        weighted = [weight, *(b * weight for b in basis)]
+        rows = [
+            [series.sums(v if j == 0 else v * basis[j - 1]) / (norms[i] * norms[j]) for j in range(degree + 1)]
+            for i, v in enumerate(weighted)
+        ]
+        gram = xp.stack([xp.stack(row, axis=-1) for row in rows], axis=-2) + 1e-12 * np.eye(degree + 1, dtype=z.dtype)[None]
+        right = xp.stack([moment / norm for moment, norm in zip(moments, norms, strict=True)], axis=-1)
+        solved = xp.linalg.solve(gram, right[..., None])[..., 0]
+        factors = [solved[..., i] / norm for i, norm in enumerate(norms)]
+    z -= series.spread(factors[0])  # in place where z is an array of NumPy
+    for b, factor in zip(basis, factors[1:], strict=True):
+        term = series.spread(factor)
+        term *= b
+        z -= term
+    return z if weight is None else z * weight
+
+
+def _lag_one(z, weight, series: Segments, xp: ModuleType):
+    """Lag-1 autocorrelation of each series over pairs of valid points; z is 0 at the others, and loses its mean."""
+    one_less = series.shorter()
+    if weight is None:
+        total, pairs = series.points.astype(z.dtype), one_less.points.astype(z.dtype)
+        z -= series.spread(series.sums(z) / total)
+    else:
+        total, pairs = series.sums(weight), xp.maximum(one_less.sums(followed(weight, xp)), 1.0)
+        z = (z - series.spread(series.sums(z) / xp.maximum(total, 1.0))) * weight
+    square = series.sums(z * z)
     positive = square > 0
-    return xp.where(positive, (z[1:] @ z[:-1]) * (total / pairs) / xp.where(positive, square, 1.0), 0.0)
+    return xp.where(positive, one_less.sums(followed(z, xp)) * (total / pairs) / xp.where(positive, square, 1.0), 0.0)
 
 
-def _alpha_of(z, valid, degree: int, highest: int, xp: ModuleType):
-    """Noise type of averaged rate (degree 1) or decimated phase (degree 2)."""
-    z = _without_polynomial(z, valid, degree, xp)
-    alpha, settled = 0.0, False
+def _alpha_of(z, weight, series: Segments, degree: int, highest: int, xp: ModuleType):
+    """Noise type of each series of averaged rate (degree 1) or decimated phase (degree 2)."""
+    z = _without_polynomial(z, weight, series, degree, xp)
+    alpha, settled = xp.zeros(len(series.lengths), dtype=z.dtype), xp.zeros(len(series.lengths), dtype=bool)
     for differences in range(highest + 1):
-        r1 = _lag_one(z, valid, xp)
+        r1 = _lag_one(z, weight, series, xp)
         # r1 = -1 would divide by zero: it belongs to a pure alternation, far below every noise type
         rho = r1 / (1.0 + xp.where(r1 > -0.99, r1, -0.99))
         # half up rather than to even, so that a boundary is the same for every number of differences
         here = -xp.floor(2.0 * rho + 0.5) - 2.0 * differences + (2.0 if degree == 2 else 0.0)
         alpha = xp.where(settled, alpha, here)
         settled = settled | (rho < 0.25)
-        if xp is np and settled:
+        if xp is np and settled.all():
             break
-        z = z[1:] - z[:-1]
-        if valid is not None:
-            valid = valid[1:] & valid[:-1]
-            z = xp.where(valid, z, 0.0)
+        z, series = steps(z, xp), series.shorter()
+        if weight is not None:
+            weight = followed(weight, xp)
+            z = z * weight
     return alpha
 
 
 def identify(theta, missing, m: np.ndarray, kind: Kind, samples: int, data: str, xp: ModuleType = np):
     """Noise types at the cluster sizes m, (clusters,).
+
+    The series of all cluster sizes stand in one array, end to end.
 
     Parameters
     ----------
@@ -84,31 +96,35 @@ def identify(theta, missing, m: np.ndarray, kind: Kind, samples: int, data: str,
     data : "rate" or "phase", what was recorded.
     xp : numpy, or jax.numpy where theta is traced.
     """
-    lowest, degree = (-2 if kind.order == 2 else -4), (1 if data == "rate" else 2)
-    found, carried = [], xp.zeros(())
-    sums = functools.cache(functools.partial(thinned_sums, theta, missing, data, xp))
     order = np.argsort(m, kind="stable")
-    for size in (int(size) for size in m[order]):
-        points = samples // size + 1
-        if points - (1 if data == "rate" else 0) >= FEWEST:
-            z, valid = _thinned(theta, missing, size, min(points, _MOST), data)
-            if data == "rate":
-                z = z[1:] - z[:-1]
-            if valid is None:
-                carried = xp.clip(_alpha_of(z, None, degree, kind.order, xp), lowest, 2)
-            else:
-                enough = xp.sum(valid) >= FEWEST
-                some = valid | ~enough  # keeps the algebra finite where there are too few; not used then
-                alpha = _alpha_of(xp.where(some, z, 0.0), some, degree, kind.order, xp)
-                carried = xp.where(enough, xp.clip(alpha, lowest, 2), carried)
-        elif points > fewest_averages(kind):
-            z, valid = _thinned(theta, missing, size, points, data)
-            if valid is not None and data == "phase":
-                valid = valid[1:] & valid[:-1]
-            carried = noise_type_of_ratios((z[1:] - z[:-1]) / size, valid, sums, size, kind, samples, carried, xp)
-        found.append(carried)
-    back = np.argsort(order, kind="stable")
-    return xp.stack(found)[back]
+    sizes = m[order]
+    points = samples // sizes + 1
+    decided = int(np.count_nonzero(points - (1 if data == "rate" else 0) >= FEWEST))
+    told = int(np.count_nonzero(points > fewest_averages(kind)))
+    # a type is that of the next smaller cluster size, held between two bounds: equal where it is identified, infinite where nothing is
+    beyond = xp.full(len(sizes) - told, np.inf, dtype=theta.dtype)
+    bounds = [(-beyond, beyond)]
+    if told > decided:
+        z, weight, series = _series(theta, missing, sizes[decided:told], points[decided:told], data, xp)
+        if data == "phase":
+            z, series = steps(z, xp), series.shorter()
+            weight = None if weight is None else followed(weight, xp)
+        z = z / np.repeat(sizes[decided:told], series.lengths).astype(z.dtype)
+        sums = functools.cache(functools.partial(thinned_sums, theta, missing, data, xp))
+        bounds.insert(0, bounds_of_ratios(z, weight, series, sizes[decided:told], kind, samples, sums, xp))
+    if decided:
+        z, weight, series = _series(theta, missing, sizes[:decided], np.minimum(points[:decided], _MOST), data, xp)
+        enough = None
+        if weight is not None:
+            enough = series.sums(weight) >= FEWEST
+            # ones keep the algebra finite where there are too few; not used then
+            weight = xp.maximum(weight, 1.0 - series.spread(enough.astype(z.dtype)))
+            z = z * weight
+        alpha = xp.clip(_alpha_of(z, weight, series, 1 if data == "rate" else 2, kind.order, xp), -2 if kind.order == 2 else -4, 2)
+        low, high = (alpha, alpha) if enough is None else (xp.where(enough, alpha, -np.inf), xp.where(enough, alpha, np.inf))
+        bounds.insert(0, (low, high))
+    low, high = (xp.concatenate(values) for values in zip(*bounds, strict=True))
+    return carried_on(low, high, 0.0, xp)[np.argsort(order, kind="stable")]
 
 
 def types_for_intervals(alpha, m: np.ndarray, samples, data: str, xp: ModuleType = np):
@@ -128,12 +144,20 @@ def types_for_intervals(alpha, m: np.ndarray, samples, data: str, xp: ModuleType
     return xp.where(decided, alpha, xp.minimum(alpha, last[None, :]))
 
 
-def _thinned(theta, missing, size: int, points: int, data: str):
-    """`points` phase points `size` apart from the middle of the record, and which are there ("rate": which averages); None: all."""
-    first = (theta.shape[0] - 1) // size + 1 - points
-    first = first // 2 * size
-    chosen = slice(first, first + points * size, size)
-    if missing is None:
-        return theta[chosen][:points], None
-    lost = missing[chosen][:points]
-    return theta[chosen][:points], lost[1:] == lost[:-1] if data == "rate" else lost == 0
+def _series(theta, missing, sizes, points, data: str, xp: ModuleType):
+    """For each cluster size `points` phase points that far apart, from the middle of the record ("rate": their differences).
+
+    The series, 1 where they are valid and 0 elsewhere (None: everywhere), and where they lie in the array.
+    """
+    first = (theta.shape[0] - 1) // sizes + 1 - points
+    first = first // 2 * sizes
+    spans = [slice(a, b, s) for a, b, s in zip(first.tolist(), (first + (points - 1) * sizes + 1).tolist(), sizes.tolist(), strict=True)]
+
+    def taken(array):
+        return xp.concatenate([array[span] for span in spans])
+
+    z, series = taken(theta), Segments(points, xp)
+    lost = None if missing is None else taken(missing)
+    if data == "phase":
+        return z, None if lost is None else (lost == 0).astype(z.dtype), series
+    return steps(z, xp), None if lost is None else (steps(lost, xp) == 0).astype(z.dtype), series.shorter()

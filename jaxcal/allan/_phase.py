@@ -1,6 +1,7 @@
 """Phase of a record and its running sum, without loss, and the buckets of length that all kernels share."""
 
 import itertools
+import threading
 from collections.abc import Callable
 
 import jax
@@ -14,6 +15,7 @@ from .._types import Array, Float
 BLOCK = 8192
 _ROW = 32
 _CHUNK = 1 << 16  # samples that pass through the second-level cache together
+_WIDTH = 16  # samples summed one by one, in all rows of so many at once
 
 
 def padded_length(samples: int) -> int:
@@ -47,11 +49,28 @@ def integrate(values, out, parts: int, run: Callable = map) -> bool:
             b = min(a + _CHUNK, stop)
             piece = values[a:b] - mean
             piece[0] += carry
-            carry = np.cumsum(piece, out=out[1 + a : 1 + b])[-1]  # in place it takes twice as long
+            carry = _running_sum(piece, out[1 + a : 1 + b])
 
     out[0] = 0.0
     list(run(fill, range(parts)))
     return True
+
+
+def _running_sum(values, out) -> float:
+    """Running sum of the values, which are spoilt, and its last element: half the time of `np.cumsum`, which waits for every sum."""
+    whole = len(values) // _WIDTH * _WIDTH
+    rows, result = values[:whole].reshape(-1, _WIDTH), out[:whole].reshape(-1, _WIDTH)
+    carry = 0.0
+    if whole:
+        for j in range(1, _WIDTH):
+            rows[:, j] += rows[:, j - 1]
+        result[0] = rows[0]
+        np.add(rows[1:], np.cumsum(rows[:-1, -1])[:, None], out=result[1:])
+        carry = out[whole - 1]
+    if whole < len(values):
+        values[whole] += carry
+        carry = np.cumsum(values[whole:], out=out[whole:])[-1]
+    return float(carry)
 
 
 def _two_sum(a, b):
@@ -105,3 +124,14 @@ def aligned(length: int, dtype=np.float64) -> np.ndarray:
     item = np.dtype(dtype).itemsize
     raw = np.empty(length + 64 // item, dtype)
     return raw[(-raw.ctypes.data // item) % (64 // item) :][:length]
+
+
+_kept = threading.local()
+
+
+def scratch(records: int, length: int) -> np.ndarray:
+    """An `aligned` array of float64 that belongs to this thread, until it asks again: many records then cost no fresh memory."""
+    held = getattr(_kept, "array", None)
+    if held is None or len(held) != records * length:
+        held = _kept.array = aligned(records * length)
+    return held.reshape(records, length)

@@ -14,6 +14,7 @@ import numpy as np
 
 from .._types import Any
 from ._kinds import Kind
+from ._segments import Segments, followed, steps
 
 _POINTS = 1000  # points that R(n) is taken from
 
@@ -57,7 +58,8 @@ def thinned_sums(theta, missing, data: str, xp: ModuleType):
     step = max((theta.shape[0] - 1) // _POINTS, 1)
     blocks = theta.shape[0] // step
     phase = theta[: blocks * step].reshape(blocks, step)
-    sums = xp.concatenate([xp.zeros_like(theta[:1]), xp.cumsum(xp.mean(phase, axis=1) - xp.mean(theta))]) * step
+    means = xp.mean(phase, axis=1)
+    sums = xp.concatenate([xp.zeros_like(theta[:1]), xp.cumsum(means - xp.mean(means))]) * step
     if missing is None:
         return phase[:, 0], sums, None, step
     marks = missing[: blocks * step].reshape(blocks, step)
@@ -82,47 +84,78 @@ def modified_over_plain(phase, sums, lost, step: int, m: int, xp: ModuleType):
     return averaged @ averaged / xp.where(usable, below, 1.0), usable
 
 
-def noise_type_of_ratios(averages, valid, sums: Callable[[], Any] | None, m: int, kind: Kind, samples: int, carried, xp: ModuleType):
-    """Noise type from B1 and, where that cannot tell, R(n); `carried` where neither can be formed.
+def bounds_of_phase(thinned, m: int, xp: ModuleType):
+    """1 or 2 twice, as R(n) tells flicker from white phase noise, or no bounds where no difference is free of gaps."""
+    phase, sums, lost, step = thinned
+    ratio, usable = modified_over_plain(phase, sums, lost, step, m, xp)
+    found = xp.where(ratio > phase_boundary(m), 1.0, 2.0)
+    return xp.where(usable, found, -np.inf), xp.where(usable, found, np.inf)
+
+
+def carried_on(low, high, carried, xp: ModuleType):
+    """Noise types, (clusters,): each is that of the one before, `carried` for the first, held between two bounds."""
+    found = []
+    for least, most in zip(low.tolist(), high.tolist(), strict=True) if xp is np else zip(low, high, strict=True):
+        carried = min(max(carried, least), most) if xp is np else xp.minimum(xp.maximum(carried, least), most)
+        found.append(carried)
+    return xp.asarray(found, dtype=low.dtype) if xp is np else xp.stack(found)
+
+
+def bounds_of_ratios(averages, weight, series: Segments, m, kind: Kind, samples: int, sums: Callable[[], Any] | None, xp: ModuleType):
+    """Noise types from B1 and, where that cannot tell, R(n), as bounds on the type of the next smaller cluster size.
+
+    They are equal where the type is found, and infinite where it cannot be.
 
     Parameters
     ----------
-    averages : (points,) averages of the rate over m samples.
-    valid : (points,) which of them are free of gaps; None where all are.
+    averages : the averages of the rate over m samples, of one cluster size after another.
+    weight : 1 where they are free of gaps, 0 elsewhere; None where all are.
+    series : which averages belong to which cluster size.
+    m : (clusters,) cluster sizes, ascending.
+    kind, samples : statistic, number of rate samples.
     sums : gives what `thinned_sums` returns; called only where it is needed. None: not known; phase noise is then taken as flicker
-        phase noise, unless `carried` is white phase noise.
-    m, kind, samples : cluster size, statistic, number of rate samples.
-    carried : noise type of the next smaller cluster size.
+        phase noise, unless the type before is white phase noise.
     xp : numpy, or jax.numpy where the averages are traced.
     """
-    points = averages.shape[0]
-    terms = xp.asarray(float(samples - 2 * m + 1 if kind.overlapped else points - 1), dtype=averages.dtype)
-    steps = averages[1:] - averages[:-1]
-    if valid is None:
-        some = xp.asarray(True)
-        spread = xp.var(averages, ddof=1)
-        allan = xp.mean(steps**2) / 2.0
+    points, one_less = series.points.astype(averages.dtype), series.shorter()
+    terms = (samples - 2 * m + 1 if kind.overlapped else series.points - 1).astype(averages.dtype)
+    change = steps(averages, xp)
+    if weight is None:
+        some, number, pairs = xp.ones(len(m), dtype=bool), points, points - 1.0
     else:
-        number, pairs = xp.sum(valid), xp.sum(valid[1:] & valid[:-1])
+        both = followed(weight, xp)
+        number, pairs = series.sums(weight), one_less.sums(both)
         some = (number >= fewest_averages(kind)) & (pairs >= 2)
-        number, pairs = (xp.where(some, v, 10).astype(averages.dtype) for v in (number, pairs))  # 10: any number that divides
-        terms = terms * pairs / (points - 1)
-        mean = xp.sum(xp.where(valid, averages, 0.0)) / number
-        spread = xp.sum(xp.where(valid, averages - mean, 0.0) ** 2) / (number - 1.0)
-        allan = xp.sum(xp.where(valid[1:] & valid[:-1], steps, 0.0) ** 2) / (2.0 * pairs)
+        number, pairs = (xp.where(some, v, 10.0) for v in (number, pairs))  # 10: any number that divides
+        terms = terms * pairs / (points - 1.0)
+        averages, change = averages * weight, change * both
+    spread = averages - series.spread(series.sums(averages) / number)
+    spread = series.sums(spread**2 if weight is None else spread**2 * weight) / (number - 1.0)
+    allan = one_less.sums(change**2) / (2.0 * pairs)
     some = some & (allan > 0)
     b1 = spread / xp.where(allan > 0, allan, 1.0)
-    carried = xp.asarray(carried, dtype=averages.dtype)
-    found = xp.where(b1 > _boundary(terms, 0, xp), -1.0, 0.0).astype(averages.dtype)
-    found = xp.where(b1 > _boundary(terms, 1, xp), -2.0, found)
-    if kind.order == 3:
-        found = xp.where(b1 > _boundary(terms, 2, xp), xp.minimum(carried, -3.0), found)
     phase = some & (b1 <= _boundary(terms, -1, xp))
+    low = xp.where(b1 > _boundary(terms, 1, xp), -2.0, xp.where(b1 > _boundary(terms, 0, xp), -1.0, 0.0))
+    high = low
+    if kind.order == 3:
+        reddest = b1 > _boundary(terms, 2, xp)
+        low, high = xp.where(reddest, -np.inf, low), xp.where(reddest, -3.0, high)
     if sums is None:
-        found = xp.where(phase, xp.maximum(carried, 1.0), found)
-    elif xp is not np or bool(phase):
-        phase_points, prefix, lost, step = sums()
-        ratio, usable = modified_over_plain(phase_points, prefix, lost, step, m, xp)
-        of_phase = xp.where(ratio > phase_boundary(m), 1.0, 2.0).astype(averages.dtype)
-        found = xp.where(phase, xp.where(usable, of_phase, carried), found)
-    return xp.where(some, found, carried)
+        low, high = xp.where(phase, 1.0, low), xp.where(phase, np.inf, high)
+    elif xp is not np or phase.any():
+        # a traced record has no way to leave out those not needed
+        both = [bounds_of_phase(sums(), size, xp) if xp is not np or phase[i] else (0.0, 0.0) for i, size in enumerate(m.tolist())]
+        low, high = (xp.where(phase, xp.stack(v), there) for v, there in zip(zip(*both, strict=True), (low, high), strict=True))
+    dtype = averages.dtype
+    return xp.where(some, low, -np.inf).astype(dtype), xp.where(some, high, np.inf).astype(dtype)
+
+
+def noise_type_of_ratios(averages, valid, sums: Callable[[], Any] | None, m: int, kind: Kind, samples: int, carried, xp: ModuleType):
+    """Noise type at one cluster size from B1 and R(n); `carried`, that of the next smaller one, where neither can be formed.
+
+    `averages` and `valid` (or None) are (points,); the rest as for `bounds_of_ratios`.
+    """
+    weight = None if valid is None else valid.astype(averages.dtype)
+    series = Segments(np.array([averages.shape[0]]), xp)
+    low, high = bounds_of_ratios(averages, weight, series, np.array([m]), kind, samples, sums, xp)
+    return carried_on(low, high, carried, xp)[0]

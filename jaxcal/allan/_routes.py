@@ -5,7 +5,6 @@ import os
 from collections.abc import Callable
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from .._errors import DataError
@@ -20,7 +19,7 @@ _MOST = 5e11  # differences that the block kernel is asked for: about half an ho
 _GROUP, _STEP = 1024, 256  # cluster sizes per pass of the block kernel, and what they are rounded up to
 
 
-def record_sums(prepared, sizes, number, kind: Kind, workers: int, run: Callable) -> tuple[np.ndarray, np.ndarray]:
+def record_sums(prepared, sizes, number, kind: Kind, workers: int, run: Callable, rows: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """Sums of squared differences and how many were valid, at ascending cluster sizes, (clusters,).
 
     The one place that chooses the route:
@@ -38,15 +37,17 @@ def record_sums(prepared, sizes, number, kind: Kind, workers: int, run: Callable
     kind : the statistic.
     workers : threads.
     run : maps a function over stretches of the record, in threads if it is a pool's.
+    rows : cluster sizes that the program of the block kernel is made for, where those given are fewer.
     """
     parts, theta, marks, missing, rule, less = prepared
 
     def direct(chosen):
         return _by_blocks(parts, missing, sizes[chosen], number[chosen], less, kind, rule, workers, run, len(sizes) > MANY)
 
-    everything = np.arange(len(sizes))
     if len(sizes) <= MANY:
-        return direct(everything)
+        total, count = _group(parts, missing, *filled(sizes, number, rows), less, kind, rule, workers, run)
+        return total[: len(sizes)], count[: len(sizes)]
+    everything = np.arange(len(sizes))
     if not kind.overlapped:
         return strided_sums(theta, marks if rule != "none" else None, rule, sizes, number, kind.order)
     if missing is not None or number.sum() <= _PER_SAMPLE * len(theta):
@@ -74,11 +75,16 @@ def _by_blocks(parts, missing, sizes, number, less, kind: Kind, rule: str, worke
     for first in range(0, len(sizes), _GROUP):
         m, count = sizes[first : first + _GROUP], number[first : first + _GROUP]
         if padded:  # one program for many lengths: what is added has no differences
-            extra = -len(m) % _STEP
-            m, count = np.pad(m, (0, extra), mode="edge"), np.pad(count, (0, extra))
+            m, count = filled(m, count, len(m) + -len(m) % _STEP)
         found.append(_group(parts, missing, m, count, less, kind, rule, workers, run))
     total, count = (np.concatenate(values)[: len(sizes)] for values in zip(*found, strict=True))
     return total, count
+
+
+def filled(m, count, rows: int):
+    """Cluster sizes and numbers of differences, lengthened to `rows` by the largest without any difference."""
+    extra = max(rows - len(m), 0)
+    return np.concatenate([m, np.full(extra, m[-1])]), np.concatenate([count, np.zeros(extra, count.dtype)])
 
 
 def _group(parts, missing, sizes, number, less, kind: Kind, rule: str, workers: int, run):
@@ -93,13 +99,14 @@ def _group(parts, missing, sizes, number, less, kind: Kind, rule: str, workers: 
     def part(span):
         with jax.enable_x64(True):  # thread-local
             sums = block_sums(
-                parts, missing, jnp.asarray(sizes), jnp.asarray(number), jnp.asarray(span[0]), jnp.asarray(span[1]), less,
+                parts, missing, sizes, number, np.int64(span[0]), np.int64(span[1]), less,
                 order=kind.difference, strided=not kind.overlapped, rule=rule,
             )  # fmt: skip
             return [np.asarray(s) for s in sums]
 
     found = list(run(part, itertools.pairwise(edges)))
-    return tuple(sum(values) for values in zip(*found, strict=True))
+    total, count = (np.sum(values, axis=0) for values in zip(*found, strict=True))
+    return total, count
 
 
 def strided_sums(theta, marks, rule: str, sizes, number, order: int) -> tuple[np.ndarray, np.ndarray]:

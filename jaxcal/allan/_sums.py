@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from .._types import Array, Float, Int
-from ._phase import BLOCK
+from ._phase import BLOCK, running_sum_of_phase
 
 _LANE = 2048  # points per vector operation; BLOCK // _LANE of them are unrolled
 
@@ -67,6 +67,34 @@ def block_sums(
     strided : starting points 0, m, 2m, ... instead of all.
     rule : "none", "span" or "points".
     """
+    return _sums_of_blocks(parts, missing, m, count, first, last, less, jnp.zeros((), first.dtype), order, strided, rule)
+
+
+@functools.partial(jax.jit, static_argnames=("order", "strided", "modified"))
+def stacked_block_sums(
+    theta: Float[Array, "records padded"],
+    m: Int[Array, "records clusters"],
+    count: Int[Array, "records clusters"],
+    *,
+    order: int,
+    strided: bool,
+    modified: bool,
+) -> Float[Array, "records clusters"]:
+    """`block_sums` of several records without gaps, one after another in one call; of a record with no differences nothing is read."""
+    parts = jax.vmap(running_sum_of_phase)(theta) if modified else (theta,)
+    parts = tuple(part.reshape(-1) for part in parts)
+    zero = jnp.zeros((), count.dtype)
+
+    def one(args):
+        index, sizes, number = args
+        blocks = (number[0] + BLOCK - 1) // BLOCK
+        return _sums_of_blocks(parts, None, sizes, number, zero, blocks, zero, index * theta.shape[1], order, strided, "none")[0]
+
+    return lax.map(one, (jnp.arange(theta.shape[0], dtype=count.dtype), m, count))
+
+
+def _sums_of_blocks(parts: Parts, missing, m, count, first, last, less, base, order: int, strided: bool, rule: str):
+    """What `block_sums` returns, of the record that begins at `base`."""
     clusters = m.shape[0]
 
     def lane(start, j, limit):
@@ -76,8 +104,8 @@ def block_sums(
         def take(array, shift, back=0):
             offset = shift * size - back
             if strided:
-                return array[(start + jnp.arange(_LANE)) * size + offset]
-            return lax.dynamic_slice(array, (start + offset,), (_LANE,))
+                return array[base + (start + jnp.arange(_LANE)) * size + offset]
+            return lax.dynamic_slice(array, (base + start + offset,), (_LANE,))
 
         d = _difference(parts, take, order)
         keep = None
@@ -100,10 +128,9 @@ def block_sums(
         def whole(j, carry):
             squares, valid = carry
             pieces = [lane(start + q * _LANE, j, None) for q in range(BLOCK // _LANE)]
-            total = functools.reduce(operator.add, [p[0] for p in pieces])
-            squares = squares.at[j].add(total)
+            squares = squares.at[j].add(functools.reduce(operator.add, [p[0] for p in pieces]))
             if rule == "none":
-                return squares, valid.at[j].add(BLOCK)
+                return squares, valid
             kept = functools.reduce(operator.add, [p[1] for p in pieces])
             return squares, valid.at[j].add(jnp.sum(kept).astype(valid.dtype))
 
@@ -113,15 +140,18 @@ def block_sums(
             def piece(q, carry):
                 squares, valid = carry
                 total, kept = lane(start + q * _LANE, j, count[j])
-                return squares.at[j].add(total), valid.at[j].add(jnp.sum(kept).astype(valid.dtype))
+                squares = squares.at[j].add(total)
+                return squares, valid if rule == "none" else valid.at[j].add(jnp.sum(kept).astype(valid.dtype))
 
-            return lax.fori_loop(0, BLOCK // _LANE, piece, (squares, valid))
+            return lax.fori_loop(0, (count[j] - start + _LANE - 1) // _LANE, piece, (squares, valid))
 
         carry = lax.fori_loop(0, full, whole, carry)
         return lax.fori_loop(full, begun, cut, carry)
 
     zero = (jnp.zeros((clusters, _LANE), parts[0].dtype), jnp.zeros(clusters, count.dtype))
     squares, valid = lax.fori_loop(first, last, block, zero)
+    if rule == "none":
+        valid = jnp.clip(count - first * BLOCK, 0, (last - first) * BLOCK).astype(count.dtype)
     return jnp.sum(squares, axis=1), valid
 
 

@@ -1,6 +1,7 @@
 """`deviation`: of many logs, and of logs larger than memory."""
 
 import dataclasses
+import functools
 import os
 import pathlib
 from collections.abc import Callable, Sequence
@@ -8,12 +9,17 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import equinox as eqx
+import jax
 import numpy as np
 
 from .._errors import DataError
+from .._record import checked_rate, checked_record
 from ..allan import Accumulator, Deviation, deviation as _deviation
-from ..allan._kinds import cluster_sizes, find_kind
+from ..allan._deviation import checked_confidence, deviation_at, empty_channels
+from ..allan._group import group_deviations, group_size
+from ..allan._kinds import Kind, cluster_sizes, find_kind
 from ..allan._phase import padded_length
+from ..allan._routes import MANY
 from ..io._chunks import Chunks, array_chunks, open_chunks
 
 
@@ -92,13 +98,47 @@ def deviation(
             raise DataError(f"log {index}{name}: {error}") from error
 
     records = [named(i, _opened, each, columns) for i, each in enumerate(source)]
-    # the first of each bucket of lengths before the others: two threads would compile the same program twice
-    first = list({padded_length(record.samples): i for i, record in reversed(list(enumerate(records)))}.values())
+    checked_confidence(confidence)
+    statistic = find_kind(kind)
+    plain = {i: sizes for i, record in enumerate(records) if (sizes := named(i, _grouped, record, statistic, m, int(chunk))) is not None}
+    rates = [named(i, checked_rate, each) for i, each in enumerate(rates)]
+
+    def together(group: list[int]) -> list[Deviation]:
+        if group[0] not in plain:
+            return [named(group[0], _one, records[group[0]], rates[group[0]], int(chunk), exact, options)]
+        logs = [np.asarray(records[i].read(0, records[i].samples)[:, 0], dtype=np.float64) for i in group]
+        sizes = [plain[i] for i in group]
+        # as many cluster sizes as the longest record of its bucket has
+        rows = _most_sizes(m, kind, padded_length(len(logs[0]))) if isinstance(m, str) else len(sizes[0])
+        found = group_deviations(logs, [rates[i] for i in group], statistic, sizes, rows, confidence, alpha)
+        # one with a gap, or with an infinite value, by itself
+        return [
+            named(i, _one, records[i], rates[i], int(chunk), exact, options) if d is None else d for i, d in zip(group, found, strict=True)
+        ]
+
+    buckets: dict[Any, list[int]] = {}
+    for i, record in enumerate(records):
+        buckets.setdefault((i in plain, padded_length(record.samples)), []).append(i)
+    groups = [_cut(bucket, group_size(padded) if together else 1) for (together, padded), bucket in buckets.items()]
     found: dict[int, Deviation] = {}
     with ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:
-        for turn in (first, [i for i in range(len(records)) if i not in set(first)]):
-            found |= zip(turn, pool.map(lambda i: named(i, _one, records[i], rates[i], int(chunk), exact, options), turn), strict=True)
+        # the first of each bucket of lengths before the others: two threads would compile the same program twice
+        for turn in ([each[0] for each in groups], [group for each in groups for group in each[1:]]):
+            for group, each in zip(turn, pool.map(together, turn), strict=True):
+                found |= zip(group, each, strict=True)
     return [found[i] for i in range(len(records))]
+
+
+def _cut(items: list[int], size: int) -> list[list[int]]:
+    return [items[start : start + size] for start in range(0, len(items), size)]
+
+
+def _grouped(record: Chunks, statistic: Kind, m: Any, chunk: int) -> np.ndarray | None:
+    """The cluster sizes of a record that is taken together with others: a single channel, in memory as a whole; None for any other."""
+    if not record.flat or record.samples > chunk or statistic.family != "difference" or (isinstance(m, str) and m == "all"):
+        return None
+    sizes = cluster_sizes(m, statistic, record.samples)
+    return sizes if len(sizes) <= MANY else None
 
 
 def _one(record: Chunks, rate: Any, chunk: int, exact: int, options: dict[str, Any]) -> Deviation:
@@ -106,14 +146,7 @@ def _one(record: Chunks, rate: Any, chunk: int, exact: int, options: dict[str, A
     sizes = cluster_sizes(options["m"], statistic, record.samples)
     if record.samples <= chunk:
         y = record.read(0, record.samples)
-        if isinstance(options["m"], str) and options["m"] == "all":
-            return _deviation(y[:, 0] if record.flat else y, rate, **options)
-        # as many cluster sizes as the longest record of its bucket has, by repeating the largest, which costs least: logs of other
-        # lengths share the program
-        fill = len(cluster_sizes(options["m"], statistic, padded_length(record.samples))) - len(sizes)
-        padded = np.concatenate([sizes, np.full(fill, sizes.max())])
-        found = _deviation(y[:, 0] if record.flat else y, rate, **{**options, "m": padded})
-        return _first(found, len(found.m) - fill) if fill and found.m[-1] == sizes.max() else found
+        return _whole(y[:, 0] if record.flat else y, rate, statistic, sizes, options)
     if isinstance(options["m"], str) and options["m"] == "all":
         raise DataError(f'm="all" needs the whole record in memory: it has {record.samples} samples; raise chunk= to that, or choose "log"')
     warnings: tuple[str, ...] = ()
@@ -129,6 +162,23 @@ def _one(record: Chunks, rate: Any, chunk: int, exact: int, options: dict[str, A
     return dataclasses.replace(found, warnings=(*warnings, *found.warnings))
 
 
+def _whole(y: np.ndarray, rate: Any, statistic: Kind, sizes: np.ndarray, options: dict[str, Any]) -> Deviation:
+    """`jaxcal.allan.deviation`, less the part of its checks that takes as long as a short log, in the program of the bucket."""
+    named = isinstance(options["m"], str)
+    if statistic.family != "difference" or len(sizes) > MANY or empty_channels(y) is not None:
+        return _deviation(y, rate, **options)
+    # as many cluster sizes as the longest record of its bucket has
+    rows = _most_sizes(options["m"], statistic.name, padded_length(len(y))) if named else 0
+    with jax.enable_x64(True):
+        y = np.asarray(y, dtype=np.float64) if y.ndim == 1 else checked_record(y)
+        return deviation_at(y, checked_rate(rate), statistic, sizes, checked_confidence(options["confidence"]), options["alpha"], rows=rows)
+
+
+@functools.lru_cache(maxsize=256)
+def _most_sizes(grid: str, kind: str, samples: int) -> int:
+    return len(cluster_sizes(grid, find_kind(kind), samples))
+
+
 def _opened(source: Any, columns: Any) -> Chunks:
     if isinstance(source, str | os.PathLike):
         record = open_chunks(pathlib.Path(source), columns)
@@ -142,10 +192,3 @@ def _opened(source: Any, columns: Any) -> Chunks:
 def _tables(found: Deviation) -> list[Any]:
     """The arrays that have the channels, if any, as their second axis."""
     return [getattr(found, name) for name in ("deviation", "lower", "upper", "edf", "count", "alpha", "skipped")]
-
-
-def _first(found: Deviation, number: int) -> Deviation:
-    def arrays(d: Deviation) -> list[Any]:
-        return [d.tau, d.m, *_tables(d)]
-
-    return eqx.tree_at(arrays, found, [array[:number] for array in arrays(found)])

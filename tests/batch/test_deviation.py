@@ -79,6 +79,35 @@ def test_a_list_of_logs_is_a_list_of_results():
     assert [d.rate for d in deviation(logs, [1.0, 2.0, 3.0, 4.0], workers=1)] == [1.0, 2.0, 3.0, 4.0]
 
 
+@pytest.mark.parametrize("kind", ["oadev", "adev", "mdev", "tdev", "hdev", "ohdev", "tierms", "totdev"])
+def test_logs_taken_together_are_those_taken_alone(kind):
+    """More than one group of a bucket, several buckets, gaps, other types of number; every field of the result."""
+    random = np.random.default_rng(3)
+    logs = [random.standard_normal(n) for n in (*range(900, 922), 9_000, 40_000)]
+    logs[3] = np.cumsum(logs[3]) + 9.81
+    logs[4][100:130] = np.nan
+    logs[5] = np.diff(logs[5], append=0.0).astype(np.float32)
+    logs[6] = np.round(1e4 * logs[6]).astype(np.int32)
+    rates = np.linspace(1.0, 200.0, len(logs)).tolist()
+    for m in ("octave" if kind == "totdev" else "log", [7, 1, 30]):
+        for found, log, rate in zip(deviation(logs, rates, kind=kind, m=m), logs, rates, strict=True):
+            alone = jaxcal.allan.deviation(log, rate, kind=kind, m=m)
+            same(found, alone)
+            assert (found.kind, found.rate, found.confidence, found.warnings) == (kind, rate, 0.95, alone.warnings)
+            np.testing.assert_array_equal(found.bias, alone.bias)
+            assert [getattr(found, name).dtype for name in ("count", "alpha")] == [np.int64] * 2
+
+
+def test_one_log_of_a_group_that_is_no_record_is_named():
+    logs = [np.arange(100.0) ** 2, np.where(np.arange(100) == 7, np.inf, 1.0), np.arange(90.0)]
+    with pytest.raises(DataError, match="log 1: y has 1 infinite values, the first at sample 7"):
+        deviation(logs, RATE)
+    with pytest.raises(DataError, match="log 2: rate must be positive"):
+        deviation([logs[0]] * 3, [1.0, 2.0, 0.0])
+    with pytest.raises(DataError, match="confidence must lie between 0 and 1"):
+        deviation([logs[0]] * 3, RATE, confidence=1.0)
+
+
 def test_one_compilation_for_each_doubling_of_length():
     random = np.random.default_rng(2)
     lengths = random.choice(np.arange(10_000, 100_000), 40, replace=False)
