@@ -75,7 +75,7 @@ def group_deviations(
         for start in range(0, len(finite), step):
             arrays = _with_intervals(each[start : start + step], statistic, confidence)
             for i, first, last in zip(finite[start:], ends[start:], ends[start + 1 : start + step + 1], strict=False):
-                own = {name: value[first - ends[start] : last - ends[start]] for name, value in arrays.items()}
+                own: dict[str, Any] = {name: value[first - ends[start] : last - ends[start]] for name, value in arrays.items()}
                 found[i] = Deviation(kind=statistic.name, rate=rates[i], confidence=confidence, **own)
     return found
 
