@@ -58,11 +58,13 @@ class Solved(eqx.Module):
         there = np.asarray(bins.frequency) <= min(self.end, 0.5 / dt)
         frequency, columns = np.asarray(bins.frequency)[there], np.asarray(bins.columns)[there]
         model = columns @ np.asarray(self.fitted.theta)
-        k = np.arange(1, max(int(frequency[-1] * 2.0 * n * dt), 1) + 1)
-        at = np.log(k / (2.0 * n * dt))
-        density = np.exp(np.interp(at, np.log(frequency), np.log(model)))
-        inside = np.interp(at, np.log(frequency), (np.asarray(bins.weight)[there] > 0).astype(float)) >= 1.0
-        return np.where(inside, columns[0, index] * float(self.fitted.theta[index]) / density, 0.0), density * float(self.bins.unit)
+        part = np.where(np.asarray(bins.weight)[there] > 0, columns[0, index] * float(self.fitted.theta[index]) / model, 0.0)
+        # the bins lie end to end: each goes half way to the next, the last to its own end
+        edges = np.sqrt(frequency[1:] * frequency[:-1]) * 2.0 * n * dt
+        last = int(np.asarray(self.bins.weight)[there][-1] / 2.0 + frequency[-1] * 2.0 * n * dt)
+        counts = np.diff(np.concatenate([[0], np.floor(edges), [min(max(last, 1), n - 1)]])).astype(np.int64)
+        counts = np.maximum(counts, 0)
+        return np.repeat(part, counts), np.repeat(model * float(self.bins.unit), counts)
 
 
 def fit_record(
