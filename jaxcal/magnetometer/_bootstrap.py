@@ -10,11 +10,11 @@ from .._errors import DataError
 from .._precision import host_float64
 from .._solve import solve_many
 from .._types import AnyArray
-from ._orthogonal import padded
+from ._orthogonal import bounds_of, padded
 from ._quadric import Frame
-from ._residuals import Readings, orthogonal
+from ._residuals import Readings, orthogonal, shape_and_centre
 from ._result import MagFit
-from ._start import PLANAR, ellipsoid
+from ._start import PLANAR, basis_of, parameters_of
 
 
 @host_float64
@@ -60,16 +60,18 @@ def bootstrap(m: Any, found: MagFit, *, replicas: int = 1000, seed: int = 0) -> 
         raise DataError(f"{replicas} replicas were asked for; at least one is needed.")
     frame = Frame.of(m)
     matrix = np.linalg.inv(np.asarray(found.model.soft_iron)) / found.field * frame.scale
-    begin = ellipsoid(found.kind, matrix.T @ matrix, (np.asarray(found.model.hard_iron) - frame.centre) / frame.scale)
-    data = padded(frame.scaled(m))
+    begin = parameters_of(found.kind, matrix.T @ matrix, (np.asarray(found.model.hard_iron) - frame.centre) / frame.scale)
+    data = padded(frame.scaled(m), found.kind)
     counts = np.random.default_rng(seed).multinomial(len(m), np.full(len(m), 1 / len(m)), size=replicas)
     weight = np.zeros((replicas, len(data.u)))
     weight[:, : len(m)] = np.sqrt(counts)
+    basis = basis_of(found.kind)
     fits = solve_many(
-        orthogonal, begin, Readings(data.u, weight, 1.0, 0.0), batched=(False, Readings(False, True, False, False)), max_steps=64
-    )
-    shapes = np.asarray(jax.vmap(lambda one: one.shape())(fits.model)) / frame.scale**2
-    centres = frame.centre + frame.scale * np.asarray(fits.model.centre)
+        orthogonal, begin, Readings(data.u, weight, 1.0, 0.0, basis),
+        batched=(False, Readings(False, True, False, False, False)), bounds=bounds_of(found.kind), max_steps=64,
+    )  # fmt: skip
+    shapes, centres = jax.vmap(shape_and_centre, (0, None))(fits.parameters, jnp.asarray(basis))
+    shapes, centres = np.asarray(shapes) / frame.scale**2, frame.centre + frame.scale * np.asarray(centres)
     if not bool(jnp.all(fits.usable)):
         bad = int(np.sum(~np.asarray(fits.usable)))
         raise DataError(f"{bad} of {replicas} refits did not converge: the readings do not determine the model; see the fit's verdict.")

@@ -3,9 +3,9 @@
 import numpy as np
 
 from ._coverage import bins
-from ._orthogonal import Found, geometric
+from ._orthogonal import Found, described, geometric
 from ._quadric import NotEllipsoid
-from ._start import COUNT, ellipsoid
+from ._start import COUNT
 from ._uncertainty import root
 
 _TIE = 2.0
@@ -17,11 +17,11 @@ def _units(found: Found, u: np.ndarray) -> np.ndarray:
     return y / np.maximum(np.linalg.norm(y, axis=1, keepdims=True), 1e-300)
 
 
-def candidates(u: np.ndarray, kinds: tuple[str, ...], loss: str | None) -> dict[str, Found]:
+def candidates(u: np.ndarray, kinds: tuple[str, ...], loss: str | None, distinct: int) -> dict[str, Found]:
     """Fits of every kind for which there are enough readings; those that are no ellipsoid are left out."""
     fits, failure = {}, None
     for kind in kinds:
-        if len(u) > COUNT[kind]:
+        if distinct > COUNT[kind]:
             try:
                 fits[kind] = geometric(u, kind, loss)
             except NotEllipsoid as error:
@@ -62,9 +62,7 @@ def by_held_out(fits: dict[str, Found], u: np.ndarray, loss: str | None) -> str:
             if found is None:
                 squares.append(np.full(np.sum(sector == out), np.inf))
                 continue
-            from ._orthogonal import described
-
-            squares.append(described(ellipsoid(kind, found.shape, found.centre), u[sector == out], kind).distance ** 2)
+            squares.append(described(found.parameters, u[sector == out], kind).distance ** 2)
         errors = np.concatenate(squares)
         score[kind] = float(np.mean(errors if loss is None else np.minimum(errors, 16 * largest.noise**2)))
     return _smallest(score, 0.0)

@@ -78,4 +78,5 @@ def mean_curvature(shape: Float[Array, "3 3"], z: Float[Array, "n 3"]) -> Float[
     """Sum of half the principal curvatures where the level set of x'Ax passes each row of z: 1/R on a sphere of radius R."""
     normal = z @ shape
     square = jnp.sum(normal**2, axis=1)
+    square = jnp.where(square > 0, square, 1)  # no direction at the centre
     return (jnp.trace(shape) * square - jnp.sum(normal * (normal @ shape), axis=1)) / (2 * square**1.5)

@@ -15,9 +15,9 @@ from ._model import MagModel
 from ._orthogonal import Found, described, geometric, loss_name
 from ._quadric import Frame, NotEllipsoid, constrained, diagonal, li_griffiths, sphere, trace
 from ._result import MagFit
-from ._start import COUNT, PLANAR, ellipsoid
+from ._start import COUNT, PLANAR, parameters_of
 from ._uncertainty import NAMES, PLANAR_NAMES, covariance_of, heading_departure, heading_error, information, needed, root
-from ._verdict import NEAR_PLANAR, judge, outliers, third_extent
+from ._verdict import NEAR_PLANAR, NEAR_PLANAR_SENTENCE, judge, outliers
 
 #: method -> model -> algebraic fit
 _DIRECT: dict[str, dict[str, Any]] = {
@@ -31,7 +31,7 @@ _DIRECT: dict[str, dict[str, Any]] = {
 _SOLID = ("sphere", "diagonal", "symmetric")
 METHODS = ("ml", "consistent", "algebraic", "li_griffiths", "constrained", "radial", "axes", "minmax")
 MODELS = ("auto", *_SOLID, "planar")
-_FEWEST = 4
+_LINE = 0.01  # second singular value of the centred readings, of 0.58 for a full sphere
 _EXACT = ("ml", "consistent")
 
 
@@ -102,53 +102,65 @@ def fit(
     m, norm, dip = _checked(m, method, model, field, loss, inclination, choose)
     distinct = len(np.unique(m, axis=0))
     frame = Frame.of(m)
-    if distinct < _FEWEST or frame.scale < 1e-12 * np.abs(m).max():
+    if distinct < 2 or frame.scale < 1e-12 * np.abs(m).max():
         return _refusal(
             m,
             method,
             dip,
-            f"There are {distinct} distinct readings; a sphere needs at least {_FEWEST}, and {COUNT['symmetric']} for soft iron.",
+            f"There are {distinct} distinct readings; a sphere needs at least 5, and soft iron 10.",
         )
     u = frame.scaled(m)
-    planar = "asked" if model == "planar" else None
-    if planar is None and model == "auto" and method == "ml" and third_extent(u) < NEAR_PLANAR:
-        planar = "chosen"
+    extents = np.linalg.svd(u, compute_uv=False) / np.sqrt(len(u))
+    if extents[1] < _LINE:
+        return _refusal(m, method, dip, "The readings lie on a line: turn the sensor through all attitudes.")
+    flat = extents[2] < NEAR_PLANAR
+    planar = "asked" if model == "planar" else "chosen" if flat and model == "auto" and method == "ml" else None
     kind = None if model == "auto" or planar else model
-    if kind is None and method != "ml" and planar is None:
+    if kind is None and method != "ml":
         kind = "symmetric" if method == "radial" else next(iter(_DIRECT[method]))
-    if distinct < COUNT[kind or ("circle" if planar else "sphere")] + 1:
-        need = COUNT[kind or "sphere"] + 1
-        return _refusal(
-            m, method, dip, f"There are {distinct} distinct readings; model {kind or 'sphere'!r} with its noise needs at least {need}."
-        )
-    plane = None
+    least = kind or ("circle" if planar else "sphere")
+    if distinct <= COUNT[least]:
+        return _refusal(m, method, dip, f"There are {distinct} distinct readings; model {'planar' if planar else least!r} needs at least {COUNT[least] + 1}.")
+    plane, notes = None, []
     try:
         if planar:
-            plane = np.linalg.svd(u - u.mean(axis=0), full_matrices=False)[2]
+            plane = np.linalg.svd(u, full_matrices=False)[2]
             plane[2] *= np.sign(np.linalg.det(plane))
-            u = np.concatenate([(u - u.mean(axis=0)) @ plane[:2].T, np.zeros((len(u), 1))], axis=1)
-            found = _chosen(u, PLANAR, loss, "bic")
+            u = np.concatenate([u @ plane[:2].T, np.zeros((len(u), 1))], axis=1)
+            fits = candidates(u, PLANAR, loss, distinct)
+            found = fits[by_bic(fits, u)]
         elif kind is None:
-            found = _chosen(u, _SOLID, loss, choose)
+            fits = candidates(u, _SOLID, loss, distinct)
+            found = fits[by_bic(fits, u) if choose == "bic" else by_held_out(fits, u, loss)]
+            notes = _unseen(fits, found, distinct)
         else:
             found = _single(u, method, kind, loss)
     except NotEllipsoid as error:
-        return _refusal(m, method, dip, f"{str(error)[0].upper()}{str(error)[1:]}.")
-    return _result(m, u, frame, found, method, norm, dip, loss, limits, planar, plane, distinct)
+        return _refusal(m, method, dip, (f"{NEAR_PLANAR_SENTENCE} " if flat else "") + f"{str(error)[0].upper()}{str(error)[1:]}.")
+    if planar == "chosen":
+        notes = ["The readings are near-planar, and were fitted in their plane."]
+    return _result(m, u, frame, found, method, norm, dip, loss, limits, plane, notes)
 
 
-def _chosen(u, kinds, loss, choose) -> Found:
-    fits = candidates(u, kinds, loss)
-    return fits[by_bic(fits, u) if choose == "bic" else by_held_out(fits, u, loss)]
+def _unseen(fits: dict[str, Found], found: Found, distinct: int) -> list[str]:
+    """A smaller model says little where the largest could not be tried: what it leaves out was not seen to be absent."""
+    full = fits.get("symmetric")
+    if found.kind == "symmetric" or (full is not None and full.converged and np.isfinite(full.covariance).all()):
+        return []
+    few = f"{distinct} distinct readings" if distinct <= COUNT["symmetric"] else "The readings"
+    return [
+        f"{few} cannot show a full soft iron matrix; model {found.kind!r} was fitted, and what it leaves out was not seen to be absent."
+    ]
 
 
 def _single(u, method, kind, loss) -> Found:
     if method in ("ml", "radial"):
         return geometric(u, kind, loss, "orthogonal" if method == "ml" else "radial")
-    return described(ellipsoid(kind, *_DIRECT[method][kind](u)), u, kind)
+    return described(parameters_of(kind, *_DIRECT[method][kind](u)), u, kind)
 
 
-def _result(m, u, frame, found, method, norm, dip, loss, limits, planar, plane, distinct) -> MagFit:
+def _result(m, u, frame, found, method, norm, dip, loss, limits, plane, notes) -> MagFit:
+    planar = plane is not None
     matrix = root(found.shape)
     radius = np.linalg.det(found.shape[:2, :2]) ** -0.25 if planar else np.linalg.det(found.shape) ** (-1 / 6)
     covariance = covariance_of(found, frame)
@@ -156,14 +168,14 @@ def _result(m, u, frame, found, method, norm, dip, loss, limits, planar, plane, 
     error = heading_error(raw, covariance, dip)
     if method not in _EXACT:
         try:
-            best = geometric(u, "symmetric" if distinct > COUNT["symmetric"] else found.kind, loss)
+            best = geometric(u, "symmetric" if len(np.unique(u, axis=0)) > COUNT["symmetric"] else found.kind, loss)
             error = np.hypot(error, heading_departure(found, best, dip))
         except NotEllipsoid:
             error = np.full(2, np.inf)
     y = (u - found.centre) @ matrix
     units = y / np.maximum(np.linalg.norm(y, axis=1, keepdims=True), 1e-300)
-    condition, weakest = information(units, found.kind)
-    judged = judge(found, u, error, condition, weakest, limits, loss, planar)
+    told = information(units, found.kind, found.noise / radius)
+    judged = judge(found, u, error, told, limits, loss, planar, notes)
     size = radius if norm is None else norm / frame.scale
     if planar:
         # across the plane nothing is known: the same scale as in it, and the readings' own mean as offset
@@ -185,7 +197,7 @@ def _result(m, u, frame, found, method, norm, dip, loss, limits, planar, plane, 
         field=size * frame.scale,
         outliers=outliers(found),
         needed=wanted,
-        condition=condition,
+        condition=told.condition,
         inclination=dip,
         plane=plane,
         verdict=judged.verdict,

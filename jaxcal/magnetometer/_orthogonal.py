@@ -7,8 +7,8 @@ import numpy as np
 
 from .._errors import DataError
 from .._solve import AbstractLoss, Cauchy, Fit, Huber, Tukey, covariance, solve
-from ._residuals import Ellipsoid, Readings, orthogonal, orthogonal_curved, radial
-from ._start import COUNT, robust_start, start
+from ._residuals import Readings, orthogonal, radial, shape_and_centre
+from ._start import COUNT, PLANAR, basis_of, parameters_of, robust_start, start
 
 LOSSES: dict[str, AbstractLoss] = {"huber": Huber(), "cauchy": Cauchy(), "tukey": Tukey()}
 _CURVED = 0.02  # noise over radius above which the curvature term is worth a fit
@@ -17,69 +17,87 @@ _SMALLEST_PAD = 64
 
 
 class Found(eqx.Module):
-    """An ellipsoid in scaled readings, (k, k) covariance of its parameters, noise, distances and weights per reading."""
+    """An ellipsoid in scaled readings: shape and centre, (9, 9) covariance of its parameters, noise, distances and weights."""
 
-    ellipsoid: Ellipsoid
-    kind: str = eqx.field(static=True)
+    parameters: np.ndarray
+    shape: np.ndarray
+    centre: np.ndarray
     covariance: np.ndarray
     noise: float
     distance: np.ndarray
     weight: np.ndarray
     converged: bool
-    message: str = eqx.field(static=True)
-
-    @property
-    def shape(self) -> np.ndarray:
-        return np.asarray(self.ellipsoid.shape())
-
-    @property
-    def centre(self) -> np.ndarray:
-        return np.asarray(self.ellipsoid.middle())
+    kind: str = eqx.field(static=True)
+    message: str = eqx.field(static=True, default="")
 
 
-def padded(u: np.ndarray, scale: float = 1.0, noise2: float = 0.0) -> Readings:
+def padded(u: np.ndarray, kind: str, scale: float = 1.0, noise2: float = 0.0) -> Readings:
     """Readings filled up to a power of two with weight zero, so that logs of any length share a compiled program."""
     size = max(_SMALLEST_PAD, 1 << (len(u) - 1).bit_length())
     full = np.concatenate([u, np.repeat(u[:1], size - len(u), axis=0)])
-    return Readings(full, np.r_[np.ones(len(u)), np.zeros(size - len(u))], scale, noise2)
+    return Readings(full, np.r_[np.ones(len(u)), np.zeros(size - len(u))], scale, noise2, basis_of(kind))
 
 
-def geometric(u: np.ndarray, kind: str, loss: str | None = None, cost: str = "orthogonal", curved: bool | None = None) -> Found:
+def bounds_of(kind: str) -> tuple[np.ndarray, np.ndarray]:
+    """Idle parameters are held at zero: so all kinds share one program."""
+    idle = np.arange(9) >= COUNT[kind]
+    return np.where(idle, 0.0, -np.inf), np.where(idle, 0.0, np.inf)
+
+
+def geometric(u: np.ndarray, kind: str, loss: str | None = None, cost: str = "orthogonal") -> Found:
     """Least squares of orthogonal (or radial) distances, from the best algebraic start."""
-    begin = start(u, kind) if loss is None else robust_start(u, kind)
+    begin = parameters_of(kind, *(start if loss is None else robust_start)(u, kind))
     function = radial if cost == "radial" else orthogonal
     if loss is None:
-        fit = solve(function, begin, padded(u))
-        scale = 1.0
+        fit, scale = solve(function, begin, padded(u, kind), bounds=bounds_of(kind)), 1.0
     else:
         fit, scale = _robust(function, begin, u, kind, loss)
-    if cost == "orthogonal" and curved is not False:
-        fit, scale = _without_curvature_bias(fit, scale, u, kind, loss, bool(curved))
-    return _found(fit, scale, u, kind, radial_cost=cost == "radial")
+    if cost == "radial":
+        # its own J'J is not the information of the readings
+        found = described(np.asarray(fit.parameters), u, kind)
+        news = (bool(fit.usable), np.asarray(fit.weights)[: len(u)])
+        return eqx.tree_at(lambda f: (f.converged, f.weight), found, news)
+    fit = _without_curvature_bias(fit, scale, u, kind, loss)
+    parameters = np.asarray(fit.parameters)
+    shape, centre = ellipsoid(parameters, kind)
+    spread = np.asarray(covariance(fit, scaled=True))
+    sigma, distance, weight = (
+        _sigma(fit, scale, len(u), kind),
+        scale * np.asarray(fit.residuals)[: len(u)],
+        np.asarray(fit.weights)[: len(u)],
+    )
+    return Found(
+        parameters, shape, centre, spread, sigma, distance, weight, bool(fit.usable), kind, "" if bool(fit.usable) else fit.message
+    )
+
+
+def ellipsoid(parameters: np.ndarray, kind: str) -> tuple[np.ndarray, np.ndarray]:
+    """Shape matrix and centre."""
+    shape, centre = shape_and_centre(jnp.asarray(parameters), jnp.asarray(basis_of(kind)))
+    return np.asarray(shape), np.asarray(centre)
 
 
 def _spread(residuals, count: int, free: int) -> float:
     """Robust standard deviation of the residuals of the readings (not of the padding)."""
     size = 1.4826 * float(np.median(np.abs(np.asarray(residuals)[:count])))
-    return size * np.sqrt(count / max(count - free, 1))
+    return size * float(np.sqrt(count / max(count - free, 1)))
 
 
 def _robust(function, begin, u, kind, loss) -> tuple[Fit, float]:
-    """Fit and scale by turns; Tukey's loss only from a converged Huber fit, because it has many minima."""
+    """Fit and scale by turns, from a start of high breakdown point; Tukey's loss, which has many minima, could start nowhere else."""
     count, free = len(u), COUNT[kind]
-    data = padded(u)
-    scale = _spread(jax.jit(function)(_jax(begin), _jax(data)), count, free)
-    fit = None
-    for name in ("huber", "tukey") if loss == "tukey" else (loss,):
-        for _ in range(_ROUNDS):
-            scale = max(scale, 1e-13)
-            fit = solve(function, begin, padded(u, scale), loss=LOSSES[name])
-            begin, last = fit.model, scale
-            scale = _spread(fit.residuals, count, free) * scale
-            if abs(scale - last) < 1e-3 * last:
-                break
-        scale = last  # type: ignore[possibly-unbound]
-    return fit, scale  # type: ignore[return-value]
+    scale = max(_spread(_residuals(function, jnp.asarray(begin), _jax(padded(u, kind))), count, free), 1e-13)
+    for _ in range(_ROUNDS):
+        fit = solve(function, begin, padded(u, kind, scale), loss=LOSSES[loss], bounds=bounds_of(kind))
+        begin, last, scale = np.asarray(fit.parameters), scale, max(_spread(fit.residuals, count, free) * scale, 1e-13)
+        if abs(scale - last) < 1e-3 * last:
+            break
+    return fit, last  # type: ignore[possibly-unbound]
+
+
+@eqx.filter_jit
+def _residuals(function, parameters, data):
+    return function(parameters, data)
 
 
 def _jax(tree):
@@ -87,63 +105,47 @@ def _jax(tree):
 
 
 def _sigma(fit: Fit, scale: float, count: int, kind: str) -> float:
+    """Noise of a reading: of all readings, or with a robust loss of most of them."""
     if fit.robust:
         return scale * _spread(fit.residuals, count, COUNT[kind])
     return scale * float(np.sqrt(np.sum(np.asarray(fit.residuals) ** 2) / max(count - COUNT[kind], 1)))
 
 
-def _without_curvature_bias(fit, scale, u, kind, loss, always) -> tuple[Fit, float]:
+def _without_curvature_bias(fit: Fit, scale: float, u: np.ndarray, kind: str, loss: str | None) -> Fit:
     """Three rounds with sigma^2 times the mean curvature taken off, where the noise is large enough to matter."""
-    radius = float(np.linalg.det(np.asarray(fit.model.shape()))) ** (-1 / 6)
+    radius = float(np.linalg.det(ellipsoid(np.asarray(fit.parameters), kind)[0])) ** (-1 / 6)
     sigma = _sigma(fit, scale, len(u), kind)
-    if not (always or sigma > _CURVED * radius) or not sigma < 0.5 * radius:
-        return fit, scale
+    if not 0.5 * radius > sigma > _CURVED * radius:
+        return fit
+    # readings in a plane have no noise across it: of the two principal curvatures one counts
+    share = 0.5 if kind in PLANAR else 1.0
     for _ in range(3):
+        data = padded(u, kind, scale, share * sigma**2)
+        fit = solve(orthogonal, np.asarray(fit.parameters), data, loss=None if loss is None else LOSSES[loss], bounds=bounds_of(kind))
         sigma = _sigma(fit, scale, len(u), kind)
-        # in a plane half of the noise along the surface is missing: the third semi-axis is as long as the first and adds 1/R
-        share = 0.5 if kind in ("circle", "ellipse") else 1.0
-        data = padded(u, scale, share * sigma**2)
-        fit = solve(orthogonal_curved, fit.model, data, loss=None if loss is None else LOSSES[loss])
-    return fit, scale
-
-
-def _found(fit: Fit, scale: float, u: np.ndarray, kind: str, radial_cost: bool) -> Found:
-    count = len(u)
-    if radial_cost:
-        # the radial cost's own J'J is not the information of the readings
-        found = described(fit.model, u, kind)
-        return eqx.tree_at(lambda f: (f.converged, f.weight), found, (bool(fit.usable), np.asarray(fit.weights)[:count]))
-    return Found(
-        jax.tree.map(np.asarray, fit.model),
-        kind,
-        np.asarray(covariance(fit, scaled=True)),
-        _sigma(fit, scale, count, kind),
-        scale * np.asarray(fit.residuals)[:count],
-        np.asarray(fit.weights)[:count],
-        bool(fit.usable),
-        fit.message,
-    )
+    return fit
 
 
 @jax.jit
-def _linearised(ellipsoid, data):
-    return orthogonal(ellipsoid, data), jax.jacfwd(orthogonal)(ellipsoid, data)
+def _linearised(parameters, data):
+    return orthogonal(parameters, data), jax.jacfwd(orthogonal)(parameters, data)
 
 
-def described(ellipsoid: Ellipsoid, u: np.ndarray, kind: str) -> Found:
+def described(parameters: np.ndarray, u: np.ndarray, kind: str) -> Found:
     """An ellipsoid that another method found, with the covariance that the readings allow there (the Cramer-Rao bound)."""
-    distance, slope = _linearised(_jax(ellipsoid), _jax(padded(u)))
-    distance = np.asarray(distance)[: len(u)]
-    jacobian = np.concatenate([np.asarray(slope.upper), np.asarray(slope.centre)], axis=1)[: len(u)]
-    noise = float(np.sqrt(np.sum(distance**2) / max(len(u) - COUNT[kind], 1)))
+    free = COUNT[kind]
+    distance, jacobian = (np.asarray(x)[: len(u)] for x in _linearised(jnp.asarray(parameters), _jax(padded(u, kind))))
+    noise = float(np.sqrt(np.sum(distance**2) / max(len(u) - free, 1)))
+    jacobian = jacobian[:, :free]
     column = np.linalg.norm(jacobian, axis=0)
+    bound = np.zeros((9, 9))
     triangle = np.linalg.qr(jacobian / np.where(column > 0, column, 1), mode="r")
-    if np.linalg.cond(triangle) > 1e12:
-        bound = np.full((column.size, column.size), np.inf)
+    if len(u) < free or np.linalg.cond(triangle) > 1e12:
+        bound[:free, :free] = np.inf
     else:
         inverse = np.linalg.inv(triangle) / column[:, None]
-        bound = noise**2 * inverse @ inverse.T
-    return Found(ellipsoid, kind, bound, noise, distance, np.ones(len(u)), True, "")
+        bound[:free, :free] = noise**2 * inverse @ inverse.T
+    return Found(parameters, *ellipsoid(parameters, kind), bound, noise, distance, np.ones(len(u)), True, kind)
 
 
 def loss_name(loss: str | None) -> str | None:

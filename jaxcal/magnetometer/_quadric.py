@@ -177,4 +177,4 @@ def sampson(theta: np.ndarray, u: np.ndarray) -> np.ndarray:
 
 def nearest_quadric(u: np.ndarray) -> np.ndarray:
     """Quadric of unit theta with the least algebraic residual, of any kind."""
-    return np.linalg.svd(np.concatenate(monomials(u), axis=1), full_matrices=False)[2][-1]
+    return np.linalg.svd(np.linalg.qr(np.concatenate(monomials(u), axis=1), mode="r"))[2][-1]

@@ -8,62 +8,44 @@ from ._distance import mean_curvature, signed_distance
 from ._model import MagModel
 
 
-class Ellipsoid(eqx.Module):
-    """Parameters of {x : |U (x - centre)| = 1}, of which the number says the kind; A = U'U is positive whatever they are.
-
-    upper : (1,) sphere or circle, (3,) axes of a diagonal U, or those of a planar ellipse, (6,) the upper triangle by rows.
-    centre : (3,), or (2,) in a plane; the third coordinate of planar readings is zero.
-    """
-
-    upper: Any
-    centre: Any
-
-    def shape(self) -> Array:
-        """Shape matrix A, (3, 3)."""
-        p = jnp.asarray(self.upper)
-        zero = jnp.zeros_like(p[0])
-        if p.size == 1:
-            rows = ((p[0], zero, zero), (zero, p[0], zero), (zero, zero, p[0]))
-        elif p.size == 6:
-            rows = ((p[0], p[1], p[2]), (zero, p[3], p[4]), (zero, zero, p[5]))
-        elif self.centre.shape[-1] == 3:
-            rows = ((p[0], zero, zero), (zero, p[1], zero), (zero, zero, p[2]))
-        else:
-            rows = ((p[0], p[1], zero), (zero, p[2], zero), (zero, zero, p[0]))
-        upper = jnp.stack([jnp.stack(row) for row in rows])
-        return upper.T @ upper
-
-    def middle(self) -> Array:
-        """Centre, (3,)."""
-        centre = jnp.asarray(self.centre)
-        return centre if centre.shape[-1] == 3 else jnp.concatenate([centre, jnp.zeros_like(centre[:1])])
-
-
 class Readings(eqx.Module):
-    """Scaled readings u (n, 3), weights (n,), zero for padding, the scale of a residual, and the noise variance of the curvature term."""
+    """What a fit is given.
+
+    u : (n, 3) scaled readings. weight : (n,), zero for padding. scale : of a residual.
+    noise2 : noise variance that the curvature term takes off.
+    basis : (9, 9) from the parameters to the upper triangle of U by rows, and the centre; columns of zeros have no meaning.
+    """
 
     u: Any
     weight: Any
     scale: Any
     noise2: Any
+    basis: Any
 
 
-def orthogonal(ellipsoid: Ellipsoid, data: Readings) -> Array:
-    """Weighted orthogonal distances over the scale."""
-    distance = signed_distance(ellipsoid.shape(), data.u - ellipsoid.middle()[None, :])
-    return data.weight * distance / data.scale
+def shape_and_centre(parameters: Array, basis: Array) -> tuple[Array, Array]:
+    """A = U'U, positive whatever the parameters are, and the centre of {x : |U (x - centre)| = 1}."""
+    a, b, c, d, e, f, *centre = basis @ parameters
+    zero = jnp.zeros_like(a)
+    upper = jnp.stack([jnp.stack([a, b, c]), jnp.stack([zero, d, e]), jnp.stack([zero, zero, f])])
+    return upper.T @ upper, jnp.stack(centre)
 
 
-def orthogonal_curved(ellipsoid: Ellipsoid, data: Readings) -> Array:
-    """The same less sigma^2 times the mean curvature: noise along the surface makes the mean distance positive."""
-    shape, z = ellipsoid.shape(), data.u - ellipsoid.middle()[None, :]
+def orthogonal(parameters: Array, data: Readings) -> Array:
+    """Weighted orthogonal distances less sigma^2 times the mean curvature, over the scale.
+
+    Noise along the curved surface gives the distances that mean; with noise2 = 0 it stays in.
+    """
+    shape, centre = shape_and_centre(parameters, data.basis)
+    z = data.u - centre[None, :]
     return data.weight * (signed_distance(shape, z) - data.noise2 * mean_curvature(shape, z)) / data.scale
 
 
-def radial(ellipsoid: Ellipsoid, data: Readings) -> Array:
+def radial(parameters: Array, data: Readings) -> Array:
     """Weighted |W (m - b)| - 1 over the scale; W need not be formed."""
-    z = data.u - ellipsoid.middle()[None, :]
-    return data.weight * (jnp.sqrt(jnp.sum(z * (z @ ellipsoid.shape()), axis=1)) - 1) / data.scale
+    shape, centre = shape_and_centre(parameters, data.basis)
+    z = data.u - centre[None, :]
+    return data.weight * (jnp.sqrt(jnp.sum(z * (z @ shape), axis=1)) - 1) / data.scale
 
 
 def radial_residuals(model: MagModel, data: Any) -> Array:

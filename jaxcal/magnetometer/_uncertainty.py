@@ -1,13 +1,15 @@
 """From the covariance of an ellipsoid to the heading error it causes, and which parameters the readings leave open (host, NumPy)."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from ._attitude import body_field, rotation
 from ._orthogonal import Found
-from ._quadric import Frame
-from ._residuals import Ellipsoid
+from ._quadric import Frame, matrix_of
+from ._residuals import shape_and_centre
+from ._start import PLANAR, basis_of
 
 NAMES = ("A_xx", "A_xy", "A_yy", "A_xz", "A_yz", "A_zz", "b_x", "b_y", "b_z")
 PLANAR_NAMES = ("A_11", "A_12", "A_22", "b_1", "b_2")
@@ -16,28 +18,31 @@ _WORDS = (
     "scale along x", "coupling of x and y", "scale along y", "coupling of x and z", "coupling of y and z", "scale along z",
     "hard iron along x", "hard iron along y", "hard iron along z",
 )  # fmt: skip
+_IN_PLANE = {
+    0: "scale along the plane's first axis", 1: "coupling of the plane's axes", 2: "scale along the plane's second axis",
+    6: "hard iron along the plane's first axis", 7: "hard iron along the plane's second axis",
+}  # fmt: skip
 _PLANAR = [0, 1, 2, 6, 7]
 _TILT = np.deg2rad(20.0)
 
 
 @jax.jit
-def _slopes(ellipsoid: Ellipsoid):
+def _slopes(parameters, basis):
     """Derivative of (A_xx, A_xy, A_yy, A_xz, A_yz, A_zz, b) with respect to the parameters."""
 
-    def vector(e):
-        shape = e.shape()
-        return jnp.concatenate([jnp.stack([shape[j, k] for j, k in _ENTRIES]), e.middle()])
+    def vector(p):
+        shape, centre = shape_and_centre(p, basis)
+        return jnp.concatenate([jnp.stack([shape[j, k] for j, k in _ENTRIES]), centre])
 
-    found = jax.jacfwd(vector)(ellipsoid)
-    return jnp.concatenate([found.upper, found.centre], axis=1)
+    return jax.jacfwd(vector)(parameters)
 
 
 def covariance_of(found: Found, frame: Frame) -> np.ndarray:
     """Covariance of the shape's entries and the centre in the units of the readings: (9, 9), or (5, 5) in a plane."""
-    rows = np.arange(9) if found.kind not in ("circle", "ellipse") else np.array(_PLANAR)
+    rows = np.arange(9) if found.kind not in PLANAR else np.array(_PLANAR)
     if not np.isfinite(found.covariance).all():
         return np.full((len(rows), len(rows)), np.inf)
-    slopes = np.asarray(_slopes(jax.tree.map(jnp.asarray, found.ellipsoid)))[rows]
+    slopes = np.asarray(_slopes(jnp.asarray(found.parameters), jnp.asarray(basis_of(found.kind))))[rows]
     slopes = slopes * np.where(rows < 6, frame.scale**-2, frame.scale)[:, None]
     return slopes @ found.covariance @ slopes.T
 
@@ -128,19 +133,37 @@ def _rows(directions: np.ndarray) -> np.ndarray:
     return np.stack([x * x, 2 * x * y, y * y, 2 * x * z, 2 * y * z, z * z, -2 * x, -2 * y, -2 * z], axis=1) / 2
 
 
-def information(directions: np.ndarray, kind: str) -> tuple[float, str]:
+class Information(eqx.Module):
+    """How well directions determine a model.
+
+    condition : ratio of the largest to the smallest singular value on the unit sphere.
+    weakest : the parameters of the smallest, in words.
+    by_noise : share of the smallest singular value's square that noise along the sphere alone would give.
+    """
+
+    condition: float
+    by_noise: float
+    weakest: str = eqx.field(static=True)
+
+
+def information(directions: np.ndarray, kind: str, relative_noise: float) -> Information:
     """Condition number of the fit on the unit sphere, and the parameters it leaves weakest, in words.
 
-    Columns keep their natural scale: with columns of unit length a thin band of directions looks well conditioned.
+    Columns keep their natural scale: with columns of unit length a thin band of directions looks well conditioned. A row is
+    (u'Qu - 2c'u)/2 for the change Q of A and c of the centre; noise of size s across u alone moves it by s |(Qu - c)_across|.
     """
     basis = _BASES[kind]
-    values, vectors = np.linalg.svd(_rows(directions) @ basis / np.sqrt(len(directions)))[1:]
+    values, vectors = np.linalg.svd(np.linalg.qr(_rows(directions) @ basis, mode="r") / np.sqrt(len(directions)))[1:]
     condition = float(values[0] / values[-1]) if len(values) == basis.shape[1] and values[-1] > 1e-12 * values[0] else np.inf
-    weight = np.abs(basis @ vectors[-1])
-    chosen = [word for word, share in zip(_WORDS, weight, strict=True) if share > 0.5 * weight.max()]
-    if kind in ("circle", "ellipse"):
-        chosen = [word.replace("x", "the plane's first axis").replace("along y", "along the plane's second axis") for word in chosen]
-    return condition, ", ".join(chosen)
+    weak = basis @ vectors[-1]
+    slope = directions @ matrix_of(weak[:6] * np.array([1, 2, 1, 2, 2, 1])) - weak[6:]
+    across = slope - np.sum(slope * directions, axis=1, keepdims=True) * directions
+    noise = relative_noise**2 * float(np.mean(np.sum(across**2, axis=1)))
+    by_noise = min(noise / float(values[-1]) ** 2, 1.0) if np.isfinite(condition) else 0.0
+    chosen = [word for word, share in zip(_WORDS, np.abs(weak), strict=True) if share > 0.5 * np.abs(weak).max()]
+    if kind in PLANAR:
+        chosen = [_IN_PLANE[_WORDS.index(word)] for word in chosen]
+    return Information(condition, by_noise, ", ".join(chosen))
 
 
 def needed(shape: np.ndarray, covariance: np.ndarray, grid: np.ndarray) -> np.ndarray:
