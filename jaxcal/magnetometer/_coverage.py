@@ -1,9 +1,11 @@
 """`coverage`: how evenly readings fill the sphere, by MotionCal's regions (its southern index mended) and by gaps."""
 
+import functools
 from typing import Any
 
 import equinox as eqx
 import numpy as np
+import scipy.spatial
 
 from .._errors import DataError
 from .._precision import host_float64
@@ -46,7 +48,12 @@ def sphere_grid(count: int = _GRID) -> np.ndarray:
 
 def bins(directions: np.ndarray) -> np.ndarray:
     """Index of the nearest of the 500 grid points for each unit vector."""
-    return np.concatenate([np.argmax(part @ sphere_grid().T, axis=1) for part in np.array_split(directions, 1 + len(directions) // 20000)])
+    return np.asarray(_tree().query(directions)[1])
+
+
+@functools.cache
+def _tree() -> scipy.spatial.cKDTree:
+    return scipy.spatial.cKDTree(sphere_grid())
 
 
 def regions(directions: np.ndarray) -> np.ndarray:
@@ -111,14 +118,14 @@ def coverage(m: Any) -> Coverage:
     sums = np.stack([np.bincount(region, weights=column, minlength=100) for column in m.T], axis=1)
     filled = counts > 0
     offset = (sums[filled] / counts[filled, None] - middles()[filled] * norm.mean()).mean(axis=0)
-    grid, directions = sphere_grid(), m / norm[:, None]
-    nearest = np.max([np.max(part @ grid.T, axis=0) for part in np.array_split(directions, 1 + len(m) // 20000)], axis=0)
+    directions = m / norm[:, None]
+    chord = float(np.max(scipy.spatial.cKDTree(directions).query(sphere_grid())[0]))
     return Coverage(
         counts=counts,
         gaps=float(np.sum(np.select([counts == 0, counts == 1, counts == 2], [1.0, 0.2, 0.01], 0.0))),
         variance=float(100 * norm.std() / norm.mean()),
         wobble=float(100 * np.linalg.norm(offset) / norm.mean()),
         occupied=len(np.unique(bins(directions))) / _GRID,
-        largest_gap=float(np.arccos(np.clip(nearest.min(), -1, 1))),
+        largest_gap=2 * float(np.arcsin(min(chord / 2, 1.0))),
         missing=middles()[~filled],
     )

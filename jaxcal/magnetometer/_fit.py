@@ -120,7 +120,12 @@ def fit(
         kind = "symmetric" if method == "radial" else next(iter(_DIRECT[method]))
     least = kind or ("circle" if planar else "sphere")
     if distinct <= COUNT[least]:
-        return _refusal(m, method, dip, f"There are {distinct} distinct readings; model {'planar' if planar else least!r} needs at least {COUNT[least] + 1}.")
+        return _refusal(
+            m,
+            method,
+            dip,
+            f"There are {distinct} distinct readings; model {'planar' if planar else least!r} needs at least {COUNT[least] + 1}.",
+        )
     plane, notes = None, []
     try:
         if planar:
@@ -191,7 +196,7 @@ def _result(m, u, frame, found, method, norm, dip, loss, limits, plane, notes) -
         model=model,
         covariance=covariance,
         heading_error=error,
-        coverage=coverage(np.asarray(model.correct(m))),
+        coverage=coverage((m - model.hard_iron) @ (matrix * size).T),  # NumPy: nothing to compile for each length of log
         residual=found.distance * frame.scale,
         noise=found.noise * frame.scale,
         field=size * frame.scale,

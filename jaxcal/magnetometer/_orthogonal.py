@@ -11,7 +11,7 @@ from ._residuals import Readings, orthogonal, radial, shape_and_centre
 from ._start import COUNT, PLANAR, basis_of, parameters_of, robust_start, start
 
 LOSSES: dict[str, AbstractLoss] = {"huber": Huber(), "cauchy": Cauchy(), "tukey": Tukey()}
-_CURVED = 0.02  # noise over radius above which the curvature term is worth a fit
+CURVED = 0.02  # noise over radius above which the curvature term is worth a fit
 _ROUNDS = 5
 _SMALLEST_PAD = 64
 
@@ -115,7 +115,7 @@ def _without_curvature_bias(fit: Fit, scale: float, u: np.ndarray, kind: str, lo
     """Three rounds with sigma^2 times the mean curvature taken off, where the noise is large enough to matter."""
     radius = float(np.linalg.det(ellipsoid(np.asarray(fit.parameters), kind)[0])) ** (-1 / 6)
     sigma = _sigma(fit, scale, len(u), kind)
-    if not 0.5 * radius > sigma > _CURVED * radius:
+    if not 0.5 * radius > sigma > CURVED * radius:
         return fit
     # readings in a plane have no noise across it: of the two principal curvatures one counts
     share = 0.5 if kind in PLANAR else 1.0

@@ -31,6 +31,12 @@ def shape_and_centre(parameters: Array, basis: Array) -> tuple[Array, Array]:
     return upper.T @ upper, jnp.stack(centre)
 
 
+def distances(parameters: Array, data: Readings) -> Array:
+    """Weighted orthogonal distances over the scale."""
+    shape, centre = shape_and_centre(parameters, data.basis)
+    return data.weight * signed_distance(shape, data.u - centre[None, :]) / data.scale
+
+
 def orthogonal(parameters: Array, data: Readings) -> Array:
     """Weighted orthogonal distances less sigma^2 times the mean curvature, over the scale.
 
