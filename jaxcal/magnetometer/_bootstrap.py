@@ -74,7 +74,7 @@ def bootstrap(m: Any, found: MagFit, *, replicas: int = 1000, seed: int = 0) -> 
         orthogonal if curved else distances, begin, Readings(data.u, weight, 1.0, (found.noise / frame.scale) ** 2, basis),
         batched=(False, Readings(False, True, False, False, False)), bounds=bounds_of(found.kind), max_steps=64, rtol=_PRECISE,
     )  # fmt: skip
-    shapes, centres = jax.vmap(shape_and_centre, (0, None))(fits.parameters, jnp.asarray(basis))
+    shapes, centres = jax.vmap(shape_and_centre, (0, None))(jnp.asarray(fits.parameters), jnp.asarray(basis))
     shapes, centres = np.asarray(shapes) / frame.scale**2, frame.centre + frame.scale * np.asarray(centres)
     if not bool(jnp.all(fits.usable)):
         bad = int(np.sum(~np.asarray(fits.usable)))

@@ -14,7 +14,7 @@ _HERMITE = (((0, 1.0),), ((0, 1.0),), ((0, 1.0), (1, -1.0)), ((0, 1.0), (1, -3.0
 _LARGEST = 0.6  # noise, in units of the readings' rms radius, beyond which there is nothing to fit
 
 
-def _tables() -> tuple[list[tuple[int, int, int]], np.ndarray]:
+def _tables() -> tuple[list[tuple[int, ...]], np.ndarray]:
     """The 35 moments, and the (3, 10, 10, 35) coefficients of Psi = Psi0 + s2 Psi1 + s2^2 Psi2 in them."""
     orders = [e for e in itertools.product(range(5), repeat=3) if sum(e) <= 4]
     where = {e: i for i, e in enumerate(orders)}

@@ -5,7 +5,7 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
-import scipy.spatial
+from scipy.spatial import KDTree
 
 from .._errors import DataError
 from .._precision import host_float64
@@ -52,8 +52,8 @@ def bins(directions: np.ndarray) -> np.ndarray:
 
 
 @functools.cache
-def _tree() -> scipy.spatial.cKDTree:
-    return scipy.spatial.cKDTree(sphere_grid())
+def _tree() -> KDTree:
+    return KDTree(sphere_grid())
 
 
 def regions(directions: np.ndarray) -> np.ndarray:
@@ -119,7 +119,7 @@ def coverage(m: Any) -> Coverage:
     filled = counts > 0
     offset = (sums[filled] / counts[filled, None] - middles()[filled] * norm.mean()).mean(axis=0)
     directions = m / norm[:, None]
-    chord = float(np.max(scipy.spatial.cKDTree(directions).query(sphere_grid())[0]))
+    chord = float(np.max(KDTree(directions).query(sphere_grid())[0]))
     return Coverage(
         counts=counts,
         gaps=float(np.sum(np.select([counts == 0, counts == 1, counts == 2], [1.0, 0.2, 0.01], 0.0))),

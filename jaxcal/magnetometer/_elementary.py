@@ -11,13 +11,14 @@ def minmax(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return _diagonal((high - low) / 2), (high + low) / 2
 
 
-def axes(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def axes(u: np.ndarray, vectors: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Rotate to the principal axes, divide by the semi-axes, rotate back (thesis 6.5 to 6.9; it stops before the last step).
 
     The rotation is that of the covariance's eigenvectors: the thesis's plane angles are these where one plane alone is tilted.
+    Other axes can be given as the columns of `vectors`.
     """
     centre = (u.max(axis=0) + u.min(axis=0)) / 2
-    vectors = np.linalg.eigh(np.cov((u - centre).T))[1]
+    vectors = np.linalg.eigh(np.cov((u - centre).T))[1] if vectors is None else vectors
     turned = (u - centre) @ vectors
     return vectors @ _diagonal((turned.max(axis=0) - turned.min(axis=0)) / 2) @ vectors.T, centre
 

@@ -67,7 +67,7 @@ def ellipsoid_of(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _eliminated(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Scatter of the first columns after the best combination of the second is taken off, and that combination."""
-    q2, r2 = np.linalg.qr(second)
+    q2, r2 = np.linalg.qr(second, mode="reduced")
     rest = first - q2 @ (q2.T @ first)
     return rest.T @ rest, -np.linalg.lstsq(r2, q2.T @ first, rcond=None)[0]
 

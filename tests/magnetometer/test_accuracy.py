@@ -5,36 +5,48 @@ import pytest
 import scipy.stats
 
 from jaxcal.magnetometer import MagModel, body_field, fit, scenario
+from jaxcal.magnetometer._elementary import axes
 from jaxcal.magnetometer._uncertainty import heading_error
 
 from . import cases
 
 
 def partial(coverage, sigma, runs, method="ml"):
-    """Bias of the centre in per cent of the field, its standard error, and the median direction error in degrees."""
+    """Bias of the centre in per cent of the field, its standard error; the median direction error in degrees, and its."""
     offsets, angles = [], []
     for seed in range(runs):
         m = cases.readings(cases.MILD, cases.directions(300, seed, coverage), sigma, seed)
         model = fit(m, method=method, model="symmetric").model
         offsets.append(model.hard_iron - cases.MILD.hard_iron)
         angles.append(cases.direction_error(model, cases.MILD))
-    return 100 * np.linalg.norm(np.mean(offsets, 0)), 100 * np.linalg.norm(np.std(offsets, 0)) / np.sqrt(runs), np.median(angles)
+    # the standard error of a median is 1.25 times that of a mean
+    doubt = 1.25 * np.std(angles) / np.sqrt(runs)
+    return 100 * np.linalg.norm(np.mean(offsets, 0)), 100 * np.linalg.norm(np.std(offsets, 0)) / np.sqrt(runs), np.median(angles), doubt
 
 
-def test_hemisphere_at_two_per_cent():
-    bias, error, angle = partial("hemisphere", 0.02, 60)
-    assert bias <= 0.2 + 2 * error
-    assert angle <= 0.7
-    # and the fit that many tools use is not
-    bias, error, angle = partial("hemisphere", 0.02, 20, "li_griffiths")
-    assert bias == pytest.approx(3.4, abs=0.2 + 3 * error)
-    assert angle == pytest.approx(1.8, abs=0.3)
+def bound(sensor, field, z, sigma):
+    """True shape matrix, and the inverse information of the orthogonal distances, written out from their definition."""
+    inverse = np.linalg.inv(np.asarray(sensor.soft_iron)) / field
+    shape = inverse.T @ inverse
+    normal = 2 * z @ shape
+    x, y, w = z.T
+    rows = np.column_stack([x * x, 2 * x * y, y * y, 2 * x * w, 2 * y * w, w * w, -normal]) / np.linalg.norm(normal, axis=1)[:, None]
+    column = np.linalg.norm(rows, axis=0)
+    return shape, sigma**2 * np.linalg.inv((rows / column).T @ (rows / column)) / np.outer(column, column)
 
 
-def test_hemisphere_at_five_per_cent():
-    bias, error, angle = partial("hemisphere", 0.05, 60)
-    assert bias <= 0.3 + 3 * error
-    assert angle <= 2.0
+@pytest.mark.parametrize(("sigma", "most", "angle"), [(0.02, 0.2, 0.7), (0.05, 0.3, 2.0)])
+def test_hemisphere(sigma, most, angle):
+    """Targets of the comparison of methods. Of 900 runs at 2 % the median angle was 0.693 +- 0.013; of 60 it scatters by 0.06."""
+    offset, error, found, doubt = partial("hemisphere", sigma, 100)
+    assert offset <= most + 2 * error
+    assert found <= angle + 3 * doubt
+
+
+def test_the_usual_fit_of_a_hemisphere_is_biased():
+    offset, error, angle, doubt = partial("hemisphere", 0.02, 20, "li_griffiths")
+    assert offset == pytest.approx(3.4, abs=3 * error)
+    assert angle == pytest.approx(1.8, abs=3 * doubt)
 
 
 def test_curvature_does_not_bias_the_radius():
@@ -95,10 +107,10 @@ def test_predicted_heading_error_is_the_real_one(repeated):
 
 
 @pytest.mark.parametrize(
-    ("name", "sigma", "tabulated", "bound"),
+    ("name", "sigma", "tabulated", "listed"),
     [("all", 0.1, 0.041, 0.038), ("three_turns", 0.1, 0.076, 0.081), ("twelve_points", 0.05, 0.35, 0.31)],
 )
-def test_ml_reaches_the_cramer_rao_bound(name, sigma, tabulated, bound):
+def test_ml_reaches_the_cramer_rao_bound(name, sigma, tabulated, listed):
     """The bound from the exact directions; the tabulated figures of 60 to 100 runs are good to 5 to 10 %."""
     errors, predicted = [], []
     for seed in range(100):
@@ -109,7 +121,7 @@ def test_ml_reaches_the_cramer_rao_bound(name, sigma, tabulated, bound):
     real, least = cases.rms(errors), cases.rms(predicted)
     assert real <= 1.15 * least
     assert real == pytest.approx(tabulated, rel=0.25)
-    assert least == pytest.approx(bound, rel=0.2)
+    assert least == pytest.approx(listed, rel=0.2)
 
 
 def _white(seed, field, sigma):
@@ -117,15 +129,8 @@ def _white(seed, field, sigma):
 
 
 def crlb(field, sigma):
-    """Least rms heading error in degrees: information of the orthogonal distance, written out from its definition."""
-    shape = np.linalg.inv(np.asarray(cases.PAPER.soft_iron)) / cases.FIELD
-    shape = shape @ shape
-    z = field @ np.asarray(cases.PAPER.soft_iron).T
-    normal = 2 * z @ shape
-    x, y, w = z.T
-    rows = np.column_stack([x * x, 2 * x * y, y * y, 2 * x * w, 2 * y * w, w * w, -normal]) / np.linalg.norm(normal, axis=1)[:, None]
-    column = np.linalg.norm(rows, axis=0)
-    covariance = sigma**2 * np.linalg.inv((rows / column).T @ (rows / column)) / np.outer(column, column)
+    """Least rms heading error at level, in degrees."""
+    shape, covariance = bound(cases.PAPER, cases.FIELD, field @ np.asarray(cases.PAPER.soft_iron).T, sigma)
     return np.rad2deg(heading_error(shape, covariance, cases.DIP)[0])
 
 
@@ -154,8 +159,12 @@ def test_the_thesis_case():
     m = cases.readings(sensor, field, 0.5, 0)
     found = fit(m, method="axes")
     assert np.abs(found.model.hard_iron - sensor.hard_iron).max() < 1.0
-    errors = cases.heading_errors(found.model, sensor, 470.0)
-    assert cases.rms(errors) < 0.2
+    # principal axes of 4000 random readings are known to degrees only, where the semi-axes differ by 3 to 11 %
+    assert cases.rms(cases.heading_errors(found.model, sensor, 470.0)) < 1.0
+    shape, centre = axes(m, turn.T)  # with the thesis's angle, as read off its plots
+    values, vectors = np.linalg.eigh(shape)
+    by_hand = MagModel(vectors @ np.diag(values**-0.5) @ vectors.T, centre)
+    assert cases.rms(cases.heading_errors(by_hand, sensor, 470.0)) < 0.15
     stopped = MagModel(turn.T @ alpha, sensor.hard_iron)  # corrected by alpha^-1 R: spherical, and turned
     assert cases.rms(cases.heading_errors(stopped, sensor, 470.0)) == pytest.approx(12.1, abs=0.3)
     norm = np.linalg.norm(stopped.correct(m), axis=1)
