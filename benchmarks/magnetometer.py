@@ -61,9 +61,8 @@ def speed(_):
     for model in ("symmetric", "auto"):
         print(f"one fit, model={model!r}: {1e3 * best(lambda model=model: fit(m, model=model)):.1f} ms")
     begin = np.r_[np.linalg.inv(MILD.soft_iron)[np.triu_indices(3)], MILD.hard_iron]
-    print(
-        f"scipy least_squares, first-order distance, from the truth, no start and no verdict: {1e3 * best(lambda: by_scipy(m, begin)):.1f} ms"
-    )
+    alone = 1e3 * best(lambda: by_scipy(m, begin))
+    print(f"scipy least_squares, first-order distance, from the truth, no start and no verdict: {alone:.1f} ms")
     start = time.perf_counter()
     bootstrap(m, found, replicas=1000)
     print(f"1,000 bootstrap refits of 500 readings, first call with compilation: {time.perf_counter() - start:.2f} s")

@@ -74,7 +74,7 @@ def _eliminated(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.n
 
 def _admissible(scatter: np.ndarray, constraint: np.ndarray) -> np.ndarray:
     """Eigenvector of S q = lambda C q with q'Cq > 0: there is one, as C has one positive eigenvalue."""
-    values, vectors = scipy.linalg.eig(scatter, constraint)
+    values, vectors = scipy.linalg.eig(scatter, constraint)  # type: ignore[misc]  # its type depends on flags left out
     pairs = []
     for value, vector in zip(values, vectors.T, strict=True):
         vector = np.real(vector)
