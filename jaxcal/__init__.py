@@ -17,7 +17,16 @@ from ._errors import (
 )
 
 if TYPE_CHECKING:
-    from . import allan as allan, batch as batch, export as export, noise as noise, plot as plot, report as report, spectrum as spectrum
+    from . import (
+        allan as allan,
+        batch as batch,
+        export as export,
+        magnetometer as magnetometer,
+        noise as noise,
+        plot as plot,
+        report as report,
+        spectrum as spectrum,
+    )
     from ._log import Log as Log
     from .calibration import Calibration as Calibration
     from .io import read as read
@@ -29,6 +38,7 @@ _HOME = {
     "allan": "allan",
     "batch": "batch",
     "export": "export",
+    "magnetometer": "magnetometer",
     "noise": "noise",
     "plot": "plot",
     "report": "report",

@@ -1,0 +1,161 @@
+"""jaxcal.magnetometer beside scipy's least_squares in one run, and the Monte Carlo tables, with fixed seeds.
+
+    python benchmarks/magnetometer.py                  everything (minutes)
+    python benchmarks/magnetometer.py --only speed     one part: speed, partial, scenarios, coverage
+    python benchmarks/magnetometer.py --runs 300       more runs per cell of the tables
+
+Times are the best of several after compilation; compilation is timed on its own. Ratios above 1 favour jaxcal.
+"""
+
+import argparse
+import time
+
+import numpy as np
+import scipy.optimize
+
+from jaxcal.magnetometer import MagModel, body_field, bootstrap, fit, heading, scenario
+
+MILD = MagModel(np.array([[1.10, 0.06, -0.04], [0.06, 0.92, 0.05], [-0.04, 0.05, 1.0]]), np.array([0.8, -0.5, 0.3]))
+PAPER = MagModel(
+    np.linalg.inv([[0.9847, -0.2311, -0.0363], [-0.2311, 1.3609, -0.3391], [-0.0363, -0.3391, 0.8710]]), np.array([2.1746, 5.152, 10.2458])
+)
+FIELD, DIP = 47.0, np.deg2rad(57.0)
+HEADINGS = np.deg2rad([2.4, 77.4, 115.5, 167.5, 222.6, 249.4, 300.3, 356.1])
+METHODS = ("ml", "consistent", "algebraic", "li_griffiths", "constrained", "radial")
+
+
+def directions(count, rng, coverage="full"):
+    u = rng.normal(size=(8 * count, 3))
+    u /= np.linalg.norm(u, axis=1, keepdims=True)
+    kept = {"full": u[:, 2] > -2, "hemisphere": u[:, 2] > 0, "band": np.abs(u[:, 2]) < 0.5}[coverage]
+    return u[kept][:count]
+
+
+def best(function, repeats=7):
+    times = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        function()
+        times.append(time.perf_counter() - start)
+    return min(times)
+
+
+def residuals(p, m):
+    """First-order orthogonal distances, in NumPy, of the same nine parameters: scipy's fastest way here."""
+    upper = np.array([[p[0], p[1], p[2]], [0, p[3], p[4]], [0, 0, p[5]]])
+    v = (m - p[6:]) @ upper.T
+    r = np.linalg.norm(v, axis=1)
+    return (r - 1) * r / np.linalg.norm(v @ upper, axis=1)
+
+
+def by_scipy(m, begin, method="lm"):
+    return scipy.optimize.least_squares(residuals, begin, args=(m,), method=method, x_scale="jac")
+
+
+def speed(_):
+    rng = np.random.default_rng(0)
+    m = MILD.measure(directions(500, rng)) + 0.01 * rng.normal(size=(500, 3))
+    start = time.perf_counter()
+    found = fit(m, model="symmetric")
+    print(f"one fit of 500 readings, first call with compilation: {time.perf_counter() - start:.2f} s")
+    for model in ("symmetric", "auto"):
+        print(f"one fit, model={model!r}: {1e3 * best(lambda model=model: fit(m, model=model)):.1f} ms")
+    begin = np.r_[np.linalg.inv(MILD.soft_iron)[np.triu_indices(3)], MILD.hard_iron]
+    alone = 1e3 * best(lambda: by_scipy(m, begin))
+    print(f"scipy least_squares, first-order distance, from the truth, no start and no verdict: {alone:.1f} ms")
+    start = time.perf_counter()
+    bootstrap(m, found, replicas=1000)
+    print(f"1,000 bootstrap refits of 500 readings, first call with compilation: {time.perf_counter() - start:.2f} s")
+    ours = best(lambda: bootstrap(m, found, replicas=1000), 3)
+    draws = [rng.integers(500, size=500) for _ in range(200)]
+    theirs = 5 * best(lambda: [by_scipy(m[draw], begin) for draw in draws], 2)
+    print(f"1,000 bootstrap refits: jaxcal (exact distance) {ours:.2f} s, scipy (first order) {theirs:.2f} s, ratio {theirs / ours:.1f}")
+
+
+def partial(runs):
+    print("\nmean hard-iron error in per cent of the field +- standard error / median direction error in degrees +- standard error")
+    sphere = directions(500, np.random.default_rng(99))
+    for coverage in ("full", "hemisphere", "band"):
+        for sigma in (0.005, 0.02, 0.05):
+            cells = []
+            for method in METHODS:
+                rng, offsets, angles = np.random.default_rng(7), [], []
+                failed = 0
+                for _ in range(runs):
+                    m = MILD.measure(directions(300, rng, coverage))
+                    found = fit(m + sigma * rng.normal(size=m.shape), method=method, model="symmetric")
+                    if found.model is None or not np.isfinite(found.heading_error).all():
+                        failed += 1
+                        continue
+                    y = found.model.correct(MILD.measure(sphere))
+                    cosine = np.sum(sphere * y, axis=1) / np.linalg.norm(y, axis=1)
+                    offsets.append(found.model.hard_iron - MILD.hard_iron)
+                    angles.append(np.rad2deg(np.sqrt(np.mean(np.arccos(np.clip(cosine, -1, 1)) ** 2))))
+                kept = len(offsets)
+                bias, error = 100 * np.linalg.norm(np.mean(offsets, 0)), 100 * np.linalg.norm(np.std(offsets, 0)) / np.sqrt(kept)
+                doubt = 1.25 * np.std(angles) / np.sqrt(kept)
+                cells.append(
+                    f"{method} {bias:.2f}+-{error:.2f} / {np.median(angles):.2f}+-{doubt:.2f}" + (f" ({failed} refused)" if failed else "")
+                )
+            print(f"{coverage:10s} {100 * sigma:3.1f} %: " + ";  ".join(cells))
+
+
+def heading_errors(model):
+    level = np.stack([HEADINGS, 0 * HEADINGS, 0 * HEADINGS], axis=1)
+    found = heading(model.correct(PAPER.measure(body_field(level, FIELD, DIP))), np.tile([0.0, 0.0, -9.81], (8, 1)))
+    return np.rad2deg(np.angle(np.exp(1j * (found - HEADINGS))))
+
+
+def scenarios(runs):
+    print(
+        "\nrms heading error in degrees at eight level headings; ml; share of runs with all eight below 1 degree; ratio to the prediction"
+    )
+    for sigma in (0.05, 0.1, 0.2, 0.5, 1.0):
+        for name in ("all", "three_turns", "twelve_points"):
+            cells = []
+            for method in ("ml", "constrained", "li_griffiths", "algebraic"):
+                rng, errors, predicted, verdicts = np.random.default_rng(3), [], [], []
+                for run in range(runs):
+                    m = PAPER.measure(body_field(scenario(name, seed=run), FIELD, DIP))
+                    found = fit(m + sigma * rng.normal(size=m.shape), method=method, model="symmetric", inclination=DIP)
+                    verdicts.append(found.verdict)
+                    if found.model is not None:
+                        errors.append(heading_errors(found.model))
+                        predicted.append(np.rad2deg(found.heading_error[0]))
+                rms = np.sqrt(np.mean(np.square(errors)))
+                text = f"{method} {rms:.3g}"
+                if method == "ml":
+                    ratio = rms / np.sqrt(np.mean(np.square(predicted)))
+                    below = np.mean(np.max(np.abs(errors), axis=1) < 1)
+                    share = ", ".join(f"{word} {verdicts.count(word) / runs:.0%}" for word in ("good", "weak", "refused"))
+                    text += f" (below 1 deg {below:.2f}, real/predicted {ratio:.2f}; {share})"
+                cells.append(text)
+            print(f"{sigma:4.2f} uT {name:14s} " + ";  ".join(cells))
+
+
+def covered(runs):
+    print("\nshare of truths inside the intervals of 95 %: A_xx A_xy A_yy A_xz A_yz A_zz b_x b_y b_z, and their mean")
+    inverse = np.linalg.inv(PAPER.soft_iron) / FIELD
+    truth = np.r_[(inverse @ inverse)[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]], PAPER.hard_iron]
+    for name, sigma in (("all", 0.2), ("three_turns", 0.1)):
+        rng, inside = np.random.default_rng(11), []
+        for run in range(4 * runs):
+            m = PAPER.measure(body_field(scenario(name, seed=run), FIELD, DIP))
+            found = fit(m + sigma * rng.normal(size=m.shape), model="symmetric")
+            matrix = np.linalg.inv(found.model.soft_iron) / found.field
+            value = np.r_[(matrix @ matrix)[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]], found.model.hard_iron]
+            inside.append(np.abs(value - truth) < 1.96 * np.sqrt(np.diag(found.covariance)))
+        share = np.mean(inside, axis=0)
+        print(f"{name}, {sigma} uT, {4 * runs} fits: {' '.join(f'{100 * s:.1f}' for s in share)}; mean {100 * share.mean():.1f} %")
+
+
+PARTS = {"speed": speed, "partial": partial, "scenarios": scenarios, "coverage": covered}
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--only", choices=PARTS)
+    parser.add_argument("--runs", type=int, default=60)
+    options = parser.parse_args()
+    for name, part in PARTS.items():
+        if options.only in (None, name):
+            part(options.runs)

@@ -1,0 +1,10 @@
+"""Magnetometers: hard and soft iron from readings in many attitudes, heading, coverage."""
+
+from ._attitude import body_field as body_field, scenario as scenario
+from ._bootstrap import bootstrap as bootstrap
+from ._coverage import Coverage as Coverage, coverage as coverage
+from ._fit import fit as fit
+from ._heading import heading as heading
+from ._model import MagModel as MagModel
+from ._residuals import distance_residuals as distance_residuals, radial_residuals as radial_residuals
+from ._result import MagFit as MagFit

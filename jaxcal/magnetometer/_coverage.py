@@ -1,0 +1,131 @@
+"""`coverage`: how evenly readings fill the sphere, by MotionCal's regions (its southern index mended) and by gaps."""
+
+import functools
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+from scipy.spatial import KDTree
+
+from .._errors import DataError
+from .._precision import host_float64
+from .._types import AnyArray
+
+_POLE, _RING = 1.37046, 0.74776  # latitudes that part the 100 regions of equal area
+_HIGH, _LOW = 1.05911, 0.37388  # latitudes of their middles
+_GRID = 500
+
+
+class Coverage(eqx.Module):
+    """How readings fill the sphere of directions.
+
+    Attributes
+    ----------
+    counts : (100,) readings per region of equal area: pole, 15 sectors, 34, 34, 15, pole.
+    gaps : weight of the empty regions in per cent: an empty one counts 1, one with a single reading 0.2, with two 0.01.
+    variance : standard deviation of the norm in per cent of its mean.
+    wobble : mean offset of the regions' mean readings from where a centred sphere has them, in per cent of the radius.
+    occupied : share of 500 equal bins that hold a reading.
+    largest_gap : half-angle of the largest cap without a reading, rad.
+    missing : (k, 3) unit vectors to the middles of the regions without a reading.
+    """
+
+    counts: AnyArray
+    gaps: float
+    variance: float
+    wobble: float
+    occupied: float
+    largest_gap: float
+    missing: AnyArray
+
+
+def sphere_grid(count: int = _GRID) -> np.ndarray:
+    """Points of a Fibonacci lattice: nearly equal areas, (count, 3)."""
+    k = np.arange(count) + 0.5
+    z, angle = 1 - 2 * k / count, np.pi * (1 + np.sqrt(5)) * k
+    return np.stack([np.sqrt(1 - z**2) * np.cos(angle), np.sqrt(1 - z**2) * np.sin(angle), z], axis=1)
+
+
+def bins(directions: np.ndarray) -> np.ndarray:
+    """Index of the nearest of the 500 grid points for each unit vector."""
+    return np.asarray(_tree().query(directions)[1])
+
+
+@functools.cache
+def _tree() -> KDTree:
+    return KDTree(sphere_grid())
+
+
+def regions(directions: np.ndarray) -> np.ndarray:
+    """Region of each direction, 0 to 99."""
+    x, y, z = directions.T
+    latitude, longitude = np.pi / 2 - np.arctan2(np.hypot(x, y), z), np.arctan2(y, x) + np.pi
+    few, many = (np.minimum(n - 1, np.floor(longitude * n / (2 * np.pi)).astype(int)) for n in (15, 34))
+    ring = np.where(latitude >= 0, 16 + many, 50 + many)
+    ring = np.where(latitude > _RING, 1 + few, np.where(latitude < -_RING, 84 + few, ring))
+    return np.where(latitude > _POLE, 0, np.where(latitude < -_POLE, 99, ring))
+
+
+def middles() -> np.ndarray:
+    """Unit vectors to the middles of the regions, (100, 3)."""
+
+    def zone(n, latitude):
+        longitude = (np.arange(n) + 0.5) * 2 * np.pi / n
+        return np.stack([-np.cos(longitude) * np.cos(latitude), -np.sin(longitude) * np.cos(latitude), np.full(n, np.sin(latitude))], 1)
+
+    pole = np.array([[0.0, 0.0, 1.0]])
+    return np.concatenate([pole, zone(15, _HIGH), zone(34, _LOW), zone(34, -_LOW), zone(15, -_HIGH), -pole])
+
+
+@host_float64
+def coverage(m: Any) -> Coverage:
+    """How evenly corrected readings fill the sphere.
+
+    Parameters
+    ----------
+    m : (n, 3) corrected readings, any unit; hard iron must be taken off.
+
+    Returns
+    -------
+    Coverage
+
+    Raises
+    ------
+    DataError
+        If a reading is zero or not finite, or there is none.
+
+    Examples
+    --------
+    >>> import jaxcal
+    >>> from jaxcal.magnetometer import body_field, scenario
+    >>> full = jaxcal.magnetometer.coverage(body_field(scenario("all", samples=2000)))
+    >>> turns = jaxcal.magnetometer.coverage(body_field(scenario("three_turns")))
+    >>> full.gaps < 1, turns.gaps > 50
+    (True, True)
+
+    References
+    ----------
+    P. Stoffregen, MotionCal (quality.c). Its wobble turns the southern sectors by 192 degrees; here they are where they belong.
+    """
+    m = np.asarray(m, dtype=float)
+    if m.ndim != 2 or m.shape[-1] != 3 or not len(m):
+        raise DataError(f"The corrected readings have shape {m.shape}; they must be (n, 3) with at least one row.")
+    norm = np.linalg.norm(m, axis=1)
+    if not (np.isfinite(norm) & (norm > 0)).all():
+        raise DataError("A corrected reading is zero or not finite; leave it out.")
+    region = regions(m / norm[:, None])
+    counts = np.bincount(region, minlength=100)
+    sums = np.stack([np.bincount(region, weights=column, minlength=100) for column in m.T], axis=1)
+    filled = counts > 0
+    offset = (sums[filled] / counts[filled, None] - middles()[filled] * norm.mean()).mean(axis=0)
+    directions = m / norm[:, None]
+    chord = float(np.max(KDTree(directions).query(sphere_grid())[0]))
+    return Coverage(
+        counts=counts,
+        gaps=float(np.sum(np.select([counts == 0, counts == 1, counts == 2], [1.0, 0.2, 0.01], 0.0))),
+        variance=float(100 * norm.std() / norm.mean()),
+        wobble=float(100 * np.linalg.norm(offset) / norm.mean()),
+        occupied=len(np.unique(bins(directions))) / _GRID,
+        largest_gap=2 * float(np.arcsin(min(chord / 2, 1.0))),
+        missing=middles()[~filled],
+    )

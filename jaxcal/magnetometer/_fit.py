@@ -1,0 +1,287 @@
+"""`fit`: hard and soft iron from readings in a field of constant norm."""
+
+from typing import Any
+
+import numpy as np
+
+from .._errors import DataError
+from .._precision import host_float64, is_traced
+from ._attitude import INCLINATION
+from ._choice import by_bic, by_held_out, candidates
+from ._consistent import consistent
+from ._coverage import coverage, sphere_grid
+from ._elementary import axes, minmax
+from ._model import MagModel
+from ._orthogonal import Found, described, geometric, loss_name
+from ._quadric import Frame, NotEllipsoid, constrained, diagonal, li_griffiths, sphere, trace
+from ._result import MagFit
+from ._start import COUNT, PLANAR, parameters_of
+from ._uncertainty import NAMES, PLANAR_NAMES, covariance_of, heading_departure, heading_error, information, needed, root
+from ._verdict import NEAR_PLANAR, NEAR_PLANAR_SENTENCE, judge, outliers
+
+#: method -> model -> algebraic fit
+_DIRECT: dict[str, dict[str, Any]] = {
+    "minmax": {"diagonal": minmax},
+    "axes": {"symmetric": axes},
+    "constrained": {"symmetric": constrained},
+    "li_griffiths": {"symmetric": li_griffiths},
+    "algebraic": {"symmetric": trace, "diagonal": diagonal, "sphere": sphere},
+    "consistent": {"symmetric": lambda u: consistent(u)[:2]},
+}
+_SOLID = ("sphere", "diagonal", "symmetric")
+METHODS = ("ml", "consistent", "algebraic", "li_griffiths", "constrained", "radial", "axes", "minmax")
+MODELS = ("auto", *_SOLID, "planar")
+_LINE = 0.01  # second singular value of the centred readings, of 0.58 for a full sphere
+_EXACT = ("ml", "consistent")
+
+
+@host_float64
+def fit(
+    m: Any,
+    *,
+    method: str = "ml",
+    model: str = "auto",
+    field: Any = None,
+    loss: str | None = None,
+    inclination: float | None = None,
+    choose: str = "bic",
+    limits: tuple[float, float] = (np.deg2rad(1.0), np.deg2rad(5.0)),
+) -> MagFit:
+    r"""Hard and soft iron from readings in many attitudes of a field of constant norm.
+
+    The default is the maximum-likelihood fit for white noise of one unknown variance in all axes and any attitudes,
+
+    .. math:: \min_{A, b} \sum_i d_i^2,\qquad d_i = \text{distance of } m_i \text{ to } (x - b)^T A (x - b) = 1,\quad A = U^T U,
+
+    from the consistent algebraic fit; where the noise exceeds 2 % of the field the distances are freed of the mean that noise
+    along the curved surface gives them. The soft iron is the symmetric one, C = H A^{-1/2}; a rotation of all corrected
+    readings, as from an unsymmetric soft iron or a turned sensor, leaves every norm as it is and cannot be found this way.
+
+    Parameters
+    ----------
+    m : (n, 3) readings, any unit; NaN is not allowed.
+    method : "ml"; "consistent" (adjusted least squares: no noise bias, no iteration); and for comparison "algebraic" (trace
+        constraint), "li_griffiths", "constrained" (the magnetometer paper), "radial" (norm error of the corrected field), "axes" and
+        "minmax" (the thesis, from the extremes).
+    model : "sphere" (4 parameters), "diagonal" (6), "symmetric" (9), "planar" (circle or ellipse, for readings of turns about
+        one axis), or "auto": "ml" chooses, the other methods take the largest they have.
+    field : norm of the true field, or the field vector (north, east, down), whose dip is then used too; in the unit of the
+        readings. Without it the corrected readings keep the unit and mean size of the readings.
+    loss : None, "huber", "cauchy" or "tukey" for readings with outliers; "ml" and "radial" only.
+    inclination : dip of the field in rad for `heading_error`; that of `field`, or 57 degrees (Ankara), unless given.
+    choose : "bic" or "held_out", how "auto" compares models.
+    limits : rms heading error in rad above which the verdict is "weak", and above which it is "refused".
+
+    Returns
+    -------
+    MagFit
+        With a verdict. Readings that determine nothing give a "refused" fit whose `model` is None. A refused fit may have a model,
+        to look at and not to use.
+
+    Raises
+    ------
+    DataError
+        If the readings are not (n, 3) finite numbers, or an option is unknown or does not go with the method.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> from jaxcal.magnetometer import MagModel, body_field, scenario
+    >>> true = MagModel(np.array([[1.1, 0.1, 0.0], [0.1, 0.9, 0.0], [0.0, 0.0, 1.0]]), np.array([10.0, -5.0, 20.0]))
+    >>> m = true.measure(body_field(scenario("all"), 47.0)) + np.random.default_rng(0).normal(size=(360, 3)) * 0.1
+    >>> found = jaxcal.magnetometer.fit(m, field=47.0)
+    >>> print(found.verdict, found.kind, found.model.hard_iron.round(1))
+    good symmetric [10. -5. 20.]
+
+    References
+    ----------
+    J. F. Vasconcelos et al., IEEE Trans. Aerosp. Electron. Syst. 47 (2011) 1293 (maximum likelihood); I. Markovsky et al., Numer.
+    Math. 98 (2004) 177 (consistent); the magnetometer paper's equations 6 to 16 (constrained); the thesis, chapter 6.
+    """
+    m, norm, dip = _checked(m, method, model, field, loss, inclination, choose)
+    distinct = len(np.unique(m, axis=0))
+    frame = Frame.of(m)
+    if distinct < 2 or frame.scale < 1e-12 * np.abs(m).max():
+        return _refusal(
+            m,
+            method,
+            dip,
+            f"There are {distinct} distinct readings; a sphere needs at least 5, and soft iron 10.",
+        )
+    u = frame.scaled(m)
+    extents = np.linalg.svd(u, compute_uv=False) / np.sqrt(len(u))
+    if extents[1] < _LINE:
+        return _refusal(m, method, dip, "The readings lie on a line: turn the sensor through all attitudes.")
+    flat = extents[2] < NEAR_PLANAR
+    planar = "asked" if model == "planar" else "chosen" if flat and model == "auto" and method == "ml" else None
+    kind = None if model == "auto" or planar else model
+    if kind is None and method != "ml":
+        kind = "symmetric" if method == "radial" else next(iter(_DIRECT[method]))
+    least = kind or ("circle" if planar else "sphere")
+    if distinct <= COUNT[least]:
+        return _refusal(
+            m,
+            method,
+            dip,
+            f"There are {distinct} distinct readings; model {'planar' if planar else least!r} needs at least {COUNT[least] + 1}.",
+        )
+    plane, notes = None, []
+    try:
+        if planar:
+            plane = np.linalg.svd(u, full_matrices=False)[2]
+            plane[2] *= np.sign(np.linalg.det(plane))
+            u = np.concatenate([u @ plane[:2].T, np.zeros((len(u), 1))], axis=1)
+            fits = candidates(u, PLANAR, loss, distinct)
+            found = fits[by_bic(fits, u)]
+        elif kind is None:
+            fits = candidates(u, _SOLID, loss, distinct)
+            found = fits[by_bic(fits, u) if choose == "bic" else by_held_out(fits, u, loss)]
+            notes = _unseen(fits, found, distinct)
+        else:
+            found = _single(u, method, kind, loss)
+    except NotEllipsoid as error:
+        return _refusal(m, method, dip, (f"{NEAR_PLANAR_SENTENCE} " if flat else "") + f"{str(error)[0].upper()}{str(error)[1:]}.")
+    if planar == "chosen":
+        notes = ["The readings are near-planar, and were fitted in their plane."]
+    return _result(m, u, frame, found, method, norm, dip, loss, limits, plane, notes)
+
+
+def _unseen(fits: dict[str, Found], found: Found, distinct: int) -> list[str]:
+    """A smaller model says little where the largest could not be tried: what it leaves out was not seen to be absent."""
+    full = fits.get("symmetric")
+    if found.kind == "symmetric" or (full is not None and full.converged and np.isfinite(full.covariance).all()):
+        return []
+    few = f"{distinct} distinct readings" if distinct <= COUNT["symmetric"] else "The readings"
+    return [
+        f"{few} cannot show a full soft iron matrix; model {found.kind!r} was fitted, and what it leaves out was not seen to be absent."
+    ]
+
+
+def _single(u, method, kind, loss) -> Found:
+    if method in ("ml", "radial"):
+        return geometric(u, kind, loss, "orthogonal" if method == "ml" else "radial")
+    return described(parameters_of(kind, *_DIRECT[method][kind](u)), u, kind)
+
+
+def _result(m, u, frame, found, method, norm, dip, loss, limits, plane, notes) -> MagFit:
+    planar = plane is not None
+    matrix = root(found.shape)
+    radius = np.linalg.det(found.shape[:2, :2]) ** -0.25 if planar else np.linalg.det(found.shape) ** (-1 / 6)
+    covariance = covariance_of(found, frame)
+    raw = found.shape / frame.scale**2
+    error = heading_error(raw, covariance, dip)
+    if method not in _EXACT:
+        try:
+            best = geometric(u, "symmetric" if len(np.unique(u, axis=0)) > COUNT["symmetric"] else found.kind, loss)
+            error = np.hypot(error, heading_departure(found, best, dip))
+        except NotEllipsoid:
+            error = np.full(2, np.inf)
+    y = (u - found.centre) @ matrix
+    units = y / np.maximum(np.linalg.norm(y, axis=1, keepdims=True), 1e-300)
+    told = information(units, found.kind, found.noise / radius)
+    judged = judge(found, u, error, told, limits, loss, planar, notes)
+    size = radius if norm is None else norm / frame.scale
+    if planar:
+        # across the plane nothing is known: the same scale as in it, and the readings' own mean as offset
+        matrix = plane[:2].T @ matrix[:2, :2] @ plane[:2] + np.outer(plane[2], plane[2]) / radius
+        centre = found.centre[:2] @ plane[:2]
+        wanted = np.zeros((0, 3))
+    else:
+        centre = found.centre
+        finite = np.isfinite(covariance).all()
+        wanted = needed(raw, covariance, sphere_grid()) if finite else np.zeros((0, 3))
+    model = MagModel(np.linalg.inv(matrix * size), frame.centre + frame.scale * centre)
+    return MagFit(
+        model=model,
+        covariance=covariance,
+        heading_error=error,
+        coverage=coverage((m - model.hard_iron) @ (matrix * size).T),  # NumPy: nothing to compile for each length of log
+        residual=found.distance * frame.scale,
+        noise=found.noise * frame.scale,
+        field=size * frame.scale,
+        outliers=outliers(found),
+        needed=wanted,
+        condition=told.condition,
+        inclination=dip,
+        plane=plane,
+        verdict=judged.verdict,
+        reason=judged.reason,
+        warnings=_warnings(radius * frame.scale, norm),
+        names=PLANAR_NAMES if planar else NAMES,
+        method=method,
+        kind=found.kind,
+    )
+
+
+def _warnings(radius: float, norm: float | None) -> tuple[str, ...]:
+    if norm is None or 0.8 <= radius / norm <= 1.25:
+        return ()
+    return (
+        f"The readings have a mean field of {radius:.4g}, the given one is {norm:.4g}: the units differ, the sensitivity is off, or the "
+        "readings cover too little of the sphere.",
+    )
+
+
+def _refusal(m: np.ndarray, method: str, dip: float, reason: str) -> MagFit:
+    """A fit without a model."""
+    return MagFit(
+        model=None, covariance=np.full((9, 9), np.inf), heading_error=np.full(2, np.inf), coverage=None, residual=np.zeros(0), noise=np.inf,
+        field=np.inf, outliers=np.zeros(0, dtype=int), needed=np.zeros((0, 3)), condition=np.inf, inclination=dip, plane=None,
+        verdict="refused", reason=reason, warnings=(), names=NAMES, method=method, kind="none",
+    )  # fmt: skip
+
+
+def _checked(m, method, model, field, loss, inclination, choose) -> tuple[np.ndarray, float | None, float]:
+    """Readings, norm of the field and dip; every option known and at home with the method."""
+    if is_traced(m, field):
+        raise DataError("`fit` decides on the host and cannot be traced; differentiate `distance_residuals` or `radial_residuals` instead.")
+    try:
+        m = np.asarray(m, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise DataError("The readings are not numbers; give an array of shape (n, 3).") from error
+    if m.ndim != 2 or m.shape[1] != 3 or not len(m):
+        raise DataError(f"The readings have shape {m.shape}; expected (n, 3), one row per reading.")
+    bad = np.flatnonzero(~np.isfinite(m).all(axis=1))
+    if bad.size:
+        raise DataError(f"{bad.size} readings are not finite, the first in row {bad[0]}; leave them out.")
+    if np.abs(m).max() > 1e100 or 0 < np.ptp(m) < 1e-100:
+        raise DataError("The readings leave the range in which their fourth powers are numbers; give them in tesla or counts.")
+    if method not in METHODS:
+        raise DataError(f"There is no method {method!r}; known are {', '.join(map(repr, METHODS))}.")
+    if model not in MODELS:
+        raise DataError(f"There is no model {model!r}; known are {', '.join(map(repr, MODELS))}.")
+    if choose not in ("bic", "held_out"):
+        raise DataError(f"There is no way to choose {choose!r}; known are 'bic' and 'held_out'.")
+    allowed = {"ml": MODELS, "radial": ("auto", *_SOLID)}.get(method, ("auto", *_DIRECT.get(method, ())))
+    if model not in allowed:
+        raise DataError(f"Method {method!r} has no model {model!r}; it has {', '.join(map(repr, allowed))}. Method 'ml' has all.")
+    if loss_name(loss) is not None and method not in ("ml", "radial"):
+        raise DataError(f"Method {method!r} takes no loss; use method='ml' with loss={loss!r}.")
+    norm, dip = _field(field)
+    if norm is not None and model == "planar":
+        raise DataError("Readings in a plane do not show the whole field: leave out `field` with model='planar'.")
+    if inclination is not None:
+        dip = float(inclination)
+    elif dip is None:
+        dip = float(INCLINATION)
+    if not abs(dip) < np.pi / 2:
+        raise DataError(f"The inclination is {dip:g} rad; it must lie between -pi/2 and pi/2, where there is a horizontal field.")
+    return m, norm, dip
+
+
+def _field(field: Any) -> tuple[float | None, float | None]:
+    """Norm and dip."""
+    if field is None:
+        return None, None
+    vector = np.asarray(field, dtype=float)
+    if (
+        vector.shape not in ((), (3,))
+        or not np.isfinite(vector).all()
+        or not np.linalg.norm(vector) > 0
+        or (vector.ndim == 0 and vector < 0)
+    ):
+        raise DataError(f"The field is {field!r}; give its norm, or the vector (north, east, down), in the unit of the readings.")
+    if vector.ndim == 0:
+        return float(vector), None
+    return float(np.linalg.norm(vector)), float(np.arctan2(vector[2], np.hypot(vector[0], vector[1])))

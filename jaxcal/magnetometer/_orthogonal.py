@@ -1,0 +1,155 @@
+"""Iterative fits of scaled readings, orthogonal and radial, with robust losses, through the package's one solver."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._errors import DataError
+from .._solve import AbstractLoss, Cauchy, Fit, Huber, Tukey, covariance, solve
+from ._residuals import Readings, orthogonal, radial, shape_and_centre
+from ._start import COUNT, PLANAR, basis_of, parameters_of, robust_start, start
+
+LOSSES: dict[str, AbstractLoss] = {"huber": Huber(), "cauchy": Cauchy(), "tukey": Tukey()}
+CURVED = 0.02  # noise over radius above which the curvature term is worth a fit
+_ROUNDS = 5
+_SMALLEST_PAD = 64
+
+
+class Found(eqx.Module):
+    """An ellipsoid in scaled readings: shape and centre, (9, 9) covariance of its parameters, noise, distances and weights."""
+
+    parameters: np.ndarray
+    shape: np.ndarray
+    centre: np.ndarray
+    covariance: np.ndarray
+    noise: float
+    distance: np.ndarray
+    weight: np.ndarray
+    converged: bool
+    kind: str = eqx.field(static=True)
+    message: str = eqx.field(static=True, default="")
+
+
+def padded(u: np.ndarray, kind: str, scale: float = 1.0, noise2: float = 0.0) -> Readings:
+    """Readings filled up to a power of two with weight zero, so that logs of any length share a compiled program."""
+    size = max(_SMALLEST_PAD, 1 << (len(u) - 1).bit_length())
+    full = np.concatenate([u, np.repeat(u[:1], size - len(u), axis=0)])
+    return Readings(full, np.r_[np.ones(len(u)), np.zeros(size - len(u))], scale, noise2, basis_of(kind))
+
+
+def bounds_of(kind: str) -> tuple[np.ndarray, np.ndarray]:
+    """Idle parameters are held at zero: so all kinds share one program."""
+    idle = np.arange(9) >= COUNT[kind]
+    return np.where(idle, 0.0, -np.inf), np.where(idle, 0.0, np.inf)
+
+
+def geometric(u: np.ndarray, kind: str, loss: str | None = None, cost: str = "orthogonal") -> Found:
+    """Least squares of orthogonal (or radial) distances, from the best algebraic start."""
+    begin = parameters_of(kind, *(start if loss is None else robust_start)(u, kind))
+    function = radial if cost == "radial" else orthogonal
+    if loss is None:
+        fit, scale = solve(function, begin, padded(u, kind), bounds=bounds_of(kind)), 1.0
+    else:
+        fit, scale = _robust(function, begin, u, kind, loss)
+    if cost == "radial":
+        # its own J'J is not the information of the readings
+        found = described(np.asarray(fit.parameters), u, kind)
+        news = (bool(fit.usable), np.asarray(fit.weights)[: len(u)])
+        return eqx.tree_at(lambda f: (f.converged, f.weight), found, news)
+    fit = _without_curvature_bias(fit, scale, u, kind, loss)
+    parameters = np.asarray(fit.parameters)
+    shape, centre = ellipsoid(parameters, kind)
+    spread = np.asarray(covariance(fit, scaled=True))
+    sigma, distance, weight = (
+        _sigma(fit, scale, len(u), kind),
+        scale * np.asarray(fit.residuals)[: len(u)],
+        np.asarray(fit.weights)[: len(u)],
+    )
+    return Found(
+        parameters, shape, centre, spread, sigma, distance, weight, bool(fit.usable), kind, "" if bool(fit.usable) else fit.message
+    )
+
+
+def ellipsoid(parameters: np.ndarray, kind: str) -> tuple[np.ndarray, np.ndarray]:
+    """Shape matrix and centre."""
+    shape, centre = shape_and_centre(jnp.asarray(parameters), jnp.asarray(basis_of(kind)))
+    return np.asarray(shape), np.asarray(centre)
+
+
+def _spread(residuals, count: int, free: int) -> float:
+    """Robust standard deviation of the residuals of the readings (not of the padding)."""
+    size = 1.4826 * float(np.median(np.abs(np.asarray(residuals)[:count])))
+    return size * float(np.sqrt(count / max(count - free, 1)))
+
+
+def _robust(function, begin, u, kind, loss) -> tuple[Fit, float]:
+    """Fit and scale by turns, from a start of high breakdown point; Tukey's loss, which has many minima, could start nowhere else."""
+    count, free = len(u), COUNT[kind]
+    scale = max(_spread(_residuals(function, jnp.asarray(begin), _jax(padded(u, kind))), count, free), 1e-13)
+    for _ in range(_ROUNDS):
+        fit = solve(function, begin, padded(u, kind, scale), loss=LOSSES[loss], bounds=bounds_of(kind))
+        begin, last, scale = np.asarray(fit.parameters), scale, max(_spread(fit.residuals, count, free) * scale, 1e-13)
+        if abs(scale - last) < 1e-3 * last:
+            break
+    return fit, last  # type: ignore[possibly-unbound]
+
+
+@eqx.filter_jit
+def _residuals(function, parameters, data):
+    return function(parameters, data)
+
+
+def _jax(tree):
+    return jax.tree.map(jnp.asarray, tree)
+
+
+def _sigma(fit: Fit, scale: float, count: int, kind: str) -> float:
+    """Noise of a reading: of all readings, or with a robust loss of most of them."""
+    if fit.robust:
+        return scale * _spread(fit.residuals, count, COUNT[kind])
+    return scale * float(np.sqrt(np.sum(np.asarray(fit.residuals) ** 2) / max(count - COUNT[kind], 1)))
+
+
+def _without_curvature_bias(fit: Fit, scale: float, u: np.ndarray, kind: str, loss: str | None) -> Fit:
+    """Three rounds with sigma^2 times the mean curvature taken off, where the noise is large enough to matter."""
+    radius = float(np.linalg.det(ellipsoid(np.asarray(fit.parameters), kind)[0])) ** (-1 / 6)
+    sigma = _sigma(fit, scale, len(u), kind)
+    if not 0.5 * radius > sigma > CURVED * radius:
+        return fit
+    # readings in a plane have no noise across it: of the two principal curvatures one counts
+    share = 0.5 if kind in PLANAR else 1.0
+    for _ in range(3):
+        data = padded(u, kind, scale, share * sigma**2)
+        fit = solve(orthogonal, np.asarray(fit.parameters), data, loss=None if loss is None else LOSSES[loss], bounds=bounds_of(kind))
+        sigma = _sigma(fit, scale, len(u), kind)
+    return fit
+
+
+@jax.jit
+def _linearised(parameters, data):
+    return orthogonal(parameters, data), jax.jacfwd(orthogonal)(parameters, data)
+
+
+def described(parameters: np.ndarray, u: np.ndarray, kind: str) -> Found:
+    """An ellipsoid that another method found, with the covariance that the readings allow there (the Cramer-Rao bound)."""
+    free = COUNT[kind]
+    distance, jacobian = (np.asarray(x)[: len(u)] for x in _linearised(jnp.asarray(parameters), _jax(padded(u, kind))))
+    noise = float(np.sqrt(np.sum(distance**2) / max(len(u) - free, 1)))
+    jacobian = jacobian[:, :free]
+    column = np.linalg.norm(jacobian, axis=0)
+    bound = np.zeros((9, 9))
+    triangle = np.linalg.qr(jacobian / np.where(column > 0, column, 1), mode="r")
+    if len(u) < free or np.linalg.cond(triangle) > 1e12:
+        bound[:free, :free] = np.inf
+    else:
+        inverse = np.linalg.inv(triangle) / column[:, None]
+        bound[:free, :free] = noise**2 * inverse @ inverse.T
+    return Found(parameters, *ellipsoid(parameters, kind), bound, noise, distance, np.ones(len(u)), True, kind)
+
+
+def loss_name(loss: str | None) -> str | None:
+    """The loss, checked."""
+    if loss is None or (isinstance(loss, str) and loss in LOSSES):
+        return loss
+    raise DataError(f"There is no loss {loss!r}; known are None (least squares), {', '.join(repr(name) for name in LOSSES)}.")

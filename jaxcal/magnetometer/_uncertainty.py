@@ -1,0 +1,182 @@
+"""From the covariance of an ellipsoid to the heading error it causes, and which parameters the readings leave open (host, NumPy)."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ._attitude import body_field, rotation
+from ._orthogonal import Found
+from ._quadric import Frame, matrix_of
+from ._residuals import shape_and_centre
+from ._start import PLANAR, basis_of
+
+NAMES = ("A_xx", "A_xy", "A_yy", "A_xz", "A_yz", "A_zz", "b_x", "b_y", "b_z")
+PLANAR_NAMES = ("A_11", "A_12", "A_22", "b_1", "b_2")
+_ENTRIES = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
+_WORDS = (
+    "scale along x", "coupling of x and y", "scale along y", "coupling of x and z", "coupling of y and z", "scale along z",
+    "hard iron along x", "hard iron along y", "hard iron along z",
+)  # fmt: skip
+_IN_PLANE = {
+    0: "scale along the plane's first axis", 1: "coupling of the plane's axes", 2: "scale along the plane's second axis",
+    6: "hard iron along the plane's first axis", 7: "hard iron along the plane's second axis",
+}  # fmt: skip
+_PLANAR = [0, 1, 2, 6, 7]
+_TILT = np.deg2rad(20.0)
+
+
+@jax.jit
+def _slopes(parameters, basis):
+    """Derivative of (A_xx, A_xy, A_yy, A_xz, A_yz, A_zz, b) with respect to the parameters."""
+
+    def vector(p):
+        shape, centre = shape_and_centre(p, basis)
+        return jnp.concatenate([jnp.stack([shape[j, k] for j, k in _ENTRIES]), centre])
+
+    return jax.jacfwd(vector)(parameters)
+
+
+def covariance_of(found: Found, frame: Frame) -> np.ndarray:
+    """Covariance of the shape's entries and the centre in the units of the readings: (9, 9), or (5, 5) in a plane."""
+    rows = np.arange(9) if found.kind not in PLANAR else np.array(_PLANAR)
+    if not np.isfinite(found.covariance).all():
+        return np.full((len(rows), len(rows)), np.inf)
+    slopes = np.asarray(_slopes(jnp.asarray(found.parameters), jnp.asarray(basis_of(found.kind))))[rows]
+    slopes = slopes * np.where(rows < 6, frame.scale**-2, frame.scale)[:, None]
+    return slopes @ found.covariance @ slopes.T
+
+
+def root(shape: np.ndarray) -> np.ndarray:
+    """Symmetric positive square root."""
+    values, vectors = np.linalg.eigh(shape)
+    return (vectors * np.sqrt(values)) @ vectors.T
+
+
+def _root_slopes(shape: np.ndarray) -> np.ndarray:
+    """Derivative of the symmetric root with respect to the six entries, (6, 3, 3)."""
+    values, vectors = np.linalg.eigh(shape)
+    mu = np.sqrt(values)
+    slopes = []
+    for j, k in _ENTRIES:
+        change = np.zeros((3, 3))
+        change[j, k] = change[k, j] = 1.0
+        slopes.append(vectors @ ((vectors.T @ change @ vectors) / (mu[:, None] + mu)) @ vectors.T)
+    return np.array(slopes)
+
+
+def grids(inclination: float) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Attitudes and unit fields at level, and at 20 degrees of tilt in eight directions."""
+    headings = np.arange(24) * np.pi / 12
+    level = np.stack([headings, 0 * headings, 0 * headings], axis=1)
+    way = np.repeat(np.arange(8) * np.pi / 4, 24)
+    elevation = np.arcsin(np.sin(_TILT) * np.cos(way))
+    bank = np.arctan2(np.sin(_TILT) * np.sin(way), np.cos(_TILT))
+    tilted = np.stack([np.tile(headings, 8), elevation, bank], axis=1)
+    return [(attitudes, np.asarray(body_field(attitudes, 1.0, inclination))) for attitudes in (level, tilted)]
+
+
+def _levelled(attitudes: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Body vectors (n, ..., 3) turned back by bank and elevation."""
+    turned = attitudes.copy()
+    turned[:, 0] = 0.0
+    return np.einsum("nji,n...j->n...i", rotation(turned), y)
+
+
+def heading_slopes(shape: np.ndarray, attitudes: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """Derivative of the magnetic heading with respect to the shape's entries and the centre, (n, 9)."""
+    matrix = root(shape)
+    z = directions @ np.linalg.inv(matrix)
+    change = np.concatenate([np.einsum("pij,nj->npi", _root_slopes(shape), z), np.broadcast_to(-matrix.T, (len(z), 3, 3))], axis=1)
+    x, y, _ = np.moveaxis(_levelled(attitudes, directions), -1, 0)
+    dx, dy, _ = np.moveaxis(_levelled(attitudes, change), -1, 0)
+    return (y[:, None] * dx - x[:, None] * dy) / (x**2 + y**2)[:, None]
+
+
+def heading_error(shape: np.ndarray, covariance: np.ndarray, inclination: float) -> np.ndarray:
+    """Predicted rms heading error in rad, at level and at 20 degrees of tilt; in a plane there is no tilt."""
+    if not np.isfinite(covariance).all():
+        return np.full(2, np.inf)
+    errors = []
+    for attitudes, directions in grids(inclination):
+        if len(covariance) == 5:
+            directions = np.stack([np.cos(attitudes[:, 0]), -np.sin(attitudes[:, 0]), np.zeros(len(attitudes))], axis=1)
+        slopes = heading_slopes(shape, attitudes, directions)
+        slopes = slopes[:, _PLANAR] if len(covariance) == 5 else slopes
+        errors.append(np.sqrt(np.mean(np.einsum("ni,ij,nj->n", slopes, covariance, slopes))))
+    return np.array([errors[0], np.inf]) if len(covariance) == 5 else np.array(errors)
+
+
+def heading_departure(first: Found, second: Found, inclination: float) -> np.ndarray:
+    """Root mean square of the headings' difference between two calibrations of the same readings, at level and tilted."""
+    matrix, other = root(first.shape), root(second.shape)
+    departures = []
+    for attitudes, directions in grids(inclination):
+        y = (directions @ np.linalg.inv(other) + second.centre - first.centre) @ matrix
+        turned = np.exp(1j * (_angle(attitudes, y) - _angle(attitudes, directions)))
+        departures.append(np.sqrt(np.mean(np.angle(turned) ** 2)))
+    return np.array(departures)
+
+
+def _angle(attitudes, y):
+    level = _levelled(attitudes, y)
+    return np.arctan2(-level[:, 1], level[:, 0])
+
+
+_BASES = {"symmetric": np.eye(9), "diagonal": np.eye(9)[:, [0, 2, 5, 6, 7, 8]], "ellipse": np.eye(9)[:, _PLANAR]}
+_BASES["sphere"] = np.concatenate([np.eye(9)[:, [0, 2, 5]].sum(axis=1, keepdims=True) / np.sqrt(3), np.eye(9)[:, 6:]], axis=1)
+_BASES["circle"] = np.concatenate([np.eye(9)[:, [0, 2]].sum(axis=1, keepdims=True) / np.sqrt(2), np.eye(9)[:, 6:8]], axis=1)
+
+
+def _rows(directions: np.ndarray) -> np.ndarray:
+    x, y, z = directions.T
+    return np.stack([x * x, 2 * x * y, y * y, 2 * x * z, 2 * y * z, z * z, -2 * x, -2 * y, -2 * z], axis=1) / 2
+
+
+class Information(eqx.Module):
+    """How well directions determine a model.
+
+    condition : ratio of the largest to the smallest singular value on the unit sphere.
+    weakest : the parameters of the smallest, in words.
+    by_noise : share of the smallest singular value's square that noise along the sphere alone would give.
+    """
+
+    condition: float
+    by_noise: float
+    weakest: str = eqx.field(static=True)
+
+
+def information(directions: np.ndarray, kind: str, relative_noise: float) -> Information:
+    """Condition number of the fit on the unit sphere, and the parameters it leaves weakest, in words.
+
+    Columns keep their natural scale: with columns of unit length a thin band of directions looks well conditioned. A row is
+    (u'Qu - 2c'u)/2 for the change Q of A and c of the centre; noise of size s across u alone moves it by s |(Qu - c)_across|.
+    """
+    basis = _BASES[kind]
+    values, vectors = np.linalg.svd(np.linalg.qr(_rows(directions) @ basis, mode="r") / np.sqrt(len(directions)))[1:]
+    condition = float(values[0] / values[-1]) if len(values) == basis.shape[1] and values[-1] > 1e-12 * values[0] else np.inf
+    weak = basis @ vectors[-1]
+    slope = directions @ matrix_of(weak[:6] * np.array([1, 2, 1, 2, 2, 1])) - weak[6:]
+    across = slope - np.sum(slope * directions, axis=1, keepdims=True) * directions
+    noise = relative_noise**2 * float(np.mean(np.sum(across**2, axis=1)))
+    by_noise = min(noise / float(values[-1]) ** 2, 1.0) if np.isfinite(condition) else 0.0
+    chosen = [word for word, share in zip(_WORDS, np.abs(weak), strict=True) if share > 0.5 * np.abs(weak).max()]
+    if kind in PLANAR:
+        chosen = [_IN_PLANE[_WORDS.index(word)] for word in chosen]
+    return Information(condition, by_noise, ", ".join(chosen))
+
+
+def needed(shape: np.ndarray, covariance: np.ndarray, grid: np.ndarray) -> np.ndarray:
+    """Three directions, at least 45 degrees apart, in which a reading is predicted worst: there a new one tells most."""
+    z = grid @ np.linalg.inv(root(shape))
+    x, y, w = z.T
+    rows = np.concatenate([np.stack([x * x, 2 * x * y, y * y, 2 * x * w, 2 * y * w, w * w], axis=1), -2 * z @ shape], axis=1)
+    rows = rows / np.linalg.norm(2 * z @ shape, axis=1, keepdims=True)
+    variance = np.einsum("ni,ij,nj->n", rows, covariance, rows)
+    chosen: list[np.ndarray] = []
+    for i in np.argsort(-variance):
+        if all(grid[i] @ other < np.cos(np.pi / 4) for other in chosen):
+            chosen.append(grid[i])
+        if len(chosen) == 3:
+            break
+    return np.array(chosen)

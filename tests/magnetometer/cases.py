@@ -1,0 +1,56 @@
+"""Sensors, directions and headings that the tests share. Numbers are those of the papers, or of the method they name."""
+
+import numpy as np
+
+from jaxcal.magnetometer import MagModel, body_field, heading, scenario
+
+#: the magnetometer paper's simulation; the field at Ankara is assumed, 47 uT at 57 degrees of dip
+PAPER = MagModel(
+    np.linalg.inv([[0.9847, -0.2311, -0.0363], [-0.2311, 1.3609, -0.3391], [-0.0363, -0.3391, 0.8710]]),
+    np.array([2.1746, 5.1520, 10.2458]),
+)
+FIELD, DIP = 47.0, np.deg2rad(57.0)
+#: a mild distortion, of a field of norm 1
+MILD = MagModel(np.array([[1.10, 0.06, -0.04], [0.06, 0.92, 0.05], [-0.04, 0.05, 1.0]]), np.array([0.8, -0.5, 0.3]))
+HEADINGS = np.deg2rad([2.4, 77.4, 115.5, 167.5, 222.6, 249.4, 300.3, 356.1])
+
+
+def directions(count, seed, coverage="full"):
+    """Unit vectors, uniform over the sphere, the upper half of it, or a band of 30 degrees about the equator."""
+    rng = np.random.default_rng(seed)
+    found = np.zeros((0, 3))
+    while len(found) < count:
+        u = rng.normal(size=(4 * count, 3))
+        u /= np.linalg.norm(u, axis=1, keepdims=True)
+        kept = {"full": u[:, 2] > -2, "hemisphere": u[:, 2] > 0, "band": np.abs(u[:, 2]) < 0.5}[coverage]
+        found = np.concatenate([found, u[kept]])
+    return found[:count]
+
+
+def readings(sensor, field, sigma, seed):
+    return sensor.measure(field) + sigma * np.random.default_rng([seed, 1]).normal(size=field.shape)
+
+
+def paper_readings(name, sigma, seed, **options):
+    attitudes = scenario(name, seed=seed, **options)
+    return readings(PAPER, body_field(attitudes, FIELD, DIP), sigma, seed)
+
+
+def heading_errors(model, sensor=PAPER, field=FIELD, dip=DIP):
+    """Errors at the eight level test headings, in degrees, readings without noise."""
+    level = np.stack([HEADINGS, 0 * HEADINGS, 0 * HEADINGS], axis=1)
+    up = np.tile([0.0, 0.0, -9.81], (8, 1))
+    found = heading(model.correct(sensor.measure(body_field(level, field, dip))), up)
+    return np.rad2deg(np.angle(np.exp(1j * (found - HEADINGS))))
+
+
+def rms(values):
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def direction_error(model, sensor, seed=0):
+    """Root mean square angle between the true direction and the corrected one, over the sphere, in degrees."""
+    u = directions(500, seed)
+    y = model.correct(sensor.measure(u))
+    cosine = np.sum(u * y, axis=1) / np.linalg.norm(y, axis=1)
+    return np.rad2deg(rms(np.arccos(np.clip(cosine, -1, 1))))

@@ -1,0 +1,304 @@
+"""What `fit` accepts, refuses and says."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxcal
+from jaxcal import DataError
+from jaxcal.magnetometer import bootstrap, fit
+from jaxcal.magnetometer._consistent import adjusted, consistent
+from jaxcal.magnetometer._fit import METHODS
+from jaxcal.magnetometer._quadric import NotEllipsoid, constrained, li_griffiths, monomials, trace
+
+from . import cases
+
+EXACT = cases.MILD.measure(cases.directions(100, 0))
+NOISY = cases.readings(cases.MILD, cases.directions(300, 1), 0.02, 0)
+
+
+@pytest.mark.parametrize("method", [name for name in METHODS if name not in ("minmax", "axes")])
+def test_exact_readings_give_the_exact_model(method, precision):
+    found = fit(EXACT, method=method, field=1.0)
+    np.testing.assert_allclose(found.model.hard_iron, cases.MILD.hard_iron, atol=1e-9)
+    np.testing.assert_allclose(found.model.soft_iron, cases.MILD.soft_iron, atol=1e-9)
+    assert isinstance(found.model.hard_iron, np.ndarray)
+    assert found.model.hard_iron.dtype == np.float64
+    assert found.verdict == "good"
+    assert found.noise < 1e-9
+
+
+def test_minmax_and_axes_on_dense_full_coverage():
+    # extremes of n directions miss the semi-axes by about 1/n
+    u = cases.directions(20_000, 0)
+    diagonal = jaxcal.magnetometer.MagModel(np.diag([1.2, 0.8, 1.0]), np.array([3.0, -2.0, 1.0]))
+    for method, sensor in (("minmax", diagonal), ("axes", cases.MILD)):
+        found = fit(sensor.measure(u), method=method, field=1.0)
+        np.testing.assert_allclose(found.model.hard_iron, sensor.hard_iron, atol=5e-3)
+        np.testing.assert_allclose(found.model.soft_iron, sensor.soft_iron, atol=2e-2)
+
+
+def test_the_corrected_field_has_the_given_norm_and_without_one_the_size_of_the_readings():
+    assert np.mean(np.linalg.norm(fit(NOISY, field=50e-6).model.correct(NOISY), axis=1)) == pytest.approx(50e-6, rel=2e-3)
+    found = fit(NOISY)
+    assert np.linalg.det(found.model.soft_iron) == pytest.approx(1.0)
+    # volume of the ellipsoid of a unit field is det C
+    assert found.field == pytest.approx(np.cbrt(np.linalg.det(cases.MILD.soft_iron)), rel=5e-3)
+    assert fit(NOISY, field=50e-6).warnings[0].startswith("The readings have a mean field of")
+
+
+def test_a_field_vector_brings_its_dip():
+    assert fit(NOISY, field=np.array([0.6, 0.0, 0.8])).inclination == pytest.approx(np.arctan2(0.8, 0.6))
+    shallow, steep = (fit(NOISY, inclination=np.deg2rad(dip)).heading_error[0] for dip in (20.0, 75.0))
+    # the horizontal field is what a heading has to go by
+    assert steep > 2 * shallow
+
+
+def test_units_of_the_readings_change_nothing_but_units():
+    found, counts = fit(NOISY), fit(NOISY * 1000 + 5000)
+    np.testing.assert_allclose(counts.model.hard_iron, found.model.hard_iron * 1000 + 5000, rtol=1e-7)
+    np.testing.assert_allclose(counts.model.soft_iron, found.model.soft_iron, rtol=1e-6, atol=1e-8)
+    np.testing.assert_allclose(counts.heading_error, found.heading_error, rtol=1e-5)
+    np.testing.assert_allclose(counts.hard_iron_error, 1000 * found.hard_iron_error, rtol=1e-5)
+    assert counts.noise == pytest.approx(1000 * found.noise)
+
+
+def quadrics(u):
+    return {"trace": trace(u)[1], "li_griffiths": li_griffiths(u)[1], "consistent": consistent(u)[1]}
+
+
+def test_algebraic_fits_move_with_the_readings():
+    m = NOISY[:, :]
+    turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
+    for (name, first), second, third in zip(quadrics(m).items(), quadrics(m + 0.46).values(), quadrics(m @ turn.T).values(), strict=True):
+        np.testing.assert_allclose(second, first + 0.46, atol=1e-11, err_msg=name)
+        np.testing.assert_allclose(third, turn @ first, atol=1e-11, err_msg=name)
+    # the paper's constraint singles out z
+    departure = np.abs(constrained(m @ turn.T)[1] - turn @ constrained(m)[1]).max()
+    assert 1e-6 < departure < 5e-3
+
+
+def test_adjusted_moments_are_unbiased():
+    rng, sigma = np.random.default_rng(0), 0.3
+    exact = cases.directions(4, 0)
+    first, second = monomials(exact)
+    truth = np.concatenate([first, second], axis=1)
+    truth = truth.T @ truth / len(exact)
+    draws = []
+    for _ in range(40):
+        noisy = np.repeat(exact, 5000, axis=0) + sigma * rng.normal(size=(20_000, 3))
+        psi = adjusted(noisy)
+        draws.append(psi[0] + sigma**2 * (psi[1] + sigma**2 * psi[2]))
+    mean, error = np.mean(draws, axis=0), np.std(draws, axis=0) / np.sqrt(40)
+    assert np.all(np.abs(mean - truth) < 4.5 * error + 1e-12)
+
+
+def test_models_are_chosen_by_what_the_readings_show():
+    u = cases.directions(400, 2)
+    for kind, soft in (("sphere", np.eye(3)), ("diagonal", np.diag([1.2, 1.0, 0.8])), ("symmetric", cases.MILD.soft_iron)):
+        m = cases.readings(jaxcal.magnetometer.MagModel(soft, np.ones(3)), u, 0.01, 3)
+        assert fit(m).kind == kind
+        assert fit(m, choose="held_out").kind in (kind, "symmetric")
+        assert fit(m, model="sphere").kind == "sphere"
+
+
+def test_covariance_has_a_row_for_each_name():
+    for model, rank in (("sphere", 4), ("diagonal", 6), ("symmetric", 9)):
+        found = fit(NOISY, model=model)
+        assert found.covariance.shape == (9, 9) == (len(found.names),) * 2
+        scale = np.sqrt(np.maximum(np.diag(found.covariance), 1e-300))
+        assert np.linalg.matrix_rank(found.covariance / np.outer(scale, scale), tol=1e-9) == rank
+    assert found.needed.shape == (3, 3)
+
+
+def test_a_hemisphere_is_asked_for_the_other_half():
+    # the corrected axes are those of the directions, so the missing half is z < 0
+    found = fit(cases.readings(cases.MILD, cases.directions(300, 5, "hemisphere"), 0.02, 0), model="symmetric")
+    assert found.needed[0, 2] < -0.7
+    # 23 without noise; the log-normal scatter of 300 directions is a few per cent
+    assert found.condition == pytest.approx(23, rel=0.15)
+    assert np.all(found.coverage.missing[:, 2] < 0.2)
+
+
+def test_condition_numbers_are_the_tabulated_ones():
+    for coverage, expected in (("full", 3.2), ("hemisphere", 23), ("band", 17)):
+        found = fit(cases.MILD.measure(cases.directions(2000, 0, coverage)), model="symmetric")
+        assert found.condition == pytest.approx(expected, rel=0.1)
+
+
+def test_outliers_are_reported_and_a_loss_disarms_them():
+    m, rng = NOISY.copy(), np.random.default_rng(0)
+    bad = np.sort(rng.choice(300, 60, replace=False))
+    m[bad] += rng.normal(size=(60, 3))
+    plain = fit(m)
+    assert plain.verdict != "good"
+    assert "outliers" in plain.reason
+    clean = fit(NOISY, model="symmetric")
+    for loss in ("huber", "cauchy", "tukey"):
+        found = fit(m, loss=loss, model="symmetric")
+        assert found.verdict == "good"
+        # a fifth of the readings is lost, and some of the rest looks worse than it is
+        assert np.all(np.abs(found.model.hard_iron - cases.MILD.hard_iron) < 4 * found.hard_iron_error)
+        assert np.all(found.hard_iron_error < 2.5 * clean.hard_iron_error)
+        far = bad[np.linalg.norm(m[bad] - NOISY[bad], axis=1) > 2]
+        assert set(far) & set(found.outliers)
+        assert set(found.outliers) - set(bad) == set() or len(set(found.outliers) - set(bad)) < 10
+
+
+def test_a_fifth_of_the_readings_in_one_wrong_place():
+    m = NOISY.copy()
+    m[:60] = 4.0 + 0.1 * np.random.default_rng(0).normal(size=(60, 3))
+    assert fit(m).verdict == "refused"
+    found = fit(m, loss="tukey")
+    assert found.verdict == "good"
+    assert set(range(60)) <= set(found.outliers)
+    assert np.all(np.abs(found.model.hard_iron - cases.MILD.hard_iron) < 4 * found.hard_iron_error)
+
+
+def hyperboloid(noise=0.0):
+    rng = np.random.default_rng(0)
+    p, q = rng.uniform(-1.3, 1.3, 300), rng.uniform(0, 2 * np.pi, 300)
+    m = np.stack([np.cosh(p) * np.cos(q), np.cosh(p) * np.sin(q), np.sinh(p)], axis=1)
+    return m + noise * rng.normal(size=m.shape)
+
+
+def test_a_hyperboloid_is_named_by_every_method():
+    with pytest.raises(NotEllipsoid, match="hyperboloid"):
+        constrained(hyperboloid())  # its condition holds, its residual is zero
+    for noise in (0.0, 0.02):
+        for method in METHODS:
+            if method not in ("minmax", "axes"):
+                found = fit(hyperboloid(noise), method=method)
+                assert found.verdict == "refused"
+                assert "hyperboloid" in found.reason
+
+
+def circle(noise=0.005):
+    rng = np.random.default_rng(2)
+    a, turn = rng.uniform(0, 2 * np.pi, 300), np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    m = np.stack([np.cos(a), np.sin(a), 0.3 + 0 * a], axis=1) @ turn.T
+    return m + [0.8, -0.5, 0.3] + noise * rng.normal(size=m.shape), turn[:, 2]
+
+
+def test_readings_in_a_plane():
+    m, normal = circle()
+    found = fit(m)
+    assert (found.verdict, found.kind) == ("weak", "circle")
+    assert "near-planar" in found.reason
+    assert abs(found.plane[2] @ normal) == pytest.approx(1.0, abs=1e-3)
+    assert np.isinf(found.heading_error[1])
+    assert np.isinf(found.hard_iron_error).all()  # no axis lies in this plane
+    # the centre is known in the plane alone: off along the normal by the unknown height
+    inside = found.plane[:2] @ (found.model.hard_iron - [0.8, -0.5, 0.3])
+    assert np.all(np.abs(inside) < 4 * 0.005 * np.sqrt(2 / 300))
+    asked = fit(m, model="planar")
+    assert asked.verdict == "good"
+    assert "plane" in asked.reason
+    # sd of a circle's centre is sigma sqrt(2/n), and the heading's is that over the radius
+    assert asked.heading_error[0] == pytest.approx(0.005 * np.sqrt(2 / 300), rel=0.15)
+    for method, model in (("ml", "symmetric"), ("ml", "sphere"), ("consistent", "auto"), ("algebraic", "auto"), ("li_griffiths", "auto")):
+        refused = fit(m, method=method, model=model)
+        assert refused.verdict == "refused"
+        assert "near-planar" in refused.reason
+    ellipse = m.copy() @ np.diag([1.0, 1.0, 1.3])
+    assert fit(ellipse, model="planar").kind == "ellipse"
+
+
+@pytest.mark.parametrize("sigma", [0.0, 0.1, 0.5])
+def test_twelve_points_at_the_magnetic_equator(sigma):
+    field = jaxcal.magnetometer.body_field(jaxcal.magnetometer.scenario("twelve_points"), cases.FIELD, 0.0)
+    for seed in range(4):
+        for model in ("auto", "symmetric"):
+            found = fit(cases.readings(cases.PAPER, field, sigma, seed), model=model, inclination=0.0)
+            assert found.verdict == "refused"
+            assert "not determine" in found.reason
+
+
+def test_few_and_identical_readings():
+    eight = fit(NOISY[:8], model="symmetric")
+    assert eight.verdict == "refused"
+    assert eight.model is None
+    assert "8 distinct readings" in eight.reason
+    auto = fit(NOISY[:8])
+    assert auto.verdict in ("weak", "refused")
+    assert "8 distinct readings cannot show a full soft iron matrix" in auto.reason
+    for m in (np.ones((50, 3)), np.zeros((50, 3)), NOISY[:1], np.repeat(NOISY[:3], 20, axis=0)):
+        found = fit(m)
+        assert found.verdict == "refused"
+        assert found.model is None
+        assert "distinct" in found.reason
+        assert np.isinf(found.heading_error).all()
+    line = np.outer(np.linspace(-1, 1, 50), [1.0, 2.0, 3.0])
+    assert "on a line" in fit(line).reason
+
+
+def test_six_faces_cannot_show_soft_iron():
+    faces = np.repeat(np.concatenate([np.eye(3), -np.eye(3)]), 20, axis=0)
+    exact = fit(faces)
+    assert exact.verdict == "weak"
+    assert "cannot show a full soft iron" in exact.reason
+    noisy = fit(faces + 0.01 * np.random.default_rng(0).normal(size=faces.shape), model="symmetric")
+    assert noisy.verdict == "refused"
+    assert "through their noise only" in noisy.reason
+
+
+def test_a_small_fit_does_not_claim_its_noise():
+    # three degrees of freedom: the noise may be estimated far too small
+    verdicts = [fit(cases.paper_readings("twelve_points", 0.2, seed), model="symmetric").verdict for seed in range(10)]
+    assert "good" not in verdicts
+
+
+BAD = [
+    ({"m": np.ones(3)}, "shape"),
+    ({"m": np.ones((5, 2))}, "shape"),
+    ({"m": np.zeros((0, 3))}, "shape"),
+    ({"m": [["a", "b", "c"]]}, "not numbers"),
+    ({"m": np.array([[1.0, np.nan, 2.0], [1, 2, 3]])}, "not finite, the first in row 0"),
+    ({"m": np.full((5, 3), np.inf)}, "not finite"),
+    ({"m": NOISY * 1e200}, "range"),
+    ({"method": "magic"}, "no method 'magic'"),
+    ({"model": "cube"}, "no model 'cube'"),
+    ({"method": "li_griffiths", "model": "sphere"}, "has no model 'sphere'"),
+    ({"method": "radial", "model": "planar"}, "has no model"),
+    ({"loss": "l3"}, "no loss 'l3'"),
+    ({"loss": "huber", "method": "algebraic"}, "takes no loss"),
+    ({"field": -1.0}, "field"),
+    ({"field": np.zeros(3)}, "field"),
+    ({"field": np.ones(2)}, "field"),
+    ({"field": 1.0, "model": "planar"}, "leave out `field`"),
+    ({"inclination": 2.0}, "inclination"),
+    ({"choose": "aic"}, "no way to choose"),
+]
+
+
+@pytest.mark.parametrize(("options", "words"), BAD)
+def test_bad_input_is_an_error_that_says_so(options, words):
+    with pytest.raises(DataError, match=words):
+        fit(**{"m": NOISY, **options})
+
+
+def test_fit_is_not_traced():
+    with pytest.raises(DataError, match="cannot be traced"):
+        jax.jit(lambda m: fit(m).noise)(jnp.asarray(NOISY))
+
+
+def test_logs_of_any_length_share_a_program():
+    fit(NOISY[:200], model="symmetric")
+    compiled = []
+    jax.monitoring.register_event_duration_secs_listener(lambda event, _, **__: compiled.append(event))
+    for count in (130, 180, 256):
+        for model in ("sphere", "diagonal", "symmetric"):
+            fit(NOISY[:count], model=model)
+    assert "/jax/core/compile/backend_compile_duration" not in compiled
+
+
+def test_bootstrap_refuses_what_it_cannot_do():
+    found = fit(NOISY)
+    with pytest.raises(DataError, match="readings that were fitted"):
+        bootstrap(NOISY[:10], found)
+    with pytest.raises(DataError, match="at least one"):
+        bootstrap(NOISY, found, replicas=0)
+    with pytest.raises(DataError, match="not planar"):
+        bootstrap(circle()[0], fit(circle()[0]))
+    np.testing.assert_array_equal(bootstrap(NOISY, found, replicas=3, seed=5), bootstrap(NOISY, found, replicas=3, seed=5))

@@ -1,0 +1,90 @@
+"""Real logs, and what other programs made of them."""
+
+import json
+
+import numpy as np
+import pytest
+
+from jaxcal.magnetometer import bootstrap, fit
+
+LOGS = {"ellipsoid_fit_python/mag_out.txt": None, "jremington/mag3_raw.csv": ","}
+
+
+@pytest.fixture(params=LOGS)
+def log(request, reference):
+    m = np.loadtxt(reference / "data" / "magnetometer" / request.param, delimiter=LOGS[request.param])
+    return m, json.loads((reference / "reference" / "magnetometer_fits.json").read_text())["logs"][request.param]
+
+
+def normalised(found):
+    """Symmetric correction of unit determinant."""
+    matrix = np.linalg.inv(found.model.soft_iron)
+    return matrix / np.cbrt(np.linalg.det(matrix))
+
+
+#: our method -> the entry, printed to four digits behind the point
+SAME = {"minmax": "minmax", "li_griffiths": "Li-Griff py", "algebraic": "Petrov py", "radial": "geo radial", "ml": "ML"}
+
+
+@pytest.mark.parametrize("method", SAME)
+def test_the_same_method_gives_the_printed_digits(log, method):
+    m, listed = log
+    entry = listed[SAME[method]]
+    found = fit(m, method=method, model="diagonal" if method == "minmax" else "symmetric")
+    y = np.linalg.norm(found.model.correct(m), axis=1)
+    if method == "ml" and found.noise > 0.02 * found.field:
+        # ours takes off the mean distance that noise along the surface makes, about sigma^2/R in the radius; the listed fit does not
+        np.testing.assert_allclose(found.model.hard_iron, entry["b"], atol=1e-3)
+        assert entry["R"] - found.field == pytest.approx(found.noise**2 / found.field, rel=0.05)
+        return
+    np.testing.assert_allclose(found.model.hard_iron, entry["b"], atol=0.51e-4)
+    assert found.field == pytest.approx(entry["R"], abs=0.51e-4)
+    assert 100 * y.std() / y.mean() == pytest.approx(entry["rel_rms_pct"], abs=0.51e-4)
+    np.testing.assert_allclose(normalised(found), entry["A_n"], atol=0.51e-5)
+    if method == "ml":
+        assert np.sqrt(np.mean(found.residual**2)) == pytest.approx(entry["rms_orth"], abs=0.51e-4)
+
+
+#: centre, equivalent radius, noise: computed once elsewhere for this project
+OTHERS = {
+    "constrained": (((-68.1822, 82.8912, -133.4825), 173.6782), ((9955.9997, -7948.3385, 8512.5432), 3479.9426)),
+    "consistent": (((-68.0961, 82.8723, -133.4457), 173.7104), ((9955.9235, -7948.9749, 8512.5810), 3479.4626)),
+}
+
+
+@pytest.mark.parametrize("method", OTHERS)
+def test_methods_without_a_public_program(log, method):
+    m, listed = log
+    centre, radius = OTHERS[method]["mag3" in str(listed) or listed["ML"]["R"] > 1000]
+    found = fit(m, method=method)
+    np.testing.assert_allclose(found.model.hard_iron, centre, atol=0.51e-4)
+    assert found.field == pytest.approx(radius, abs=0.51e-4)
+
+
+def test_ml_is_within_its_own_two_sigma_of_the_listed_orthogonal_fit(log):
+    m, listed = log
+    found = fit(m)
+    assert found.verdict == "good"
+    assert found.kind == "symmetric"
+    assert np.all(np.abs(found.model.hard_iron - listed["ML"]["b"]) < 2 * found.hard_iron_error)
+    # the radial fit's own standard deviations are another estimate of the same scatter
+    np.testing.assert_allclose(found.hard_iron_error, listed["geo radial"]["sigma_b"], rtol=0.15)
+
+
+def test_bootstrap_agrees_with_the_covariance(log):
+    m, _ = log
+    found = fit(m, model="symmetric")
+    spread = np.std(bootstrap(m, found, replicas=300), axis=0)
+    # 300 replicas know a standard deviation to 4 %; residuals of a real log are not white, hence the rest
+    assert np.all(np.abs(np.log(spread / np.sqrt(np.diag(found.covariance)))) < np.log(1.6))
+
+
+def test_published_calibration_of_mag3(reference):
+    """`mag3_out.txt`: J. Remington's matrix for a field of 1000, made by Li-Griffiths."""
+    m = np.loadtxt(reference / "data" / "magnetometer" / "jremington" / "mag3_raw.csv", delimiter=",")
+    found = fit(m, method="li_griffiths", field=1000.0)
+    published = [[0.25060005, 0.02941951, -0.02954944], [0.02941951, 0.31691521, 0.00788726], [-0.02954944, 0.00788726, 0.30592214]]
+    # his matrix has its determinant from another scale: mean of the readings' norms instead of the ellipsoid's volume
+    ratio = np.linalg.inv(found.model.soft_iron) / published
+    np.testing.assert_allclose(ratio, ratio[0, 0], rtol=1e-6)
+    np.testing.assert_allclose(found.model.hard_iron, [9955.151669, -7948.26463057, 8511.80447932], atol=1e-5)
