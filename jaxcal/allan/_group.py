@@ -55,9 +55,10 @@ def group_deviations(
                 ascending = chosen[orders[i]]
                 m[i], number[i] = filled(ascending, Kind.count(statistic, len(y), ascending), rows)
     kernel = {"order": statistic.difference, "strided": not statistic.overlapped, "modified": statistic.modified}
-    with jax.enable_x64(True):  # thread-local
-        sums = np.asarray(stacked_block_sums(jax.device_put(theta, may_alias=True), m, number, **kernel))
     found: list[Deviation | None] = [None] * len(records)
+    # the kernel runs beside what follows, which does not need its sums
+    with jax.enable_x64(True):  # thread-local
+        running = stacked_block_sums(jax.device_put(theta, may_alias=True), m, number, **kernel)
     with _short_steps:
         each = []
         for i in finite:
@@ -67,28 +68,32 @@ def group_deviations(
             else:
                 noise = np.full(n, float(alpha))
             types = types_for_intervals(noise[:, None], sizes[i], samples, "rate")[:, 0]
-            variance = sums[i, :n][back] / number[i, :n][back] * Kind.scale(statistic, sizes[i], rates[i])
+            factor = Kind.scale(statistic, sizes[i], rates[i]) / number[i, :n][back]
             tau = Kind.tau(statistic, sizes[i], rates[i])
-            each.append((sizes[i], tau, variance, number[i, :n][back], np.full(n, samples), noise, types))
-        ends = np.cumsum([0, *(len(sizes[i]) for i in finite)])
+            each.append((sizes[i], np.full(n, samples), types, tau, factor, number[i, :n][back], noise))
         step = max(_VALUES // rows, 1)
-        for start in range(0, len(finite), step):
-            arrays = _with_intervals(each[start : start + step], statistic, confidence)
-            for i, first, last in zip(finite[start:], ends[start:], ends[start + 1 : start + step + 1], strict=False):
-                own: dict[str, Any] = {name: value[first - ends[start] : last - ends[start]] for name, value in arrays.items()}
-                found[i] = Deviation(kind=statistic.name, rate=rates[i], confidence=confidence, **own)
+        parts = [_intervals(each[start : start + step], statistic, confidence) for start in range(0, len(finite), step)]
+    sums = np.asarray(running)
+    with _short_steps:
+        for j, i in enumerate(finite):
+            chosen, _, _, tau, factor, count, noise = each[j]
+            edf, low, high = (values[j % step] for values in parts[j // step])
+            deviation = np.sqrt(sums[i, : len(chosen)][np.argsort(orders[i], kind="stable")] * factor)
+            found[i] = Deviation(
+                tau=tau, m=chosen, deviation=deviation, lower=deviation * low, upper=deviation * high, edf=edf, count=count,
+                alpha=noise.astype(np.int64), skipped=np.zeros_like(count), bias=np.ones(len(chosen)),
+                kind=statistic.name, rate=rates[i], confidence=confidence,
+            )  # fmt: skip
     return found
 
 
-def _with_intervals(parts: list, statistic: Kind, confidence: float) -> dict[str, np.ndarray]:
-    """The arrays of a `Deviation`, (values,) of several records."""
-    m, tau, variance, count, samples, noise, types = (np.concatenate(values) for values in zip(*parts, strict=True))
-    deviation = np.sqrt(variance)
+def _intervals(parts: list, statistic: Kind, confidence: float) -> list[list[np.ndarray]]:
+    """The edf and the two factors of the limits, of each of several records."""
+    m, samples, types, *_ = (np.concatenate(values) for values in zip(*parts, strict=True))
     if statistic.interval_error:
         edf = low = high = np.full(len(m), np.nan)
     else:
         edf = degrees_of_freedom(m, types, statistic, samples)
         low, high = interval_factors(edf, confidence)
-    arrays = {"tau": tau, "m": m, "deviation": deviation, "lower": deviation * low, "upper": deviation * high}
-    arrays |= {"edf": edf, "count": count, "alpha": noise.astype(np.int64), "skipped": np.zeros_like(count)}
-    return arrays | {"bias": np.ones(len(m))}
+    ends = np.cumsum([len(part[0]) for part in parts])[:-1]
+    return [np.split(values, ends) for values in (edf, low, high)]

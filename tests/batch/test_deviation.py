@@ -83,7 +83,7 @@ def test_a_list_of_logs_is_a_list_of_results():
 def test_logs_taken_together_are_those_taken_alone(kind):
     """More than one group of a bucket, several buckets, gaps, other types of number; every field of the result."""
     random = np.random.default_rng(3)
-    logs = [random.standard_normal(n) for n in (*range(900, 922), 9_000, 40_000)]
+    logs: list = [random.standard_normal(n) for n in (*range(900, 922), 9_000, 40_000)]
     logs[3] = np.cumsum(logs[3]) + 9.81
     logs[4][100:130] = np.nan
     logs[5] = np.diff(logs[5], append=0.0).astype(np.float32)
