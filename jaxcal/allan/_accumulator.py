@@ -1,7 +1,6 @@
 """`Accumulator`: the deviation of a record that comes chunk by chunk, or that does not fit into memory."""
 
 import itertools
-import mmap
 import os
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -17,10 +16,10 @@ from .._record import checked_rate
 from ._edf import degrees_of_freedom, interval_factors
 from ._identify import FEWEST, identify, types_for_intervals
 from ._join import side_by_side
-from ._kinds import Kind, find_kind
+from ._kinds import Kind, find_kind, whole_sizes
 from ._ratios import fewest_averages, noise_type_of_ratios
 from ._result import Deviation
-from ._stream import PIECE, Plan, Stretch, lengthened, make_plan, new_stretch
+from ._stream import PIECE, Plan, Stretch, lengthened, let_go, make_plan, new_stretch, pieces_of
 
 _KINDS = ("adev", "oadev", "mdev", "tdev", "hdev", "ohdev")
 _FOLLOWED = 10**10  # largest cluster size of a named grid
@@ -160,7 +159,7 @@ class Accumulator(eqx.Module):
             while waiting and len(waiting[-1]) <= len(last):
                 last = np.concatenate([waiting.pop(), last])
             return self._with(self._taken, (*waiting, last))
-        pieces, rest = _pieces(self._waiting, chunk, length)
+        pieces, rest = pieces_of(self._waiting, chunk, length)
         return self._with(self._advanced(pieces, given), (rest,) if len(rest) else ())
 
     def merge(self, other: "Accumulator") -> "Accumulator":
@@ -299,7 +298,7 @@ class Accumulator(eqx.Module):
                 busy = workers > 1 and len(piece) * max(self._plan.dense, 1) * self.channels >= _PARALLEL_FROM
                 parts = max(workers // self.channels, 1) if busy else 1
                 taken = lengthened(self._plan, taken, piece, pool.map if busy else map, parts)
-                _let_go(source)
+                let_go(source)
         return taken
 
     def _flushed(self) -> Stretch:
@@ -356,22 +355,6 @@ class Accumulator(eqx.Module):
             yield f"channel {c} holds nothing but NaN: no deviation"
 
 
-def _pieces(waiting: tuple[np.ndarray, ...], chunk: np.ndarray, length: int) -> tuple[Iterator[np.ndarray], np.ndarray]:
-    """What waited and the chunk, cut into whole pieces, and the rest."""
-    held = sum(len(piece) for piece in waiting)
-    edges = np.arange(PIECE - held, len(chunk) + 1, PIECE).tolist()
-    first = np.concatenate([*waiting, chunk[: edges[0]]])
-    return itertools.chain([first], (chunk[a:b] for a, b in itertools.pairwise(edges))), np.array(chunk[edges[-1] :], dtype=np.float64)
-
-
-def _let_go(source: Any) -> None:
-    """Gives back the pages of a memory map that have been read: they count as memory of the process until the system wants them."""
-    pages = getattr(source, "_mmap", None)
-    # of a copy-on-write map the user's changes would be lost
-    if isinstance(pages, mmap.mmap) and getattr(source, "mode", "c") in ("r", "r+") and hasattr(mmap, "MADV_DONTNEED"):
-        pages.madvise(mmap.MADV_DONTNEED)
-
-
 def _whole(name: str, value, least: int) -> int:
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
         raise DataError(f"{name} must be a whole number, at least {least}; got {value!r}")
@@ -391,13 +374,10 @@ def _sizes(m, kind: Kind, exact: int) -> np.ndarray:
         else:
             raise DataError(f'unknown grid of cluster sizes {m!r}; for a stream "log", "octave", "decade" or integers')
         return np.unique(sizes[sizes <= largest])
-    sizes = np.atleast_1d(np.asarray(m))
-    if sizes.ndim != 1 or sizes.size == 0 or not np.issubdtype(sizes.dtype, np.number) or np.any(sizes != np.round(sizes)):
-        raise DataError(f"cluster sizes must be a list of whole numbers of samples; got {m!r} (tau in s is m / rate)")
+    sizes = whole_sizes(m)
     bad = sizes[(sizes < 1) | (sizes > 1 << 52)]
     if bad.size:
         raise DataError(f"a cluster size must be at least 1 sample; got {bad[0]}")
-    sizes = sizes.astype(np.int64)
     if kind.modified and sizes.max() > exact:
         raise DataError(
             f"{kind.name} of a stream is kept up to cluster size {exact}; got {sizes.max()}. "

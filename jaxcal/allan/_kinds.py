@@ -119,6 +119,14 @@ def find_kind(name: str) -> Kind:
 _PER_DECADE = 15
 
 
+def whole_sizes(m) -> Int[np.ndarray, " clusters"]:
+    """Given cluster sizes as an array of whole numbers; refuses what is not."""
+    sizes = np.atleast_1d(np.asarray(m))
+    if sizes.ndim != 1 or sizes.size == 0 or not np.issubdtype(sizes.dtype, np.number) or np.any(sizes != np.round(sizes)):
+        raise DataError(f"cluster sizes must be a list of whole numbers of samples; got {m!r} (tau in s is m / rate)")
+    return sizes.astype(np.int64)
+
+
 def cluster_sizes(m, kind: Kind, samples: int) -> Int[np.ndarray, " clusters"]:
     """Cluster sizes of a named grid, or the given ones, checked against the length of the record.
 
@@ -158,10 +166,7 @@ def cluster_sizes(m, kind: Kind, samples: int) -> Int[np.ndarray, " clusters"]:
         if step == 2:
             sizes = 2 * np.round(sizes / 2).astype(np.int64) if m == "log" else sizes[sizes % 2 == 0]
         return np.unique(sizes[(sizes >= step) & (sizes <= largest)]).astype(np.int64)
-    sizes = np.atleast_1d(np.asarray(m))
-    if sizes.ndim != 1 or sizes.size == 0 or not np.issubdtype(sizes.dtype, np.number) or np.any(sizes != np.round(sizes)):
-        raise DataError(f"cluster sizes must be a list of whole numbers of samples; got {m!r} (tau in s is m / rate)")
-    sizes = sizes.astype(np.int64)
+    sizes = whole_sizes(m)
     bad = sizes[(sizes < step) | (sizes > largest)]
     if bad.size:
         raise DataError(

@@ -8,7 +8,9 @@ A stretch has two frames. In the first the phase is zero at its first point and 
 """
 
 import itertools
-from collections.abc import Callable
+import mmap
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -251,3 +253,19 @@ def _more_marks(plan: Plan, old: Stretch, piece: Piece, drift: np.ndarray):
         marks[i] = np.concatenate([marks[i], rows[:, 1:]])
         due[i] = due[i] + number * m if len(marks[i]) <= AVERAGES else NEVER
     return tuple(marks), due
+
+
+def pieces_of(waiting: tuple[np.ndarray, ...], chunk: np.ndarray, length: int) -> tuple[Iterator[np.ndarray], np.ndarray]:
+    """What waited and the chunk, cut into whole pieces, and the rest."""
+    held = sum(len(piece) for piece in waiting)
+    edges = np.arange(PIECE - held, len(chunk) + 1, PIECE).tolist()
+    first = np.concatenate([*waiting, chunk[: edges[0]]])
+    return itertools.chain([first], (chunk[a:b] for a, b in itertools.pairwise(edges))), np.array(chunk[edges[-1] :], dtype=np.float64)
+
+
+def let_go(source: Any) -> None:
+    """Gives back the pages of a memory map that have been read: they count as memory of the process until the system wants them."""
+    pages = getattr(source, "_mmap", None)
+    # of a copy-on-write map the user's changes would be lost
+    if isinstance(pages, mmap.mmap) and getattr(source, "mode", "c") in ("r", "r+") and hasattr(mmap, "MADV_DONTNEED"):
+        pages.madvise(mmap.MADV_DONTNEED)

@@ -84,15 +84,21 @@ class Whitened(eqx.Module):
         return jnp.sum((self.target - self.rows @ theta) ** 2)
 
 
-def whitened(curve: Curve, at: Float[Array, " p"], extra: Any = 0.0) -> Whitened:
-    """A and v of unit covariance, with C taken at theta = `at` (plus independent variances `extra`), zero where unused."""
+def correlation(curve: Curve, at: Float[Array, " p"], extra: Any = 0.0) -> tuple[Array, Array]:
+    """Correlation matrix and standard deviations of v, with C taken at theta = `at` (plus independent variances `extra`)."""
     c = curve.covariance(at) + jnp.diag(jnp.where(curve.used, extra, 0.0))
     scale = jnp.sqrt(jnp.diagonal(c))
     scale = jnp.where(scale > 0.0, scale, 1.0)
     # smallest eigenvalues are about 1e-3; the addition keeps them above zero in any precision
-    correlation = c / scale[:, None] / scale[None, :] + max(1e-8, 64 * float(jnp.finfo(c.dtype).eps)) * jnp.eye(len(scale), dtype=c.dtype)
+    ridge = max(1e-8, 64 * float(jnp.finfo(c.dtype).eps)) * jnp.eye(len(scale), dtype=c.dtype)
+    return c / scale[:, None] / scale[None, :] + ridge, scale
+
+
+def whitened(curve: Curve, at: Float[Array, " p"], extra: Any = 0.0) -> Whitened:
+    """A and v of unit covariance (see `correlation`), zero where unused."""
+    matrix, scale = correlation(curve, at, extra)
     rows = jnp.concatenate([curve.columns, curve.v[:, None]], axis=1) / scale[:, None]
-    rows = forward(correlation, jnp.where(curve.used[:, None], rows, 0.0))
+    rows = forward(matrix, jnp.where(curve.used[:, None], rows, 0.0))
     return Whitened(rows[:, :-1], rows[:, -1])
 
 

@@ -22,7 +22,7 @@ import numpy as np
 
 from .._types import AnyArray, Array, Float
 from ._columns import spectral_column
-from ._curve import Curve, forward, inverse
+from ._curve import Curve, correlation, forward, inverse
 
 _BINS = 384  # enough for 10^9 samples
 _SINGLE = 64  # lowest frequencies kept apart
@@ -61,13 +61,9 @@ def response(samples: int, m, dt: float, terms: tuple[str, ...]) -> Response:
 
 def skewness(curve: Curve, heard: Response, at: Float[Array, " p"], index) -> Float[Array, ""]:
     """Skewness of the statistic that shows coefficient `index`, for the noise of coefficients `at`."""
-    c = curve.covariance(at)
-    scale = jnp.sqrt(jnp.diagonal(c))
-    scale = jnp.where(scale > 0.0, scale, 1.0)
-    size = len(scale)
-    correlation = c / scale[:, None] / scale[None, :] + max(1e-8, 64 * float(jnp.finfo(c.dtype).eps)) * jnp.eye(size, dtype=c.dtype)
+    matrix, scale = correlation(curve, at)
     rows = jnp.where(curve.used[:, None], curve.columns, 0.0) / scale[:, None]
-    white = forward(correlation, jnp.concatenate([rows, jnp.eye(size, dtype=c.dtype)], axis=1))
+    white = forward(matrix, jnp.concatenate([rows, jnp.eye(len(scale), dtype=rows.dtype)], axis=1))
     rows, back = white[:, : rows.shape[1]], white[:, rows.shape[1] :]
     here = jnp.arange(rows.shape[1]) == index
     others = jnp.where((at > 0.0) & ~here, rows, 0.0)
@@ -75,7 +71,7 @@ def skewness(curve: Curve, heard: Response, at: Float[Array, " p"], index) -> Fl
     along = mine - others @ (inverse(others.T @ others) @ (others.T @ mine))
     weight = jnp.where(curve.used, back.T @ along / scale, 0.0)
     part = (heard.columns @ at) * (weight @ heard.kernel)
-    second = jnp.maximum(2.0 * heard.number @ part**2, jnp.finfo(c.dtype).tiny)
+    second = jnp.maximum(2.0 * heard.number @ part**2, jnp.finfo(rows.dtype).tiny)
     part = part / jnp.sqrt(second)
     return jnp.asarray(8.0 * (heard.number @ part**3) * jnp.sqrt(along @ along / second))
 
