@@ -30,6 +30,25 @@ def is_traced(*trees: Any) -> bool:
     return isinstance(jnp.zeros(()), jax.core.Tracer)
 
 
+def array_module(*trees: Any) -> Any:
+    """`numpy` where every array is the host's and no trace is in progress, otherwise `jax.numpy`.
+
+    A closed form over a few hundred values is done in NumPy in less than JAX takes to look up its first operation, and each
+    new shape would cost JAX a compilation per operation.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jax.numpy as jnp
+    >>> from jaxcal._precision import array_module
+    >>> array_module(np.ones(3), 2.0).__name__, array_module(jnp.ones(3), 2.0).__name__
+    ('numpy', 'jax.numpy')
+    """
+    if any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(trees)) or is_traced():
+        return jnp
+    return np
+
+
 def _to_float64(leaf: Any) -> Any:
     if isinstance(leaf, (np.ndarray, jax.Array)) and jnp.issubdtype(leaf.dtype, jnp.floating):
         return np.asarray(leaf, dtype=np.float64)

@@ -12,8 +12,9 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+from .._precision import array_module
 from .._solve import nonnegative
-from .._types import Array, Float
+from .._types import AnyArray, Array, Float
 from ._curve import inverse
 from ._ordinates import Bins
 
@@ -29,10 +30,10 @@ class Minimum(eqx.Module):
     step: Float[Array, ""]
 
 
-def density(bins: Bins, theta) -> Array:
+def density(bins: Bins, theta) -> AnyArray:
     """S, positive everywhere."""
     s = bins.columns @ theta
-    return jnp.maximum(s, jnp.finfo(s.dtype).tiny ** 0.5)
+    return array_module(s).maximum(s, jnp.finfo(s.dtype).tiny ** 0.5)
 
 
 def negative_log_likelihood(bins: Bins, theta) -> Array:

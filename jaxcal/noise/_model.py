@@ -8,7 +8,7 @@ import jax.core
 import jax.numpy as jnp
 import numpy as np
 
-from .._precision import host_float64
+from .._precision import array_module, host_float64
 from .._types import Any
 from ._columns import allan_column, spectral_column
 
@@ -187,17 +187,20 @@ class Noise(eqx.Module):
         )
 
     def _sum(self, column, x, dt):
-        x = jnp.asarray(x, dtype=jnp.result_type(float))
+        xp = array_module(self, x, dt)
+        x = xp.asarray(x, dtype=jnp.result_type(float))
         if any(np.ndim(value) for value in numbers(self)):
             x = x[..., None]  # channels last
 
         def shaped(value):
-            value = jnp.asarray(value, dtype=x.dtype)
+            value = xp.asarray(value, dtype=x.dtype)
             return value.reshape((1,) * (x.ndim - value.ndim) + value.shape)
 
         uncut = not isinstance(self.cutoff, jax.core.Tracer) and bool(np.all(np.isposinf(self.cutoff)))
-        total = jnp.zeros_like(x)
+        total = xp.zeros_like(x)
         for term in TERMS:
+            if isinstance(getattr(self, term), float) and getattr(self, term) == 0.0:
+                continue  # not part of the model
             scale = shaped(self.cutoff) if term == "B" and not uncut else None
             total = total + shaped(getattr(self, term)) ** 2 * column(term, x, dt, scale)
         for kind, pairs in (("markov", self.markov), ("sinusoid", self.sinusoid)):

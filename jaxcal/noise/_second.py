@@ -2,7 +2,6 @@
 
 import dataclasses
 
-import jax.numpy as jnp
 import numpy as np
 import scipy.optimize
 
@@ -31,8 +30,7 @@ def with_second_opinion(found: NoiseFit, samples: int) -> NoiseFit:
         note = "no second opinion: too few cluster times are left in the band, or lines make up most of the Allan variance"
         return dataclasses.replace(found, notes=(*found.notes, note))
     cut = not found.used[0] and "Q" in terms
-    tau = jnp.asarray(curve.tau)
-    columns = np.stack([np.asarray(allan_column(term, tau, dt)) for term in terms], axis=1)
+    columns = np.stack([allan_column(term, curve.tau, dt) for term in terms], axis=1)
     if cut:
         columns[:, terms.index("Q")] *= -1.0  # what a filter leaves: the shape of Q, with the other sign
     theta = np.array([float(np.asarray(getattr(found.noise, term))) ** 2 for term in terms])

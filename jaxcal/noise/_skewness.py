@@ -55,8 +55,8 @@ def response(samples: int, m, dt: float, terms: tuple[str, ...]) -> Response:
     fourth = 0.375 - np.cos(2.0 * angle) / 2.0 * np.sinc(width) + np.cos(4.0 * angle) / 8.0 * np.sinc(2.0 * width)
     kernel = 2.0 * fourth / (m[:, None] * np.sin(half)) ** 2 / (samples * dt)  # a sum over frequencies is the variance then
     frequency = middle / (2.0 * samples * dt)
-    columns = [spectral_column(term, jnp.asarray(frequency), dt) for term in terms]
-    return Response(number, kernel, jnp.stack([*columns, jnp.zeros(_BINS)], axis=1))
+    columns = [spectral_column(term, frequency, dt) for term in terms]
+    return Response(number, kernel, np.stack([*columns, np.zeros(_BINS)], axis=1))
 
 
 def skewness(curve: Curve, heard: Response, at: Float[Array, " p"], index) -> Float[Array, ""]:

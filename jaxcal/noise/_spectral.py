@@ -95,7 +95,7 @@ def attempt(bins: Bins, group: AnyArray, terms: tuple[str, ...]) -> Attempt:
 def first_model(bins: Bins, group, terms: tuple[str, ...]) -> np.ndarray:
     """Density of the best fit of all bins (host only)."""
     plain = _without(bins, terms, FILTER)
-    return np.asarray(density(plain, attempt(plain, group, terms).theta))
+    return np.asarray(density(plain, np.asarray(attempt(plain, group, terms).theta)))
 
 
 def deviance(bins: Bins, theta, group, tolerance):
@@ -177,7 +177,7 @@ def fit_bins(bins: Bins, group, automatic: bool, terms: tuple[str, ...]) -> Fitt
         inside = _upto(bins, end)
         found, alone = attempt(inside, group, terms), attempt(_upto(plain, end), group, terms)
     goodness = float(_chance(float(found.deviance), float(found.freedom), np))
-    inflation = max(float(found.deviance / found.freedom), 1.0) if goodness < _WIDENED else 1.0
+    inflation = max(float(found.deviance) / float(found.freedom), 1.0) if goodness < _WIDENED else 1.0
     fit, plain_fit = ([np.asarray(value) for value in (one.theta, one.nll, one.step)] for one in (found, alone))
     cut, holds, goodness, inflation = (np.asarray(value) for value in (cut, inflation <= _TOO_WIDE, goodness, inflation))
     return Fitted(fit[0], fit[1], fit[2], inside, cut, holds, goodness, inflation, (plain_fit[0], plain_fit[1]))

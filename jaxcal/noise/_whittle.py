@@ -92,9 +92,7 @@ def fit_record(
         y = y - slope * dt * np.arange(n)
         solved = _solve(y, dt, base, band)
     warm = (0.0, np.inf) if temperature is None else _follows(y, temperature, solved, dt)
-    tried = scan(
-        solved.fitted, jnp.asarray(times(dt, n * dt)), jnp.asarray(dt), jnp.asarray([float(name == "B") for name, _ in solved.columns])
-    )
+    tried = scan(solved.fitted, times(dt, n * dt), np.asarray(dt), np.asarray([float(name == "B") for name, _ in solved.columns]))
     widened = float(solved.fitted.inflation)
     tried = Scan(np.asarray(tried.time), np.asarray(tried.gain) / widened, np.asarray(tried.instead) / widened)
     time = float(tried.time[np.argmax(tried.gain)])

@@ -10,7 +10,7 @@ from ..noise import Noise, NoiseFit
 from ..spectrum import Spectrum
 from ._allan import coefficient_label
 from ._labels import display_unit, number_label
-from ._style import INK, SERIES, TERM_COLORS, key_text, new_figure, place_legend, style_axes, text_only, tick_decades
+from ._style import INK, SERIES, TERM_COLORS, arrange, key_text, new_panels, place_legend, style_axes, text_only, tick_decades
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -100,13 +100,15 @@ def spectrum(result: Any, ax: Any = None, noise: Any = None) -> Any:
     """
     groups = _groups(result, noise)
     if ax is None:
-        axes = list(new_figure(len(groups)).subplots(len(groups), 1, squeeze=False)[:, 0])
+        axes = new_panels(len(groups))
     else:
         axes = list(np.ravel(np.asarray(ax, dtype=object)))
         if len(axes) != len(groups):
             raise DataError(f"{len(axes)} axes for {len(groups)} sensors, each with a unit of its own; give one Axes for each, or none")
     for panel, channels in zip(axes, groups, strict=True):
         _draw(panel, channels, own=ax is None)
+    if ax is None:
+        arrange(axes)
     return axes[0] if len(axes) == 1 else np.array(axes, dtype=object)
 
 

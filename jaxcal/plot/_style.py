@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 INK = "#1b1f24"
 MUTED = "#68707c"
@@ -17,13 +16,43 @@ SERIES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 TERM_COLORS = {"Q": "#cc79a7", "N": "#0072b2", "B": "#009e73", "K": "#d55e00", "R": "#e69f00"}
 
 _TEXT = 10.0
+_PAD = 0.06  # inches around what is drawn
 
 
-def new_figure(panels: int) -> "Figure":
-    """An empty figure, 1000 pixels wide, for panels below one another; it belongs to no window."""
+def new_panels(count: int) -> list["Axes"]:
+    """Axes below one another in a figure of their own, 1000 pixels wide, that belongs to no window; `arrange` places them when drawn."""
     from matplotlib.figure import Figure
 
-    return Figure(figsize=(8.0, 5.0 * panels), dpi=125, layout="constrained")
+    return list(Figure(figsize=(8.0, 5.0 * count), dpi=125).subplots(count, 1, squeeze=False)[:, 0])
+
+
+def arrange(panels: list["Axes"]) -> None:
+    """Give each panel of `new_panels` what its labels and the key above it leave.
+
+    One look at the texts: matplotlib's constrained layout, in every file that is written, costs more than the drawing itself.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    figure = panels[0].get_figure(root=True)
+    assert figure is not None  # that of new_panels
+    renderer = FigureCanvasAgg(figure).get_renderer()
+    (width, height), pad = figure.bbox.size, _PAD * figure.dpi
+    across, up = ([_extent(axis, renderer) for axis in axes] for axes in ([ax.xaxis for ax in panels], [ax.yaxis for ax in panels]))
+    left = max(ax.bbox.x0 - box.x0 for ax, box in zip(panels, up, strict=True)) + pad
+    right = max(max(box.x1 - ax.bbox.x1, 0.0) for ax, box in zip(panels, across, strict=True)) + pad
+    for i, (ax, box) in enumerate(zip(panels, across, strict=True)):
+        key = ax.get_legend()
+        above = 0.0 if key is None else key.get_window_extent(renderer).height
+        bottom = height * (len(panels) - 1 - i) / len(panels) + ax.bbox.y0 - box.y0 + pad
+        top = height * (len(panels) - i) / len(panels) - above - 2 * pad
+        ax.set_position((left / width, bottom / height, (width - left - right) / width, (top - bottom) / height))
+
+
+def _extent(axis: Any, renderer: Any) -> Any:
+    """Box around the labels of one axis, in pixels."""
+    box = axis.get_tightbbox(renderer)
+    assert box is not None  # an axis of ours is never hidden
+    return box
 
 
 def style_axes(ax: "Axes", x_label: str, y_label: str) -> None:
@@ -48,13 +77,14 @@ def style_axes(ax: "Axes", x_label: str, y_label: str) -> None:
 
 
 def tick_decades(ax: "Axes") -> None:
-    """Ticks for the limits that the axes have: powers of ten, with 2 and 5 between them where there are few."""
-    from matplotlib.ticker import LogLocator
+    """Ticks for the limits that the axes have: powers of ten, with 2 and 5 or small ticks between them."""
+    from matplotlib.ticker import LogLocator, NullLocator
 
     for axis, (low, high) in ((ax.xaxis, ax.get_xlim()), (ax.yaxis, ax.get_ylim())):
         decades = math.log10(high / low)
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if decades < 3.2 else (1.0,), numticks=12))
-        axis.set_minor_locator(LogLocator(subs=tuple(range(2, 10)), numticks=12) if decades < 8 else LogLocator(subs=(1.0,)))
+        # a tick is the dearest thing to draw: none that tells no more
+        axis.set_minor_locator(LogLocator(subs=tuple(range(2, 10)), numticks=12) if 3.2 <= decades < 8 else NullLocator())
 
 
 def place_legend(ax: "Axes", columns: list[list[Any]], title: str, *, above: bool, lines: bool) -> None:
