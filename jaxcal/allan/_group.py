@@ -47,13 +47,12 @@ def group_deviations(
     theta = scratch(group_size(padded), padded)
     m, number = np.ones((len(theta), rows), np.int64), np.zeros((len(theta), rows), np.int64)
     finite, orders = [], []
-    with _short_steps:
-        for i, (y, chosen) in enumerate(zip(records, sizes, strict=True)):
-            orders.append(np.argsort(chosen, kind="stable"))
-            if integrate(y, theta[i, : len(y) + 1], 1):
-                finite.append(i)
-                ascending = chosen[orders[i]]
-                m[i], number[i] = filled(ascending, Kind.count(statistic, len(y), ascending), rows)
+    for i, (y, chosen) in enumerate(zip(records, sizes, strict=True)):
+        orders.append(np.argsort(chosen, kind="stable"))
+        if integrate(y, theta[i, : len(y) + 1], 1):
+            finite.append(i)
+            ascending = chosen[orders[i]]
+            m[i], number[i] = filled(ascending, Kind.count(statistic, len(y), ascending), rows)
     kernel = {"order": statistic.difference, "strided": not statistic.overlapped, "modified": statistic.modified}
     found: list[Deviation | None] = [None] * len(records)
     # the kernel runs beside what follows, which does not need its sums

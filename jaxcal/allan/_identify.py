@@ -10,10 +10,12 @@ from types import ModuleType
 import numpy as np
 
 from ._kinds import Kind
+from ._moments import lag_one, moments_of
 from ._ratios import bounds_of_ratios, carried_on, fewest_averages, thinned_sums
 from ._segments import Segments, followed, steps
 
 FEWEST = 30  # averaged points that the lag-1 autocorrelation needs; with fewer, the ratios decide
+_STATIONARY = 0.25
 _MOST = 1 << 11  # averaged points used: r1 to 0.022, where half a unit of alpha is 0.1 and more
 
 
@@ -60,24 +62,44 @@ def _lag_one(z, weight, series: Segments, xp: ModuleType):
     return xp.where(positive, one_less.sums(followed(z, xp)) * (total / pairs) / xp.where(positive, square, 1.0), 0.0)
 
 
+def _order(r1, xp: ModuleType):
+    """Fractional order of integration r1/(1 + r1); a series is stationary where it is below `_STATIONARY`."""
+    # r1 = -1 would divide by zero: it belongs to a pure alternation, far below every noise type
+    return r1 / (1.0 + xp.where(r1 > -0.99, r1, -0.99))
+
+
+def _type(rho, xp: ModuleType):
+    # half up rather than to even, so that a boundary is the same for every number of differences
+    return -xp.floor(2.0 * rho + 0.5)
+
+
 def _alpha_of(z, weight, series: Segments, degree: int, highest: int, xp: ModuleType):
     """Noise type of each series of averaged rate (degree 1) or decimated phase (degree 2)."""
     z = _without_polynomial(z, weight, series, degree, xp)
     alpha, settled = xp.zeros(len(series.lengths), dtype=z.dtype), xp.zeros(len(series.lengths), dtype=bool)
     for differences in range(highest + 1):
-        r1 = _lag_one(z, weight, series, xp)
-        # r1 = -1 would divide by zero: it belongs to a pure alternation, far below every noise type
-        rho = r1 / (1.0 + xp.where(r1 > -0.99, r1, -0.99))
-        # half up rather than to even, so that a boundary is the same for every number of differences
-        here = -xp.floor(2.0 * rho + 0.5) - 2.0 * differences + (2.0 if degree == 2 else 0.0)
+        rho = _order(_lag_one(z, weight, series, xp), xp)
+        here = _type(rho, xp) - 2.0 * differences + (2.0 if degree == 2 else 0.0)
         alpha = xp.where(settled, alpha, here)
-        settled = settled | (rho < 0.25)
+        settled = settled | (rho < _STATIONARY)
         if xp is np and settled.all():
             break
         z, series = steps(z, xp), series.shorter()
         if weight is not None:
             weight = followed(weight, xp)
             z = z * weight
+    return alpha
+
+
+def _types_of_rates(theta, sizes, points, highest: int):
+    """Noise types of a rate record without gaps: from the moments of its averages, which are formed themselves only where need be."""
+    z, _, series = _series(theta, None, sizes, points, "rate", np)
+    r1, lost = lag_one(moments_of(z, series), points - 1)
+    rho = _order(r1, np)
+    alpha, further = _type(rho, np), lost | (rho >= _STATIONARY)
+    if further.any():
+        z, _, series = _series(theta, None, sizes[further], points[further], "rate", np)
+        alpha[further] = _alpha_of(z, None, series, 1, highest, np)
     return alpha
 
 
@@ -112,7 +134,11 @@ def identify(theta, missing, m: np.ndarray, kind: Kind, samples: int, data: str,
         z = z / np.repeat(sizes[decided:told], series.lengths).astype(z.dtype)
         sums = functools.cache(functools.partial(thinned_sums, theta, missing, data, xp))
         bounds.insert(0, bounds_of_ratios(z, weight, series, sizes[decided:told], kind, samples, sums, xp))
-    if decided:
+    if decided and missing is None and data == "rate" and xp is np:
+        alpha = _types_of_rates(theta, sizes[:decided], np.minimum(points[:decided], _MOST), kind.order)
+        alpha = np.clip(alpha, -2 if kind.order == 2 else -4, 2)
+        bounds.insert(0, (alpha, alpha))
+    elif decided:
         z, weight, series = _series(theta, missing, sizes[:decided], np.minimum(points[:decided], _MOST), data, xp)
         enough = None
         if weight is not None:

@@ -12,7 +12,7 @@ from jax import lax
 from .._types import Array, Float
 
 #: starting points taken at a time; the padding of every record is at least this
-BLOCK = 8192
+BLOCK = 16384
 _ROW = 32
 _CHUNK = 1 << 16  # samples that pass through the second-level cache together
 _WIDTH = 16  # samples summed one by one, in all rows of so many at once

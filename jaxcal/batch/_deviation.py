@@ -45,7 +45,7 @@ def deviation(
         does not begin with time, timestamp, stamp or t.
     chunk : samples in memory at a time.
     exact : cluster size up to which every overlapped difference of a longer record is taken; mdev and tdev end there.
-    workers : threads for a list of logs; as many as there are cores by default.
+    workers : threads for a list of logs; by default one more than there are cores.
 
     Returns
     -------
@@ -121,7 +121,7 @@ def deviation(
         buckets.setdefault((i in plain, padded_length(record.samples)), []).append(i)
     groups = [_cut(bucket, group_size(padded) if together else 1) for (together, padded), bucket in buckets.items()]
     found: dict[int, Deviation] = {}
-    with ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:
+    with ThreadPoolExecutor(workers or (os.cpu_count() or 1) + 1) as pool:  # one more: each waits for its kernel some of the time
         # the first of each bucket of lengths before the others: two threads would compile the same program twice
         for turn in ([each[0] for each in groups], [group for each in groups for group in each[1:]]):
             for group, each in zip(turn, pool.map(together, turn), strict=True):

@@ -5,8 +5,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxcal.allan._identify import identify
+from jaxcal.allan._kinds import cluster_sizes, find_kind
+from jaxcal.allan._moments import lag_one, moments_of
 from jaxcal.allan._phase import integrate
 from jaxcal.allan._segments import Segments, followed, steps
+from jaxcal.noise import Noise
 
 
 @pytest.mark.parametrize("xp", [np, jnp])
@@ -39,3 +43,26 @@ def test_phase_is_the_running_sum_about_the_mean(length):
     exact = np.concatenate([[0.0], np.cumsum((y - y.mean()).astype(np.longdouble))]).astype(float)
     np.testing.assert_allclose(out, exact, atol=1e-13 * length**0.5 * 10)
     assert not integrate(np.where(np.arange(length) == length - 1, np.nan, y), out, 1)
+
+
+@pytest.mark.parametrize("noise", [{"N": 1.0}, {"Q": 1.0}, {"K": 1.0}, {"B": 1.0}, {"N": 1e-3, "R": 1.0}], ids=str)
+def test_moments_give_the_types_that_the_residuals_give(noise):
+    for seed in range(4):
+        samples = 3000 + 2111 * seed
+        y = Noise(**noise).simulate(samples, 1.0, seed=seed)
+        theta = np.concatenate([[0.0], np.cumsum(y - np.mean(y))])
+        kind = find_kind("oadev")
+        sizes = cluster_sizes("log", kind, samples)
+        by_residuals = identify(theta, np.zeros(samples + 1), sizes, kind, samples, "rate")  # weights of one: the general route
+        np.testing.assert_array_equal(identify(theta, None, sizes, kind, samples, "rate"), by_residuals)
+
+
+def test_a_line_that_hides_the_noise_is_taken_off_first():
+    z = 1e9 * np.arange(100.0) + np.random.default_rng(0).standard_normal(100)
+    series = Segments(np.array([100]), np)
+    assert lag_one(moments_of(z, series), series.points)[1].all()
+    left = np.random.default_rng(1).standard_normal(100)
+    e = left - np.polynomial.Polynomial.fit(np.arange(100.0), left, 1)(np.arange(100.0))
+    r1, lost = lag_one(moments_of(left + 3.0 + 0.5 * np.arange(100.0), series), series.points)
+    np.testing.assert_allclose(r1, (e[1:] @ e[:-1]) / (e @ e) * 100 / 99, rtol=1e-9)
+    assert not lost.any()
