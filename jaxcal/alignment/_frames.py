@@ -48,8 +48,8 @@ def turned(matrix: Array, rotation: Array) -> Array:
     x, y, z = rotation / 2
     zero = jnp.zeros_like(x)
     skew = jnp.stack([jnp.stack([zero, -z, y]), jnp.stack([z, zero, -x]), jnp.stack([-y, x, zero])])
-    one = jnp.eye(3, dtype=matrix.dtype)
-    return jnp.linalg.solve(one + skew, (one - skew) @ matrix)
+    # (1 + S)^-1 (1 - S) in closed form
+    return matrix - 2 * ((skew - skew @ skew) @ matrix) / (1 + x * x + y * y + z * z)
 
 
 def earth_rate(matrix: Array, latitude: Array) -> Array:

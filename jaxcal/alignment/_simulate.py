@@ -15,14 +15,14 @@ from ._frames import EARTH_RATE, GRAVITY, earth_rate, in_body, table_from_nav
 from ._positions import Positions, Readings, Sensor, as_positions, check_latitude
 
 
-def true_rate(matrix: Array, latitude: Array, positions: Positions) -> Array:
+def true_rate(matrix: Array, latitude: Array, positions: Any) -> Array:
     """Angular rate in body axes, (n, 3), rad/s."""
     angle, rate, width = (_as(value, matrix) for value in (positions.angle, positions.rate, positions.width))
     rates = EARTH_RATE * in_body(earth_rate(matrix, latitude), angle, attenuation(width))
     return rates.at[:, 2].add(rate)
 
 
-def true_force(matrix: Array, latitude: Array, positions: Positions, lever_arm: Array, gravity: Array) -> Array:
+def true_force(matrix: Array, latitude: Array, positions: Any, lever_arm: Array, gravity: Array) -> Array:
     """Specific force in body axes at [l, 0, 0], (n, 3), m/s^2: centripetal, tangential and Coriolis parts, less gravity."""
     angle, rate, acceleration, width = (
         _as(value, matrix) for value in (positions.angle, positions.rate, positions.acceleration, positions.width)

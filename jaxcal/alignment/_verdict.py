@@ -16,6 +16,9 @@ class Verdict(eqx.Enumeration):
     clipped = "The sine or cosine asked for exceeds 1, by what noise, a wrong gravity or a scale error can do; the nearest possible angle is given."
     double_root = "Two roots merge here: noise moves the angle by its square root, and the standard deviation is only an order of magnitude."
     weak = "The geometry hardly determines the angle: its standard deviation exceeds 10 degrees, or it magnifies the readings' errors by 50."
+    misfit = "The residuals are larger than the noise explains (p < 0.001): the table moved, a misalignment is left out, or the noise is wrong."
+    unobservable = "The readings do not determine every free parameter; those named have no number."
+    unfinished = "The fit did not converge; start nearer to the truth, or free fewer parameters."
     integrity = "The latitude found differs from the given one by more than four standard deviations: a bias, a wrong level or a wrong latitude."
     infeasible = "No angle fits the readings: a bias or scale error, a wrong latitude or a wrong level; no azimuth is given."
     degenerate = "The readings hold no information on the angle in this geometry; no number is given."
@@ -24,7 +27,7 @@ class Verdict(eqx.Enumeration):
 
 
 #: verdicts that come without a number
-NO_NUMBER = (Verdict.undecided, Verdict.infeasible, Verdict.degenerate, Verdict.pole, Verdict.missing)
+NO_NUMBER = (Verdict.undecided, Verdict.infeasible, Verdict.degenerate, Verdict.pole, Verdict.missing, Verdict.unfinished)
 
 _FEW = "fewer than three distinct table angles cannot tell the offset from the amplitudes: measure at a third angle, such as 90 degrees"
 _MORE: dict[str, dict[str, str]] = {
