@@ -199,7 +199,8 @@ def _fitted(table: Table, noise, correlated: bool, turn, plane: bool, free, mean
 
     mirror = values.at[0].set(wrap(np.pi - values[0])).at[2].set(wrap(-values[2]))
     other = jnp.where(first.twofold, first.other, mirror if plane else jnp.zeros_like(mirror))
-    usable = found.usable | (found.outcome == Outcome.unidentifiable)
+    # where a combination is open the solver cannot settle along it
+    usable = found.usable | (found.outcome == Outcome.unidentifiable) | (jnp.any(known_of.hidden) & (found.outcome == Outcome.stalled))
     verdict = Verdict.where(free[2] & (covariance[2, 2] > WEAK**2), Verdict.weak, Verdict.ok)
     verdict = Verdict.where((dof > 0) & (p_value < _MISFIT), Verdict.misfit, verdict)
     verdict = Verdict.where(first.twofold, Verdict.undecided, verdict)
