@@ -29,6 +29,8 @@ _STEEP = np.deg2rad(80.0)
 _POLE = np.deg2rad(89.9)
 _MISFIT = 1e-3
 _ROUNDS = 3
+#: step to go, over the statistical uncertainty, at which the fit ends
+_SETTLED = 1e-6
 
 
 @host_float64
@@ -168,7 +170,7 @@ def _fitted(table: Table, noise, correlated: bool, turn, plane: bool, free, mean
         jnp.where(free, certainty, 0),
     )  # fmt: skip
     limit = jnp.where(free, jnp.inf, 0)
-    found = solve(residuals, jnp.zeros_like(first.values), rows, bounds=(-limit, limit))
+    found = solve(residuals, jnp.zeros_like(first.values), rows, bounds=(-limit, limit), rtol=_SETTLED)
     step = found.parameters
     values = euler(step, rows)
     still = jax.lax.stop_gradient

@@ -136,7 +136,7 @@ def simulate(
         if not np.isfinite(np.asarray(attitude)).all():
             raise DataError("The attitude is not finite; give (roll, pitch, azimuth) in rad.")
         check_latitude(latitude)
-    key = jnp.asarray(seed) if is_traced(seed) or isinstance(seed, jax.Array) else jax.random.key(int(seed))
+    key = seed if isinstance(seed, jax.Array) else jax.random.key(int(seed))
     a, w = _simulated(
         positions, positions.axes, attitude, jnp.asarray(latitude, dtype=attitude.dtype), accel, gyro, lever_arm, gravity, key
     )
