@@ -95,7 +95,8 @@ def coarse(
     no_force = force < 0.1 * gravity
     d = -jnp.where(no_force, jnp.asarray([0.0, 0.0, -1.0], dtype=f.dtype), f) / jnp.where(no_force, 1, force)
     flat = w - (w @ d) * d
-    horizontal = jnp.sqrt(jnp.where(flat @ flat > 0, flat @ flat, 1)) * (flat @ flat > 0)
+    some = flat @ flat > 0
+    horizontal = jnp.where(some, jnp.sqrt(jnp.where(some, flat @ flat, 1)), 0)
     found = jnp.arctan2(-(w @ d), horizontal)
     pole = (jnp.abs(found) > _POLE) | (rate < 1e-3 * EARTH_RATE)
     n = jnp.where(pole, 0, flat) / jnp.where(pole, 1, horizontal)

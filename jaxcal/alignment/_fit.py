@@ -133,7 +133,7 @@ def _driven(readings, chosen, priors, starts, hint, side, gravity) -> AlignmentF
     plane = not {"z", "-z"} & set(readings.positions.mounting)
     for _ in range(1 if noise_known or is_traced(readings) else _ROUNDS):
         noise = tuple(jnp.stack([jnp.asarray(w, dtype=dtype), jnp.asarray(k, dtype=dtype)]) for w, k in zip(white, walk, strict=True))
-        raw = _fitted(table, noise, correlated, jnp.asarray(turn), plane, *rest)
+        raw = _fitted(table, noise, correlated, jnp.asarray(turn), jnp.asarray(plane), *rest)
         if noise_known or is_traced(readings):
             break
         white = [w if readings.white(s) is not None else float(w * f) for w, f, s in zip(white, raw.factor, ("accel", "gyro"), strict=True)]
@@ -162,7 +162,7 @@ class _Raw(eqx.Module):
 
 
 @eqx.filter_jit
-def _fitted(table: Table, noise, correlated: bool, turn, plane: bool, free, mean, certainty, given, known, hint, side) -> _Raw:
+def _fitted(table: Table, noise, correlated: bool, turn, plane, free, mean, certainty, given, known, hint, side) -> _Raw:
     by = whitening(table, noise, correlated)
     first = begin(table, given, known, free, hint, noise[1][0], side)
     rows = Rows(
@@ -200,7 +200,7 @@ def _fitted(table: Table, noise, correlated: bool, turn, plane: bool, free, mean
     factor = jnp.where(redundant, jnp.maximum(jnp.sqrt(square / jnp.where(redundant, left, 1)), 1e-6), 1)
 
     mirror = values.at[0].set(wrap(np.pi - values[0])).at[2].set(wrap(-values[2]))
-    other = jnp.where(first.twofold, first.other, mirror if plane else jnp.zeros_like(mirror))
+    other = jnp.where(first.twofold, first.other, jnp.where(plane, mirror, 0))
     # where a combination is open the solver cannot settle along it
     usable = found.usable | (found.outcome == Outcome.unidentifiable) | (jnp.any(known_of.hidden) & (found.outcome == Outcome.stalled))
     verdict = Verdict.where(free[2] & (covariance[2, 2] > WEAK**2), Verdict.weak, Verdict.ok)

@@ -18,7 +18,7 @@ NAMES = (
 UNITS = ("rad", "rad", "rad", "m/s^2", "", "rad/s", "", "rad", "rad", "rad", "rad", "m/s^3", "rad/s^2", "rad")
 INDEX = {name: i for i, name in enumerate(NAMES)}
 COUNT = len(NAMES)
-_SMALLEST_PAD = 8
+_SMALLEST_PAD = 16
 
 
 class Table(eqx.Module):

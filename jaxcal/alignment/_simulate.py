@@ -58,13 +58,14 @@ def walk_covariance(start: Any, dwell: Any) -> Array:
     return earlier + shorter * jnp.where(same, 1 / 3, 1 / 2)
 
 
-def _noise(key: Array, sensor: Sensor, positions: Positions, like: Array) -> Array:
+def _noise(key: Array, sensor: Sensor, positions: Positions, like: Array, walking: bool) -> Array:
     white, walk, dwell, start = (_as(v, like) for v in (sensor.white, sensor.walk, positions.dwell, positions.start))
     one, two = jax.random.split(key)
+    noise = white / jnp.sqrt(dwell) * jax.random.normal(one, dwell.shape, like.dtype)
+    if not walking:
+        return noise
     size = jnp.linalg.cholesky(walk_covariance(start, dwell))
-    return white / jnp.sqrt(dwell) * jax.random.normal(one, dwell.shape, like.dtype) + walk * (
-        size @ jax.random.normal(two, dwell.shape, like.dtype)
-    )
+    return noise + walk * (size @ jax.random.normal(two, dwell.shape, like.dtype))
 
 
 def _as(value: Any, like: Array) -> Array:
@@ -137,8 +138,9 @@ def simulate(
             raise DataError("The attitude is not finite; give (roll, pitch, azimuth) in rad.")
         check_latitude(latitude)
     key = seed if isinstance(seed, jax.Array) else jax.random.key(int(seed))
+    walking = any(isinstance(k, jax.core.Tracer) or float(k) > 0 for k in (accel.walk, gyro.walk))
     a, w = _simulated(
-        positions, positions.axes, attitude, jnp.asarray(latitude, dtype=attitude.dtype), accel, gyro, lever_arm, gravity, key
+        positions, positions.axes, attitude, jnp.asarray(latitude, dtype=attitude.dtype), accel, gyro, lever_arm, gravity, key, walking
     )
     noise = [_known(sensor) for sensor in (accel, gyro)]
     return Readings(positions, a, w, accel_noise=noise[0], gyro_noise=noise[1], lever_arm=lever_arm)
@@ -153,14 +155,14 @@ def _with(positions: Positions, name: str, value: Any) -> Positions:
     return eqx.tree_at(lambda p: getattr(p, name), positions, value)
 
 
-@jax.jit
-def _simulated(positions, axes, attitude, latitude, accel, gyro, lever_arm, gravity, key):
+@eqx.filter_jit
+def _simulated(positions, axes, attitude, latitude, accel, gyro, lever_arm, gravity, key, walking: bool):
     matrix = table_from_nav(*attitude)
     axes, time = _as(axes, attitude), _as(positions.time, attitude)
     force = true_force(matrix, latitude, positions, _as(lever_arm, attitude), _as(gravity, attitude))
     rate = true_rate(matrix, latitude, positions)
     one, two = jax.random.split(key)
     return (
-        read(force, axes, accel, time) + _noise(one, accel, positions, attitude),
-        read(rate, axes, gyro, time) + _noise(two, gyro, positions, attitude),
+        read(force, axes, accel, time) + _noise(one, accel, positions, attitude, walking),
+        read(rate, axes, gyro, time) + _noise(two, gyro, positions, attitude, walking),
     )
