@@ -129,7 +129,7 @@ def level(
 def _trimmed(found: Level) -> Level:
     """A result of the host: no number where there is none."""
     name = word(found.verdict)
-    gone = name in ("degenerate", "missing")
+    gone = name in ("degenerate", "missing") or (name == "clipped" and np.cos(float(found.theta)) < _SINGULAR)
     whole = gone and (not np.isfinite(float(found.theta)) or name == "missing" or bool(np.asarray(found.covariance)[1, 1] < 0))
     covariance = np.asarray(found.covariance)
     return Level(
@@ -210,8 +210,8 @@ def _from_plane(sine, product, covariance, bias, determined, down, hint, method)
     excess = jnp.max(jnp.where(over > rounding, jnp.where(variance > 0, over / sigma, jnp.inf), 0))
     verdict = Verdict.where(spread[0, 0] > WEAK**2, Verdict.weak, Verdict.ok)
     verdict = Verdict.where(cf < _SINGULAR, Verdict.double_root, verdict)
-    verdict = Verdict.where(excess > 0, Verdict.clipped, verdict)
     verdict = Verdict.where(undefined, Verdict.degenerate, verdict)
+    verdict = Verdict.where(excess > 0, Verdict.clipped, verdict)
     # fewer angles than unknowns: not even the pitch is known, and a negative variance says so to the host
     spread = jnp.where(determined, spread, -jnp.eye(2, dtype=spread.dtype))
     verdict = Verdict.where(determined, verdict, Verdict.degenerate if method.startswith("least") else Verdict.missing)

@@ -45,7 +45,8 @@ class Plan(eqx.Module):
 
 def best_angle(attitude: Any, latitude: Any) -> Array:
     """Table angle at which the sensitive axis feels the azimuth most: atan2(dWy/dpsi, dWx/dpsi)."""
-    phi, theta, psi = attitude
+    phi, theta, psi = jnp.asarray(attitude)
+    latitude = jnp.asarray(latitude, dtype=phi.dtype)
     slope = jax.jacfwd(lambda psi: earth_rate(table_from_nav(phi, theta, psi), latitude))(psi)
     return jnp.arctan2(slope[1], slope[0])
 
