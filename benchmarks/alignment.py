@@ -123,7 +123,9 @@ def efficiency(runs):
     error = apart(values[:, 2], attitude[2]) / bound
     names = {int(item._value): name for name, item in Verdict._name_to_item.items()}
     said = [f"{names[int(v)]} {np.mean(verdict == v):.1%} ({np.sqrt(np.mean(error[verdict == v] ** 2)):.2f})" for v in np.unique(verdict)]
-    print(f"MEMS, x4, 240 s only, latitude 80: bound {bound / DEG:.3g} degrees; verdict, share of the runs (rmse / bound): {', '.join(said)}")
+    print(
+        f"MEMS, x4, 240 s only, latitude 80: bound {bound / DEG:.3g} degrees; verdict, share of the runs (rmse / bound): {', '.join(said)}"
+    )
 
 
 LISTED = {  # alignment.md, section 8: (phi, theta, psi, latitude) -> seven methods, J3, J4, J6
@@ -161,7 +163,9 @@ def draws(method, attitude, latitude, runs, seed):
 
 def methods(runs):
     """The method comparison of alignment.md, section 8."""
-    print(f"\nstandard deviation of the azimuth in degrees, 240 s in all, {runs} draws; listed value, ours, ratio; draws without a root in %")
+    print(
+        f"\nstandard deviation of the azimuth in degrees, 240 s in all, {runs} draws; listed value, ours, ratio; draws without a root in %"
+    )
     off = []
     for case, listed in LISTED.items():
         attitude, lat = np.array(case[:3]) * DEG, case[3] * DEG
@@ -170,7 +174,9 @@ def methods(runs):
             psi, verdict = draws(method, attitude, lat, runs, 5)
             good = ~np.isin(np.asarray(verdict), NONE)
             rms = np.sqrt(np.mean(apart(np.asarray(psi)[good], attitude[2]) ** 2)) / DEG
-            cells.append(f"{method} {expected:g} {rms:.3g} ({rms / expected:.2f}{'' if good.all() else f', {100 * (1 - good.mean()):.0f} %'})")
+            cells.append(
+                f"{method} {expected:g} {rms:.3g} ({rms / expected:.2f}{'' if good.all() else f', {100 * (1 - good.mean()):.0f} %'})"
+            )
             if expected < 1.5:
                 off.append(rms / expected)
         bounds = []
@@ -196,7 +202,9 @@ def _none():
 
 def plans(_):
     """`plan` beside the listed plans and optima."""
-    print("\nazimuth bound in degrees, 240 s, tactical gyro, latitude 35: plan, listed optimum, uniform four, gain, best of the other plans")
+    print(
+        "\nazimuth bound in degrees, 240 s, tactical gyro, latitude 35: plan, listed optimum, uniform four, gain, best of the other plans"
+    )
     for case in vectors()["design"]:
         begin = time.perf_counter()
         found = plan(

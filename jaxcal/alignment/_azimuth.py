@@ -141,9 +141,7 @@ def azimuth(
     dtype = jnp.asarray(readings.gyro).dtype
     phi, theta, covariance = (jnp.asarray(part, dtype=dtype) for part in _level(level, method))
     to = lambda value: None if value is None else jnp.asarray(value, dtype=dtype)  # noqa: E731
-    found = _found(
-        readings, phi, theta, covariance, to(latitude), to(hint), to(hint_accuracy), to(angle), to(bias), to(scale), method
-    )
+    found = _found(readings, phi, theta, covariance, to(latitude), to(hint), to(hint_accuracy), to(angle), to(bias), to(scale), method)
     return found if is_traced(found) else _trimmed(found)
 
 
@@ -156,7 +154,9 @@ def _level(level: Any, method: str) -> tuple[Any, Any, Any]:
     """Roll, pitch and their covariance."""
     if isinstance(level, Level):
         if level.theta is None or (level.phi is None and method != "opposed"):
-            raise DataError(f"The level has no {'roll' if level.theta is not None else 'pitch'}: {level.reason} Only 'opposed' needs no roll.")
+            raise DataError(
+                f"The level has no {'roll' if level.theta is not None else 'pitch'}: {level.reason} Only 'opposed' needs no roll."
+            )
         if level.phi is None:
             return 0.0, level.theta, np.diag([0.0, np.asarray(level.covariance)[1, 1]])
         return level.phi, level.theta, level.covariance

@@ -9,7 +9,7 @@ import numpy as np
 
 from .._types import Array
 from ._equation import distance
-from ._frames import EARTH_RATE, earth_rate, table_from_nav
+from ._frames import EARTH_RATE, earth_rate, table_from_nav, wrap
 from ._model import INDEX, Table
 from ._simulate import attenuation
 
@@ -112,4 +112,4 @@ def _search(phi, theta, latitude, u, gyro, weight, offset, hint, noise) -> tuple
     # a minimum between two points of the grid lies lower than both by up to a quarter step's worth of curvature
     fine = (jnp.roll(cost, 1) + jnp.roll(cost, -1) - 2 * cost) / 8
     tie = jnp.any(valley) & (cost[second] - fine[second] - cost[best] < 9) & jnp.isnan(hint)
-    return grid[best], grid[second], tie
+    return wrap(grid[best]), wrap(grid[second]), tie

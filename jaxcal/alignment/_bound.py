@@ -94,7 +94,9 @@ def crlb(
         raise DataError(f"The attitude has shape {attitude.shape}; give (roll, pitch, azimuth) in rad.")
     zeros = np.zeros(len(positions)) if not is_traced(positions, attitude, latitude) else jnp.zeros(len(positions), dtype=dtype)
     table = tabulate(Readings(positions, zeros, zeros, lever_arm=lever_arm), gravity)
-    table = jax.tree.map(lambda leaf: jnp.asarray(leaf) if leaf.dtype == bool else jnp.asarray(leaf, dtype=dtype), jax.tree.map(jnp.asarray, table))
+    table = jax.tree.map(
+        lambda leaf: jnp.asarray(leaf) if leaf.dtype == bool else jnp.asarray(leaf, dtype=dtype), jax.tree.map(jnp.asarray, table)
+    )
     to = lambda values: jnp.stack([jnp.asarray(value, dtype=dtype) for value in values])  # noqa: E731
     values = jnp.concatenate([attitude, to(_errors(accel, gyro)), to([latitude])])
     return _bound(table, values, to(certainty), jnp.asarray(chosen), tuple(to(pair) for pair in noise), correlated)
@@ -108,9 +110,7 @@ def _errors(accel: Sensor, gyro: Sensor) -> list[Any]:
 
 def jacobian_at(table: Table, values: Array, certainty: Array, noise: Any, correlated: bool) -> Array:
     """Whitened Jacobian of readings and priors with respect to the 14 parameters."""
-    rows = Rows(
-        table, whitening(table, noise, correlated), values, table_from_nav(*values[:3]), jnp.asarray(False), values, certainty
-    )
+    rows = Rows(table, whitening(table, noise, correlated), values, table_from_nav(*values[:3]), jnp.asarray(False), values, certainty)
     return jax.jacfwd(residuals)(jnp.zeros_like(values), rows)
 
 
@@ -136,5 +136,3 @@ def inverse_information(jacobian: Array, free: Array, singular: Array) -> Array:
     inverse = jax.scipy.linalg.solve_triangular(triangle, eye) / column[:, None]
     inverse = jnp.where(free[:, None], inverse, 0)
     return inverse @ inverse.T
-
-

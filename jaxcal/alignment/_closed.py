@@ -171,9 +171,7 @@ def scale_first(x: Array, covariance: Array, lat: Array) -> Closed:
     # the stable form of both roots: no difference of nearly equal numbers
     half = -(middle + jnp.where(middle < 0, -root, root)) / 2
     empty = flat | (leading < _FLAT**2)
-    inverse = jnp.stack(
-        [half / jnp.where(empty, 1, leading), jnp.where(half == 0, 0, -last / jnp.where(half == 0, 1, half))]
-    )
+    inverse = jnp.stack([half / jnp.where(empty, 1, leading), jnp.where(half == 0, 0, -last / jnp.where(half == 0, 1, half))])
     psi = jnp.arctan2(inverse * p - q, inverse * w1 / ct - tl * tt)
     positive = inverse > 0
     scale = jnp.where(positive, 1 / (jnp.where(positive, inverse, 1) * cl), 0)

@@ -109,7 +109,9 @@ def coarse(
     if gyro_error is not None and accel_error is not None:
         tilt, drift = accel_error / gravity, gyro_error / EARTH_RATE
         cosine = jnp.cos(jnp.where(pole, 0, found))
-        std = jnp.stack([tilt + 0 * cosine, tilt + 0 * cosine, jnp.sqrt((drift / cosine) ** 2 + (jnp.tan(jnp.where(pole, 0, found)) * tilt) ** 2)])
+        std = jnp.stack(
+            [tilt + 0 * cosine, tilt + 0 * cosine, jnp.sqrt((drift / cosine) ** 2 + (jnp.tan(jnp.where(pole, 0, found)) * tilt) ** 2)]
+        )
         spread = jnp.sqrt(drift**2 + tilt**2)
     off = None if latitude is None else found - latitude
     verdict = Verdict.where(jnp.asarray(False) if std is None else std[2] > np.deg2rad(10.0), Verdict.weak, Verdict.ok)

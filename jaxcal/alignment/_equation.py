@@ -87,7 +87,14 @@ def joined(*parts: Roots) -> Roots:
     every = lambda name: jnp.all(jnp.stack([getattr(part, name) for part in parts]))  # noqa: E731
     some = jnp.any(jnp.stack([part.clipped for part in parts]))
     return Roots(
-        cat("roots"), cat("std"), cat("real"), every("degenerate"), every("infeasible"), some, cat("merged"), jnp.stack([part.weak for part in parts])
+        cat("roots"),
+        cat("std"),
+        cat("real"),
+        every("degenerate"),
+        every("infeasible"),
+        some,
+        cat("merged"),
+        jnp.stack([part.weak for part in parts]),
     )
 
 

@@ -97,9 +97,14 @@ def fit(
     chosen = free_of(free, priors, readings.positions, latitude, sensors)
     mean, certainty = priors_of(priors)
     given, known = given_of(start)
-    for sensor, there, needed in (("accelerometer", sensors[0], ("b_a", "s_a", "ma_a_xy", "ma_a_xz", "b_a_rate")), ("gyro", sensors[1], ("psi", "b_g", "s_g"))):
+    for sensor, there, needed in (
+        ("accelerometer", sensors[0], ("b_a", "s_a", "ma_a_xy", "ma_a_xz", "b_a_rate")),
+        ("gyro", sensors[1], ("psi", "b_g", "s_g")),
+    ):
         if not there and free is not None and any(chosen[INDEX[name]] for name in needed):
-            raise DataError(f"There are no {sensor} readings, and {', '.join(n for n in needed if chosen[INDEX[n]])} cannot be free without.")
+            raise DataError(
+                f"There are no {sensor} readings, and {', '.join(n for n in needed if chosen[INDEX[n]])} cannot be free without."
+            )
     if not any(sensors):
         raise DataError("There are neither accelerometer nor gyro readings; give at least one of them.")
     if hemisphere not in (None, "north", "south"):
@@ -129,8 +134,18 @@ def _driven(readings, chosen, priors, starts, hint, side, gravity) -> AlignmentF
     mean, certainty, given = to(priors[0]), to(priors[1]), to(starts[0])
     angle_prior = any(isinstance(c, jax.core.Tracer) or float(c) > 0 for c in priors[1][:3])
     turn = bool(chosen[:3].all()) and not angle_prior and not starts[1][:3].any()
-    rest = (jnp.asarray(chosen), mean, certainty, given, jnp.asarray(starts[1]), jnp.asarray(hint, dtype=dtype), jnp.asarray(side, dtype=dtype))
-    table = jax.tree.map(lambda leaf: jnp.asarray(leaf) if leaf.dtype == bool else jnp.asarray(leaf, dtype=dtype), jax.tree.map(jnp.asarray, table))
+    rest = (
+        jnp.asarray(chosen),
+        mean,
+        certainty,
+        given,
+        jnp.asarray(starts[1]),
+        jnp.asarray(hint, dtype=dtype),
+        jnp.asarray(side, dtype=dtype),
+    )
+    table = jax.tree.map(
+        lambda leaf: jnp.asarray(leaf) if leaf.dtype == bool else jnp.asarray(leaf, dtype=dtype), jax.tree.map(jnp.asarray, table)
+    )
     plane = not {"z", "-z"} & set(readings.positions.mounting)
     for _ in range(1 if noise_known or is_traced(readings) else _ROUNDS):
         noise = tuple(jnp.stack([jnp.asarray(w, dtype=dtype), jnp.asarray(k, dtype=dtype)]) for w, k in zip(white, walk, strict=True))
@@ -249,7 +264,9 @@ def _result(raw: _Raw, readings: Readings, chosen, certainty, noise_known: bool,
             "Without a z reading the mirrored attitude (180 degrees less roll, minus azimuth) gives the same readings; roll within 90 degrees "
             "is taken."
         )
-    if float(readings.walk("gyro")) == 0 and any(float(getattr(noise, "B", 0.0)) > 0 for noise in (readings.accel_noise, readings.gyro_noise)):
+    if float(readings.walk("gyro")) == 0 and any(
+        float(getattr(noise, "B", 0.0)) > 0 for noise in (readings.accel_noise, readings.gyro_noise)
+    ):
         notes.append("Bias instability B is not part of the weights; turn the table within the time of the Allan minimum.")
     p_value = float(raw.p_value) if noise_known and dof > 0 else None
     verdict = raw.verdict
@@ -257,5 +274,3 @@ def _result(raw: _Raw, readings: Readings, chosen, certainty, noise_known: bool,
         verdict = Verdict.weak if float(raw.covariance[2, 2]) > WEAK**2 else Verdict.ok
     other = np.asarray(raw.other) if twofold or (plane and chosen[0] and chosen[2]) else None
     return AlignmentFit(p_value=p_value, other=other, notes=tuple(notes), **(common | {"verdict": verdict}))
-
-

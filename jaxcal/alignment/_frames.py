@@ -38,9 +38,7 @@ def table_from_nav(phi: Array, theta: Array, psi: Array) -> Array:
 def angles_of(matrix: Array) -> Array:
     """(phi, theta, psi) of C_TN."""
     level = jnp.hypot(matrix[1, 2], matrix[2, 2])
-    return jnp.stack(
-        [jnp.arctan2(matrix[1, 2], matrix[2, 2]), jnp.arctan2(-matrix[0, 2], level), jnp.arctan2(matrix[0, 1], matrix[0, 0])]
-    )
+    return jnp.stack([jnp.arctan2(matrix[1, 2], matrix[2, 2]), jnp.arctan2(-matrix[0, 2], level), jnp.arctan2(matrix[0, 1], matrix[0, 0])])
 
 
 def turned(matrix: Array, rotation: Array) -> Array:

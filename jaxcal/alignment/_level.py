@@ -247,6 +247,4 @@ def _with_z(readings: Readings, gravity: Array, both: bool) -> Level:
     verdict = Verdict.where(scale < 0.01, Verdict.infeasible, verdict)
     verdict = Verdict.where(present, verdict, Verdict.missing)
     zero = jnp.zeros_like(scale)
-    return Level(
-        phi, theta, phi[None], spread, (x[0] + x[2]) / 2 * gravity, scale, 1 + (alpha - 1) / 2, zero, verdict, "bias_and_scale"
-    )
+    return Level(phi, theta, phi[None], spread, (x[0] + x[2]) / 2 * gravity, scale, 1 + (alpha - 1) / 2, zero, verdict, "bias_and_scale")

@@ -294,9 +294,7 @@ def _gradient(angles: Array, shares: Array, table: Table, free: Array, frozen: _
         times = time * (least + (1 - least * share.size) * share) / halves
         full = table.dwell.at[: index.size].set(times[index])
         start = table.start.at[: index.size].set(jnp.cumsum(times[index]) - times[index])
-        moved = eqx.tree_at(
-            lambda t: (t.angle, t.dwell, t.start), table, (table.angle.at[: index.size].set(p[0][index]), full, start)
-        )
+        moved = eqx.tree_at(lambda t: (t.angle, t.dwell, t.start), table, (table.angle.at[: index.size].set(p[0][index]), full, start))
         variance = _variances(moved, free, frozen)
         return 0.5 * jnp.log(jnp.where(largest, jnp.max(variance), jnp.mean(variance)))
 

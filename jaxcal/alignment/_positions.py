@@ -147,7 +147,9 @@ class Readings(eqx.Module):
         for name, values in (("accel", accel), ("gyro", gyro)):
             values = None if values is None else _floats(values, f"{name} readings")
             if values is not None and values.shape != (len(self.positions),):
-                raise DataError(f"The {name} readings have shape {values.shape} for {len(self.positions)} positions; give one per position.")
+                raise DataError(
+                    f"The {name} readings have shape {values.shape} for {len(self.positions)} positions; give one per position."
+                )
             setattr(self, name, values)
         self.accel_noise, self.gyro_noise, self.lever_arm = accel_noise, gyro_noise, lever_arm
 

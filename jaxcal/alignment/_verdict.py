@@ -14,12 +14,20 @@ class Verdict(eqx.Enumeration):
     scale_chosen = "Two roots have a positive scale factor; the one with the scale factor nearest 1 is chosen."
     ambiguous = "The next root is closer to the chosen one than the hint is accurate; the choice may be wrong."
     clipped = "The sine or cosine asked for exceeds 1, by what noise, a wrong gravity or a scale error can do; the nearest possible angle is given."
-    double_root = "Two roots merge here: noise moves the angle by its square root, and the standard deviation is only an order of magnitude."
-    weak = "The geometry hardly determines the angle: its standard deviation exceeds 10 degrees, or it magnifies the readings' errors by 50."
-    misfit = "The residuals are larger than the noise explains (p < 0.001): the table moved, a misalignment is left out, or the noise is wrong."
+    double_root = (
+        "Two roots merge here: noise moves the angle by its square root, and the standard deviation is only an order of magnitude."
+    )
+    weak = (
+        "The geometry hardly determines the angle: its standard deviation exceeds 10 degrees, or it magnifies the readings' errors by 50."
+    )
+    misfit = (
+        "The residuals are larger than the noise explains (p < 0.001): the table moved, a misalignment is left out, or the noise is wrong."
+    )
     unobservable = "The readings do not determine every free parameter; those named have no number."
     unfinished = "The fit did not converge; start nearer to the truth, or free fewer parameters."
-    integrity = "The latitude found differs from the given one by more than four standard deviations: a bias, a wrong level or a wrong latitude."
+    integrity = (
+        "The latitude found differs from the given one by more than four standard deviations: a bias, a wrong level or a wrong latitude."
+    )
     infeasible = "No angle fits the readings: a bias or scale error, a wrong latitude or a wrong level; no azimuth is given."
     degenerate = "The readings hold no information on the angle in this geometry; no number is given."
     pole = "The latitude is within 0.1 degrees of a pole, where the Earth's rate has no horizontal part; no azimuth is given."

@@ -107,7 +107,9 @@ def north(
             from jaxcal.alignment import Positions, Readings, fit
 
             positions = Positions(table["angle"], table["mounting"], table["dwell"], table.get("start"))
-            noise = {f"{name}_noise": None if text is None else noise_from_text(text, name) for name, text in (("gyro", gyro), ("accel", accel))}
+            noise = {
+                f"{name}_noise": None if text is None else noise_from_text(text, name) for name, text in (("gyro", gyro), ("accel", accel))
+            }
             data = Readings(positions, table.get("accel"), table.get("gyro"), **noise)
             names = None if free is None else [word for part in free for word in part.split(",")]
             found = fit(

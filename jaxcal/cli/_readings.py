@@ -79,7 +79,9 @@ def _factor(path: Path, name: str, unit: str | None, notes: list[str]) -> float:
         unit = {"time": "s", "accel": "m/s^2", "gyro": "rad/s"}[quantity]
         notes.append(f"{name} has no unit in its header and is taken as {unit}")
     if find_unit(unit, quantity) is None:
-        raise DataError(f"{path}: {unit!r} is not a unit of {quantity}; write one in brackets behind the column's name, as in {_EXPECTED[26:]}")
+        raise DataError(
+            f"{path}: {unit!r} is not a unit of {quantity}; write one in brackets behind the column's name, as in {_EXPECTED[26:]}"
+        )
     return factor(unit, quantity)
 
 

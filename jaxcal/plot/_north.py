@@ -98,7 +98,9 @@ def _readings(ax: "Axes", readings: Readings, name: str, label: str, scale: floa
         here = words == word
         spot = 368 + 0 * angle[here]
         ax.errorbar(spot, values[here], yerr=pick(here), **{**mark, "color": SERIES[2], "ecolor": SERIES[2], "fmt": "s"})
-        ax.annotate(word, (368, values[here][0]), (6, 0), textcoords="offset points", va="center", color=INK, fontsize=9, annotation_clip=False)
+        ax.annotate(
+            word, (368, values[here][0]), (6, 0), textcoords="offset points", va="center", color=INK, fontsize=9, annotation_clip=False
+        )
     _plain(ax, "Table angle (deg)", label)
     ax.set_xlim(-8, 376)
     ax.set_xticks(np.arange(0, 361, 45))

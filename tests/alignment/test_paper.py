@@ -11,9 +11,7 @@ ARCSEC = DEG / 3600
 ATTITUDE, LATITUDE = np.array([50.0, 30.0, 88.0]) * DEG, 35 * DEG
 ACCEL = Sensor(50e-6, np.full(2, 10 * ARCSEC), 100e-6 * 9.80665)
 GYRO = Sensor(20e-6, np.full(2, 5 * ARCSEC), 0.01 * ARCSEC)
-PLACES = Positions(
-    np.array([0, 45, 90, 135, 180, 225, 270, 315, 0, 90, 180, 270, 0]) * DEG, ["x"] * 8 + ["y"] * 4 + ["z"], dwell=10.0
-)
+PLACES = Positions(np.array([0, 45, 90, 135, 180, 225, 270, 315, 0, 90, 180, 270, 0]) * DEG, ["x"] * 8 + ["y"] * 4 + ["z"], dwell=10.0)
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +37,13 @@ def test_tables_3_and_4(readings):
 
 @pytest.mark.parametrize(
     ("method", "expected"),
-    [("opposed", 88.0012513), ("quadrature", 88.0043963), ("maximum", 88.0135), ("bias_and_scale", 88.0016916), ("scale_first", 88.0016916)],
+    [
+        ("opposed", 88.0012513),
+        ("quadrature", 88.0043963),
+        ("maximum", 88.0135),
+        ("bias_and_scale", 88.0016916),
+        ("scale_first", 88.0016916),
+    ],
 )
 def test_table_9(readings, method, expected):
     found = azimuth(readings, ATTITUDE[:2], LATITUDE, method=method, hint=88 * DEG)
@@ -68,7 +72,13 @@ def test_tables_10_to_12(readings):
 
 def test_angles_of_four_points_in_place_of_the_true_ones(readings):
     measured = level(readings)
-    expected = {"opposed": 88.0009288, "quadrature": 88.0093890, "four_point": 88.0011149, "bias_and_scale": 88.0021133, "triad": 88.0046317}
+    expected = {
+        "opposed": 88.0009288,
+        "quadrature": 88.0093890,
+        "four_point": 88.0011149,
+        "bias_and_scale": 88.0021133,
+        "triad": 88.0046317,
+    }
     for method, value in expected.items():
         assert np.rad2deg(azimuth(readings, measured, LATITUDE, method=method, hint=88 * DEG).psi) == pytest.approx(value, abs=5.1e-8)
 

@@ -5,14 +5,25 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxcal.alignment import AZIMUTH_METHODS, LEVEL_METHODS, NAMES, Positions, Readings, Sensor, azimuth, carousel, coarse, fit, level, simulate
+from jaxcal.alignment import (
+    AZIMUTH_METHODS,
+    LEVEL_METHODS,
+    NAMES,
+    Positions,
+    Readings,
+    Sensor,
+    azimuth,
+    carousel,
+    coarse,
+    fit,
+    level,
+    simulate,
+)
 
 from . import cases
 from .cases import DEG, apart
 
-EVERY = Positions(
-    np.array([0, 90, 180, 270, 60, 120, 240, 300, 0, 90, 180, 270, 0]) * DEG, ["x"] * 8 + ["y"] * 4 + ["z"], dwell=20.0
-)
+EVERY = Positions(np.array([0, 90, 180, 270, 60, 120, 240, 300, 0, 90, 180, 270, 0]) * DEG, ["x"] * 8 + ["y"] * 4 + ["z"], dwell=20.0)
 NANO = 1e-9 * DEG
 
 
@@ -107,9 +118,7 @@ def test_joint_fit_beyond_80_degrees_of_pitch():
 def test_linear_drift_is_fitted_exactly(reference):
     case = cases.vectors(reference)["drift"]
     rows = np.array(case["rows"])
-    readings = Readings(
-        Positions(rows[:, 0], dwell=case["dwell"]), rows[:, 2], rows[:, 3], accel_noise=cases.VRW, gyro_noise=cases.ARW
-    )
+    readings = Readings(Positions(rows[:, 0], dwell=case["dwell"]), rows[:, 2], rows[:, 3], accel_noise=cases.VRW, gyro_noise=cases.ARW)
     np.testing.assert_allclose(readings.positions.time, rows[:, 1])
     found = fit(readings, case["latitude"], free=("phi", "theta", "psi", "b_a", "b_g", "b_a_rate", "b_g_rate"))
     np.testing.assert_allclose([found.phi, found.theta, found.psi], case["attitude"], atol=NANO)
@@ -124,9 +133,7 @@ def test_sectors_of_a_turning_table(reference):
     case = cases.vectors(reference)["carousel"]
     sectors = np.array(case["sectors"])
     places = Positions(sectors[:, 0], rate=case["table_rate"], width=case["sector_width"])
-    readings = Readings(
-        places, sectors[:, 1], sectors[:, 2], lever_arm=case["lever_arm"], accel_noise=cases.VRW, gyro_noise=cases.ARW
-    )
+    readings = Readings(places, sectors[:, 1], sectors[:, 2], lever_arm=case["lever_arm"], accel_noise=cases.VRW, gyro_noise=cases.ARW)
     accel, gyro = case["accel"], case["gyro"]
     known = {
         "s_a": accel["scale_error"], "s_g": gyro["scale_error"], "ma_a_xy": accel["misalignment"][0], "ma_a_xz": accel["misalignment"][1],

@@ -216,7 +216,9 @@ def test_first_order_standard_deviations(method):
     readings = Readings(EVERY, made.accel, made.gyro, gyro_noise=ARW)
     found = azimuth(readings, [phi, theta], lat, method=method, hint=psi)
     sigma = ARW / np.sqrt(60) / 7.292115e-5
-    sf, cf, st, ct, sp, cp, cl = (f(a) for a, f in ((phi, np.sin), (phi, np.cos), (theta, np.sin), (theta, np.cos), (psi, np.sin), (psi, np.cos), (lat, np.cos)))
+    sf, cf, st, ct, sp, cp, cl = (
+        f(a) for a, f in ((phi, np.sin), (phi, np.cos), (theta, np.sin), (theta, np.cos), (psi, np.sin), (psi, np.cos), (lat, np.cos))
+    )
     if method == "opposed":
         assert found.std == pytest.approx(sigma / (np.sqrt(2) * ct * cl * abs(sp)), rel=1e-9)
     elif method == "quadrature":
