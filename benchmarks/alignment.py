@@ -213,7 +213,8 @@ def plans(_):
         )  # fmt: skip
         name, other = min(found.compared.items(), key=lambda item: item[1])
         print(f"{case['attitude_deg']} prior {case['gyro_scale_prior']:g}: {found.criterion / DEG:.6f}, {case['optimum_sigma_deg']:.6f}, "
-              f"{found.compared['uniform 4'] / DEG:.6f}, {found.gain:.4f} (listed {case['uniform_sigma_deg'] / case['optimum_sigma_deg']:.4f}), "
+              f"{found.compared['uniform 4'] / DEG:.6f}, {found.gain:.4f} "
+              f"(listed {case['uniform_sigma_deg'] / case['optimum_sigma_deg']:.4f}), "
               f"{name} {other / DEG:.6f}; {time.perf_counter() - begin:.1f} s")  # fmt: skip
 
 

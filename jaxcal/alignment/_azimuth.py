@@ -90,8 +90,8 @@ def azimuth(
     .. math:: \psi = \operatorname{atan2}\big((u_1\sin\theta\sin\phi - u_2)/\cos\phi,\; u_1\big)
 
     for "four_point", with :math:`u_1 = ((w_0 - w_{180})/2 - \sin\theta\sin\lambda)/(\cos\theta\cos\lambda)` and :math:`u_2 = ((w_{90} -
-    w_{270})/2 + \cos\theta\sin\phi\sin\lambda)/\cos\lambda`, rates over the Earth's. The other methods solve :math:`a\sin\psi + b\cos\psi = c`
-    and may have several roots; `fit` needs no choice of method. Traced, the kernels run as they are.
+    w_{270})/2 + \cos\theta\sin\phi\sin\lambda)/\cos\lambda`, rates over the Earth's. The other methods solve
+    :math:`a\sin\psi + b\cos\psi = c` and may have several roots; `fit` needs no choice of method. Traced, the kernels run as they are.
 
     Parameters
     ----------

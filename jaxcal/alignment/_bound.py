@@ -5,6 +5,7 @@ from typing import Any
 
 import equinox as eqx
 import jax
+import jax.core
 import jax.numpy as jnp
 import numpy as np
 
@@ -13,9 +14,9 @@ from .._precision import host_float64, is_traced
 from .._types import Array
 from ._describe import know, physical
 from ._frames import GRAVITY, table_from_nav
-from ._model import COUNT, Rows, Table, residuals, tabulate, whitening
+from ._model import COUNT, Rows, Table, as_arrays, residuals, tabulate, whitening
 from ._options import free_of, priors_of
-from ._positions import Readings, Sensor, as_positions, check_gravity, check_latitude
+from ._positions import IDEAL, Readings, Sensor, as_positions, check_gravity, check_latitude
 from ._result import Bound
 
 
@@ -40,8 +41,8 @@ def crlb(
     gyro_noise: Any,
     free: Iterable[str] | None = None,
     priors: dict[str, Any] | None = None,
-    accel: Sensor = Sensor(),
-    gyro: Sensor = Sensor(),
+    accel: Sensor = IDEAL,
+    gyro: Sensor = IDEAL,
     lever_arm: Any = 0.0,
     gravity: Any = GRAVITY,
 ) -> Bound:
@@ -94,9 +95,7 @@ def crlb(
         raise DataError(f"The attitude has shape {attitude.shape}; give (roll, pitch, azimuth) in rad.")
     zeros = np.zeros(len(positions)) if not is_traced(positions, attitude, latitude) else jnp.zeros(len(positions), dtype=dtype)
     table = tabulate(Readings(positions, zeros, zeros, lever_arm=lever_arm), gravity)
-    table = jax.tree.map(
-        lambda leaf: jnp.asarray(leaf) if leaf.dtype == bool else jnp.asarray(leaf, dtype=dtype), jax.tree.map(jnp.asarray, table)
-    )
+    table = as_arrays(table, dtype)
     to = lambda values: jnp.stack([jnp.asarray(value, dtype=dtype) for value in values])  # noqa: E731
     values = jnp.concatenate([attitude, to(_errors(accel, gyro)), to([latitude])])
     return _bound(table, values, to(certainty), jnp.asarray(chosen), tuple(to(pair) for pair in noise), correlated)

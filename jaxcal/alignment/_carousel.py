@@ -46,8 +46,8 @@ def carousel(
 ) -> Carousel:
     r"""Sector means of a raw log with the table's angle, ready for `fit`.
 
-    The mean over a sector of width :math:`\delta` lowers the turning part of a reading by :math:`\sin(\delta/2)/(\delta/2)`; `fit` knows. The
-    offset it finds holds the table rate times a misalignment, so that the bias of the gyro must stay free.
+    The mean over a sector of width :math:`\delta` lowers the turning part of a reading by :math:`\sin(\delta/2)/(\delta/2)`; `fit` knows.
+    The offset it finds holds the table rate times a misalignment, so that the bias of the gyro must stay free.
 
     Parameters
     ----------
@@ -115,14 +115,15 @@ def carousel(
     noise = {"accel": accel_noise, "gyro": gyro_noise}
     wobble, notes = {}, []
     for name, v in samples.items():
+        word, unit = ("accelerometer", "m/s^2") if name == "accel" else ("gyro", "rad/s")
         wobble[name], white = _second_harmonic(mean_angle, mean(v), dwell)
         if noise[name] is None:
             noise[name] = max(white, 1e-300)
-            notes.append(f"The noise of the {'accelerometer' if name == 'accel' else 'gyro'} is that of the scatter of its sector means.")
+            notes.append(f"The noise of the {word} is that of the scatter of its sector means.")
         if wobble[name][2] < 1e-3:
             notes.append(
-                f"The {'accelerometer' if name == 'accel' else 'gyro'} has a second harmonic of {wobble[name][0]:.3g} {'m/s^2' if name == 'accel' else 'rad/s'} "
-                f"({wobble[name][0] / wobble[name][1]:.1f} standard deviations): the table wobbles, or the sensor is sensitive to acceleration."
+                f"The {word} has a second harmonic of {wobble[name][0]:.3g} {unit} ({wobble[name][0] / wobble[name][1]:.1f} standard "
+                "deviations): the table wobbles, or the sensor is sensitive to acceleration."
             )
     positions = Positions(mean_angle, "x", dwell, start, rate=rate, width=width)
     readings = Readings(

@@ -74,7 +74,7 @@ def four_point(x: Array, covariance: Array, lat: Array) -> Closed:
 
 
 def _one_root(parts: Any, x: Array, covariance: Array, flat: Array) -> Roots:
-    """psi = atan2 of two numbers of the readings."""
+    """The azimuth as atan2 of two numbers of the readings."""
     y = parts(x)
     empty = flat | (y @ y < _FLAT**2)
     safe = jnp.where(empty, 1, y @ y)

@@ -1,5 +1,7 @@
 """Covariance, rank and what is confounded, from a whitened Jacobian."""
 
+from typing import Any
+
 import equinox as eqx
 import jax.numpy as jnp
 
@@ -27,7 +29,7 @@ class Knowledge(eqx.Module):
     singular_values: Array
 
 
-def physical(gravity: Array, duration: Array, dtype: object) -> Array:
+def physical(gravity: Array, duration: Array, dtype: Any) -> Array:
     """(14,) size of a unit change of every parameter: rad, g, the Earth's rate, one."""
     sizes = jnp.ones(COUNT, dtype=dtype)
     sizes = sizes.at[INDEX["b_a"]].set(gravity).at[INDEX["b_g"]].set(EARTH_RATE)

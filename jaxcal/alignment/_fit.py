@@ -5,6 +5,7 @@ from typing import Any
 
 import equinox as eqx
 import jax
+import jax.core
 import jax.numpy as jnp
 import jax.scipy.special
 import numpy as np
@@ -17,7 +18,7 @@ from ._begin import begin
 from ._describe import know, physical
 from ._equation import WEAK
 from ._frames import GRAVITY, angles_of, table_from_nav, wrap
-from ._model import COUNT, INDEX, Rows, Table, euler, parameters_at, residuals, tabulate, whitening
+from ._model import COUNT, INDEX, Rows, Table, as_arrays, euler, parameters_at, residuals, tabulate, whitening
 from ._options import check_latitude_free, free_of, given_of, priors_of
 from ._positions import Readings, check_gravity, check_latitude
 from ._result import AlignmentFit
@@ -55,7 +56,7 @@ def fit(
 
     Parameters
     ----------
-    readings : of either sensor or both, with their noise. Without noise coefficients the residuals give the noise, and there is no test of fit.
+    readings : of either sensor or both, with their noise. Without noise the residuals give it, and there is no test of fit.
     latitude : rad, north positive; None estimates it.
     free : names out of `jaxcal.alignment.NAMES`; by default the angles and biases, and the scale errors where there is a z reading.
         Parameters with a prior are free as well.
@@ -143,9 +144,7 @@ def _driven(readings, chosen, priors, starts, hint, side, gravity) -> AlignmentF
         jnp.asarray(hint, dtype=dtype),
         jnp.asarray(side, dtype=dtype),
     )
-    table = jax.tree.map(
-        lambda leaf: jnp.asarray(leaf) if leaf.dtype == bool else jnp.asarray(leaf, dtype=dtype), jax.tree.map(jnp.asarray, table)
-    )
+    table = as_arrays(table, dtype)
     plane = not {"z", "-z"} & set(readings.positions.mounting)
     for _ in range(1 if noise_known or is_traced(readings) else _ROUNDS):
         noise = tuple(jnp.stack([jnp.asarray(w, dtype=dtype), jnp.asarray(k, dtype=dtype)]) for w, k in zip(white, walk, strict=True))
@@ -187,13 +186,13 @@ def _fitted(table: Table, noise, correlated: bool, turn, plane, free, mean, cert
     )  # fmt: skip
     limit = jnp.where(free, jnp.inf, 0)
     found = solve(residuals, jnp.zeros_like(first.values), rows, bounds=(-limit, limit), rtol=_SETTLED)
-    step = found.parameters
+    step, jacobian, r = (jnp.asarray(part) for part in (found.parameters, found.jacobian, found.residuals))
     values = euler(step, rows)
     still = jax.lax.stop_gradient
     frozen = still(rows)
     duration = jnp.max(table.start + table.dwell) - jnp.min(table.start)
     sizes = physical(table.gravity, duration, step.dtype)
-    known_of = know(still(found.jacobian), free, sizes)
+    known_of = know(still(jacobian), free, sizes)
     to_angles = jax.jacfwd(lambda s: angles_of(parameters_at(s, frozen)[1]))(still(step))
     change = jnp.eye(COUNT, dtype=step.dtype).at[:3].set(jnp.where(rows.rotate, to_angles, jnp.eye(COUNT, dtype=step.dtype)[:3]))
     finite = jnp.where(jnp.isfinite(known_of.covariance), known_of.covariance, 0)
@@ -204,11 +203,10 @@ def _fitted(table: Table, noise, correlated: bool, turn, plane, free, mean, cert
     counted = jnp.concatenate([table.has_accel, table.has_gyro, frozen.certainty > 0])
     count = jnp.sum(counted)
     dof = count - known_of.rank_with_priors
-    r = found.residuals
     chi_square = jnp.sum(r**2)
     p_value = jax.scipy.special.gammaincc(jnp.maximum(dof, 1) / 2, chi_square / 2)
     # share of every reading that the fit does not explain by itself: it tells the noise of each sensor
-    root = still(found.jacobian)
+    root = still(jacobian)
     leverage = jnp.einsum("mi,ij,mj->m", root, finite, root)
     left = jnp.stack([jnp.sum(jnp.where(counted, 1 - leverage, 0)[part]) for part in (slice(0, n), slice(n, 2 * n))])
     square = jnp.stack([jnp.sum(r[:n] ** 2), jnp.sum(r[n : 2 * n] ** 2)])
@@ -236,22 +234,23 @@ def _fitted(table: Table, noise, correlated: bool, turn, plane, free, mean, cert
 def _result(raw: _Raw, readings: Readings, chosen, certainty, noise_known: bool, plane: bool) -> AlignmentFit:
     n = len(readings.positions)
     prior_only = jnp.asarray(chosen) & (certainty > 0) & (jnp.diagonal(raw.covariance) * certainty**2 > 0.95**2)
-    common = dict(
-        covariance=raw.covariance, free=chosen, rank=raw.rank, hidden=raw.hidden, lost=raw.lost, values=raw.values, prior_only=prior_only,
-        accel_residual=raw.accel[:n], gyro_residual=raw.gyro[:n], chi_square=raw.chi_square, degrees_of_freedom=raw.dof,
-        noise_known=noise_known, verdict=raw.verdict,
-    )  # fmt: skip
+    common: dict[str, Any] = {
+        "covariance": raw.covariance, "free": chosen, "rank": raw.rank, "hidden": raw.hidden, "lost": raw.lost, "values": raw.values,
+        "prior_only": prior_only, "accel_residual": raw.accel[:n], "gyro_residual": raw.gyro[:n], "chi_square": raw.chi_square,
+        "degrees_of_freedom": raw.dof, "noise_known": noise_known, "verdict": raw.verdict,
+    }  # fmt: skip
     if is_traced(raw):
         return AlignmentFit(p_value=raw.p_value, other=raw.other, **common)
     notes, dof = [], int(raw.dof)
     if not noise_known:
-        short = [word for word, there, enough in zip(("accelerometer", "gyro"), (readings.accel, readings.gyro), np.asarray(raw.redundant), strict=True)
-                 if there is not None and readings.white("accel" if word[0] == "a" else "gyro") is None and not enough]  # fmt: skip
+        sensors = zip((("accel", "accelerometer"), ("gyro", "gyro")), np.asarray(raw.redundant), strict=True)
+        open_ = [(name, word) for (name, word), enough in sensors if not enough and getattr(readings, name) is not None]
+        short = [word for name, word in open_ if readings.white(name) is None]
         notes.append("No noise was given: the residuals gave it, and there is no test of fit.")
         if short:
             notes.append(
-                f"The {' and the '.join(short)} readings leave nothing to estimate noise from; their standard deviations are those of a nominal "
-                "sensor (50 micro-g sqrt(s), 0.01 deg/sqrt(h)). Give noise coefficients, or measure more positions."
+                f"The {' and the '.join(short)} readings leave nothing to estimate noise from; their standard deviations are those of a "
+                "nominal sensor (50 micro-g sqrt(s), 0.01 deg/sqrt(h)). Give noise coefficients, or measure more positions."
             )
     if dof <= 0:
         notes.append("There are as many parameters as readings: nothing checks the fit.")
@@ -261,8 +260,8 @@ def _result(raw: _Raw, readings: Readings, chosen, certainty, noise_known: bool,
     twofold = bool(raw.twofold)
     if plane and not twofold and chosen[2] and chosen[0]:
         notes.append(
-            "Without a z reading the mirrored attitude (180 degrees less roll, minus azimuth) gives the same readings; roll within 90 degrees "
-            "is taken."
+            "Without a z reading the mirrored attitude (180 degrees less roll, minus azimuth) gives the same readings; roll within 90 "
+            "degrees is taken."
         )
     if float(readings.walk("gyro")) == 0 and any(
         float(getattr(noise, "B", 0.0)) > 0 for noise in (readings.accel_noise, readings.gyro_noise)
@@ -273,4 +272,4 @@ def _result(raw: _Raw, readings: Readings, chosen, certainty, noise_known: bool,
     if p_value is None and bool(verdict == Verdict.misfit):
         verdict = Verdict.weak if float(raw.covariance[2, 2]) > WEAK**2 else Verdict.ok
     other = np.asarray(raw.other) if twofold or (plane and chosen[0] and chosen[2]) else None
-    return AlignmentFit(p_value=p_value, other=other, notes=tuple(notes), **(common | {"verdict": verdict}))
+    return AlignmentFit(p_value=p_value, other=other, notes=tuple(notes), **{**common, "verdict": verdict})

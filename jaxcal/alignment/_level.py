@@ -77,8 +77,8 @@ def level(
 
     .. math:: \sin\theta = (a_0 - a_{180})/2g,\qquad \cos\theta\sin\phi = (a_{270} - a_{90})/2g
 
-    for "four_point_x"; "least_squares_x" fits the same two numbers and an offset to any angles; the two methods of y take a sensor fixed on body
-    y; "bias_and_scale" adds a z reading, which gives scale and the whole circle of roll. The others leave phi and pi - phi open: the
+    for "four_point_x"; "least_squares_x" fits the same two numbers and an offset to any angles; the methods of y take a sensor on
+    body y; "bias_and_scale" adds a z reading, which gives scale and the whole circle of roll. The others leave phi and pi - phi open: the
     one within 90 degrees is taken, unless a z reading or the hint says otherwise. Traced, the kernels run as they are.
 
     Parameters

@@ -3,6 +3,7 @@
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -88,10 +89,17 @@ def tabulate(readings: Readings, gravity: Any) -> Table:
     axes = np.concatenate([positions.axes, np.broadcast_to(AXES["x"], (size - count, 3, 3))])
     end = xp.max(xp.asarray(positions.start) + xp.asarray(positions.dwell))
     return Table(
-        angle=pad(positions.angle), axes=axes, dwell=pad(positions.dwell, 1.0), start=xp.concatenate([xp.asarray(positions.start), xp.broadcast_to(end, size - count)]),
+        angle=pad(positions.angle), axes=axes, dwell=pad(positions.dwell, 1.0),
+        start=xp.concatenate([xp.asarray(positions.start), xp.broadcast_to(end, size - count)]),
         time=pad(positions.time), rate=pad(positions.rate), acceleration=pad(positions.acceleration), width=pad(positions.width),
         lever_arm=readings.lever_arm, gravity=gravity, **kept,
     )  # fmt: skip
+
+
+def as_arrays(table: Table, dtype: Any) -> Table:
+    """The same table in one floating type."""
+    table = jax.tree.map(jnp.asarray, table)
+    return jax.tree.map(lambda leaf: leaf if leaf.dtype == bool else jnp.asarray(leaf, dtype=dtype), table)
 
 
 def whitening(table: Table, noise: Any, correlated: bool) -> Whitening:

@@ -45,6 +45,10 @@ class Sensor(eqx.Module):
     walk: Any = 0.0
 
 
+#: without any error or noise
+IDEAL = Sensor()
+
+
 class Positions(eqx.Module):
     """Where the table stood, and how long.
 
@@ -147,9 +151,7 @@ class Readings(eqx.Module):
         for name, values in (("accel", accel), ("gyro", gyro)):
             values = None if values is None else _floats(values, f"{name} readings")
             if values is not None and values.shape != (len(self.positions),):
-                raise DataError(
-                    f"The {name} readings have shape {values.shape} for {len(self.positions)} positions; give one per position."
-                )
+                raise DataError(f"There are {name} readings of shape {values.shape} for {len(self.positions)} positions; give one each.")
             setattr(self, name, values)
         self.accel_noise, self.gyro_noise, self.lever_arm = accel_noise, gyro_noise, lever_arm
 
@@ -232,7 +234,7 @@ def need(readings: Readings, sensor: str, wanted: list[tuple[str, float]], metho
 
 
 class Harmonics(eqx.Module):
-    """Cosine amplitude, sine amplitude and offset of readings against the table angle, their covariance, and whether they are determined."""
+    """Cosine amplitude, sine amplitude and offset of readings against the table angle, with covariance, and whether they are determined."""
 
     value: Array
     covariance: Array

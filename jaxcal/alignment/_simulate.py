@@ -12,7 +12,7 @@ from .._errors import DataError
 from .._precision import host_float64, is_traced
 from .._types import Array
 from ._frames import EARTH_RATE, GRAVITY, earth_rate, in_body, table_from_nav
-from ._positions import Positions, Readings, Sensor, as_positions, check_latitude
+from ._positions import IDEAL, Positions, Readings, Sensor, as_positions, check_latitude
 
 
 def true_rate(matrix: Array, latitude: Array, positions: Any) -> Array:
@@ -78,8 +78,8 @@ def simulate(
     attitude: Any,
     latitude: Any,
     *,
-    accel: Sensor = Sensor(),
-    gyro: Sensor = Sensor(),
+    accel: Sensor = IDEAL,
+    gyro: Sensor = IDEAL,
     lever_arm: Any = 0.0,
     table_rate: Any = None,
     table_acceleration: Any = None,

@@ -13,21 +13,15 @@ class Verdict(eqx.Enumeration):
     undecided = "Several roots fit the readings and nothing decides between them: give a compass azimuth as `hint`; no root is chosen."
     scale_chosen = "Two roots have a positive scale factor; the one with the scale factor nearest 1 is chosen."
     ambiguous = "The next root is closer to the chosen one than the hint is accurate; the choice may be wrong."
-    clipped = "The sine or cosine asked for exceeds 1, by what noise, a wrong gravity or a scale error can do; the nearest possible angle is given."
-    double_root = (
-        "Two roots merge here: noise moves the angle by its square root, and the standard deviation is only an order of magnitude."
-    )
-    weak = (
-        "The geometry hardly determines the angle: its standard deviation exceeds 10 degrees, or it magnifies the readings' errors by 50."
-    )
+    clipped = "The sine or cosine asked for exceeds 1, as noise, a wrong gravity or a scale error can make it; the nearest angle is given."
+    double_root = "Two roots merge here: noise moves the angle by its square root, and the standard deviation is a rough one."
+    weak = "The geometry hardly determines the angle: its standard deviation exceeds 10 degrees, or it magnifies errors 50 times."
     misfit = (
-        "The residuals are larger than the noise explains (p < 0.001): the table moved, a misalignment is left out, or the noise is wrong."
+        "The residuals are larger than the noise explains (p < 0.001): the table moved, a misalignment was left out, or the noise is wrong."
     )
     unobservable = "The readings do not determine every free parameter; those named have no number."
     unfinished = "The fit did not converge; start nearer to the truth, or free fewer parameters."
-    integrity = (
-        "The latitude found differs from the given one by more than four standard deviations: a bias, a wrong level or a wrong latitude."
-    )
+    integrity = "The latitude found differs from the given one by over four standard deviations: a bias, or a wrong level or latitude."
     infeasible = "No angle fits the readings: a bias or scale error, a wrong latitude or a wrong level; no azimuth is given."
     degenerate = "The readings hold no information on the angle in this geometry; no number is given."
     pole = "The latitude is within 0.1 degrees of a pole, where the Earth's rate has no horizontal part; no azimuth is given."
@@ -46,7 +40,7 @@ _MORE: dict[str, dict[str, str]] = {
         "least_squares_y": f"Either the x axis is vertical and roll is not defined, or {_FEW}.",
         "opposed": "The table's x axis is vertical: its rate does not depend on the azimuth.",
         "four_point": "Roll or pitch is 90 degrees; use 'triad', or `fit` with z readings.",
-        "scale_first": "Roll or pitch is 90 degrees, or the Earth's rate lies along the table's axis; use 'triad', or `fit` with z readings.",
+        "scale_first": "Roll or pitch is 90 degrees, or the Earth's rate lies along the table's axis; use 'triad', or `fit` with z.",
         "bias_and_scale": "The Earth's rate (or gravity) lies along the table's axis; use 'triad', or `fit` with z readings.",
         "maximum": "The table is level: the largest rate is that of the horizontal Earth's rate, whatever the azimuth and the noise; or "
         f"{_FEW}. Use 'four_point'.",
@@ -59,7 +53,7 @@ _MORE: dict[str, dict[str, str]] = {
         "four_point_y": "Roll is 90 degrees; add a z reading and use 'bias_and_scale'.",
     },
     "infeasible": {
-        "maximum": "The amplitude exceeds what the Earth's rate can give here: a bias or a scale error was not removed, or the level is wrong.",
+        "maximum": "The amplitude exceeds what the Earth's rate can give: a bias or a scale error was left in, or the level is wrong.",
         "scale_first": "No root has a positive scale factor, or none is real.",
         "bias_and_scale": "No root has a positive scale factor, or none is real.",
     },

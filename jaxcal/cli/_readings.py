@@ -35,7 +35,7 @@ def read_readings(path: Path) -> tuple[dict[str, Any], list[str]]:
     if not path.exists():
         raise CallError(f"{path} does not exist")
     with path.open(newline="", encoding="utf-8-sig") as file:
-        rows = [row for row in csv.reader(line for line in file if line.strip() and not line.lstrip().startswith("#"))]
+        rows = list(csv.reader(line for line in file if line.strip() and not line.lstrip().startswith("#")))
     if not rows:
         raise DataError(f"{path} is empty; {_EXPECTED}")
     columns: dict[str, tuple[int, float]] = {}

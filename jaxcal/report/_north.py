@@ -22,7 +22,8 @@ SCHEMA = "jaxcal.north/1"
 _DEG = math.pi / 180
 _MEANING = {
     "phi": "roll of the table", "theta": "pitch of the table", "psi": "azimuth of the table's x axis, from north towards east",
-    "b_a": "bias of the accelerometer", "s_a": "scale error of the accelerometer", "b_g": "bias of the gyro", "s_g": "scale error of the gyro",
+    "b_a": "bias of the accelerometer", "s_a": "scale error of the accelerometer", "b_g": "bias of the gyro",
+    "s_g": "scale error of the gyro",
     "ma_a_xy": "misalignment of the accelerometer, first cross axis", "ma_a_xz": "misalignment of the accelerometer, second cross axis",
     "ma_g_xy": "misalignment of the gyro, first cross axis", "ma_g_xz": "misalignment of the gyro, second cross axis",
     "b_a_rate": "drift of the accelerometer", "b_g_rate": "drift of the gyro", "latitude": "latitude, north positive",
@@ -38,8 +39,9 @@ def north_document(result: AlignmentFit) -> dict[str, Any]:
 
     Returns
     -------
-    Dictionary with `schema` ("jaxcal.north/1"), `version`, `verdict`, `reason`, `parameters` (name -> `value`, `std`, `low`, `high` at 95 %,
-    `unit`), `rank`, `unobservable`, `undetermined`, `chi_square`, `degrees_of_freedom`, `p_value`, `notes`. What is not known is None.
+    Dictionary with `schema` ("jaxcal.north/1"), `version`, `verdict`, `reason`, `parameters` (name -> `value`, `std`, `low`, `high` at
+    95 %, `unit`), `rank`, `unobservable`, `undetermined`,
+    `chi_square`, `degrees_of_freedom`, `p_value`, `notes`. What is not known is None.
 
     Examples
     --------
@@ -63,7 +65,8 @@ def north_document(result: AlignmentFit) -> dict[str, Any]:
         }  # fmt: skip
     return {
         "schema": SCHEMA, "version": importlib.metadata.version("jaxcal"), "verdict": word(result.verdict), "reason": result.reason,
-        "parameters": parameters, "rank": int(result.rank), "unobservable": list(result.unobservable), "undetermined": list(result.undetermined),
+        "parameters": parameters, "rank": int(result.rank), "unobservable": list(result.unobservable),
+        "undetermined": list(result.undetermined),
         "chi_square": number(result.chi_square), "degrees_of_freedom": int(result.degrees_of_freedom), "p_value": result.p_value,
         "notes": list(result.notes),
     }  # fmt: skip
@@ -157,13 +160,13 @@ def _figure(readings: Readings, result: AlignmentFit) -> Markup:
 
 def _rows(readings: Readings, result: AlignmentFit) -> Markup:
     positions = readings.positions
-    head = ("angle (deg)", "mounting", "dwell (s)", "accelerometer (m/s²)", "residual / σ", "gyro (deg/h)", "residual / σ")
+    head = ("angle (deg)", "mounting", "dwell (s)", "accelerometer (m/s²)", "residual in std", "gyro (deg/h)", "residual in std")
     rows = []
     for i in range(len(positions)):
         cells = [f"{positions.angle[i] / _DEG:.4f}", positions.mounting[i], f"{positions.dwell[i]:g}"]
         for values, residual, size in ((readings.accel, result.accel_residual, 1.0), (readings.gyro, result.gyro_residual, _DEG / 3600)):
-            there = values is not None and np.isfinite(values[i])
-            cells += [f"{values[i] / size:.6f}", f"{-residual[i]:+.2f}"] if there else ["", ""]
+            value = np.nan if values is None else values[i]
+            cells += [f"{value / size:.6f}", f"{-residual[i]:+.2f}"] if np.isfinite(value) else ["", ""]
         rows.append(tag("tr", *(tag("td", cell) for cell in cells)))
     table = tag("table", tag("thead", tag("tr", *(tag("th", text, scope="col") for text in head))), tag("tbody", *rows))
     region = tag("div", table, class_="scroll numbers", tabindex="0", role="region", aria_label="Readings")

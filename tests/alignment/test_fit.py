@@ -107,7 +107,7 @@ def test_the_fit_is_at_the_bound(name):
         return found.values, found.covariance, found.p_value, found.verdict._value
 
     values, covariance, p_value, verdict = jax.vmap(one)(jax.random.split(jax.random.key(11), runs))
-    kept = [i for i in np.flatnonzero(measured)]
+    kept = list(np.flatnonzero(measured))
     alone = Positions(np.array([*angles, 0, 0])[kept] * DEG, [MOUNTINGS[i] for i in kept], np.array(dwell)[kept], places.start[kept])
     bound = crlb(alone, PAPER, LATITUDE, accel_noise=VRW, gyro_noise=ARW, free=free, priors=priors)
     rmse = np.sqrt(np.mean(apart(values[:, 2], PAPER[2]) ** 2))

@@ -151,8 +151,8 @@ def test_a_raw_log_of_a_turning_table():
     rate, truth, latitude, step = 0.2, np.array([0.05, -0.03, 2.0]), 0.7, 0.01
     time = np.arange(0, 400, step)
     dense = simulate(
-        Positions(rate * time, dwell=step, rate=rate), truth, latitude, accel=Sensor(bias=1e-3, white=1e-5), gyro=Sensor(bias=1e-7, white=1e-7),
-        lever_arm=0.1,
+        Positions(rate * time, dwell=step, rate=rate), truth, latitude, accel=Sensor(bias=1e-3, white=1e-5),
+        gyro=Sensor(bias=1e-7, white=1e-7), lever_arm=0.1,
     )  # fmt: skip
     found = carousel(time, np.angle(np.exp(1j * rate * time)), dense.accel, dense.gyro, lever_arm=0.1)
     assert found.turns == pytest.approx(rate * time[-1] / (2 * np.pi))
