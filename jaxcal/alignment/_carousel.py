@@ -16,7 +16,7 @@ class Carousel(eqx.Module):
 
     Attributes
     ----------
-    readings : `Readings` with one position per sector, for `fit`.
+    readings : `Readings` with one position per sector (and turn, unless folded), for `fit`.
     turns : number of turns in the log.
     rate : mean table rate, rad/s; rate_spread : its standard deviation from sector to sector.
     wobble : sensor -> (amplitude of the second harmonic, its standard deviation, p value), SI; the model has none, so that a
@@ -40,6 +40,7 @@ def carousel(
     gyro: Any = None,
     *,
     sectors: int = 12,
+    fold: bool = True,
     accel_noise: Any = None,
     gyro_noise: Any = None,
     lever_arm: Any = 0.0,
@@ -55,6 +56,7 @@ def carousel(
     angle : (n,) table angle, rad, wrapped or not.
     accel, gyro : (n,) samples along the sensitive axis, m/s^2 and rad/s; either may be None.
     sectors : per turn.
+    fold : one mean for a sector over all turns, which loses nothing to white noise; False keeps the turns apart, for a drift.
     accel_noise, gyro_noise : as of `Readings`; by default what the samples scatter about the fitted harmonics, taken as white.
     lever_arm : m.
 
@@ -75,7 +77,7 @@ def carousel(
     >>> angle, rate = 0.1 * time, 7.292115e-5 * np.cos(0.6)
     >>> found = carousel(time, angle, -9.80665 * 0.02 * np.sin(angle), rate * np.cos(angle + 0.5), accel_noise=5e-4, gyro_noise=3e-6)
     >>> print(round(found.turns, 1), np.rad2deg(fit(found.readings, 0.6).psi).round(1))
-    11.5 28.9
+    11.5 28.0
 
     References
     ----------
@@ -102,7 +104,7 @@ def carousel(
     width = 2 * np.pi / sectors
     label = np.floor(angle / width).astype(int)
     # the first and last sectors are cut off by the log and have another mean angle
-    label, kept = label - label.min(), (label != label[0]) & (label != label[-1])
+    kept = (label != label[0]) & (label != label[-1])
     names, place = np.unique(label[kept], return_inverse=True)
     count = np.bincount(place)
     if count.min() < 2:
@@ -125,12 +127,19 @@ def carousel(
                 f"The {word} has a second harmonic of {wobble[name][0]:.3g} {unit} ({wobble[name][0] / wobble[name][1]:.1f} standard "
                 "deviations): the table wobbles, or the sensor is sensitive to acceleration."
             )
+    means = {name: mean(v) for name, v in samples.items()}
+    spread = float(rate.std())
+    if fold:
+        over = np.unique(np.mod(names, sectors), return_inverse=True)[1]
+        total = np.bincount(over, weights=dwell)
+        # angles within the turn: means over several turns would lie turns apart
+        folded = lambda v: np.bincount(over, weights=dwell * v) / total  # noqa: E731
+        mean_angle, means, rate = folded(np.mod(mean_angle, 2 * np.pi)), {name: folded(v) for name, v in means.items()}, folded(rate)
+        dwell, start = total, np.cumsum(total) - total
     positions = Positions(mean_angle, "x", dwell, start, rate=rate, width=width)
-    readings = Readings(
-        positions, *(mean(samples[name]) if name in samples else None for name in ("accel", "gyro")), accel_noise=noise["accel"],
-        gyro_noise=noise["gyro"], lever_arm=lever_arm,
-    )  # fmt: skip
-    return Carousel(readings, float(turns), float(rate.mean()), float(rate.std()), wobble, tuple(notes))
+    noises = {"accel_noise": noise["accel"], "gyro_noise": noise["gyro"]}
+    readings = Readings(positions, means.get("accel"), means.get("gyro"), lever_arm=lever_arm, **noises)
+    return Carousel(readings, float(turns), float(rate.mean()), spread, wobble, tuple(notes))
 
 
 def _second_harmonic(angle: np.ndarray, value: np.ndarray, dwell: np.ndarray) -> tuple[tuple[float, float, float], float]:

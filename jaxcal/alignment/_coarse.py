@@ -74,7 +74,7 @@ def coarse(
     >>> import numpy as np
     >>> from jaxcal.alignment import coarse
     >>> level = coarse(7.292115e-5 * np.array([0.0, -0.8, -0.6]), np.array([0.0, 0.0, -9.80665]))
-    >>> print(np.rad2deg(level.attitude).round(3), np.rad2deg(level.latitude).round(3))
+    >>> print(np.rad2deg(level.attitude).round(3) + 0.0, np.rad2deg(level.latitude).round(3))
     [ 0.  0. 90.] 36.87
 
     References
