@@ -247,7 +247,8 @@ def speed(_):
             processor.append(time.process_time() - busy)
         spread = np.sqrt(np.mean(apart(psi, attitude[2]) ** 2)) / DEG
         print(
-            f"{name}: {min(times):.2f} s, {min(processor):.2f} s of processor time (first call with compilation {first:.1f} s); rmse {spread:.4f} degrees"
+            f"{name}: {min(times):.2f} s, {min(processor):.2f} s of processor time (first call "
+              f"with compilation {first:.1f} s); rmse {spread:.4f} degrees"
         )
 
 
