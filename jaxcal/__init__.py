@@ -18,6 +18,7 @@ from ._errors import (
 
 if TYPE_CHECKING:
     from . import (
+        alignment as alignment,
         allan as allan,
         batch as batch,
         export as export,
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
 
 #: public name -> the module it is, or comes from
 _HOME = {
+    "alignment": "alignment",
     "allan": "allan",
     "batch": "batch",
     "export": "export",

@@ -1,4 +1,5 @@
 """Results as one HTML page, and as a JSON document."""
 
 from ._document import noise_document as noise_document
+from ._north import north_document as north_document, write_north as write_north
 from ._write import write as write

@@ -1,0 +1,276 @@
+"""`azimuth`: north from a gyro on the turntable, by eight closed forms."""
+
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from .._errors import DataError
+from .._precision import host_float64, is_traced
+from .._types import Array
+from ._closed import Closed, bias_and_scale, four_point, maximum, opposed, quadrature, scale_first, single_reading, triad
+from ._equation import distance
+from ._frames import EARTH_RATE, wrap
+from ._level import Level
+from ._positions import Readings, check_latitude, harmonics, mean_at, measured, need
+from ._verdict import NO_NUMBER, Verdict, sentence, word
+
+_QUARTER = np.pi / 2
+_THREE = [("x", 0.0), ("x", _QUARTER), ("x", np.pi)]
+_WANTED: dict[str, list[tuple[str, float]]] = {
+    "opposed": [("x", 0.0), ("x", np.pi)],
+    "quadrature": [("x", _QUARTER), ("x", 3 * _QUARTER)],
+    "four_point": [*_THREE, ("x", 3 * _QUARTER)],
+    "single_reading": [],
+    "maximum": [],
+    "bias_and_scale": _THREE,
+    "scale_first": _THREE,
+    "triad": [*_THREE, ("z", 0.0)],
+}
+AZIMUTH_METHODS = tuple(_WANTED)
+_KERNELS: dict[str, Any] = {
+    "opposed": opposed, "quadrature": quadrature, "four_point": four_point, "bias_and_scale": bias_and_scale, "scale_first": scale_first,
+    "triad": triad,
+}  # fmt: skip
+_POLE = np.deg2rad(89.9)
+_SAME_SCALE = 1e-6
+
+
+class Azimuth(eqx.Module):
+    """Azimuth of the table's x axis, from north towards east.
+
+    Attributes
+    ----------
+    psi : the chosen root, rad, in (-pi, pi]; None where there is none or nothing decides.
+    std : its standard deviation from the readings' noise and the level's, first order, rad; zero where neither is known.
+    roots, root_std : all roots, sorted, and their standard deviations. real : traced, which of the padded roots are roots.
+    bias : of the gyro, rad/s (it includes MA_2 w_z); None where the method gives none.
+    scale : scale factor S of each root; scale_approx : its linear approximation (equations 66, 71).
+    latitude, latitude_std : as "triad" finds it, rad. rho : amplitude over the Earth's rate, of "maximum".
+    verdict : item of `Verdict`.
+    method : its name.
+    """
+
+    psi: Any
+    std: Any
+    roots: Any
+    root_std: Any
+    real: Any
+    bias: Any
+    scale: Any
+    scale_approx: Any
+    latitude: Any
+    latitude_std: Any
+    rho: Any
+    verdict: Any
+    method: str = eqx.field(static=True)
+
+    @property
+    def reason(self) -> str:
+        """What the verdict means here (host only)."""
+        return sentence(self.verdict, self.method)
+
+
+@host_float64
+def azimuth(
+    readings: Readings,
+    level: Any,
+    latitude: Any,
+    *,
+    method: str = "four_point",
+    hint: Any = None,
+    hint_accuracy: float = np.deg2rad(10.0),
+    angle: Any = None,
+    bias: Any = 0.0,
+    scale: Any = 1.0,
+) -> Azimuth:
+    r"""Azimuth of a table that stands still, from one gyro, its level and the latitude.
+
+    .. math:: \psi = \operatorname{atan2}\big((u_1\sin\theta\sin\phi - u_2)/\cos\phi,\; u_1\big)
+
+    for "four_point", with :math:`u_1 = ((w_0 - w_{180})/2 - \sin\theta\sin\lambda)/(\cos\theta\cos\lambda)` and :math:`u_2 = ((w_{90} -
+    w_{270})/2 + \cos\theta\sin\phi\sin\lambda)/\cos\lambda`, rates over the Earth's. The other methods solve
+    :math:`a\sin\psi + b\cos\psi = c` and may have several roots; `fit` needs no choice of method. Traced, the kernels run as they are.
+
+    Parameters
+    ----------
+    readings : with a gyro, at the positions of the method ("maximum" takes all x positions, "single_reading" one).
+    level : `Level`, or (phi, theta) in rad.
+    latitude : rad, north positive.
+    method : "opposed" (0 and 180 degrees), "quadrature" (90 and 270), "four_point", "single_reading", "maximum", "bias_and_scale",
+        "scale_first" (0, 90, 180), "triad" (and z).
+    hint : rough azimuth, as of a compass, rad. hint_accuracy : its accuracy.
+    angle : table angle of "single_reading", rad; by default that of the first x reading.
+    bias, scale : of the gyro, known before, for "single_reading".
+
+    Returns
+    -------
+    Azimuth
+        With all roots and a verdict. Traced, roots are padded (`real` says which count) and psi is 0 where none is chosen.
+
+    Raises
+    ------
+    DataError
+        For an unknown method, a missing position (named), no gyro, or a level without roll.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.alignment import azimuth, simulate
+    >>> readings = simulate(np.deg2rad([0.0, 90.0, 180.0, 270.0]), np.deg2rad([2.0, -1.0, 40.0]), 0.6)
+    >>> print(np.rad2deg(azimuth(readings, np.deg2rad([2.0, -1.0]), 0.6).psi).round(6))
+    40.0
+    >>> print(np.rad2deg(azimuth(readings, np.deg2rad([2.0, -1.0]), 0.6, method="opposed").roots).round(6))
+    [-40.  40.]
+
+    References
+    ----------
+    The north-finding paper's equations (40) to (71), in corrected form.
+    """
+    if method not in AZIMUTH_METHODS:
+        raise DataError(f"There is no azimuth method {method!r}; known are {', '.join(map(repr, AZIMUTH_METHODS))}.")
+    check_latitude(latitude)
+    need(readings, "gyro", _WANTED[method], method)
+    if method in ("single_reading", "maximum") and "x" not in readings.positions.mounting:
+        raise DataError(f"Method {method!r} needs gyro readings with mounting 'x', and there are none.")
+    if method == "single_reading" and angle is None:
+        angle = readings.positions.angle[readings.positions.mounting.index("x")]
+    if method == "single_reading":
+        _need_angle(readings, angle)
+    dtype = jnp.asarray(readings.gyro).dtype
+    phi, theta, covariance = (jnp.asarray(part, dtype=dtype) for part in _level(level, method))
+    to = lambda value: None if value is None else jnp.asarray(value, dtype=dtype)  # noqa: E731
+    found = _found(readings, phi, theta, covariance, to(latitude), to(hint), to(hint_accuracy), to(angle), to(bias), to(scale), method)
+    return found if is_traced(found) else _trimmed(found)
+
+
+def _need_angle(readings: Readings, angle: Any) -> None:
+    if not is_traced(readings, angle) and not measured(readings, "gyro", "x", float(angle)):
+        raise DataError(f"There is no x reading at {np.rad2deg(float(angle)):g} degrees; give the table angle of one as `angle`, in rad.")
+
+
+def _level(level: Any, method: str) -> tuple[Any, Any, Any]:
+    """Roll, pitch and their covariance."""
+    if isinstance(level, Level):
+        if level.theta is None or (level.phi is None and method != "opposed"):
+            raise DataError(
+                f"The level has no {'roll' if level.theta is not None else 'pitch'}: {level.reason} Only 'opposed' needs no roll."
+            )
+        if level.phi is None:
+            return 0.0, level.theta, np.diag([0.0, np.asarray(level.covariance)[1, 1]])
+        return level.phi, level.theta, level.covariance
+    pair = jnp.asarray(level)
+    if pair.shape != (2,):
+        raise DataError(f"The level has shape {pair.shape}; give a `Level`, or (phi, theta) in rad.")
+    if not is_traced(level) and not np.isfinite(np.asarray(pair)).all():
+        raise DataError("The level is not finite; give (phi, theta) in rad.")
+    return pair[0], pair[1], jnp.zeros((2, 2), dtype=pair.dtype)
+
+
+@eqx.filter_jit
+def _found(readings, phi, theta, spread, latitude, hint, accuracy, angle, bias, scale, method: str) -> Azimuth:
+    unit, level = EARTH_RATE, jnp.stack([phi, theta])
+    dtype = phi.dtype
+    # at a pole the formulas divide by zero, and the verdict says so
+    pole = jnp.abs(latitude) > _POLE
+    lat = jnp.where(pole, _POLE, latitude)
+    missing = jnp.asarray(False)
+    if method == "maximum":
+        fit = harmonics(readings, "gyro", "x", unit)
+        x, covariance = jnp.concatenate([fit.value[:2], level]), _block(fit.covariance[:2, :2], spread)
+        form = maximum(x, covariance, lat, fit.value[2])
+        gone = ~fit.determined
+        form = eqx.tree_at(lambda f: (f.found.degenerate, f.found.real), form, (form.found.degenerate | gone, form.found.real & ~gone))
+    else:
+        wanted = _WANTED[method] or [("x", angle)]
+        at = [mean_at(readings, "gyro", *place, unit) for place in wanted]
+        w, variance = jnp.stack([one.value for one in at]), jnp.stack([one.variance for one in at])
+        missing = ~jnp.all(jnp.stack([one.present for one in at]))
+        if method == "triad":
+            x = jnp.concatenate([w[:3], level, w[3:]])
+            covariance = _block(_block(jnp.diag(variance[:3]), spread), jnp.diag(variance[3:]))
+            form = triad(x, covariance, lat)
+        elif method == "single_reading":
+            w, variance = (w - bias / unit) / scale, variance / scale**2
+            form = single_reading(jnp.concatenate([w, level]), _block(jnp.diag(variance), spread), lat, angle)
+        else:
+            form = _KERNELS[method](jnp.concatenate([w, level]), _block(jnp.diag(variance), spread), lat)
+    return _judged(form, method, latitude, hint, accuracy, pole, missing, unit, dtype)
+
+
+def _block(first: Array, second: Array) -> Array:
+    zero = jnp.zeros((first.shape[0], second.shape[0]), dtype=first.dtype)
+    return jnp.block([[first, zero], [zero.T, second]])
+
+
+def _judged(form: Closed, method: str, latitude, hint, accuracy, pole, missing, unit, dtype) -> Azimuth:
+    """Order the roots, choose one, and say what to think of it."""
+    found, positive = form.found, method in ("bias_and_scale", "scale_first")
+    order = jnp.argsort(jnp.where(found.real, found.roots, 10.0))
+    roots, std, real, merged, weak = (v[order] for v in (found.roots, found.std, found.real, found.merged, _each(found.weak, found)))
+    scale = None if form.scale is None else form.scale[order]
+    allowed = real & (scale > 0) if positive and scale is not None else real
+    count = jnp.sum(allowed)
+    near = jnp.zeros_like(roots) if hint is None else distance(roots, hint)
+    if hint is not None:
+        cost = near
+    elif positive and scale is not None:
+        cost = jnp.abs(scale - 1)
+    else:
+        cost = jnp.zeros_like(roots)
+    best = jnp.argmin(jnp.where(allowed, cost, jnp.inf))
+    others = allowed & (jnp.arange(roots.size) != best)
+    apart = jnp.min(jnp.where(others, distance(roots, roots[best]), jnp.inf))
+    together = jnp.all(~others | (distance(roots, roots[best]) < 1e-4) | merged[best])
+
+    verdict = Verdict.where(weak[best], Verdict.weak, Verdict.ok)
+    if form.latitude is not None:
+        off = (jnp.abs(form.latitude - latitude) > 4 * form.latitude_std) & (form.latitude_std > 0)
+        verdict = Verdict.where(off, Verdict.integrity, verdict)
+    if hint is not None:
+        verdict = Verdict.where((count > 1) & (apart < 2 * accuracy) & ~together, Verdict.ambiguous, verdict)
+    verdict = Verdict.where(merged[best], Verdict.double_root, verdict)
+    verdict = Verdict.where(found.clipped, Verdict.clipped, verdict)
+    undecided = (count > 1) & ~together
+    if hint is not None:
+        undecided = jnp.zeros_like(undecided)
+    elif positive and scale is not None:
+        verdict = Verdict.where((count > 1) & ~together & (verdict == Verdict.ok), Verdict.scale_chosen, verdict)
+        undecided = undecided & jnp.any(others & (jnp.abs(scale - scale[best]) < _SAME_SCALE))
+    verdict = Verdict.where(undecided, Verdict.undecided, verdict)
+    verdict = Verdict.where(found.infeasible, Verdict.infeasible, verdict)
+    verdict = Verdict.where(found.degenerate, Verdict.degenerate, verdict)
+    verdict = Verdict.where(pole, Verdict.pole, verdict)
+    verdict = Verdict.where(missing, Verdict.missing, verdict)
+    none = undecided | found.infeasible | found.degenerate | pole | missing
+    zero = jnp.zeros((), dtype=dtype)
+    return Azimuth(
+        psi=jnp.where(none, zero, wrap(roots[best])), std=jnp.where(none, zero, std[best]), roots=jnp.where(real, roots, 0),
+        root_std=jnp.where(real, std, 0), real=real & ~pole & ~missing, bias=None if form.bias is None else form.bias * unit,
+        scale=None if scale is None else jnp.where(real, scale, 0), scale_approx=form.scale_approx, latitude=form.latitude,
+        latitude_std=form.latitude_std, rho=form.rho, verdict=verdict, method=method,
+    )  # fmt: skip
+
+
+def _each(flag: Array, found: Any) -> Array:
+    """One flag per root: equations joined have one each, for their two roots."""
+    return jnp.repeat(flag, found.roots.size // flag.size) if flag.ndim else jnp.broadcast_to(flag, found.roots.shape)
+
+
+def _trimmed(found: Azimuth) -> Azimuth:
+    """A result of the host: the real roots alone, and None where there is no number."""
+    names = {word(item) for item in NO_NUMBER}
+    none = word(found.verdict) in names
+    kept = np.asarray(found.real)
+    if word(found.verdict) not in ("ok", "undecided") and none:
+        kept = kept & False
+    one = lambda value: None if value is None else float(value)  # noqa: E731
+    return Azimuth(
+        psi=None if none else float(found.psi), std=None if none else float(found.std), roots=np.asarray(found.roots)[kept],
+        root_std=np.asarray(found.root_std)[kept], real=np.ones(kept.sum(), dtype=bool), bias=one(found.bias),
+        scale=None if found.scale is None else np.asarray(found.scale)[kept],
+        scale_approx=None if none and found.scale_approx is not None else one(found.scale_approx),
+        latitude=None if none else one(found.latitude), latitude_std=None if none else one(found.latitude_std), rho=one(found.rho),
+        verdict=found.verdict, method=found.method,
+    )  # fmt: skip

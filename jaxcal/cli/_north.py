@@ -1,0 +1,192 @@
+"""`jaxcal north`: roll, pitch and azimuth of a turntable from its readings."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from cyclopts import Parameter
+
+from .._files import json_text, write_atomically
+from ._cache import keep_compiled
+from ._options import WRITING, CallError, Running, distinct
+from ._outputs import staged
+from ._readings import read_readings
+from ._screen import Screen, progress, show_written
+from ._simulate import noise_from_text
+
+_PICTURES = (".png", ".svg", ".pdf")
+#: parameter -> (name, unit, its size in SI)
+_DEG = math.pi / 180
+_ROWS = {
+    "phi": ("roll", "deg", _DEG), "theta": ("pitch", "deg", _DEG), "psi": ("azimuth", "deg", _DEG),
+    "b_a": ("accelerometer bias", "ug", 9.80665e-6), "s_a": ("accelerometer scale error", "ppm", 1e-6),
+    "b_g": ("gyro bias", "deg/h", _DEG / 3600), "s_g": ("gyro scale error", "ppm", 1e-6),
+    "ma_a_xy": ("accelerometer misalignment 1", "arcsec", _DEG / 3600), "ma_a_xz": ("accelerometer misalignment 2", "arcsec", _DEG / 3600),
+    "ma_g_xy": ("gyro misalignment 1", "arcsec", _DEG / 3600), "ma_g_xz": ("gyro misalignment 2", "arcsec", _DEG / 3600),
+    "b_a_rate": ("accelerometer drift", "ug/h", 9.80665e-6 / 3600), "b_g_rate": ("gyro drift", "deg/h/h", _DEG / 3600 / 3600),
+    "latitude": ("latitude", "deg", _DEG),
+}  # fmt: skip
+
+
+@Parameter(name="*", group=WRITING)
+@dataclass(frozen=True, kw_only=True)
+class Writing:
+    """Where results go; without any of these they are only printed.
+
+    Attributes
+    ----------
+    json
+        The result as JSON, in SI units.
+    report
+        The report: one HTML file.
+    plot
+        Readings with the fitted sinusoid: FILE.png, FILE.svg or FILE.pdf.
+    """
+
+    json: Path | None = None
+    report: Path | None = None
+    plot: Path | None = None
+
+
+def north(
+    readings: Path,
+    /,
+    *,
+    latitude: float | None = None,
+    gyro: str | None = None,
+    accel: str | None = None,
+    free: tuple[str, ...] | None = None,
+    prior: tuple[str, ...] | None = None,
+    hint: float | None = None,
+    hemisphere: str | None = None,
+    gravity: float = 9.80665,
+    writing: Writing = Writing(),
+    running: Running = Running(),
+) -> None:
+    """Roll, pitch and azimuth from readings on a turntable at rest.
+
+    The table is CSV with one row per position:
+    angle [deg],mounting,dwell [s],accel [m/s^2],gyro [deg/h]
+    Mountings are x (normal), z and -z (the same sensor remounted).
+
+    Parameters
+    ----------
+    readings
+        The table.
+    latitude
+        Latitude in degrees, north positive; without it, it is estimated.
+    gyro
+        Noise of the gyro, as N=0.01deg/sqrt(h); N and K count. Without it the residuals give the noise.
+    accel
+        Noise of the accelerometer, as N=0.03m/s/sqrt(h).
+    free
+        Parameters to estimate: phi,theta,psi,b_a,s_a,b_g,s_g,... Repeatable.
+    prior
+        Standard deviation of a parameter about zero, SI: s_a=1e-4. Repeatable.
+    hint
+        Rough azimuth in degrees, where two fit.
+    hemisphere
+        north or south, for a latitude that is estimated.
+    gravity
+        Local gravity in m/s^2.
+    """
+    if latitude is not None and not -90 <= latitude <= 90:
+        raise CallError(f"--latitude {latitude:g}: expected degrees from -90 to 90")
+    priors = _priors(prior)
+    plan = _plan(writing)
+    screen = Screen(running.quiet)
+    with staged(plan, inputs=[readings]) as places:
+        table, notes = read_readings(readings)
+        with progress("fitting", running.quiet):
+            keep_compiled()
+            import numpy as np
+
+            import jaxcal
+            from jaxcal.alignment import Positions, Readings, fit
+
+            positions = Positions(table["angle"], table["mounting"], table["dwell"], table.get("start"))
+            noise = {
+                f"{name}_noise": None if text is None else noise_from_text(text, name) for name, text in (("gyro", gyro), ("accel", accel))
+            }
+            data = Readings(positions, table.get("accel"), table.get("gyro"), **noise)
+            names = None if free is None else [word for part in free for word in part.split(",")]
+            found = fit(
+                data, None if latitude is None else np.deg2rad(latitude), free=names, priors=priors, hemisphere=hemisphere, gravity=gravity,
+                hint=None if hint is None else np.deg2rad(hint),
+            )  # fmt: skip
+            for target, make in plan.items():
+                make(places[target], data, found)
+    screen.line(f"{readings.name}: {len(positions)} positions, {float(np.sum(positions.dwell)):g} s in all")
+    screen.sentences("How it was read", notes)
+    _table(screen, found)
+    screen.sentences("Notes", [found.observability, *_fit_note(found), *found.notes])
+    show_written(screen, list(plan))
+    if found.psi is None:
+        raise jaxcal.DataError(f"no azimuth: {found.reason}")
+    if not bool(found.verdict == jaxcal.alignment.Verdict.ok):
+        screen.sentences("Warnings", [found.reason])
+
+
+def _priors(words: tuple[str, ...] | None) -> dict[str, float] | None:
+    priors = {}
+    for word in words or ():
+        for part in word.split(","):
+            name, _, value = part.partition("=")
+            try:
+                priors[name.strip()] = float(value)
+            except ValueError:
+                raise CallError(f"--prior {part}: expected NAME=STANDARD_DEVIATION in SI units, such as s_a=1e-4") from None
+    return priors or None
+
+
+def _plan(writing: Writing) -> dict[Path, Callable[[Path, Any, Any], None]]:
+    asked: list[tuple[Path, Callable[[Path, Any, Any], None]]] = []
+    if writing.json is not None:
+        asked.append((writing.json, _json))
+    if writing.report is not None:
+        asked.append((writing.report, _report))
+    if writing.plot is not None:
+        if writing.plot.suffix.lower() not in _PICTURES:
+            raise CallError(f"--plot {writing.plot}: expected a name that ends in {', '.join(_PICTURES)}")
+        asked.append((writing.plot, _picture))
+    return distinct(asked)
+
+
+def _table(screen: Screen, found: Any) -> None:
+    rows = []
+    for name, value in found.parameters.items():
+        label, unit, size = _ROWS[name]
+        half = 1.96 * found.std[name] / size
+        if value is None or not math.isfinite(half):
+            rows.append([label, "not determined", "", unit])
+            continue
+        digits = max(0, 1 - math.floor(math.log10(half))) if half > 0 else 6
+        value = value / size
+        rows.append([label, f"{value:.{digits}f}", f"{value - half:.{digits}f} to {value + half:.{digits}f}", unit])
+    screen.table("joint least-squares fit", ["", "value", "95 % interval", "unit"], rows)
+
+
+def _fit_note(found: Any) -> list[str]:
+    if found.p_value is None:
+        return []
+    return [f"chi-square {float(found.chi_square):.3g} with {int(found.degrees_of_freedom)} degrees of freedom, p = {found.p_value:.2g}."]
+
+
+def _json(place: Path, data: Any, found: Any) -> None:
+    import jaxcal
+
+    write_atomically(place, json_text(jaxcal.report.north_document(found)))
+
+
+def _report(place: Path, data: Any, found: Any) -> None:
+    import jaxcal
+
+    jaxcal.report.write_north(data, found, place)
+
+
+def _picture(place: Path, data: Any, found: Any) -> None:
+    import jaxcal
+
+    jaxcal.plot.save(jaxcal.plot.north(data, found), place)

@@ -1,0 +1,97 @@
+"""Tables of turntable readings: one row per position."""
+
+import csv
+import re
+from pathlib import Path
+from typing import Any
+
+from .._errors import DataError
+from .._units import factor, find_unit
+from ._options import CallError
+
+_NAMES = {
+    "angle": ("angle", "table_angle", "tau", "azimuth_of_table"),
+    "mounting": ("mounting", "mount", "axis"),
+    "dwell": ("dwell", "duration", "time_on_position"),
+    "start": ("start", "time", "t"),
+    "accel": ("accel", "acceleration", "specific_force", "a"),
+    "gyro": ("gyro", "rate", "angular_rate", "w"),
+}
+_ANGLES = {"deg": 0.017453292519943295, "rad": 1.0}
+_HEADER = re.compile(r"\s*([A-Za-z_ ]+?)\s*(?:[\[(]\s*(.+?)\s*[\])])?\s*")
+_EXPECTED = "expected a header such as: angle [deg],mounting,dwell [s],accel [m/s^2],gyro [deg/h]"
+
+
+def read_readings(path: Path) -> tuple[dict[str, Any], list[str]]:
+    """Columns in SI by name (angle, mounting, dwell, start, accel, gyro), and what was taken for granted.
+
+    Raises
+    ------
+    CallError
+        If there is no such file.
+    DataError
+        If the header lacks the angle or both sensors, or a cell is no number.
+    """
+    if not path.exists():
+        raise CallError(f"{path} does not exist")
+    with path.open(newline="", encoding="utf-8-sig") as file:
+        rows = list(csv.reader(line for line in file if line.strip() and not line.lstrip().startswith("#")))
+    if not rows:
+        raise DataError(f"{path} is empty; {_EXPECTED}")
+    columns: dict[str, tuple[int, float]] = {}
+    notes = []
+    for i, cell in enumerate(rows[0]):
+        found = _HEADER.fullmatch(cell)
+        word, unit = (found.group(1).lower().replace(" ", "_"), found.group(2)) if found else ("", None)
+        name = next((name for name, words in _NAMES.items() if word in words), None)
+        if name is None:
+            notes.append(f"column {cell.strip()!r} is not used")
+        elif name in columns:
+            raise DataError(f"{path}: two columns hold the {name}; leave one out")
+        else:
+            columns[name] = (i, _factor(path, name, unit, notes))
+    if "angle" not in columns or not {"accel", "gyro"} & set(columns):
+        missing = "an angle" if "angle" not in columns else "neither accelerometer nor gyro readings"
+        raise DataError(f"{path} has {missing if missing[0] == 'n' else 'no column with ' + missing}; {_EXPECTED}")
+    table: dict[str, Any] = {}
+    for name, (i, scale) in columns.items():
+        table[name] = [_cell(path, rows[0][i], number, row, i, scale, name) for number, row in enumerate(rows[1:], 2)]
+    if not table["angle"]:
+        raise DataError(f"{path} has a header and no rows; it takes one row per position")
+    for name, value in (("mounting", "x"), ("dwell", 1.0)):
+        if name not in table:
+            table[name] = [value] * len(table["angle"])
+            notes.append(f"no column {name}: {value if name == 'mounting' else '1 s'} at every position")
+    return table, notes
+
+
+def _factor(path: Path, name: str, unit: str | None, notes: list[str]) -> float:
+    if name == "mounting":
+        return 1.0
+    if name == "angle":
+        if unit is None:
+            notes.append("angle has no unit in its header and is taken as deg")
+        if (unit or "deg") not in _ANGLES:
+            raise DataError(f"{path}: {unit!r} is not a unit of the angle; use deg or rad")
+        return _ANGLES[unit or "deg"]
+    quantity = {"dwell": "time", "start": "time"}.get(name, name)
+    if unit is None:
+        unit = {"time": "s", "accel": "m/s^2", "gyro": "rad/s"}[quantity]
+        notes.append(f"{name} has no unit in its header and is taken as {unit}")
+    if find_unit(unit, quantity) is None:
+        raise DataError(
+            f"{path}: {unit!r} is not a unit of {quantity}; write one in brackets behind the column's name, as in {_EXPECTED[26:]}"
+        )
+    return factor(unit, quantity)
+
+
+def _cell(path: Path, column: str, line: int, row: list[str], i: int, scale: float, name: str) -> Any:
+    text = row[i].strip() if i < len(row) else ""
+    if name == "mounting":
+        return text.strip("\"'").lower() or "x"
+    if not text and name in ("accel", "gyro"):
+        return float("nan")
+    try:
+        return float(text) * scale
+    except ValueError:
+        raise DataError(f"{path}, line {line}: {text!r} is not a number ({column.strip()})") from None

@@ -1,0 +1,140 @@
+"""`north`: readings on the turntable with the fitted sinusoid, and how well they place the azimuth."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .._errors import DataError
+from ..alignment import AlignmentFit, Positions, Readings, Sensor, simulate
+from ._style import GRID, INK, MUTED, SERIES, SHADE, new_figure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_DEG = np.pi / 180
+_SENSORS = (("accel", "Specific force (m/s²)", 1.0), ("gyro", "Rate (deg/h)", 3600 / _DEG))
+_SPAN = 4.0  # standard deviations of the posterior that are drawn
+
+
+def north(readings: Any, result: Any, ax: Any = None) -> Any:
+    """Draw readings against the table angle with the fitted model, and the azimuth's distribution.
+
+    The line is what the fitted parameters predict at every table angle for mounting "x"; readings with other mountings are marked by
+    their names at the right edge. The last panel is the normal distribution of the azimuth, 95 % of it shaded.
+
+    Parameters
+    ----------
+    readings : `jaxcal.alignment.Readings` that were fitted.
+    result : the `AlignmentFit` of them.
+    ax : array of Axes to draw on, one per sensor and one for the azimuth; None makes a figure 1000 pixels wide.
+
+    Returns
+    -------
+    (k,) array of the Axes.
+
+    Raises
+    ------
+    DataError
+        If the arguments are not readings and their fit, or the fit did not converge.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> from jaxcal.alignment import Sensor, simulate
+    >>> gyro, accel = Sensor(white=3e-6), Sensor(white=5e-4)
+    >>> readings = simulate(np.deg2rad([0.0, 90.0, 180.0, 270.0]), np.deg2rad([2.0, -1.0, 40.0]), 0.6, accel=accel, gyro=gyro)
+    >>> axes = jaxcal.plot.north(readings, jaxcal.alignment.fit(readings, 0.6))
+    >>> axes[-1].get_xlabel()
+    'Azimuth (deg)'
+    """
+    if not isinstance(readings, Readings) or not isinstance(result, AlignmentFit):
+        raise DataError(
+            f"cannot draw {type(readings).__name__} and {type(result).__name__}; expected Readings and the AlignmentFit that "
+            "jaxcal.alignment.fit made of them"
+        )
+    if not np.isfinite(result.values).all():
+        raise DataError("there is nothing to draw: the fit did not converge")
+    sensors = [entry for entry in _SENSORS if getattr(readings, entry[0]) is not None]
+    count = len(sensors) + 1
+    axes = np.atleast_1d(_panels(count) if ax is None else np.asarray(ax, dtype=object))
+    if axes.shape != (count,):
+        raise DataError(f"there are {axes.size} Axes for {count} panels; give one per sensor and one for the azimuth")
+    model = _curve(readings, result)
+    for panel, (name, label, scale) in zip(axes, sensors, strict=False):
+        _readings(panel, readings, name, label, scale, model)
+    _azimuth(axes[-1], result)
+    return axes
+
+
+def _panels(count: int) -> Any:
+    figure = new_figure(1)
+    figure.set_size_inches(8.0, 2.6 * count)
+    return figure.subplots(count, 1)
+
+
+def _curve(readings: Readings, result: AlignmentFit) -> Readings:
+    """What the fitted sensors read at every table angle."""
+    v = np.asarray(result.values)
+    grid = Positions(np.linspace(0, 2 * np.pi, 181))
+    accel, gyro = Sensor(v[4], v[7:9], v[3]), Sensor(v[6], v[9:11], v[5])
+    rate, width = (float(np.mean(getattr(readings.positions, name))) for name in ("rate", "width"))
+    moving = Positions(grid.angle, rate=rate, width=width)
+    return simulate(moving, v[:3], v[13], accel=accel, gyro=gyro, lever_arm=readings.lever_arm)
+
+
+def _readings(ax: "Axes", readings: Readings, name: str, label: str, scale: float, model: Readings) -> None:
+    positions = readings.positions
+    values, white = np.asarray(getattr(readings, name)) * scale, readings.white(name)
+    bars = None if white is None else 1.96 * float(white) * scale / np.sqrt(positions.dwell)
+    ax.plot(model.positions.angle / _DEG, getattr(model, name) * scale, color=SERIES[0], linewidth=1.2, label="fitted model")
+    angle = np.mod(positions.angle / _DEG, 360.0)
+    words = np.array(positions.mounting)
+    flat = words == "x"
+    mark = {"fmt": "o", "markersize": 5, "color": SERIES[1], "ecolor": SERIES[1], "capsize": 3}
+    pick = lambda kept: None if bars is None else bars[kept]  # noqa: E731
+    ax.errorbar(angle[flat], values[flat], yerr=pick(flat), label="reading, 95 %" if bars is not None else "reading", **mark)
+    for word in dict.fromkeys(words[~flat]):
+        here = words == word
+        spot = 368 + 0 * angle[here]
+        ax.errorbar(spot, values[here], yerr=pick(here), **{**mark, "color": SERIES[2], "ecolor": SERIES[2], "fmt": "s"})
+        ax.annotate(
+            word, (368, values[here][0]), (6, 0), textcoords="offset points", va="center", color=INK, fontsize=9, annotation_clip=False
+        )
+    _plain(ax, "Table angle (deg)", label)
+    ax.set_xlim(-8, 376)
+    ax.set_xticks(np.arange(0, 361, 45))
+    ax.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2, frameon=False, fontsize=9, labelcolor=INK, borderaxespad=0.2)
+
+
+def _azimuth(ax: "Axes", result: AlignmentFit) -> None:
+    std = float(np.asarray(result.azimuth_std))
+    _plain(ax, "Azimuth (deg)", "Density (1/deg)")
+    if result.psi is None or not 0 < std < np.inf:
+        ax.text(0.5, 0.5, "The readings give no azimuth.", transform=ax.transAxes, ha="center", va="center", color=MUTED)
+        ax.set_xticks([])
+        ax.set_yticks([])
+        return
+    centre, sigma = result.psi / _DEG, std / _DEG
+    x = centre + sigma * np.linspace(-_SPAN, _SPAN, 201)
+    density = np.exp(-(((x - centre) / sigma) ** 2) / 2) / (sigma * np.sqrt(2 * np.pi))
+    inner = np.abs(x - centre) <= 1.96 * sigma
+    ax.fill_between(x[inner], density[inner], color=SHADE)
+    ax.plot(x, density, color=SERIES[0], linewidth=1.2)
+    ax.axvline(centre, color=MUTED, linewidth=0.8)
+    ax.set_ylim(0, None)
+    digits = max(0, int(np.ceil(1 - np.log10(sigma))))
+    ax.set_title(f"azimuth {centre:.{digits}f} ± {1.96 * sigma:.{digits}f} degrees (95 %)", loc="left", fontsize=10, color=INK)
+
+
+def _plain(ax: "Axes", x_label: str, y_label: str) -> None:
+    """Linear axes in the look of the other figures."""
+    ax.set_axisbelow(True)
+    ax.grid(True, color=GRID, linewidth=0.8)
+    ax.tick_params(color=GRID, labelcolor=INK, labelsize=9)
+    for side, spine in ax.spines.items():
+        spine.set_visible(side in ("left", "bottom"))
+        spine.set_color(MUTED)
+        spine.set_linewidth(0.8)
+    ax.set_xlabel(x_label, color=INK, fontsize=10)
+    ax.set_ylabel(y_label, color=INK, fontsize=10)

@@ -1,0 +1,182 @@
+"""`write_north`: the alignment of a turntable as one HTML page, and `north_document`, as JSON can say it."""
+
+import importlib.metadata
+import math
+import os
+from typing import Any
+
+import numpy as np
+
+from .._errors import DataError
+from .._files import write_atomically
+from ..alignment import NAMES, AlignmentFit, Readings
+from ..alignment._model import UNITS
+from ..alignment._verdict import word
+from ..plot import north
+from ._document import number
+from ._html import Markup, each, join, tag
+from ._page import page
+from ._svg import inline
+
+SCHEMA = "jaxcal.north/1"
+_DEG = math.pi / 180
+_MEANING = {
+    "phi": "roll of the table", "theta": "pitch of the table", "psi": "azimuth of the table's x axis, from north towards east",
+    "b_a": "bias of the accelerometer", "s_a": "scale error of the accelerometer", "b_g": "bias of the gyro",
+    "s_g": "scale error of the gyro",
+    "ma_a_xy": "misalignment of the accelerometer, first cross axis", "ma_a_xz": "misalignment of the accelerometer, second cross axis",
+    "ma_g_xy": "misalignment of the gyro, first cross axis", "ma_g_xz": "misalignment of the gyro, second cross axis",
+    "b_a_rate": "drift of the accelerometer", "b_g_rate": "drift of the gyro", "latitude": "latitude, north positive",
+}  # fmt: skip
+
+
+def north_document(result: AlignmentFit) -> dict[str, Any]:
+    """An alignment as a dictionary for JSON, SI units.
+
+    Parameters
+    ----------
+    result : as `jaxcal.alignment.fit` returns it.
+
+    Returns
+    -------
+    Dictionary with `schema` ("jaxcal.north/1"), `version`, `verdict`, `reason`, `parameters` (name -> `value`, `std`, `low`, `high` at
+    95 %, `unit`), `rank`, `unobservable`, `undetermined`,
+    `chi_square`, `degrees_of_freedom`, `p_value`, `notes`. What is not known is None.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> from jaxcal.alignment import Sensor, fit, simulate
+    >>> gyro, accel = Sensor(white=3e-6), Sensor(white=5e-4)
+    >>> angles, attitude = np.deg2rad([0.0, 90.0, 180.0, 270.0]), np.deg2rad([2.0, -1.0, 40.0])
+    >>> found = fit(simulate(angles, attitude, 0.6, accel=accel, gyro=gyro), 0.6)
+    >>> jaxcal.report.north_document(found)["parameters"]["psi"]["unit"]
+    'rad'
+    """
+    _check(result)
+    parameters = {}
+    for name, value in result.parameters.items():
+        std = number(result.std[name])
+        known = value is not None and std is not None
+        parameters[name] = {
+            "value": None if value is None else number(value), "std": std, "low": value - 1.96 * std if known else None,  # type: ignore[operator]
+            "high": value + 1.96 * std if known else None, "unit": UNITS[NAMES.index(name)],  # type: ignore[operator]
+        }  # fmt: skip
+    return {
+        "schema": SCHEMA, "version": importlib.metadata.version("jaxcal"), "verdict": word(result.verdict), "reason": result.reason,
+        "parameters": parameters, "rank": int(result.rank), "unobservable": list(result.unobservable),
+        "undetermined": list(result.undetermined),
+        "chi_square": number(result.chi_square), "degrees_of_freedom": int(result.degrees_of_freedom), "p_value": result.p_value,
+        "notes": list(result.notes),
+    }  # fmt: skip
+
+
+def write_north(readings: Readings, result: AlignmentFit, path: str | os.PathLike[str]) -> None:
+    """Write the report of an alignment: one HTML file that needs nothing else.
+
+    Parameters
+    ----------
+    readings : what was fitted.
+    result : the fit.
+    path : file to write; an existing one is replaced in one step.
+
+    Raises
+    ------
+    DataError
+        If the arguments are not readings and their fit.
+    ExportError
+        If the file cannot be written.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> from jaxcal.alignment import Sensor, fit, simulate
+    >>> gyro, accel = Sensor(white=3e-6), Sensor(white=5e-4)
+    >>> angles, attitude = np.deg2rad([0.0, 90.0, 180.0, 270.0]), np.deg2rad([2.0, -1.0, 40.0])
+    >>> readings = simulate(angles, attitude, 0.6, accel=accel, gyro=gyro)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "north.html")
+    ...     jaxcal.report.write_north(readings, fit(readings, 0.6), path)
+    ...     path.read_text()[:15]
+    '<!DOCTYPE html>'
+    """
+    _check(result)
+    if not isinstance(readings, Readings):
+        raise DataError(f"the readings are {type(readings).__name__}; give the Readings that were fitted")
+    version = importlib.metadata.version("jaxcal")
+    count, total = len(readings.positions), float(np.sum(readings.positions.dwell))
+    lead = f"{count} positions, {total:g} s in all"
+    body = join((_found(result), _figure(readings, result), _rows(readings, result), _remarks(result)))
+    write_atomically(path, page("Alignment on a turntable", lead, body, f"Written by jaxcal {version}"))
+
+
+def _check(result: Any) -> None:
+    if not isinstance(result, AlignmentFit):
+        raise DataError(f"the result is {type(result).__name__}; give the AlignmentFit that jaxcal.alignment.fit returns")
+
+
+def _shown(name: str) -> tuple[float, str]:
+    """Size and name of the unit in which a parameter is read."""
+    unit = UNITS[NAMES.index(name)]
+    if name in ("phi", "theta", "psi", "latitude"):
+        return _DEG, "deg"
+    return {
+        "rad": (_DEG / 3600, "arcsec"), "": (1e-6, "ppm"), "m/s^2": (9.80665e-6, "µg"), "rad/s": (_DEG / 3600, "deg/h"),
+        "m/s^3": (9.80665e-6 / 3600, "µg/h"), "rad/s^2": (_DEG / 3600**2, "deg/h²"),
+    }[unit]  # fmt: skip
+
+
+def _found(result: AlignmentFit) -> Markup:
+    rows = []
+    for name, value in result.parameters.items():
+        size, unit = _shown(name)
+        half = 1.96 * result.std[name] / size
+        if value is None or not math.isfinite(half):
+            cells = ("not determined", "")
+        else:
+            digits = max(0, 1 - math.floor(math.log10(half))) if half > 0 else 6
+            shown = value / size
+            cells = (f"{shown:.{digits}f} {unit}", f"{shown - half:.{digits}f} to {shown + half:.{digits}f}")
+        badge = tag("span", "prior", class_="badge hint") if bool(np.asarray(result.prior_only)[NAMES.index(name)]) else Markup("")
+        rows.append(tag("tr", tag("th", tag("b", name), " ", badge, tag("span", _MEANING[name], class_="small"), scope="row"),
+                        *(tag("td", cell) for cell in cells)))  # fmt: skip
+    head = tag("tr", *(tag("th", text, scope="col") for text in ("", "value", "95 % interval")))
+    table = tag("table", tag("thead", head), tag("tbody", *rows), class_="terms")
+    title = tag("h2", "What was found", id="found")
+    return tag("section", title, tag("p", result.reason), table, aria_labelledby="found")
+
+
+def _figure(readings: Readings, result: AlignmentFit) -> Markup:
+    axes = north(readings, result)
+    about = "Readings against the table angle with the fitted model, and the distribution of the azimuth."
+    svg = inline(axes[0], "north", "Readings and azimuth", about)
+    text = "Points: readings with their 95 % intervals. Lines: fitted model. Below: normal distribution of the azimuth, 95 % shaded."
+    scroll = tag("div", svg, class_="scroll", tabindex="0", role="region", aria_label="Readings and azimuth")
+    return tag("section", tag("h2", "Readings", id="readings"), tag("figure", scroll, tag("figcaption", text)), aria_labelledby="readings")
+
+
+def _rows(readings: Readings, result: AlignmentFit) -> Markup:
+    positions = readings.positions
+    head = ("angle (deg)", "mounting", "dwell (s)", "accelerometer (m/s²)", "residual in std", "gyro (deg/h)", "residual in std")
+    rows = []
+    for i in range(len(positions)):
+        cells = [f"{positions.angle[i] / _DEG:.4f}", positions.mounting[i], f"{positions.dwell[i]:g}"]
+        for values, residual, size in ((readings.accel, result.accel_residual, 1.0), (readings.gyro, result.gyro_residual, _DEG / 3600)):
+            value = np.nan if values is None else values[i]
+            cells += [f"{value / size:.6f}", f"{-residual[i]:+.2f}"] if np.isfinite(value) else ["", ""]
+        rows.append(tag("tr", *(tag("td", cell) for cell in cells)))
+    table = tag("table", tag("thead", tag("tr", *(tag("th", text, scope="col") for text in head))), tag("tbody", *rows))
+    region = tag("div", table, class_="scroll numbers", tabindex="0", role="region", aria_label="Readings")
+    return tag("details", tag("summary", "Every reading"), region)
+
+
+def _remarks(result: AlignmentFit) -> Markup:
+    said = [result.observability]
+    if result.p_value is not None:
+        said.append(
+            f"Chi-square {float(result.chi_square):.3g} with {int(result.degrees_of_freedom)} degrees of freedom: p = {result.p_value:.2g}."
+        )
+    return tag("section", tag("h2", "Notes", id="notes"), tag("ul", each("li", [*said, *result.notes])), aria_labelledby="notes")

@@ -1,0 +1,300 @@
+"""The joint fit against the Cramer-Rao bound, what it can and cannot tell, the bound itself and the plan."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import scipy.stats
+
+import jaxcal
+from jaxcal import DataError
+from jaxcal.alignment import NAMES, Positions, Readings, Sensor, crlb, fit, plan, simulate
+from jaxcal.alignment._verdict import word
+
+from . import cases
+from .cases import ARW, DEG, VRW, apart
+
+SEVEN = NAMES[:7]
+PAPER, LATITUDE = np.array([50.0, 30.0, 88.0]) * DEG, 35 * DEG
+X4 = [("x", 0), ("x", 90), ("x", 180), ("x", 270)]
+Z4, MZ4 = ([(mounting, angle) for _, angle in X4] for mounting in ("z", "-z"))
+PRIORS = {"s_a": 1e-4, "s_g": 1e-4}
+FIVE = ("phi", "theta", "psi", "b_a", "b_g")
+
+
+def test_bounds_of_the_reference_file(reference):
+    for case in cases.vectors(reference)["crlb"]:
+        dwell = np.array(case["dwell"])
+        start = np.array(case["time"]) - dwell / 2 if "time" in case else None
+        bound = crlb(
+            cases.positions(case["positions"], dwell, start), np.array(case["attitude_deg"]) * DEG, case["latitude_deg"] * DEG,
+            accel_noise=case["velocity_random_walk"], gyro_noise=case["angle_random_walk"], free=case["free"], priors=case["prior"],
+        )  # fmt: skip
+        for name, sigma in case["sigma"].items():
+            assert bound.std[name] == pytest.approx(sigma, rel=1e-6), case["name"]
+        assert bound.azimuth_std / DEG == pytest.approx(case["azimuth_sigma_deg"], rel=1e-6)
+
+
+def test_ranks_and_what_is_confounded(reference):
+    five = (*NAMES[:4], "b_g")
+    sets = {
+        "angles_biases": five, "plus_scales": SEVEN, "plus_misalignments": NAMES[:11], "angles_biases_latitude": (*five, "latitude"),
+        "gyro_scale_latitude": (*five, "s_g", "latitude"), "plus_scales_latitude": (*SEVEN, "latitude"),
+        "everything_latitude": (*NAMES[:11], "latitude"),
+    }  # fmt: skip
+    rows = {
+        "x_0_180": X4[::2], "x_0_90_180": X4[:3], "x4": X4, "x8": [("x", a) for a in range(0, 360, 45)], "x4_z": [*X4, ("z", 0)],
+        "x4_z_mz": [*X4, ("z", 0), ("-z", 0)], "x4_z4": X4 + Z4, "x4_z4_mz4": X4 + Z4 + MZ4,
+    }  # fmt: skip
+    counted = 0
+    for case in cases.vectors(reference)["rank"]:
+        attitude = PAPER if case["attitude"] == "tilted" else np.array([0.0, 0.0, 88.0]) * DEG
+        for name, expected in case.items():
+            if isinstance(expected, dict):
+                bound = crlb(cases.positions(rows[case["positions"]]), attitude, LATITUDE, accel_noise=VRW, gyro_noise=ARW, free=sets[name])
+                assert int(bound.rank) == expected["rank"], (case["positions"], name)
+                assert set(bound.unobservable) == set(expected["confounded"]), (case["positions"], name)
+                counted += 1
+    assert counted == 112
+
+
+def test_rules_of_thumb():
+    total, h = 240.0, np.cos(LATITUDE)
+    unit = ARW / (7.292115e-5 * h)
+    level = np.array([0.0, 0.0, 88.0]) * DEG
+    known = {"accel_noise": VRW, "gyro_noise": ARW, "free": ("psi", "b_g")}
+    for count in (3, 4, 8):
+        places = Positions(2 * np.pi * np.arange(count) / count, dwell=total / count)
+        assert crlb(places, level, LATITUDE, **known).azimuth_std == pytest.approx(unit * np.sqrt(2 / total), rel=1e-9)
+    pair = lambda angle: Positions([angle, angle + np.pi], dwell=total / 2)  # noqa: E731
+    best = float(jaxcal.alignment.best_angle(jnp.asarray(level), LATITUDE))
+    assert crlb(pair(best), level, LATITUDE, **known).azimuth_std == pytest.approx(unit / np.sqrt(total), rel=1e-9)
+    # an axis error of 10 degrees costs 1.5 %
+    off = crlb(pair(best + 10 * DEG), level, LATITUDE, **known).azimuth_std
+    assert off == pytest.approx(unit / np.sqrt(total) / np.cos(10 * DEG), rel=1e-9)
+    worst = crlb(pair(best + np.pi / 2), level, LATITUDE, **known)
+    assert worst.undetermined == ("psi",)
+    assert np.isinf(worst.azimuth_std)
+
+
+#: one list of mountings for all, with readings left out, so that one program serves them
+MOUNTINGS = ["x"] * 8 + ["z", "-z"]
+LAYOUTS = {
+    # angles of the eight x positions, dwells (0: not measured), what is free, priors, largest order of drift
+    "x4": ([0, 90, 180, 270] * 2, [60] * 4 + [0] * 6, SEVEN, PRIORS),
+    "x4 + z + -z": ([0, 90, 180, 270] * 2, [40] * 4 + [0] * 4 + [40] * 2, SEVEN, {}),
+    "unequal dwells": ([0, 90, 180, 270] * 2, [15, 100, 45, 80] + [0] * 6, SEVEN, PRIORS),
+    "drift free, mirrored": ([0, 90, 180, 270, 270, 180, 90, 0], [30] * 8 + [0] * 2, (*SEVEN, "b_g_rate"), PRIORS),
+}
+
+
+@pytest.mark.parametrize("name", LAYOUTS)
+def test_the_fit_is_at_the_bound(name):
+    angles, dwell, free, priors = LAYOUTS[name]
+    runs, measured = 1000, np.array(dwell) > 0
+    places = Positions(np.array([*angles, 0, 0]) * DEG, MOUNTINGS, np.where(measured, dwell, 1.0))
+    accel, gyro = Sensor(bias=1e-3, white=VRW), Sensor(bias=5e-8, white=ARW)
+
+    # the true scale errors scatter as their priors say, so that covariance and chi-square hold for the average run
+    spread = 1e-4 if priors else 0.0
+
+    def one(key):
+        key, first, second = jax.random.split(key, 3)
+        scaled = (Sensor(spread * jax.random.normal(k), (0.0, 0.0), s.bias, white=s.white) for k, s in ((first, accel), (second, gyro)))
+        readings = simulate(places, PAPER, LATITUDE, **dict(zip(("accel", "gyro"), scaled, strict=True)), seed=key)
+        a, w = (jnp.where(measured, values, jnp.nan) for values in (readings.accel, readings.gyro))
+        found = fit(Readings(places, a, w, accel_noise=VRW, gyro_noise=ARW), LATITUDE, free=free, priors=priors)
+        return found.values, found.covariance, found.p_value, found.verdict._value
+
+    values, covariance, p_value, verdict = jax.vmap(one)(jax.random.split(jax.random.key(11), runs))
+    kept = list(np.flatnonzero(measured))
+    alone = Positions(np.array([*angles, 0, 0])[kept] * DEG, [MOUNTINGS[i] for i in kept], np.array(dwell)[kept], places.start[kept])
+    bound = crlb(alone, PAPER, LATITUDE, accel_noise=VRW, gyro_noise=ARW, free=free, priors=priors)
+    rmse = np.sqrt(np.mean(apart(values[:, 2], PAPER[2]) ** 2))
+    # standard error of a rmse over 1,000 runs: 2.2 %
+    assert 0.9 < rmse / bound.azimuth_std < 1.1
+    assert np.all(np.asarray(verdict) == int(jaxcal.alignment.Verdict.ok._value)) or np.mean(np.asarray(p_value) < 1e-3) < 5e-3
+    np.testing.assert_allclose(np.median(covariance[:, 2, 2]) ** 0.5, bound.azimuth_std, rtol=0.02)
+    # normalised error squared of the three angles: chi-square of three degrees of freedom
+    error = np.asarray(values)[:, :3] - PAPER[None, :]
+    squared = np.einsum("ni,nij,nj->n", error, np.linalg.inv(np.asarray(covariance)[:, :3, :3]), error)
+    assert scipy.stats.kstest(squared, "chi2", (3,)).pvalue > 1e-3
+    assert np.mean(squared) == pytest.approx(3, abs=4 * np.sqrt(6 / runs))
+    assert scipy.stats.kstest(p_value, "uniform").pvalue > 1e-3
+
+
+def readings_at(rows, attitude=PAPER, latitude=LATITUDE, dwell=60.0, **errors):
+    noise = {"accel_noise": VRW, "gyro_noise": ARW}
+    made = simulate(cases.positions(rows, dwell), attitude, latitude, **errors)
+    return Readings(made.positions, made.accel, made.gyro, **noise)
+
+
+def test_parameters_that_nothing_determines_are_named_and_have_no_number():
+    found = fit(readings_at(X4), LATITUDE, free=SEVEN)
+    assert word(found.verdict) == "unobservable"
+    assert set(found.unobservable) == {"phi", "theta", "psi", "s_a", "s_g"}
+    assert found.psi is None
+    assert found.phi is None
+    assert np.isinf(found.std["psi"])
+    assert "s_a" in found.reason
+    assert "prior" in found.reason
+    assert not np.isnan(found.covariance).any()
+    level = fit(readings_at(X4, np.array([0.0, 0.0, 88.0]) * DEG), LATITUDE, free=SEVEN)
+    assert level.unobservable == ("s_a",)
+    assert apart(level.psi, 88 * DEG) < 1e-9
+    assert level.parameters["s_a"] is None
+
+
+def test_a_prior_gives_a_number_and_says_that_it_did():
+    found = fit(readings_at(X4), LATITUDE, free=SEVEN, priors=PRIORS)
+    assert word(found.verdict) == "ok"
+    assert found.undetermined == ()
+    assert found.std["s_a"] == pytest.approx(1e-4, rel=1e-3)
+    assert any("prior alone: s_a" in note for note in found.notes)
+    assert apart(found.psi, PAPER[2]) < 1e-9
+
+
+def test_the_mirrored_attitude_is_returned_for_readings_of_the_table_alone():
+    found = fit(readings_at(X4), LATITUDE)
+    np.testing.assert_allclose(found.other[:3], [np.pi - PAPER[0], PAPER[1], -PAPER[2]], atol=1e-9)
+    assert any("mirrored" in note for note in found.notes)
+    again = simulate(found_positions := cases.positions(X4), found.other[:3], LATITUDE)
+    np.testing.assert_allclose(again.gyro, simulate(found_positions, PAPER, LATITUDE).gyro, atol=1e-17)
+    assert fit(readings_at([*X4, ("z", 0)]), LATITUDE).other is None
+    upside_down = np.array([130.0, 30.0, -88.0]) * DEG
+    assert apart(fit(readings_at([*X4, ("z", 0)], upside_down), LATITUDE).psi, -88 * DEG) < 1e-9
+    assert apart(fit(readings_at(X4, upside_down), LATITUDE, start={"phi": 2.3}).psi, -88 * DEG) < 1e-9
+
+
+def test_latitude():
+    found = fit(readings_at([*X4, ("z", 0)]))
+    assert found.latitude == pytest.approx(LATITUDE, abs=1e-9)
+    table = fit(readings_at(X4), hemisphere="north")
+    assert table.latitude == pytest.approx(LATITUDE, abs=1e-9) or word(table.verdict) == "undecided"
+    for options, word_of in (({"free": (*FIVE, "s_g")}, "s_g"), ({}, "distinct")):
+        rows = X4 if options else X4[::2]
+        with pytest.raises(DataError, match=word_of):
+            fit(readings_at(rows), **options)
+
+
+def test_two_azimuths_that_fit_are_not_decided_in_silence():
+    # level known, one opposed pair: the azimuth and its mirror in the meridian
+    readings = readings_at(X4[::2], np.array([0.0, 0.0, 40.0]) * DEG)
+    options = {"free": ("psi", "b_g"), "start": {"phi": 0.0, "theta": 0.0}}
+    found = fit(readings, LATITUDE, **options)
+    assert word(found.verdict) == "undecided"
+    assert found.psi is None
+    both = sorted([found.values[2], found.other[2]])
+    np.testing.assert_allclose(np.rad2deg(both), [-40, 40], atol=1.1)
+    assert fit(readings, LATITUDE, hint=30 * DEG, **options).psi == pytest.approx(40 * DEG, abs=1e-9)
+
+
+def test_a_misfit_is_told():
+    readings = readings_at([*X4, ("x", 45), ("x", 135)])
+    gyro = readings.gyro.copy()
+    gyro[1] += 10 * ARW / np.sqrt(60)
+    found = fit(Readings(readings.positions, readings.accel, gyro, accel_noise=VRW, gyro_noise=ARW), LATITUDE)
+    assert word(found.verdict) == "misfit"
+    assert found.p_value < 1e-3
+
+
+def test_noise_from_the_residuals():
+    rows = [("x", a) for a in range(0, 360, 36)]
+    errors = {"accel": Sensor(white=VRW), "gyro": Sensor(white=ARW)}
+    made = simulate(cases.positions(rows, 24.0), PAPER, LATITUDE, seed=3, **errors)
+    found = fit(Readings(made.positions, made.accel, made.gyro), LATITUDE)
+    # six redundant readings of the gyro: 29 %
+    assert found.azimuth_std == pytest.approx(fit(made, LATITUDE).azimuth_std, rel=0.6)
+    assert found.p_value is None
+    assert "No noise was given" in found.notes[0]
+
+
+def test_one_sensor_alone():
+    readings = readings_at(X4)
+    flat = fit(Readings(readings.positions, accel=readings.accel, accel_noise=VRW), LATITUDE)
+    np.testing.assert_allclose([flat.phi, flat.theta], PAPER[:2], atol=1e-11)
+    assert not flat.free[2]
+    known = {"phi": PAPER[0], "theta": PAPER[1]}
+    north = fit(Readings(readings.positions, gyro=readings.gyro, gyro_noise=ARW), LATITUDE, free=("psi", "b_g"), start=known)
+    assert apart(north.psi, PAPER[2]) < 1e-11
+
+
+def test_random_walk_of_the_bias_widens_the_azimuth_as_generalised_least_squares_says():
+    """Against the covariance written out in NumPy: level known, unknowns psi and the bias at the start."""
+    walk, dwell = 5e-8, 30.0
+    angles = np.array([0, 90, 180, 270, 270, 180, 90, 0]) * DEG
+    places = Positions(angles, dwell=dwell)
+    start = dwell * np.arange(8)
+    covariance = walk**2 * (np.minimum.outer(start, start) + np.where(np.eye(8) > 0, dwell / 3, dwell / 2)) + np.eye(8) * ARW**2 / dwell
+    slope = 7.292115e-5 * np.cos(LATITUDE) * -np.sin(angles + 88 * DEG)
+    rows = np.stack([slope, np.ones(8)], axis=1)
+    expected = np.sqrt(np.linalg.inv(rows.T @ np.linalg.solve(covariance, rows))[0, 0])
+    level = np.array([0.0, 0.0, 88.0]) * DEG
+    noise = Sensor(white=ARW, walk=walk)
+    bound = crlb(places, level, LATITUDE, accel_noise=VRW, gyro_noise=noise, free=("psi", "b_g"))
+    assert bound.azimuth_std == pytest.approx(expected, rel=1e-9)
+    assert bound.azimuth_std > 1.05 * crlb(places, level, LATITUDE, accel_noise=VRW, gyro_noise=ARW, free=("psi", "b_g")).azimuth_std
+    # and the noise that `simulate` makes has that covariance
+    keys = jax.random.split(jax.random.key(0), 4000)
+    noisy = jax.vmap(lambda key: simulate(places, jnp.asarray(level), LATITUDE, gyro=noise, seed=key).gyro)(keys)
+    sample = np.cov(np.asarray(noisy).T)
+    np.testing.assert_allclose(np.diag(sample), np.diag(covariance), rtol=4 * np.sqrt(2 / 4000))
+    size = np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
+    assert np.max(np.abs(sample - covariance) / size) < 5 / np.sqrt(4000)
+
+
+def test_plan_reaches_the_listed_optima(reference):
+    for case in cases.vectors(reference)["design"][::3]:
+        found = plan(
+            240.0, case["latitude_deg"] * DEG, attitude=np.array(case["attitude_deg"]) * DEG, accel_noise=VRW, gyro_noise=ARW,
+            free=SEVEN, priors={"s_a": 1e-4, "s_g": case["gyro_scale_prior"]},
+        )  # fmt: skip
+        assert found.criterion / DEG == pytest.approx(case["optimum_sigma_deg"], rel=1e-3)
+        assert found.compared["uniform 6"] / DEG == pytest.approx(case["uniform_sigma_deg"], rel=1e-5)
+        assert found.criterion <= min(found.compared.values())
+        assert found.gain == pytest.approx(case["uniform_sigma_deg"] / case["optimum_sigma_deg"], rel=1e-3)
+        assert float(np.sum(found.positions.dwell)) == pytest.approx(240.0)
+        again = crlb(
+            found.positions, np.array(case["attitude_deg"]) * DEG, LATITUDE, accel_noise=VRW, gyro_noise=ARW, free=SEVEN,
+            priors={"s_a": 1e-4, "s_g": case["gyro_scale_prior"]},
+        )  # fmt: skip
+        assert again.azimuth_std == pytest.approx(found.criterion, rel=1e-6)
+
+
+def test_plan_with_moves_least_dwells_and_mirrored_order():
+    common = {"attitude": np.array([1.0, 2.0, 88.0]) * DEG, "accel_noise": VRW, "gyro_noise": ARW}
+    found = plan(300.0, LATITUDE, minimum_dwell=10.0, slew=4.0, mirrored=True, **common)
+    places = found.positions
+    assert len(places) == 12
+    np.testing.assert_allclose(places.angle, places.angle[::-1])
+    assert np.min(places.dwell) >= 10.0 - 1e-9
+    assert places.start[-1] + places.dwell[-1] == pytest.approx(300.0)
+    assert np.sum(places.dwell) == pytest.approx(300.0 - 10 * 4.0)
+    with pytest.raises(DataError, match="do not hold"):
+        plan(50.0, LATITUDE, minimum_dwell=10.0, **common)
+
+
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        ({"free": ("phi", "yaw")}, "no free parameter 'yaw'"), ({"priors": {"s_a": 0.0}}, "positive"), ({"priors": {"psi": 0.1}}, "mean"),
+        ({"hemisphere": "up"}, "north"), ({"gravity": 1.0}, "gravity"), ({"latitude": 35.0}, "numpy.deg2rad"),
+    ],
+)  # fmt: skip
+def test_calls_that_are_wrong_say_what_mends_them(change, match):
+    with pytest.raises(DataError, match=match):
+        fit(readings_at(X4), **({"latitude": LATITUDE} | change))
+
+
+def test_azimuth_responds_to_the_readings_as_finite_differences_say():
+    """The fit is differentiable (implicit function theorem)."""
+    readings = readings_at(X4)
+
+    def psi(gyro):
+        return fit(Readings(readings.positions, readings.accel, gyro, accel_noise=VRW, gyro_noise=ARW), LATITUDE).values[2]
+
+    slope = jax.grad(psi)(jnp.asarray(readings.gyro))
+    step = 1e-9
+    for i in range(4):
+        up, down = (readings.gyro + sign * step * (np.arange(4) == i) for sign in (1, -1))
+        assert (psi(up) - psi(down)) / (2 * step) == pytest.approx(float(slope[i]), rel=1e-5)

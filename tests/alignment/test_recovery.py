@@ -1,0 +1,174 @@
+"""Error-free readings give back the truth: closed forms over 300 attitudes, joint fit, drift, continuous rotation, full IMU."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxcal.alignment import (
+    AZIMUTH_METHODS,
+    LEVEL_METHODS,
+    NAMES,
+    Positions,
+    Readings,
+    Sensor,
+    azimuth,
+    carousel,
+    coarse,
+    fit,
+    level,
+    simulate,
+)
+
+from . import cases
+from .cases import DEG, apart
+
+EVERY = Positions(np.array([0, 90, 180, 270, 60, 120, 240, 300, 0, 90, 180, 270, 0]) * DEG, ["x"] * 8 + ["y"] * 4 + ["z"], dwell=20.0)
+NANO = 1e-9 * DEG
+
+
+def made(draw):
+    """Readings of one attitude: (phi, theta, psi, latitude)."""
+    return simulate(EVERY, draw[:3], draw[3])
+
+
+@pytest.fixture(scope="module")
+def attitudes():
+    """300 attitudes 10 degrees away from roll and pitch of 90 degrees and from the meridian."""
+    rng = np.random.default_rng(0)
+    span = np.array([[-80, 80], [-80, 80], [10, 170], [-75, 75]]) * DEG
+    draws = rng.uniform(span[:, 0], span[:, 1], (300, 4))
+    draws[:, 2] *= rng.choice([-1, 1], 300)
+    return draws
+
+
+@pytest.mark.parametrize("method", LEVEL_METHODS)
+def test_levels(attitudes, method):
+    found = jax.vmap(lambda draw: level(made(draw), method=method))(jnp.asarray(attitudes))
+    assert np.max(apart(found.phi, attitudes[:, 0])) < NANO
+    assert np.max(apart(found.theta, attitudes[:, 1])) < NANO
+
+
+@pytest.mark.parametrize("method", AZIMUTH_METHODS)
+def test_azimuths(attitudes, method):
+    found = jax.vmap(lambda draw: azimuth(made(draw), draw[:2], draw[3], method=method, hint=draw[2]))(jnp.asarray(attitudes))
+    away = np.where(found.real, apart(found.roots, attitudes[:, 2:3]), np.inf)
+    away = np.sort(np.concatenate([away, np.full((300, 1), np.inf)], axis=1), axis=1)
+    # ten degrees away from the method's own singularity: where its roots merge
+    kept = away[:, 1] > 10 * DEG
+    assert np.sum(kept) > 200
+    assert np.max(away[kept, 0]) < NANO
+
+
+def test_two_orders_of_solution_agree(attitudes):
+    first, second = (
+        jax.vmap(lambda draw, name=name: azimuth(made(draw), draw[:2], draw[3], method=name))(jnp.asarray(attitudes))
+        for name in ("bias_and_scale", "scale_first")
+    )
+    nearest = np.min(apart(np.asarray(second.roots)[:, :, None], np.asarray(first.roots)[:, None, :]), axis=2)
+    assert np.max(np.where(second.real, nearest, 0)) < NANO
+
+
+def test_maximum_agrees_with_the_quartic(attitudes):
+    """Equation (50), corrected: the roots of the polynomial in cos(psi), with the sign of sin(psi) that fits."""
+    worst, counted = 0.0, 0
+    for phi, theta, psi, lat in attitudes[:60]:
+        found = azimuth(made(np.array([phi, theta, psi, lat])), [phi, theta], lat, method="maximum")
+        sf, cf, st, ct, sl, cl = (f(a) for a in (phi, theta, lat) for f in (np.sin, np.cos))
+        a = (cf**2 * ct**2 - 2 * cf**2 + 1) * cl**2
+        b, c, d = 2 * cf**2 * cl * st * ct * sl, -2 * cl**2 * cf * st * sf, 2 * cf * cl * ct * sf * sl
+        e = cf**2 * ct**2 * cl**2 + cf**2 * cl**2 - cf**2 * ct**2 + sl**2 - found.rho**2
+        cosines = np.roots([a**2 + c**2, 2 * a * b + 2 * c * d, b**2 + 2 * a * e - c**2 + d**2, 2 * b * e - 2 * c * d, e**2 - d**2])
+        cosines = cosines[np.abs(cosines.imag) < 1e-5].real
+        if np.min(np.abs(c * cosines + d)) < 1e-2 or len(cosines) != len(found.roots):
+            continue
+        roots = np.arctan2(-(a * cosines**2 + b * cosines + e) / (c * cosines + d), cosines)
+        worst, counted = max(worst, max(float(np.min(apart(root, roots))) for root in found.roots)), counted + 1
+    assert counted > 20
+    assert worst < 1e-6 * DEG
+
+
+def test_joint_fit_of_every_parameter(attitudes):
+    """Eleven parameters, and twelve with the latitude, from x4 + z4."""
+    places = Positions(np.tile([0, 90, 180, 270], 2) * DEG, ["x"] * 4 + ["z"] * 4, dwell=30.0)
+    accel, gyro = Sensor(1e-4, np.array([1e-4, -2e-4]), 1e-3), Sensor(-2e-4, np.array([-1e-4, 3e-4]), 1e-7)
+    worst = np.zeros(2)
+    for phi, theta, psi, latitude in attitudes[:40]:
+        readings = simulate(places, [phi, theta, psi], latitude, accel=accel, gyro=gyro)
+        readings = Readings(places, readings.accel, readings.gyro, accel_noise=cases.VRW, gyro_noise=cases.ARW)
+        for i, known in enumerate((latitude, None)):
+            found = fit(readings, known, free=NAMES[:11])
+            worst[i] = max(worst[i], *apart([found.phi, found.theta, found.psi], [phi, theta, psi]), abs(found.latitude - latitude))
+    assert np.all(worst < NANO)
+
+
+def test_joint_fit_beyond_80_degrees_of_pitch():
+    places = Positions(np.tile([0, 90, 180, 270], 2) * DEG, ["x"] * 4 + ["z"] * 4, dwell=30.0)
+    for theta in (85.0, 89.9, -89.99):
+        truth = np.array([20.0, theta, -50.0]) * DEG
+        clean = simulate(places, truth, 0.6, accel=Sensor(bias=1e-3), gyro=Sensor(bias=1e-7))
+        found = fit(Readings(places, clean.accel, clean.gyro, accel_noise=cases.VRW, gyro_noise=cases.ARW), 0.6)
+        # of roll and azimuth the combination that is not the turn about the vertical is well known
+        assert abs(found.theta - truth[1]) < NANO
+        turn = np.sign(theta)
+        assert apart(found.phi - turn * found.psi, truth[0] - turn * truth[2]) < NANO
+        assert found.std["phi"] == pytest.approx(found.std["theta"] / np.cos(truth[1]), rel=0.5)
+
+
+def test_linear_drift_is_fitted_exactly(reference):
+    case = cases.vectors(reference)["drift"]
+    rows = np.array(case["rows"])
+    readings = Readings(Positions(rows[:, 0], dwell=case["dwell"]), rows[:, 2], rows[:, 3], accel_noise=cases.VRW, gyro_noise=cases.ARW)
+    np.testing.assert_allclose(readings.positions.time, rows[:, 1])
+    found = fit(readings, case["latitude"], free=("phi", "theta", "psi", "b_a", "b_g", "b_a_rate", "b_g_rate"))
+    np.testing.assert_allclose([found.phi, found.theta, found.psi], case["attitude"], atol=NANO)
+    assert found.parameters["b_g_rate"] == pytest.approx(case["gyro"]["bias_rate"], rel=1e-9)
+    assert found.parameters["b_a_rate"] == pytest.approx(case["accel"]["bias_rate"], rel=1e-9)
+    # mirrored order: a drift that is left out does no harm to the azimuth
+    ignored = fit(readings, case["latitude"])
+    assert apart(ignored.psi, case["attitude"][2]) < 1e-6 * DEG
+
+
+def test_sectors_of_a_turning_table(reference):
+    case = cases.vectors(reference)["carousel"]
+    sectors = np.array(case["sectors"])
+    places = Positions(sectors[:, 0], rate=case["table_rate"], width=case["sector_width"])
+    readings = Readings(places, sectors[:, 1], sectors[:, 2], lever_arm=case["lever_arm"], accel_noise=cases.VRW, gyro_noise=cases.ARW)
+    accel, gyro = case["accel"], case["gyro"]
+    known = {
+        "s_a": accel["scale_error"], "s_g": gyro["scale_error"], "ma_a_xy": accel["misalignment"][0], "ma_a_xz": accel["misalignment"][1],
+        "ma_g_xy": gyro["misalignment"][0], "ma_g_xz": gyro["misalignment"][1],
+    }  # fmt: skip
+    found = fit(readings, case["latitude"], start=known)
+    np.testing.assert_allclose([found.phi, found.theta, found.psi], case["attitude"], atol=NANO)
+    assert found.parameters["b_g"] == pytest.approx(gyro["bias"], abs=1e-16)
+    # where the sensor errors are left out the offset takes the table rate times the misalignment
+    apart_from_it = fit(readings, case["latitude"]).parameters["b_g"]
+    assert apart_from_it == pytest.approx(gyro["misalignment"][1] * case["table_rate"] + gyro["bias"], rel=0.01)
+
+
+def test_a_raw_log_of_a_turning_table():
+    rate, truth, latitude, step = 0.2, np.array([0.05, -0.03, 2.0]), 0.7, 0.01
+    time = np.arange(0, 400, step)
+    dense = simulate(
+        Positions(rate * time, dwell=step, rate=rate), truth, latitude, accel=Sensor(bias=1e-3, white=1e-5),
+        gyro=Sensor(bias=1e-7, white=1e-7), lever_arm=0.1,
+    )  # fmt: skip
+    found = carousel(time, np.angle(np.exp(1j * rate * time)), dense.accel, dense.gyro, lever_arm=0.1)
+    assert found.turns == pytest.approx(rate * time[-1] / (2 * np.pi))
+    assert found.rate == pytest.approx(rate, rel=1e-6)
+    best = fit(found.readings, latitude)
+    assert apart(best.psi, truth[2]) < 4 * best.azimuth_std
+    # white noise of a uniform turn: ARW sqrt(2 / T) / (we cos(lat)), with the noise estimated from 150 sectors or so
+    assert best.azimuth_std == pytest.approx(1e-7 * np.sqrt(2 / 400) / (7.292115e-5 * np.cos(latitude)), rel=0.3)
+    assert found.wobble["gyro"][2] > 1e-3
+    shaken = carousel(time, rate * time, dense.accel, dense.gyro + 2e-7 * np.cos(2 * rate * time + 1))
+    assert shaken.wobble["gyro"][0] == pytest.approx(2e-7 * np.sin(np.pi / 6) / (np.pi / 6), rel=0.3)
+    assert any("second harmonic" in note for note in shaken.notes)
+
+
+def test_a_full_imu(reference):
+    for case in cases.vectors(reference)["coarse"]:
+        found = coarse(case["gyro_mean"], case["accel_mean"], latitude=case["latitude"])
+        assert np.max(apart(found.attitude, case["attitude"])) < 1e-11 * DEG
+        assert abs(found.latitude_error) < 1e-11 * DEG

@@ -1,0 +1,256 @@
+"""Section 11 of the method: every degenerate case is reported, nothing is solved in silence, nothing is NaN."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxcal import DataError
+from jaxcal.alignment import AZIMUTH_METHODS, LEVEL_METHODS, Positions, Readings, Sensor, azimuth, coarse, level, simulate
+from jaxcal.alignment._verdict import word
+
+from .cases import ARW, DEG, VRW, apart
+
+EVERY = Positions(np.array([0, 90, 180, 270, 60, 120, 0, 90, 180, 270, 0]) * DEG, ["x"] * 6 + ["y"] * 4 + ["z"], dwell=60.0)
+X4 = Positions(np.array([0, 90, 180, 270]) * DEG, dwell=60.0)
+
+
+def at(phi, theta, psi, latitude, places=EVERY, **options):
+    return simulate(places, np.array([phi, theta, psi]) * DEG, latitude * DEG, **options)
+
+
+def north(method, phi, theta, psi, latitude, **options):
+    return azimuth(at(phi, theta, psi, latitude), np.array([phi, theta]) * DEG, latitude * DEG, method=method, **options)
+
+
+@pytest.mark.parametrize(
+    ("case", "method", "expected"),
+    [
+        ((0, 0, 37, 35), "maximum", "degenerate"), ((180, 0, 37, 35), "maximum", "degenerate"), ((10, 20, 0, 35), "opposed", "double_root"),
+        ((10, 20, 180, 35), "opposed", "double_root"), ((30, 20, -78.829771, 25), "quadrature", "double_root"),
+        ((90, 20, 70, 35), "four_point", "degenerate"), ((90, 20, 70, 35), "scale_first", "degenerate"),
+        ((30, 20, 10.124563, 25), "maximum", "clipped double_root"), ((0, 50, 0, -40), "bias_and_scale", "degenerate"),
+        ((0, 50, 0, -40), "scale_first", "degenerate"), ((50, 30, 88, 35), "bias_and_scale", "scale_chosen"),
+        ((50, 30, 88, 35), "scale_first", "scale_chosen"), ((90, 20, 70, 35), "bias_and_scale", "undecided"),
+        ((10, 90, 30, 35), "opposed", "degenerate"), ((10, 90, 30, 35), "four_point", "degenerate"),
+        ((50, 30, 88, 35), "opposed", "undecided"),
+    ],
+)  # fmt: skip
+def test_geometry(case, method, expected):
+    found = north(method, *case)
+    assert word(found.verdict) in expected.split()
+    assert found.reason.endswith((".", "."))
+    if word(found.verdict) in ("degenerate", "undecided", "infeasible"):
+        assert found.psi is None
+        assert found.std is None
+
+
+@pytest.mark.parametrize("method", AZIMUTH_METHODS)
+@pytest.mark.parametrize("latitude", [90.0, -90.0, 89.95])
+def test_poles(method, latitude):
+    found = north(method, 5, 3, 40, latitude)
+    assert word(found.verdict) == "pole"
+    assert found.psi is None
+    assert found.roots.size == 0
+
+
+def test_the_level_table_has_no_maximum_whatever_the_noise():
+    for seed in range(20):
+        readings = at(0, 0, 37, 35, gyro=Sensor(white=10 * ARW), seed=seed)
+        found = azimuth(readings, [0.0, 0.0], 35 * DEG, method="maximum")
+        assert (word(found.verdict), found.psi) == ("degenerate", None)
+
+
+def test_roots_closer_than_the_hint():
+    # 71.4 and 88 degrees at the paper's attitude and table angle 120
+    found = north("single_reading", 50, 30, 88, 35, angle=120 * DEG, hint=85 * DEG)
+    assert word(found.verdict) == "ambiguous"
+    assert found.psi == pytest.approx(88 * DEG, abs=1e-9)
+    np.testing.assert_allclose(np.rad2deg(found.roots), [71.37179, 88.0], atol=1e-5)
+    assert word(north("single_reading", 50, 30, 88, 35, angle=120 * DEG, hint=85 * DEG, hint_accuracy=2 * DEG).verdict) == "ok"
+
+
+def test_arc_cosines_that_exceed_one():
+    readings = at(2, 3, 0, 35, places=X4)
+    large = Readings(X4, gyro=readings.gyro * 1.01)
+    found = azimuth(large, np.array([2, 3]) * DEG, 35 * DEG, method="opposed")
+    assert (word(found.verdict), found.psi, found.std) == ("infeasible", None, None)
+    # the same excess within five standard deviations of the readings: the double root, and it is said
+    noisy = Readings(X4, gyro=readings.gyro * 1.01, gyro_noise=100 * ARW)
+    found = azimuth(noisy, np.array([2, 3]) * DEG, 35 * DEG, method="opposed")
+    assert word(found.verdict) == "clipped"
+    assert found.psi == pytest.approx(0, abs=1e-12)
+    assert np.isfinite(found.std)
+    raised = Readings(EVERY, gyro=at(50, 30, 88, 35).gyro * 1.1)
+    assert word(azimuth(raised, np.array([50, 30]) * DEG, 35 * DEG, method="maximum").verdict) == "infeasible"
+
+
+def test_negative_scale():
+    readings = at(50, 30, 88, 35)
+    found = azimuth(Readings(EVERY, gyro=-readings.gyro), np.array([1, 2]) * DEG, 35 * DEG, method="scale_first")
+    assert word(found.verdict) in ("infeasible", "ok", "scale_chosen", "weak")
+    assert found.psi is None or np.all(found.scale[apart(found.roots, found.psi) < 1e-9] > 0)
+
+
+def test_a_wrong_latitude_is_told_by_triad_and_coarse():
+    readings = at(5, 3, 40, 35, gyro=Sensor(white=ARW), accel=Sensor(white=VRW))
+    flat = level(readings, method="bias_and_scale")
+    assert word(azimuth(readings, flat, 35 * DEG, method="triad").verdict) == "ok"
+    assert word(azimuth(readings, flat, 37 * DEG, method="triad").verdict) == "integrity"
+    w, f = 7.292115e-5 * np.array([0.6, 0.0, -0.8]), np.array([0.0, 0.0, -9.80665])
+    known = {"gyro_error": 1e-8, "accel_error": 1e-3}
+    assert word(coarse(w, f, latitude=np.arcsin(0.8), **known).verdict) == "ok"
+    assert word(coarse(w, f, latitude=np.arcsin(0.8) + 0.01, **known).verdict) == "integrity"
+
+
+def test_a_full_imu_at_the_pole_and_without_gravity():
+    down = np.array([0.0, 0.0, -9.80665])
+    found = coarse(np.array([0.0, 0.0, -7.292115e-5]), down)
+    assert (word(found.verdict), found.attitude) == ("pole", None)
+    assert found.latitude == pytest.approx(np.pi / 2)
+    assert word(coarse(np.zeros(3), down).verdict) == "pole"
+    found = coarse(np.array([5e-5, 0.0, 0.0]), np.zeros(3))
+    assert (word(found.verdict), found.attitude) == ("degenerate", None)
+
+
+@pytest.mark.parametrize("method", ["four_point_x", "least_squares_x", "four_point_y", "least_squares_y"])
+def test_levels(method):
+    found = level(at(10, 90, 0, 35), method=method)
+    assert (word(found.verdict), found.phi) == ("degenerate", None)
+    assert found.theta == pytest.approx(np.pi / 2, abs=1e-7)
+    found = level(at(90, 20, 0, 35), method=method)
+    assert word(found.verdict) in ("double_root", "clipped")
+    readings = at(10, 80, 0, 35)
+    found = level(Readings(EVERY, readings.accel * 1.05, accel_noise=VRW), method=method)
+    assert word(found.verdict) == "clipped"
+    assert found.excess > 100
+    assert "standard deviations" in found.reason
+    assert not np.isnan([found.phi if found.phi is not None else 0, found.theta, *found.phi_roots, *found.covariance.ravel()]).any()
+
+
+def test_level_by_bias_and_scale_straight_up():
+    found = level(at(10, 90, 0, 35), method="bias_and_scale")
+    assert (word(found.verdict), found.phi) == ("degenerate", None)
+    assert found.theta == pytest.approx(np.pi / 2, abs=1e-7)
+
+
+@pytest.mark.parametrize("method", ["least_squares_x", "least_squares_y"])
+def test_too_few_angles(method):
+    mounting = method[-1]
+    two = Positions(np.array([0, 90]) * DEG, mounting)
+    readings = simulate(two, np.array([3, 4, 5]) * DEG, 35 * DEG)
+    found = level(readings, method=method)
+    assert (word(found.verdict), found.phi, found.theta) == ("degenerate", None, None)
+    assert "third angle" in found.reason
+    # without the offset two angles suffice
+    assert level(readings, method=method, offset=False).phi == pytest.approx(3 * DEG, abs=1e-12)
+    if method[-1] == "x":
+        assert azimuth(readings, [0.05, 0.07], 0.6, method="maximum").psi is None
+
+
+@pytest.mark.parametrize("method", [*LEVEL_METHODS, *AZIMUTH_METHODS])
+def test_missing_positions_are_named(method):
+    one = Positions([10 * DEG], "-z")
+    readings = simulate(one, np.array([3, 4, 5]) * DEG, 35 * DEG)
+    with pytest.raises(DataError, match="mounting"):
+        level(readings, method=method) if method in LEVEL_METHODS and method != "bias_and_scale" else azimuth(
+            readings, [0.0, 0.0], 0.6, method=method
+        )
+
+
+def test_without_a_sensor():
+    gyro = Readings(X4, gyro=np.zeros(4))
+    with pytest.raises(DataError, match="no accelerometer readings"):
+        level(gyro)
+    with pytest.raises(DataError, match="no gyro readings"):
+        azimuth(Readings(X4, accel=np.zeros(4)), [0.0, 0.0], 0.6)
+    with pytest.raises(DataError, match="no azimuth method"):
+        azimuth(gyro, [0.0, 0.0], 0.6, method="best")
+    with pytest.raises(DataError, match="no roll"):
+        azimuth(at(10, 90, 0, 35), level(at(10, 90, 0, 35)), 0.6)
+
+
+def test_constant_readings():
+    """A dead sensor: no azimuth, or one that is flagged."""
+    dead = Readings(EVERY, np.zeros(11), np.zeros(11), accel_noise=VRW, gyro_noise=ARW)
+    for method in AZIMUTH_METHODS:
+        found = azimuth(dead, np.array([10.0, 20.0]) * DEG, 35 * DEG, method=method)
+        assert found.psi is None or word(found.verdict) != "ok" or method in ("four_point", "opposed"), method
+        assert not np.isnan(found.roots).any()
+
+
+def test_gradients_are_finite_at_double_roots():
+    """Also where arc cosines have infinite slopes: no NaN reaches a caller's gradient."""
+    places = X4
+    for psi in (0.0, np.pi):
+        gyro = jnp.asarray(simulate(places, np.array([0.1, 0.2, psi]), 0.6).gyro)
+
+        def chosen(w):
+            return azimuth(Readings(places, gyro=w), jnp.asarray([0.1, 0.2]), 0.6, method="opposed", hint=0.1).psi
+
+        assert np.isfinite(np.asarray(jax.grad(chosen)(gyro))).all()
+
+
+@pytest.mark.parametrize("method", AZIMUTH_METHODS)
+def test_traced_as_on_the_host_and_differentiable(method):
+    readings = at(20, -10, 60, 35)
+    angles = jnp.asarray(np.array([20, -10]) * DEG)
+
+    def psi(gyro):
+        return azimuth(Readings(EVERY, gyro=gyro), angles, 35 * DEG, method=method, hint=60 * DEG).psi
+
+    host = azimuth(readings, np.asarray(angles), 35 * DEG, method=method, hint=60 * DEG).psi
+    gyro = jnp.asarray(readings.gyro)
+    value, slope = jax.jit(jax.value_and_grad(psi))(gyro)
+    assert float(value) == pytest.approx(host, abs=1e-12)
+    direction = 1e-9 * np.random.default_rng(0).normal(size=11)
+    change = (psi(readings.gyro + direction) - psi(readings.gyro - direction)) / 2
+    assert float(slope @ direction) == pytest.approx(change, rel=1e-4)
+
+
+@pytest.mark.parametrize("method", ["opposed", "quadrature", "four_point", "bias_and_scale", "triad"])
+def test_first_order_standard_deviations(method):
+    """Against the closed forms of the method's section 5 for a known level."""
+    phi, theta, psi, lat = np.array([20, -10, 60, 35]) * DEG
+    made = at(20, -10, 60, 35)
+    readings = Readings(EVERY, made.accel, made.gyro, gyro_noise=ARW)
+    found = azimuth(readings, [phi, theta], lat, method=method, hint=psi)
+    sigma = ARW / np.sqrt(60) / 7.292115e-5
+    sf, cf, st, ct, sp, cp, cl = (
+        f(a) for a, f in ((phi, np.sin), (phi, np.cos), (theta, np.sin), (theta, np.cos), (psi, np.sin), (psi, np.cos), (lat, np.cos))
+    )
+    if method == "opposed":
+        assert found.std == pytest.approx(sigma / (np.sqrt(2) * ct * cl * abs(sp)), rel=1e-9)
+    elif method == "quadrature":
+        assert found.std == pytest.approx(sigma / (np.sqrt(2) * cl * abs(sp * st * sf + cp * cf)), rel=1e-9)
+    else:
+        # numerically: every reading moved by its standard deviation
+        total = 0.0
+        for i in (*range(4), 10):
+            step = 1e-4 * ARW / np.sqrt(60) * (np.arange(11) == i)
+            up, down = (
+                azimuth(Readings(EVERY, gyro=made.gyro + sign * step), [phi, theta], lat, method=method, hint=psi).psi for sign in (1, -1)
+            )
+            total += ((up - down) / 2e-4) ** 2
+        assert found.std == pytest.approx(np.sqrt(total), rel=1e-5)
+
+
+def test_level_uncertainty_enters_the_azimuth():
+    made = at(50, 30, 88, 35)
+    readings = Readings(EVERY, made.accel, made.gyro, accel_noise=1e3 * VRW)
+    flat = level(readings)
+    found = azimuth(readings, flat, 35 * DEG, method="quadrature", hint=88 * DEG)
+    # 0.955 and 0.719 degrees of azimuth per degree of roll and pitch, both of one sign or not as their covariance says
+    slope = np.array([0.955, 0.719])
+    signs = [np.array([1, s]) * slope for s in (1, -1)]
+    assert any(found.std == pytest.approx(np.sqrt(v @ flat.covariance @ v), rel=2e-3) for v in signs)
+
+
+def test_level_standard_deviations():
+    """The closed form of the method's section 4 for four points."""
+    phi, theta = 50 * DEG, 30 * DEG
+    made = at(50, 30, 88, 35)
+    sigma = VRW / np.sqrt(60) / 9.80665
+    found = level(Readings(EVERY, made.accel, accel_noise=VRW))
+    expected = np.array([np.sqrt(1 + (np.sin(phi) * np.tan(theta)) ** 2) / np.cos(phi), 1]) * sigma / (np.sqrt(2) * np.cos(theta))
+    np.testing.assert_allclose(found.std, expected, rtol=1e-9)
