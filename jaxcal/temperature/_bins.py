@@ -22,7 +22,7 @@ class Bins(eqx.Module):
 
 def binned(t: AnyArray, b: AnyArray, width: float = FINE, low: float | None = None) -> Bins:
     """Means of temperature and bias in bins of `width` degC from `low` (default: the lowest temperature); empty bins are left out."""
-    place = number(t, width, t.min() if low is None else low)
+    place = number(t, width, float(t.min()) if low is None else low)
     count = np.bincount(place)
     there = count > 0
     return Bins(np.bincount(place, t)[there] / count[there], np.bincount(place, b)[there] / count[there], count[there].astype(float))

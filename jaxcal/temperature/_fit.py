@@ -154,7 +154,7 @@ def _chosen(t: AnyArray, given: Record, low: float, high: float) -> tuple[str, i
     if spline.mean + spline.error < scores[best].mean:
         chosen = ("spline", None)
     table = tuple(Candidate(_name(*one), s.mean, s.error, one == chosen) for one, s in scores.items())
-    return *chosen, table, spline.held_out
+    return chosen[0], chosen[1], table, spline.held_out
 
 
 def _name(kind: str, degree: int | None) -> str:
@@ -173,8 +173,8 @@ def _described(
     rms, worst, worst_at = _windows(bins, residual)
     if kind == "polynomial" and worst > _STANDS_OUT * _elsewhere(bins, residual, worst_at):
         warnings.append(
-            f"the polynomial of degree {degree} leaves {worst:.3g} in the degree around {worst_at:.1f} degC, {worst / rms:.1f} times its rms: "
-            "a jump there? model='auto' follows it"
+            f"the polynomial of degree {degree} leaves {worst:.3g} in the degree around {worst_at:.1f} degC, {worst / rms:.1f} times its "
+            "rms: a jump there? model='auto' follows it"
         )
     grid, error, covariance = _uncertain(kind, curve, t, given, bins, low, high)
     coefficients = coefficient_error = None
@@ -190,9 +190,7 @@ def _described(
     steepest = bins.t[np.argmax(np.abs(steepness(curve, bins.t)))]
     adds = float(np.max(np.abs(steepness(curve, bins.t)))) * given.noise
     notes = list(given.notes)
-    notes.append(
-        f"the thermometer's noise of {given.noise:.2g} degC adds up to {adds:.2g} to a corrected reading, most at {steepest:.1f} degC"
-    )
+    notes.append(f"the thermometer's noise of {given.noise:.2g} degC adds up to {adds:.2g} to a corrected reading, at {steepest:.1f} degC")
     return TemperatureFit(
         model=ThermalModel(curve, low, high, float(hysteresis.lag), float(hysteresis.play)),
         degree=degree, coefficients=coefficients, coefficient_error=coefficient_error, steps=steps, rms=rms, worst=worst,
@@ -203,7 +201,7 @@ def _described(
 
 def _windows(bins: Bins, residual: AnyArray) -> tuple[float, float, float]:
     """Rms over all, and in the worst window of 1 degC with its centre."""
-    centres = np.arange(bins.t[0] + _WINDOW / 2, bins.t[-1] - _WINDOW / 2 + 1e-9, 0.1)
+    centres = np.arange(float(bins.t[0]) + _WINDOW / 2, float(bins.t[-1]) - _WINDOW / 2 + 1e-9, 0.1)
     square = np.concatenate([[0.0], np.cumsum(bins.count * residual**2)])
     count = np.concatenate([[0.0], np.cumsum(bins.count)])
     first, last = (np.searchsorted(bins.t, centres + side * _WINDOW / 2) for side in (-1, 1))

@@ -72,7 +72,7 @@ def thermometer(log: Log) -> AnyArray:
         raise DataError("the log has no temperature; name its column with columns=temperature=NAME")
     t = np.asarray(log.temperature, dtype=float)
     known = np.isfinite(t)
-    t = np.interp(log.time, log.time[known], t[known])
+    t = np.asarray(np.interp(log.time, log.time[known], t[known]))
     size = max(round(log.rate), 1)
     if size == 1 or len(t) < size:
         return t

@@ -138,8 +138,8 @@ def _check_samples(t: AnyArray, time: AnyArray | None, warnings: list[str]) -> N
     if held < _LEAST_SAMPLES:
         speed = "" if time is None else f", {60 * np.median(np.abs(np.diff(t) / np.diff(time))):.2g} degC a minute,"
         warnings.append(
-            f"the temperature changes so quickly{speed} that a bin of {FINE:g} degC holds {held:.2g} samples; {_LEAST_SAMPLES} are needed to "
-            "see a jump: change it more slowly"
+            f"the temperature changes so quickly{speed} that a bin of {FINE:g} degC holds {held:.2g} samples; {_LEAST_SAMPLES} are needed "
+            "to see a jump: change it more slowly"
         )
 
 

@@ -43,6 +43,8 @@ def search(record: Record, lag: Any, play: Any) -> Hysteresis:
     try_play = play == "auto" and seen
     first = 0.0 if lag == "auto" else float(lag)
     second = 0.0 if play == "auto" else float(play)
+    if not (try_lag or try_play):
+        return Hysteresis(first, second, False)
     found: dict[tuple[float, float], float] = {(first, second): _held_out(record, first, second)}
     alone = {}
     if try_lag:
@@ -61,7 +63,7 @@ def search(record: Record, lag: Any, play: Any) -> Hysteresis:
         pair = _least_of_both(record)
         if min(pair) > 0 and _held_out(record, *pair) < _GAIN * found[best]:
             best, unsure = pair, False
-    return Hysteresis(*best, unsure)
+    return Hysteresis(best[0], best[1], unsure)
 
 
 def _both(found: dict[tuple[float, float], float], alone: dict[str, tuple[float, float]]) -> float:

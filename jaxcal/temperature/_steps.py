@@ -1,5 +1,7 @@
 """Polynomial of degree 3 with logistic steps, found one by one."""
 
+from typing import Any
+
 import numpy as np
 from numpy.polynomial import chebyshev
 from scipy.optimize import least_squares
@@ -64,7 +66,7 @@ def jacobian(curve: Steps, t: AnyArray, low: float, high: float) -> AnyArray:
     return np.stack(columns, axis=1)
 
 
-def _sigmoid(t: AnyArray, centre: AnyArray, width: AnyArray) -> AnyArray:
+def _sigmoid(t: AnyArray, centre: Any, width: Any) -> AnyArray:
     return 1 / (1 + np.exp(np.clip((centre - t) / width, -50.0, 50.0)))
 
 
@@ -109,6 +111,7 @@ def _refined(base: AnyArray, t: AnyArray, weight: AnyArray, y: AnyArray, shape: 
         columns = np.concatenate([bell / np.exp(log), bell * z], axis=1)
         return columns - basis @ (basis.T @ columns)
 
+    jac: Any = slope  # the stubs of scipy know names alone
     start = np.clip(shape.ravel(), bounds[0] + 1e-6, bounds[1] - 1e-6)
-    found = least_squares(residual, start, slope, bounds=bounds, x_scale=scale, xtol=1e-6, ftol=1e-8, max_nfev=40)
+    found = least_squares(residual, start, jac, bounds=bounds, x_scale=scale, xtol=1e-6, ftol=1e-8, max_nfev=40)
     return found.x.reshape(2, count)

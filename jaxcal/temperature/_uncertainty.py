@@ -56,7 +56,7 @@ def bins_covariance(curve: AbstractCurve, t: AnyArray, b: AnyArray, bins: Bins, 
 
 
 def _components(residual: AnyArray, design: AnyArray, walk: AnyArray) -> tuple[float, float]:
-    """Variance of a segment's white error, and K^2 per sample: means over the restricted likelihood, whose highest point is often at K = 0."""
+    """Variance of a segment's white error, and K^2 per sample: means over the restricted likelihood, which is often highest at K = 0."""
     basis, singular, _ = np.linalg.svd(design)
     rank = int(np.sum(singular > 1e-10 * singular[0]))
     null = basis[:, rank:]
@@ -100,7 +100,7 @@ def _design(curve: Chebyshev | Steps, t: AnyArray, low: float, high: float) -> A
 
 
 def spline_error(bins: Bins, v: Errors) -> AnyArray:
-    """Standard error at the knots, the white part with the share of the smoothing's own bias: G. Wahba, J. R. Stat. Soc. B 45 (1983) 133."""
+    """Standard error at the knots, with the share of the smoothing's own bias: G. Wahba, J. R. Stat. Soc. B 45 (1983) 133."""
     matrix = smoother(bins)
     return np.sqrt(np.maximum(v.white * np.diag(matrix) + np.einsum("ij,jk,ik->i", matrix, v.walk, matrix), 0))
 
