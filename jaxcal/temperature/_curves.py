@@ -56,7 +56,7 @@ class Chebyshev(AbstractCurve):
         first, second = xp.zeros_like(u), xp.zeros_like(u)
         for i in range(q.shape[0] - 1, 0, -1):
             first, second = 2 * u * first - second + q[i], first
-        return u * first - second + q[0]
+        return xp.asarray(u * first - second + q[0])
 
 
 class Steps(AbstractCurve):
@@ -82,7 +82,7 @@ class Steps(AbstractCurve):
         total = self.base.value(t)
         for j in range(height.shape[0]):
             total = total + height[j] / (1 + xp.exp(xp.clip((centre[j] - t) / width[j], -_FLAT, _FLAT)))
-        return total
+        return xp.asarray(total)
 
 
 class Piecewise(AbstractCurve):
@@ -108,4 +108,4 @@ class Piecewise(AbstractCurve):
         x, total = t - nodes[k], c[k, c.shape[1] - 1]
         for power in range(c.shape[1] - 2, -1, -1):
             total = total * x + c[k, power]
-        return total
+        return xp.asarray(total)

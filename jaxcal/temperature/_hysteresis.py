@@ -7,6 +7,9 @@ takes log2(n) steps over whole arrays.
 from collections.abc import Callable
 from typing import Any
 
+import jax
+import jax.numpy as jnp
+
 from .._types import AnyArray
 from ._curves import common, namespace
 
@@ -62,7 +65,10 @@ def _affine(maps: _Maps, x: Any) -> Any:
 
 
 def _scanned(xp: Any, a: Any, b: Any, start: Any, compose: Callable[[_Maps, _Maps], _Maps], apply: Callable[[_Maps, Any], Any]) -> Any:
-    """Every map composed with all before it (Hillis and Steele, Comm. ACM 29 (1986) 1170), applied to the start."""
+    """Every map composed with all before it, applied to the start."""
+    if xp is jnp:  # compiled, a loop is quick, and its program small
+        return jax.lax.scan(lambda x, maps: (apply(maps, x),) * 2, jnp.asarray(start, a.dtype), (a, b))[1]
+    # W. D. Hillis and G. L. Steele, Comm. ACM 29 (1986) 1170
     step = 1
     while step < a.shape[0]:
         first, second = compose((a[:-step], b[:-step]), (a[step:], b[step:]))

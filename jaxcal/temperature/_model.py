@@ -12,6 +12,9 @@ from .._types import AnyArray
 from ._curves import AbstractCurve, common, namespace
 from ._hysteresis import lagged, played
 
+#: degC outside the range that a thermometer's noise brings about
+_MARGIN = 0.1
+
 
 class ClampWarning(UserWarning):
     """Temperatures outside the range of a model were taken as its ends."""
@@ -127,7 +130,7 @@ class ThermalModel(eqx.Module):
         t, low, high = common(xp, t, self.low, self.high)
         if not is_traced(self, t):
             outside = np.mean((t < low) | (t > high))
-            if outside > 0:
+            if np.min(t) < low - _MARGIN or np.max(t) > high + _MARGIN:
                 warnings.warn(
                     f"{100 * outside:.3g} % of the temperatures ({np.min(t):.2f} to {np.max(t):.2f} degC) are outside the range of the "
                     f"model, {low:.2f} to {high:.2f} degC; the value at its end is used. Calibrate over a wider range",

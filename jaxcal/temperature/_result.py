@@ -86,4 +86,4 @@ class TemperatureFit(eqx.Module):
         t = np.clip(np.asarray(temperature, dtype=float), self.model.low, self.model.high)
         value = np.asarray(self.model.curve.value(t))
         half = scipy.stats.norm.ppf(0.5 + self.confidence / 2) * np.interp(t, self.grid, self.error)
-        return value - half, value + half
+        return np.asarray(value - half), np.asarray(value + half)

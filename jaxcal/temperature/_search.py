@@ -15,6 +15,7 @@ from ._record import Record
 
 _LAGS, _PLAYS = np.arange(0.0, 121.0, 5.0), np.arange(0.0, 1.21, 0.1)  # s, degC
 _GAIN = 0.95  # part of the held-out error that a mechanism must get below; what chance gives a table of 100 nodes is 1 to 2 %
+_GAIN_OF_BOTH = 0.7  # likewise of the second mechanism, which can also mend what a table does to a jump
 _CLOSE = 0.7  # ratio of held-out errors above which lag and play are not told apart
 
 
@@ -61,7 +62,7 @@ def search(record: Record, lag: Any, play: Any) -> Hysteresis:
     unsure = best != (first, second) and len(alone) == 2 and _both(found, alone) > _CLOSE
     if try_lag and try_play and best != (first, second):
         pair = _least_of_both(record)
-        if min(pair) > 0 and _held_out(record, *pair) < _GAIN * found[best]:
+        if min(pair) > 0 and _held_out(record, *pair) < _GAIN_OF_BOTH * found[best]:
             best, unsure = pair, False
     return Hysteresis(best[0], best[1], unsure)
 

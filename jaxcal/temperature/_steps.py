@@ -7,7 +7,7 @@ from numpy.polynomial import chebyshev
 from scipy.optimize import least_squares
 
 from .._types import AnyArray
-from ._bins import FINE, binned, number
+from ._bins import FINE, Bins, binned, number
 from ._curves import Chebyshev, Steps
 from ._linear import bic, scaled
 
@@ -26,9 +26,9 @@ def steps_curve(t: AnyArray, b: AnyArray, low: float, high: float) -> Steps:
     """
     fine = binned(t, b, _THIN, low)
     place = number(fine.t, FINE, low)
-    weight = np.sqrt(fine.count)
-    base = chebyshev.chebvander(scaled(fine.t, low, high), DEGREE) * weight[:, None]
-    y = fine.b * weight
+    weight, base, y = _weighted(fine, low, high)
+    coarse = binned(t, b, FINE, low)
+    search = _weighted(coarse, low, high)
     total = np.bincount(place, fine.count)
     there = total > 0
     bins = int(np.count_nonzero(there))
@@ -43,7 +43,7 @@ def steps_curve(t: AnyArray, b: AnyArray, low: float, high: float) -> Steps:
     shape = np.zeros((2, 0))
     linear, best = fitted(shape)
     for _ in range(MOST):
-        first = [_candidate(_design(base, fine.t, weight, shape), fine.t, weight, y, centres), np.log(_FIRST)]
+        first = [_candidate(*search, coarse.t, shape, centres), np.log(_FIRST)]
         tried = _refined(base, fine.t, weight, y, np.column_stack([shape, first]))
         changed, value = fitted(tried)
         if not value < best - _GAIN:
@@ -74,9 +74,15 @@ def _design(base: AnyArray, t: AnyArray, weight: AnyArray, shape: AnyArray) -> A
     return np.column_stack([base, *(weight * _sigmoid(t, centre, np.exp(log)) for centre, log in shape.T)])
 
 
-def _candidate(design: AnyArray, t: AnyArray, weight: AnyArray, y: AnyArray, centres: AnyArray) -> float:
+def _weighted(bins: Bins, low: float, high: float) -> tuple[AnyArray, AnyArray, AnyArray]:
+    """Square roots of the counts, and polynomials and data times these."""
+    weight = np.sqrt(bins.count)
+    return weight, chebyshev.chebvander(scaled(bins.t, low, high), DEGREE) * weight[:, None], bins.b * weight
+
+
+def _candidate(weight: AnyArray, base: AnyArray, y: AnyArray, t: AnyArray, shape: AnyArray, centres: AnyArray) -> float:
     """Centre of the new step that lowers the sum of squares most, the linear coefficients following."""
-    basis = np.linalg.qr(design)[0]
+    basis = np.linalg.qr(_design(base, t, weight, shape))[0]
     tried = weight[:, None] * _sigmoid(t[:, None], centres, _FIRST)
     tried = tried - basis @ (basis.T @ tried)
     left = y - basis @ (basis.T @ y)

@@ -18,7 +18,7 @@ from ._curves import AbstractCurve, Chebyshev, Steps
 from ._linear import scaled
 from ._smoothing import smoother
 
-_SEGMENTS = 100  # of the record, in time, over which residuals are averaged
+_SEGMENTS = 60  # of the record, in time, over which residuals are averaged
 
 
 class Errors(eqx.Module):

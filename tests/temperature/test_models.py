@@ -41,10 +41,9 @@ def test_curves_are_traced_and_differentiable(curve):
 def test_the_derivative_by_the_parameters_is_that_of_finite_differences():
     gradient = jax.grad(lambda c: c.value(jnp.asarray(24.55)))(jax.tree.map(jnp.asarray, STEPPED))
     for name in ("height", "centre", "width"):
+        shift = 1e-6 * np.array([1.0, 0.0])
         up, down = (
-            Steps(
-                BASE, *(getattr(STEPPED, n) + (sign * 1e-6 * np.array([1.0, 0]) if n == name else 0) for n in ("height", "centre", "width"))
-            )
+            Steps(BASE, *(getattr(STEPPED, n) + (sign * shift if n == name else 0) for n in ("height", "centre", "width")))
             for sign in (1, -1)
         )
         expected = (up.value(24.55) - down.value(24.55)) / 2e-6
