@@ -22,8 +22,8 @@ from jaxcal.temperature._smoothing import spline_curve
 MDEG = np.deg2rad(1e-3)
 JUMPS = (0.3, 0.1, 0.02, 0.0)
 MODELS = (
-    "polynomial 1", "polynomial 3", "polynomial 5", "polynomial 9", "polynomial 15", "polynomial", "table", "table 1 degC", "pchip", "spline",
-    "steps", "auto",
+    "polynomial 1", "polynomial 3", "polynomial 5", "polynomial 9", "polynomial 15", "polynomial", "table", "table 1 degC",
+    "pchip", "spline", "steps", "auto",
 )  # fmt: skip
 
 

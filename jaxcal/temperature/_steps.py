@@ -12,7 +12,7 @@ from ._curves import Chebyshev, Steps
 from ._linear import bic, scaled
 
 DEGREE, MOST = 3, 3
-_NARROW, _WIDE, _FIRST = 0.01, 3.0, 0.05  # degC: widths allowed, and that with which a step is looked for
+_NARROW, _WIDE, _FIRST = 0.01, 3.0, 0.1  # degC: widths allowed, and that with which a step is looked for
 _EDGE, _GRID = 0.5, 0.1  # degC: distance of a centre from the ends, and between centres tried
 _THIN = 0.02  # degC: bins on which steps are refined
 _GAIN = 2.0  # of BIC that a step must bring
