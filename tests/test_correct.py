@@ -7,7 +7,7 @@ import pytest
 
 import jaxcal
 from jaxcal import Calibration, DataError, Log
-from jaxcal.temperature import characterise, simulate
+from jaxcal.temperature import characterise, reference_bias, simulate
 
 GOLDEN = pathlib.Path(__file__).parent / "export" / "golden.json"
 
@@ -114,9 +114,6 @@ def test_the_noise_comes_out_after_the_correction(device, made):
     n, rate = 36_000, 10.0
     t = 30 + 2 * np.sin(np.pi * np.arange(n) / n)
     white = jaxcal.noise.Noise(N=1e-4).simulate(n, rate, seed=0)
-    drift = device.temperature  # noqa: F841
-    from jaxcal.temperature import reference_bias
-
     log = Log(None, gyro=white + reference_bias(t), temperature=t, rate=rate)
     raw, mended = (jaxcal.noise.fit(one.gyro[:, 0], rate, terms=("N", "K")) for one in (log, device.correct(log)))
     assert raw.verdict["K"] == "present"

@@ -14,11 +14,13 @@ from cyclopts.config import Toml
 import jaxcal
 
 from ._allan import allan
+from ._apply import apply
 from ._demo import demo
 from ._noise import noise
 from ._options import CallError
 from ._psd import psd
 from ._simulate import simulate
+from ._temperature import temperature
 
 DONE, DATA, CALL, FAULT, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 3, 130, 141
 
@@ -45,7 +47,7 @@ def _application() -> cyclopts.App:
         config=_configuration, default_parameter=cyclopts.Parameter(negative=()), result_action="return_value",
         suppress_keyboard_interrupt=False,
     )  # fmt: skip
-    for command in (demo, noise, allan, psd, simulate):
+    for command in (demo, noise, allan, psd, temperature, apply, simulate):
         app.command(command)
     return app
 
@@ -89,7 +91,7 @@ def _complain(text: str) -> None:
 
 
 def _help_command(argv: list[str]) -> str:
-    words = itertools.takewhile(lambda word: word in ("demo", "noise", "allan", "psd", "simulate"), argv)
+    words = itertools.takewhile(lambda word: word in ("demo", "noise", "allan", "psd", "temperature", "apply", "simulate"), argv)
     return " ".join(["jaxcal", *words, "--help"])
 
 

@@ -4,3 +4,4 @@ from ._allan import allan as allan
 from ._dynamic import dynamic as dynamic
 from ._save import save as save
 from ._spectrum import spectrum as spectrum
+from ._temperature import temperature as temperature
