@@ -150,5 +150,6 @@ def powers(section: dict[str, Any], sensor: str, degree: int, reference: float) 
         about = np.pad(about, (0, degree + 1 - len(about)))
         rows.append(about[1:])
         moved.append(about[0])
-        lost.append(float(np.max(np.abs(scaled(t) - value))))
+        departure = float(np.max(np.abs(scaled(t) - value)))
+        lost.append(departure if departure > 1e-9 * np.max(np.abs(value)) else 0.0)  # less is rounding
     return np.stack(rows), np.array(moved), np.array(lost)

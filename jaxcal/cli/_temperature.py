@@ -206,9 +206,9 @@ def _table(screen: Screen, sensor: str, name: str, axes: dict[str, Any]) -> None
     rows = []
     for channel, fit in axes.items():
         model = [fit.kind if fit.degree is None or fit.steps else f"{fit.kind} {fit.degree}"]
-        model += [
-            f"jump {number(s.height / scale, s.height_error / scale)} at {s.centre:.2f} +- {1.96 * s.centre_error:.2g} degC" for s in fit.steps
-        ]  # fmt: skip
+        for step in fit.steps:
+            height = number(step.height / scale, step.height_error / scale)
+            model.append(f"jump {height} at {step.centre:.2f} +- {1.96 * step.centre_error:.2g} degC")
         model += [f"lag {fit.model.lag:.0f} s"] * (fit.model.lag > 0) + [f"play {fit.model.play:.2f} degC"] * (fit.model.play > 0)
         worst = f"{fit.worst / scale:.3g} at {fit.worst_at:.1f} degC"
         span = f"{fit.model.low:.1f} to {fit.model.high:.1f}"

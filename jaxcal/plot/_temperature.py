@@ -108,7 +108,8 @@ def _described(fit: TemperatureFit, scale: float, unit: str) -> str:
     for step in fit.steps:
         value, half = abs(step.height) / scale, 1.96 * step.height_error / scale
         height = interval_labels(value, value - half, value + half)[0]
-        words.append(f"{'' if step.height > 0 else '\u2212'}{height} {unit} at {step.centre:.2f} °C".replace("  ", " "))
+        sign = "" if step.height > 0 else "\u2212"
+        words.append(f"{sign}{height} {unit} at {step.centre:.2f} °C".replace("  ", " "))
     if fit.model.lag > 0:
         words.append(f"lag {number_label(float(fit.model.lag), 3)} s")
     if fit.model.play > 0:

@@ -173,8 +173,8 @@ def _described(
     rms, worst, worst_at = _windows(bins, residual)
     if kind == "polynomial" and worst > _STANDS_OUT * _elsewhere(bins, residual, worst_at):
         warnings.append(
-            f"the polynomial of degree {degree} leaves {worst:.3g} in the degree around {worst_at:.1f} degC, {worst / rms:.1f} times its "
-            "rms: a jump there? model='auto' follows it"
+            f"the polynomial of degree {degree} leaves {worst:.3g} (unit of the bias) in the degree around {worst_at:.1f} degC, "
+            f"{worst / rms:.1f} times its rms: a jump there? model='auto' follows it"
         )
     grid, error, covariance = _uncertain(kind, curve, t, given, bins, low, high)
     coefficients = coefficient_error = None
