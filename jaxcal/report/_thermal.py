@@ -107,7 +107,7 @@ def _verdict(results: dict[str, TemperatureFit]) -> Markup:
             span = f"{float(fit.model.low):.1f} to {float(fit.model.high):.1f} °C"
             cells = (_sentence(fit, scale, unit), number_label(fit.rms / scale), worst, span)
             rows.append(tag("tr", tag("th", name.partition("_")[2], scope="row"), *(tag("td", cell) for cell in cells)))
-        parts += [tag("h3", _SENSORS[sensor]), tag("table", tag("thead", head), tag("tbody", *rows), class_="terms")]
+        parts += [tag("h3", _SENSORS[sensor]), tag("table", tag("thead", head), tag("tbody", *rows))]
     return tag("section", tag("h2", "Verdict", id="verdict"), *parts, aria_labelledby="verdict")
 
 

@@ -15,6 +15,7 @@ DEGREE, MOST = 3, 3
 _NARROW, _WIDE, _FIRST = 0.01, 3.0, 0.1  # degC: widths allowed, and that with which a step is looked for
 _EDGE, _GRID = 0.5, 0.1  # degC: distance of a centre from the ends, and between centres tried
 _THIN = 0.02  # degC: bins on which steps are refined
+_TALLEST = 1.5  # times the range of the bias
 _GAIN = 2.0  # of BIC that a step must bring
 
 
@@ -46,7 +47,8 @@ def steps_curve(t: AnyArray, b: AnyArray, low: float, high: float) -> Steps:
         first = [_candidate(*search, coarse.t, shape, centres), np.log(_FIRST)]
         tried = _refined(base, fine.t, weight, y, np.column_stack([shape, first]))
         changed, value = fitted(tried)
-        if not value < best - _GAIN:
+        # two steps of one place and opposite signs mend the shape of one, with heights that mean nothing
+        if not value < best - _GAIN or np.max(np.abs(changed[base.shape[1] :])) > _TALLEST * np.ptp(coarse.b):
             break
         shape, linear, best = tried, changed, value
     order = np.argsort(shape[0])

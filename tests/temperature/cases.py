@@ -8,10 +8,10 @@ MDEG = np.deg2rad(1e-3)
 RUNS = 12
 
 
-def pair(jump, seed):
+def pair(jump, seed, thermometer=0.02):
     """A training ramp and an independent test ramp."""
     random = np.random.default_rng(seed)
-    return tuple(simulate(jump=np.deg2rad(jump), seed=random) for _ in range(2))
+    return tuple(simulate(jump=np.deg2rad(jump), thermometer=thermometer, seed=random) for _ in range(2))
 
 
 def errors(model, test, jump):
