@@ -27,6 +27,7 @@ if TYPE_CHECKING:
         plot as plot,
         report as report,
         spectrum as spectrum,
+        temperature as temperature,
     )
     from ._log import Log as Log
     from .calibration import Calibration as Calibration
@@ -45,6 +46,7 @@ _HOME = {
     "plot": "plot",
     "report": "report",
     "spectrum": "spectrum",
+    "temperature": "temperature",
     "Calibration": "calibration",
     "Log": "_log",
     "read": "io",

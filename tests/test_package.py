@@ -40,6 +40,7 @@ def test_every_part_leaves_the_jax_configuration_alone():
 PUBLIC = {
     "Calibration", "DataError", "ExportError", "FitError", "JaxcalError", "Log", "PrecisionWarning", "UnitError",
     "allan", "batch", "export", "magnetometer", "noise", "plot", "read", "report", "spectrum",
+    "temperature",
 }  # fmt: skip
 
 

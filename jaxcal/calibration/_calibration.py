@@ -11,7 +11,10 @@ import equinox as eqx
 
 from .._errors import DataError
 from .._files import json_text, write_atomically
+from .._log import Log
 from .._units import si_unit
+from . import _thermal
+from ._correct import corrected
 from ._form import Nullable, checked, free, from_json, to_json, wrong
 from ._noise import DeviceNoise, device_noise
 
@@ -32,14 +35,7 @@ _FORMS: dict[str, dict[str, Any]] = {
         "field": Nullable(float),
         "covariance": _COVARIANCE,
     },
-    "temperature": {
-        "unit": si_unit("temperature"),
-        "reference": float,
-        "minimum": float,
-        "maximum": float,
-        "accel?": (3, None),
-        "gyro?": (3, None),
-    },
+    "temperature": _thermal.FORM,
 }
 
 
@@ -55,8 +51,10 @@ class Calibration(eqx.Module):
         "g_sensitivity": (3, 3), "covariance"}}, where y = matrix x + bias + g_sensitivity a.
     magnetometer : {"unit": "T", "soft_iron": (3, 3), "hard_iron": (3,), "field", "covariance"}, where measured = soft_iron true +
         hard_iron.
-    temperature : {"unit": "degC", "reference", "minimum", "maximum", "accel": (3, powers), "gyro": (3, powers)}: coefficients of
-        the powers 1, 2, ... of the temperature above the reference, in the unit of the sensor.
+    temperature : what `jaxcal.temperature.characterise` returns (channel -> `TemperatureFit`), or the stored form: {"unit": "degC",
+        "reference", "minimum", "maximum"} with "accel" and "gyro" (3, powers), coefficients of the powers 1, 2, ... of the temperature
+        above the reference, in the unit of the sensor, or with "channels": {"gyro_x": {"curve", "minimum", "maximum", "lag", "play",
+        ...}, ...}, which hold any thermal model exactly.
     device : name, or a dictionary with "name" and the ids by which flight controllers find a sensor.
     provenance : dictionary of where the numbers come from: recording ("file", "sha256") and the options used ("options"). The
         version of jaxcal is added as "version".
@@ -92,12 +90,45 @@ class Calibration(eqx.Module):
         self.noise = noise if noise is None or isinstance(noise, DeviceNoise) else device_noise(noise)
         self.imu = _section(imu, "imu")
         self.magnetometer = _section(magnetometer, "magnetometer")
-        self.temperature = _section(temperature, "temperature")
+        thermal = _section(_thermal.stored(temperature), "temperature")
+        self.temperature = None if thermal is None else _thermal.check(thermal)
         self.device = _free_section({"name": device} if isinstance(device, str) else device, "device")
         provenance = _free_section(provenance, "provenance")
         if provenance is not None and "version" not in provenance:
             provenance["version"] = importlib.metadata.version("jaxcal")
         self.provenance = provenance
+
+    def correct(self, log: Log) -> Log:
+        """A log without the errors that this calibration knows, equations (5.4) and (5.5) of the thesis.
+
+        The thermal models come first, at the temperature of the log (a slow thermometer is interpolated); then bias, g-sensitivity,
+        scale factor and misalignment, and the magnetometer's iron. A gyroscope without an `imu` section is corrected to zero at rest;
+        of other sensors only the change since the reference temperature is taken off, for the rest is gravity or field.
+
+        Parameters
+        ----------
+        log : recording of the same device; missing samples stay missing.
+
+        Returns
+        -------
+        Log, on the same grid. Its `warnings` tell of temperatures outside the models, of jumps that the temperature passes, and of
+        a model fitted to this very recording; its `notes` tell what was done.
+
+        Raises
+        ------
+        DataError
+            If nothing in the log can be corrected, or a thermal model finds no temperature in it.
+
+        Examples
+        --------
+        >>> import jaxcal
+        >>> made = jaxcal.temperature.simulate(seed=1)
+        >>> log = jaxcal.Log(made.time, gyro=made.bias, temperature=made.temperature)
+        >>> device = jaxcal.Calibration(temperature=jaxcal.temperature.characterise(log, model="steps"))
+        >>> bool(device.correct(log).gyro.std() < log.gyro.std() / 20)
+        True
+        """
+        return corrected(self, log)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the calibration as JSON, schema "jaxcal.calibration/1".

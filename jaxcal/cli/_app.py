@@ -14,13 +14,16 @@ from cyclopts.config import Toml
 import jaxcal
 
 from ._allan import allan
+from ._apply import apply
 from ._demo import demo
 from ._noise import noise
 from ._north import north
 from ._options import CallError
 from ._psd import psd
 from ._simulate_north import simulate
+from ._temperature import temperature
 
+_COMMANDS = ("demo", "noise", "allan", "psd", "temperature", "north", "apply", "simulate")
 DONE, DATA, CALL, FAULT, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 3, 130, 141
 
 _HELP = """Calibrated models of inertial and magnetic sensors, from their logs.
@@ -46,7 +49,7 @@ def _application() -> cyclopts.App:
         config=_configuration, default_parameter=cyclopts.Parameter(negative=()), result_action="return_value",
         suppress_keyboard_interrupt=False,
     )  # fmt: skip
-    for command in (demo, noise, allan, psd, north, simulate):
+    for command in (demo, noise, allan, psd, temperature, north, apply, simulate):
         app.command(command)
     return app
 
@@ -90,7 +93,7 @@ def _complain(text: str) -> None:
 
 
 def _help_command(argv: list[str]) -> str:
-    words = itertools.takewhile(lambda word: word in ("demo", "noise", "allan", "psd", "north", "simulate"), argv)
+    words = itertools.takewhile(lambda word: word in _COMMANDS, argv)
     return " ".join(["jaxcal", *words, "--help"])
 
 

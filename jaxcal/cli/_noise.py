@@ -9,6 +9,7 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 from .._files import json_text, write_atomically
+from ._apply import corrected
 from ._cache import keep_compiled
 from ._options import WRITING, CallError, Reading, Running, distinct, read_log, stem
 from ._outputs import staged
@@ -51,6 +52,7 @@ def noise(
     confidence: float = 0.95,
     band: tuple[float, float] | None = None,
     method: str = "whittle",
+    calibration: Path | None = None,
     reading: Reading = Reading(),
     writing: Writing = Writing(),
     running: Running = Running(),
@@ -73,10 +75,14 @@ def noise(
         Shortest and longest cluster time to use, in s; by default those at which the model holds.
     method
         How to fit: whittle, or on the Allan variance gls, edf or wavelet.
+    calibration
+        Calibration of the device as JSON, from another recording: the log is corrected with it before the fit.
     """
     if method not in _METHODS:
         raise CallError(f"--method {method}: expected one of {', '.join(_METHODS)}")
-    characterise(log, terms, confidence, band, reading, writing, running, method=method)
+    if calibration is not None and not calibration.exists():
+        raise CallError(f"--calibration {calibration} does not exist")
+    characterise(log, terms, confidence, band, reading, writing, running, method=method, calibration=calibration)
 
 
 def characterise(
@@ -89,6 +95,7 @@ def characterise(
     running: Running,
     truth: dict[str, Any] | None = None,
     method: str = "whittle",
+    calibration: Path | None = None,
 ) -> dict[str, Any]:
     """Read, fit, write and print; `truth` (sensor -> `Noise`) is compared where a log was simulated. Gives the fits."""
     chosen = _terms(terms)
@@ -98,6 +105,7 @@ def characterise(
     with staged(plan, inputs=[path], folder=folder) as places:
         with progress(f"reading {path.name}", running.quiet):
             log = read_log(path, reading)
+            log = log if calibration is None else corrected(calibration, log)
         show_log(screen, log)
         with progress("fitting", running.quiet) as move:
             keep_compiled()

@@ -2,11 +2,11 @@
 
 import re
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import cyclopts
 
-from .._units import STANDARD_GRAVITY, noise_factor, noise_units
+from .._units import STANDARD_GRAVITY, noise_factor, noise_units, si_unit
 from ._options import CallError, Running
 from ._outputs import staged
 from ._screen import Screen, progress, show_written
@@ -104,16 +104,85 @@ def write_log(
             sensors[sensor] = np.stack(axes, axis=1) + np.asarray((bias or {}).get(sensor, (0.0, 0.0, 0.0)))
         if "accel" in sensors:
             sensors["accel"][:, 2] += STANDARD_GRAVITY
-        _save(places[out], np.arange(samples) / rate, sensors)
+        save_log(places[out], np.arange(samples) / rate, sensors)
 
 
-def _save(place: Path, time: Any, sensors: dict[str, Any]) -> None:
+@simulate.command(name="temperature")
+def simulate_temperature(
+    *,
+    out: Path,
+    jump: float = 0.3,
+    profile: Literal["ramp", "cycle"] = "ramp",
+    lag: float = 0.0,
+    play: float = 0.0,
+    noise: float = 4e-3,
+    walk: float = 2e-5,
+    rate: float = 1.0,
+    duration: float = 5400.0,
+    running: Running = Running(),
+) -> None:
+    """A log of a gyroscope at rest whose bias depends on a temperature of 20 to 45 degC.
+
+    The x axis has a cubic and a jump at 24.5 degC, the y axis the jump
+    downwards, the z axis no jump.
+
+    Parameters
+    ----------
+    out
+        File to write: FILE.csv or FILE.npz, in SI units.
+    jump
+        Height of the jump in deg/s.
+    profile
+        ramp, once from 20 to 45 degC; cycle, a sine of 75 minutes.
+    lag
+        Seconds by which the sensor follows the temperature.
+    play
+        Half-width of the backlash in degC.
+    noise
+        Standard deviation of a sample in deg/s.
+    walk
+        Standard deviation of the bias's step from sample to sample in deg/s.
+    rate
+        Sampling rate in Hz.
+    duration
+        Length of the log in s.
+    """
+    if out.suffix not in _SUFFIXES:
+        raise CallError(f"--out {out}: expected a name that ends in {' or '.join(_SUFFIXES)}")
+    if not 0.0 < rate < float("inf") or not 2.0 <= rate * duration <= _LARGEST:
+        raise CallError(f"--rate {rate:g} --duration {duration:g}: expected a log of 2 to {_LARGEST} samples")
+    if min(lag, play, noise, walk) < 0:
+        raise CallError("--lag, --play, --noise and --walk are not negative")
+    screen = Screen(running.quiet)
+    with staged([out]) as places, progress("simulating", running.quiet):
+        import numpy as np
+
+        from ..temperature import simulate as simulated
+
+        random = np.random.default_rng(running.seed)
+        made = [
+            simulated(
+                jump=np.deg2rad(height), profile=profile, lag=lag, play=play, noise=np.deg2rad(noise), walk=np.deg2rad(walk),
+                duration=duration, rate=rate, seed=random,
+            )
+            for height in (jump, -jump, 0.0)
+        ]  # fmt: skip
+        # one thermometer, that of the first axis; the true temperature is the same for all
+        sensors = {"gyro": np.stack([one.bias for one in made], axis=1), "temperature": made[0].temperature}
+        save_log(places[out], made[0].time, sensors)
+    show_written(screen, [out])
+
+
+def save_log(place: Path, time: Any, sensors: dict[str, Any]) -> None:
+    """Write a log as CSV or NPZ, in SI units; what is missing is an empty field, or NaN."""
     import numpy as np
 
     if place.suffix == ".npz":
         np.savez(place, time=time, **sensors)
         return
-    units = {"gyro": "rad/s", "accel": "m/s^2"}
-    names = ["time [s]", *(f"{sensor}_{axis} [{units[sensor]}]" for sensor in sensors for axis in "xyz")]
+    names = ["time [s]"]
+    for sensor, values in sensors.items():
+        axes = [f"_{axis}" for axis in "xyz"[: values.shape[1]]] if values.ndim == 2 else [""]
+        names += [f"{sensor}{axis} [{si_unit(sensor)}]" for axis in axes]
     table = np.column_stack([time, *sensors.values()])
     np.savetxt(place, table, fmt=["%.9f", *["%.9g"] * (len(names) - 1)], delimiter=",", header=",".join(names), comments="")

@@ -8,13 +8,17 @@ from typing import Any
 from .._errors import ExportError
 from .._files import write_atomically
 from ..calibration import Calibration
+from ._ardupilot import ardupilot
 from ._kalibr import kalibr
 from ._options import Options
+from ._px4 import px4
 from ._text import comment
 
 #: format -> (function that gives its text and warnings, its comment mark)
 _FORMATS: dict[str, tuple[Callable[[Calibration, Options], tuple[str, tuple[str, ...]]], str]] = {
     "kalibr": (kalibr, "#"),
+    "px4": (px4, "#"),
+    "ardupilot": (ardupilot, "#"),
 }
 
 
@@ -39,7 +43,9 @@ def write(
     ----------
     calibration : the `Calibration` to write.
     path : file to write; an existing one is replaced in one step.
-    format : "kalibr" (`imu.yaml`: rad/s/sqrt(Hz), rad/s^2/sqrt(Hz), m/s^2/sqrt(Hz), m/s^3/sqrt(Hz)).
+    format : "kalibr" (`imu.yaml`: rad/s/sqrt(Hz), rad/s^2/sqrt(Hz), m/s^2/sqrt(Hz), m/s^3/sqrt(Hz)); "px4" (`.params`) and
+        "ardupilot" (`.param`): biases, scale factors, magnetometer and thermal model, found by the ids in `calibration.device`. Any
+        thermal model becomes a cubic there; what that loses is said.
     topic : ROS topic of the sensor.
     axis : "worst", the largest of the three axes, or "rms", their root mean square. The file lists the three in a comment.
     inflate : factor on all noise; the file says so.

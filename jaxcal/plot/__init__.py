@@ -5,3 +5,4 @@ from ._dynamic import dynamic as dynamic
 from ._north import north as north
 from ._save import save as save
 from ._spectrum import spectrum as spectrum
+from ._temperature import temperature as temperature

@@ -2,4 +2,5 @@
 
 from ._document import noise_document as noise_document
 from ._north import north_document as north_document, write_north as write_north
+from ._thermal import temperature_document as temperature_document
 from ._write import write as write

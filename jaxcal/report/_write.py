@@ -3,18 +3,20 @@
 import importlib.metadata
 import os
 import pathlib
+from typing import Any
 
 from .._files import write_atomically
 from .._log import Log
-from ..noise import NoiseFit
 from ..plot._labels import duration_label
+from ..temperature import TemperatureFit
 from ._document import check_results
 from ._html import join
 from ._noise import meaning, plots, provenance, recording, remarks, verdict
 from ._page import page
+from ._thermal import check_thermal, thermal_body
 
 
-def write(results: dict[str, NoiseFit], path: str | os.PathLike[str], *, log: Log | None = None) -> None:
+def write(results: Any, path: str | os.PathLike[str], *, log: Log | None = None) -> None:
     """Write a report: one HTML file that needs nothing else, for screens light and dark, phones and paper.
 
     It says first what was found, with intervals, then shows the Allan deviations and their numbers, the warnings, what the
@@ -22,7 +24,8 @@ def write(results: dict[str, NoiseFit], path: str | os.PathLike[str], *, log: Lo
 
     Parameters
     ----------
-    results : channel -> `NoiseFit`, as `jaxcal.noise.characterise` returns them.
+    results : channel -> `NoiseFit`, as `jaxcal.noise.characterise` returns them, or channel -> `TemperatureFit`, as
+        `jaxcal.temperature.characterise` does.
     path : file to write; an existing one is replaced in one step.
     log : the recording, for its summary, notes, warnings and provenance.
 
@@ -44,8 +47,14 @@ def write(results: dict[str, NoiseFit], path: str | os.PathLike[str], *, log: Lo
     ...     path.read_text()[:15]
     '<!DOCTYPE html>'
     """
-    check_results(results)
     version = importlib.metadata.version("jaxcal")
+    if isinstance(results, dict) and any(isinstance(fit, TemperatureFit) for fit in results.values()):
+        check_thermal(results)
+        lead = f"{len(results)} channel{'s' * (len(results) != 1)}"
+        body = join((thermal_body(results, log), recording(log)))
+        write_atomically(path, page(_title(log, "Bias and temperature"), lead, body, f"Written by jaxcal {version}"))
+        return
+    check_results(results)
     first = next(iter(results.values()))
     count = f"{len(results)} channel{'s' * (len(results) != 1)}"
     lead = f"{count}, {duration_label(first.duration)} at {first.deviation.rate:.6g} Hz"
@@ -62,6 +71,9 @@ def write(results: dict[str, NoiseFit], path: str | os.PathLike[str], *, log: Lo
     write_atomically(path, page(_title(log), lead, body, f"Written by jaxcal {version}"))
 
 
-def _title(log: Log | None) -> str:
+def _title(log: Log | None, what: str = "Noise") -> str:
     file = None if log is None else log.provenance.get("file")
-    return f"Noise of {pathlib.PurePath(str(file)).name}" if file else "Sensor noise"
+    name = pathlib.PurePath(str(file)).name
+    if file:
+        return f"{what} of {name}"
+    return "Sensor noise" if what == "Noise" else what

@@ -1,0 +1,85 @@
+"""Thermal models as the cubic polynomials that flight controllers know."""
+
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+
+from .._errors import ExportError
+from .._types import AnyArray
+from .._units import si_unit
+from ..calibration import Calibration
+from ..calibration._thermal import AXES, at_reference, powers
+
+DEGREE = 3
+_NARROW = 10.0  # degC
+
+
+class Cubics(eqx.Module):
+    """`powers` (3, 3): coefficients of d, d^2 and d^3 for each axis, d = T - reference; range and reference in degC."""
+
+    powers: AnyArray
+    reference: float
+    minimum: float
+    maximum: float
+
+
+def cubics(calibration: Calibration, sensor: str, reference: float | None, warnings: list[str]) -> Cubics | None:
+    """Thermal model of a sensor about `reference` (None: its own); None where there is none."""
+    section = calibration.temperature
+    if section is None:
+        return None
+    about = section["reference"] if reference is None else reference
+    found = powers(section, sensor, DEGREE, about)
+    if found is None:
+        return None
+    coefficients, _, lost = found
+    name = {"accel": "accelerometer", "gyro": "gyroscope"}[sensor]
+    for axis, departure in zip(AXES, lost, strict=True):
+        if departure > 0:
+            channel = section.get("channels", {}).get(f"{sensor}_{axis}", {})
+            jumps = ", ".join(f"{centre:.2f}" for centre in channel.get("centre", ()))
+            what = f"; the jump at {jumps} degC is smeared out" if jumps else ""
+            warnings.append(
+                f"{name} {axis}: the cubic that the format knows departs from the model by up to {departure:.3g} {si_unit(sensor)}{what}"
+            )
+        _without_hysteresis(section, sensor, axis, name, warnings)
+    width = section["maximum"] - section["minimum"]
+    if width < _NARROW:
+        warnings.append(f"{name}: the thermal model covers {width:.3g} degC; outside it the flight controller keeps the value at the end")
+    return Cubics(coefficients, float(about), section["minimum"], section["maximum"])
+
+
+def _without_hysteresis(section: dict[str, Any], sensor: str, axis: str, name: str, warnings: list[str]) -> None:
+    channel = section.get("channels", {}).get(f"{sensor}_{axis}", {})
+    if channel.get("lag", 0) > 0 or channel.get("play", 0) > 0:
+        warnings.append(f"{name} {axis}: lag and play not written, for there is no place for them; heating and cooling will differ")
+
+
+def gyro_bias(calibration: Calibration) -> AnyArray | None:
+    """Bias of the gyroscope at the reference temperature, rad/s: of the imu section, or else of the thermal model."""
+    imu, section = calibration.imu or {}, calibration.temperature
+    if "gyro" in imu:
+        return imu["gyro"]["bias"]
+    names = [f"gyro_{axis}" for axis in AXES]
+    if section is None or not all(name in section.get("channels", {}) for name in names):
+        return None
+    return np.array([at_reference(section, name) for name in names])
+
+
+def device_id(calibration: Calibration, tool: str, name: str) -> int:
+    """Id by which a flight controller finds a sensor.
+
+    Raises
+    ------
+    ExportError
+        If the calibration does not hold it.
+    """
+    ids = (calibration.device or {}).get(tool)
+    value = ids.get(name) if isinstance(ids, dict) else None
+    if not isinstance(value, int) or isinstance(value, bool) or value <= 0:
+        raise ExportError(
+            f"the {name} of the sensor is not known, and the flight controller finds its parameters by it; give it as "
+            f'Calibration(device={{"name": ..., "{tool}": {{"{name}": ID}}}}), with the number that the parameter list of the vehicle shows'
+        )
+    return value

@@ -1,0 +1,165 @@
+"""Thermal models: the sections of their report, and the same as JSON can say it."""
+
+import importlib.metadata
+from typing import Any
+
+import numpy as np
+
+from .._errors import DataError
+from .._log import Log
+from .._units import si_unit
+from ..plot import temperature
+from ..plot._labels import display_unit, number_label
+from ..temperature import TemperatureFit
+from ._document import number, plain, sensor_of
+from ._html import Markup, each, join, tag
+from ._svg import inline
+
+SCHEMA = "jaxcal.temperature/1"
+_SENSORS = {"gyro": "Gyroscope", "accel": "Accelerometer", "mag": "Magnetometer"}
+_MEANING = (
+    ("rms", "What the model leaves of the means over 0.1 °C, over all temperatures. It is not a noise coefficient."),
+    ("worst degree", "The same in the worst window of 1 °C. A model that misses a jump shows it here."),
+    ("jump", "A step of the bias at a temperature. It is a property of the device; no polynomial follows it."),
+    (
+        "lag, play",
+        "Heating and cooling give different biases: the sensor follows the thermometer late, or after a backlash.",
+    ),
+    ("interval", "It holds for the bias in this record. From one turn-on to the next the whole curve moves by a constant."),
+)
+
+
+def temperature_document(results: dict[str, TemperatureFit], log: Log | None = None) -> dict[str, Any]:
+    """Thermal models of every channel as a dictionary for JSON, SI units and degC.
+
+    Parameters
+    ----------
+    results : channel -> `TemperatureFit`, as `jaxcal.temperature.characterise` returns them.
+    log : the recording, for its provenance, notes and warnings.
+
+    Returns
+    -------
+    Dictionary with `schema` ("jaxcal.temperature/1"), `version`, `provenance`, `notes`, `warnings` and `channels`. Each channel holds
+    `kind`, `degree`, `unit`, `minimum`, `maximum`, `lag`, `play`, `rms`, `worst`, `worst_at`, `coefficients` (of the powers of T) with
+    `coefficient_error`, `steps`, `candidates`, `curve` (temperature, bias, low, high at 101 temperatures), `warnings` and `notes`.
+
+    Raises
+    ------
+    DataError
+        If there are no results, or a channel has no known sensor.
+    """
+    check_thermal(results)
+    return {
+        "schema": SCHEMA, "version": importlib.metadata.version("jaxcal"), "provenance": None if log is None else plain(log.provenance),
+        "notes": [] if log is None else list(log.notes), "warnings": [] if log is None else list(log.warnings),
+        "channels": {name: _channel(fit, sensor_of(name)) for name, fit in results.items()},
+    }  # fmt: skip
+
+
+def check_thermal(results: Any) -> None:
+    """Raise a `DataError` unless there is at least one fit, each of a channel with a known sensor."""
+    if not isinstance(results, dict) or not results or not all(isinstance(fit, TemperatureFit) for fit in results.values()):
+        raise DataError("expected the dictionary channel -> TemperatureFit that jaxcal.temperature.characterise returns")
+    for name in results:
+        sensor_of(name)
+
+
+def _channel(fit: TemperatureFit, sensor: str) -> dict[str, Any]:
+    t = np.linspace(float(fit.model.low), float(fit.model.high), 101)
+    low, high = fit.interval_at(t)
+    fields = ("centre", "width", "height", "centre_error", "width_error", "height_error")
+    listed = lambda values: None if values is None else [number(value) for value in values]  # noqa: E731
+    return {
+        "kind": fit.kind, "degree": None if fit.degree is None else int(fit.degree), "unit": si_unit(sensor),
+        "minimum": number(fit.model.low), "maximum": number(fit.model.high), "lag": number(fit.model.lag), "play": number(fit.model.play),
+        "rms": number(fit.rms), "worst": number(fit.worst), "worst_at": number(fit.worst_at),
+        "coefficients": listed(fit.coefficients), "coefficient_error": listed(fit.coefficient_error),
+        "steps": [{name: number(getattr(step, name)) for name in fields} for step in fit.steps],
+        "candidates": [
+            {"name": one.name, "rms": number(np.sqrt(one.score)), "chosen": bool(one.chosen)} for one in fit.candidates
+        ],
+        "held_out": fit.held_out, "confidence": fit.confidence, "thermometer_noise": number(fit.thermometer),
+        "curve": {"temperature": listed(t), "bias": listed(np.asarray(fit.model.curve.value(t))), "low": listed(low), "high": listed(high)},
+        "warnings": list(fit.warnings), "notes": list(fit.notes),
+    }  # fmt: skip
+
+
+def thermal_body(results: dict[str, TemperatureFit], log: Log | None) -> Markup:
+    """Verdict, figures, choices, warnings and meaning."""
+    return join((_verdict(results), _figures(results), _choice(results), _warnings(results, log), _meaning()))
+
+
+def _by_sensor(results: dict[str, TemperatureFit]) -> dict[str, dict[str, TemperatureFit]]:
+    groups: dict[str, dict[str, TemperatureFit]] = {}
+    for name, fit in results.items():
+        groups.setdefault(sensor_of(name), {})[name] = fit
+    return groups
+
+
+def _verdict(results: dict[str, TemperatureFit]) -> Markup:
+    parts = []
+    for sensor, channels in _by_sensor(results).items():
+        scale, unit = display_unit("B", sensor)
+        head = tag("tr", *(tag("th", name, scope="col") for name in ("Axis", "Model", f"rms ({unit})", f"Worst degree ({unit})", "Range")))
+        rows = []
+        for name, fit in channels.items():
+            worst = f"{number_label(fit.worst / scale)} at {fit.worst_at:.1f} °C"
+            span = f"{float(fit.model.low):.1f} to {float(fit.model.high):.1f} °C"
+            cells = (_sentence(fit, scale, unit), number_label(fit.rms / scale), worst, span)
+            rows.append(tag("tr", tag("th", name.partition("_")[2], scope="row"), *(tag("td", cell) for cell in cells)))
+        parts += [tag("h3", _SENSORS[sensor]), tag("table", tag("thead", head), tag("tbody", *rows))]
+    return tag("section", tag("h2", "Verdict", id="verdict"), *parts, aria_labelledby="verdict")
+
+
+def _sentence(fit: TemperatureFit, scale: float, unit: str) -> str:
+    words = [fit.kind if fit.degree is None or fit.steps else f"{fit.kind} of degree {fit.degree}"]
+    words += [
+        f"jump of {number_label(abs(s.height) / scale)} {unit} {'up' if s.height > 0 else 'down'} at {s.centre:.2f} ± "
+        f"{1.96 * s.centre_error:.2g} °C" for s in fit.steps
+    ]  # fmt: skip
+    if fit.model.lag > 0:
+        words.append(f"lag {float(fit.model.lag):.0f} s")
+    if fit.model.play > 0:
+        words.append(f"play {float(fit.model.play):.2f} °C")
+    return "; ".join(words)
+
+
+def _figures(results: dict[str, TemperatureFit]) -> Markup:
+    parts = []
+    for sensor, channels in _by_sensor(results).items():
+        title = f"{_SENSORS[sensor]}: change of bias with temperature"
+        svg = inline(temperature(channels), f"thermal-{sensor}", title, "Means over 0.1 degC, the fitted curves and their intervals.")
+        caption = tag("figcaption", "Points: means over 0.1 °C. Lines: model with interval. Dotted: jumps.")
+        parts.append(tag("figure", tag("div", svg, class_="scroll", tabindex="0", role="region", aria_label=title), caption))
+    return tag("section", tag("h2", "Bias and temperature", id="plots"), *parts, aria_labelledby="plots")
+
+
+def _choice(results: dict[str, TemperatureFit]) -> Markup:
+    chosen = {name: fit for name, fit in results.items() if fit.candidates}
+    if not chosen:
+        return Markup("")
+    tables = []
+    for name, fit in chosen.items():
+        scale, unit = display_unit("B", sensor_of(name))
+        head = tag("tr", *(tag("th", text, scope="col") for text in ("Model", f"Error on held-out {fit.held_out} ({unit})", "")))
+        rows = [
+            tag("tr", tag("th", one.name, scope="row"), tag("td", number_label(float(np.sqrt(one.score)) / scale)),
+                tag("td", "chosen" if one.chosen else "")) for one in fit.candidates
+        ]  # fmt: skip
+        tables.append(tag("details", tag("summary", name), tag("table", tag("thead", head), tag("tbody", *rows))))
+    return tag("section", tag("h2", "How the model was chosen", id="choice"), *tables, aria_labelledby="choice")
+
+
+def _warnings(results: dict[str, TemperatureFit], log: Log | None) -> Markup:
+    said: dict[str, list[str]] = {}
+    for name, fit in results.items():
+        for sentence in fit.warnings:
+            said.setdefault(sentence, []).append(name)
+    lines = [*(() if log is None else log.warnings), *(f"{', '.join(names)}: {sentence}" for sentence, names in said.items())]
+    title = tag("h2", "Warnings", id="warnings")
+    return tag("section", title, tag("ul", each("li", lines or ["None."])), aria_labelledby="warnings")
+
+
+def _meaning() -> Markup:
+    items = [piece for word, text in _MEANING for piece in (tag("dt", word), tag("dd", text))]
+    return tag("section", tag("h2", "What the words mean", id="meaning"), tag("dl", *items), aria_labelledby="meaning")

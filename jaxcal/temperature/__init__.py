@@ -1,0 +1,9 @@
+"""Thermal models of sensor biases: polynomials, tables, splines, jumps, hysteresis."""
+
+from ._curves import Chebyshev as Chebyshev, Piecewise as Piecewise, Steps as Steps
+from ._fit import fit as fit
+from ._log import characterise as characterise, thermometer as thermometer
+from ._model import ClampWarning as ClampWarning, ThermalModel as ThermalModel
+from ._result import Candidate as Candidate, Step as Step, TemperatureFit as TemperatureFit
+from ._scale import scale_factor as scale_factor
+from ._simulate import Simulated as Simulated, reference_bias as reference_bias, simulate as simulate

@@ -1,0 +1,111 @@
+"""Curves of bias against temperature: Chebyshev series, series with logistic steps, piecewise cubic."""
+
+from types import ModuleType
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from .._precision import is_traced
+from .._types import AnyArray
+
+#: the exponent of a step is clipped here, where the logistic function is 0 or 1 to the last digit
+_FLAT = 50.0
+
+
+def namespace(*trees: Any) -> ModuleType:
+    """`jax.numpy` where something is traced, NumPy otherwise: nothing to compile for each length of log."""
+    return jnp if is_traced(*trees) else np
+
+
+def common(xp: ModuleType, *values: Any) -> list[Any]:
+    """Arrays of the widest floating type among them."""
+    kind = np.result_type(*(value.dtype if hasattr(value, "dtype") else np.dtype(float) for value in values), np.float32)
+    return [xp.asarray(value, dtype=kind) for value in values]
+
+
+class AbstractCurve(eqx.Module):
+    """A bias as a function of the temperature alone."""
+
+    def value(self, t: Any) -> AnyArray:
+        """Bias at the temperatures `t` (n,) or (), degC."""
+        raise NotImplementedError
+
+
+class Chebyshev(AbstractCurve):
+    r"""Series of Chebyshev polynomials.
+
+    .. math:: b(T) = \sum_i q_i C_i(u),\qquad u = 2 (T - T_{lo})/(T_{hi} - T_{lo}) - 1
+
+    Attributes
+    ----------
+    coefficients : (degree + 1,) q, in the unit of the bias.
+    low, high : T_lo and T_hi, degC.
+    """
+
+    coefficients: Any
+    low: Any
+    high: Any
+
+    def value(self, t: Any) -> AnyArray:
+        """By Clenshaw's recurrence, W. Clenshaw, Math. Comp. 9 (1955) 118."""
+        xp = namespace(self, t)
+        t, q, low, high = common(xp, t, self.coefficients, self.low, self.high)
+        u = 2 * (t - low) / (high - low) - 1
+        first, second = xp.zeros_like(u), xp.zeros_like(u)
+        for i in range(q.shape[0] - 1, 0, -1):
+            first, second = 2 * u * first - second + q[i], first
+        return xp.asarray(u * first - second + q[0])
+
+
+class Steps(AbstractCurve):
+    r"""Series of Chebyshev polynomials plus logistic steps.
+
+    .. math:: b(T) = \sum_i q_i C_i(u) + \sum_j p_j / (1 + e^{-(T - t_j)/w_j})
+
+    Attributes
+    ----------
+    base : `Chebyshev`.
+    height, centre, width : (steps,) p in the unit of the bias, t and w in degC.
+    """
+
+    base: Chebyshev
+    height: Any
+    centre: Any
+    width: Any
+
+    def value(self, t: Any) -> AnyArray:
+        """The series and every step."""
+        xp = namespace(self, t)
+        t, height, centre, width = common(xp, t, self.height, self.centre, self.width)
+        total = self.base.value(t)
+        for j in range(height.shape[0]):
+            total = total + height[j] / (1 + xp.exp(xp.clip((centre[j] - t) / width[j], -_FLAT, _FLAT)))
+        return xp.asarray(total)
+
+
+class Piecewise(AbstractCurve):
+    r"""Polynomials of degree 3 or less between nodes.
+
+    .. math:: b(T) = \sum_p c_{kp} (T - t_k)^p \quad\text{for}\quad t_k \le T < t_{k+1}
+
+    Attributes
+    ----------
+    nodes : (pieces + 1,) t, degC, increasing.
+    coefficients : (pieces, powers) c, lowest power first. Beyond the nodes the first and the last value hold.
+    """
+
+    nodes: Any
+    coefficients: Any
+
+    def value(self, t: Any) -> AnyArray:
+        """By Horner's rule in the piece of each temperature."""
+        xp = namespace(self, t)
+        t, nodes, c = common(xp, t, self.nodes, self.coefficients)
+        t = xp.clip(t, nodes[0], nodes[-1])
+        k = xp.clip(xp.searchsorted(nodes, t, side="right") - 1, 0, c.shape[0] - 1)
+        x, total = t - nodes[k], c[k, c.shape[1] - 1]
+        for power in range(c.shape[1] - 2, -1, -1):
+            total = total * x + c[k, power]
+        return xp.asarray(total)

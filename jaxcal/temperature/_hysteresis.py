@@ -1,0 +1,77 @@
+r"""Effective temperatures of a sensor that does not follow its thermometer at once.
+
+Both filters are chains of maps that compose into maps of the same kind, x -> A x + B and x -> min(max(x, A), B), so that a record
+takes log2(n) steps over whole arrays.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from .._types import AnyArray
+from ._curves import common, namespace
+
+_Maps = tuple[Any, Any]
+
+
+def lagged(temperature: Any, dt: Any, tau: Any, start: Any = None) -> AnyArray:
+    r"""Temperature of an element that follows the thermometer with a time constant.
+
+    .. math:: x_k = x_{k-1} + (1 - e^{-\Delta t/\tau}) (T_k - x_{k-1})
+
+    This is exact for a thermometer that keeps its value over a step, at any step; methods that put dt/tau for the factor need
+    dt much below tau.
+
+    Parameters
+    ----------
+    temperature : (n,) thermometer, degC.
+    dt : step in s, one number or (n,) with the step that leads to each sample.
+    tau : time constant in s; 0 gives the thermometer itself.
+    start : state before the first sample, degC; None begins at the first sample.
+    """
+    xp = namespace(temperature, dt, tau, start)
+    t, dt, tau = common(xp, temperature, dt, tau)
+    # the unused branch must have no division by zero, whose derivative is not finite
+    keep = xp.where(tau > 0, xp.exp(-dt / xp.where(tau > 0, tau, 1)), 0)
+    keep = xp.broadcast_to(keep, t.shape)
+    follow = (1 - keep) * t
+    return _scanned(xp, keep, follow, t[0] if start is None else start, lambda a, b: (a[0] * b[0], b[0] * a[1] + b[1]), _affine)
+
+
+def played(temperature: Any, play: Any, start: Any = None) -> AnyArray:
+    r"""Temperature behind a backlash of half-width h.
+
+    .. math:: P_k = \min(\max(P_{k-1}, T_k - h), T_k + h)
+
+    Parameters
+    ----------
+    temperature : (n,) degC.
+    play : h in degC; 0 gives the temperature itself.
+    start : state before the first sample, degC; None begins at the first sample.
+    """
+    xp = namespace(temperature, play, start)
+    t, h = common(xp, temperature, play)
+
+    def compose(a: _Maps, b: _Maps) -> _Maps:
+        return xp.clip(a[0], b[0], b[1]), xp.clip(a[1], b[0], b[1])
+
+    return _scanned(xp, t - h, t + h, t[0] if start is None else start, compose, lambda m, x: xp.clip(x, m[0], m[1]))
+
+
+def _affine(maps: _Maps, x: Any) -> Any:
+    return maps[0] * x + maps[1]
+
+
+def _scanned(xp: Any, a: Any, b: Any, start: Any, compose: Callable[[_Maps, _Maps], _Maps], apply: Callable[[_Maps, Any], Any]) -> Any:
+    """Every map composed with all before it, applied to the start."""
+    if xp is jnp:  # compiled, a loop is quick, and its program small
+        return jax.lax.scan(lambda x, maps: (apply(maps, x),) * 2, jnp.asarray(start, a.dtype), (a, b))[1]
+    # W. D. Hillis and G. L. Steele, Comm. ACM 29 (1986) 1170
+    step = 1
+    while step < a.shape[0]:
+        first, second = compose((a[:-step], b[:-step]), (a[step:], b[step:]))
+        a, b = xp.concatenate([a[:step], first]), xp.concatenate([b[:step], second])
+        step *= 2
+    return apply((a, b), start)

@@ -1,0 +1,68 @@
+"""Curves that are linear in the data: polynomial, table, monotone interpolation."""
+
+import math
+
+import numpy as np
+from numpy.polynomial import chebyshev, polynomial
+from scipy.interpolate import PchipInterpolator
+
+from .._types import AnyArray
+from ._bins import COARSE, Bins, binned
+from ._curves import Chebyshev, Piecewise
+
+#: highest degree that the choice by BIC tries, and the degree from which its answer means that this is no polynomial
+CAP, ALARM = 25, 20
+
+
+def scaled(t: AnyArray, low: float, high: float) -> AnyArray:
+    """Temperature on -1 .. 1."""
+    return 2 * (np.clip(t, low, high) - low) / (high - low) - 1
+
+
+def polynomial_curve(bins: Bins, low: float, high: float, degree: int) -> Chebyshev:
+    """Chebyshev series of the weighted least squares."""
+    weight = np.sqrt(bins.count)
+    design = chebyshev.chebvander(scaled(bins.t, low, high), degree)
+    return Chebyshev(np.linalg.lstsq(design * weight[:, None], bins.b * weight, rcond=None)[0], low, high)
+
+
+def bic(rss: float, n: int, parameters: int) -> float:
+    """Schwarz's criterion, Ann. Stat. 6 (1978) 461; bins, not samples, are counted, for these are correlated."""
+    return n * math.log(max(rss, 1e-300) / n) + parameters * math.log(n)
+
+
+def degree_by_bic(bins: Bins, low: float, high: float) -> int:
+    """Degree of the lowest BIC up to `CAP`; one orthogonal basis serves all degrees."""
+    weight = np.sqrt(bins.count)
+    cap = min(CAP, len(bins.t) - 3)
+    basis = np.linalg.qr(chebyshev.chebvander(scaled(bins.t, low, high), cap) * weight[:, None])[0]
+    y = bins.b * weight
+    left = np.sum(y**2) - np.cumsum((basis.T @ y) ** 2)
+    # the sums cancel: what is left of a polynomial without noise is rounding
+    left = np.maximum(left, 1e-15 * np.sum(y**2))
+    return int(np.argmin([bic(rss, len(y), degree + 1) for degree, rss in enumerate(left)]))
+
+
+def monomials(curve: Chebyshev) -> AnyArray:
+    """Coefficients a1, a2, ... of the powers of T, equation (5.3) of the thesis, from those of the Chebyshev series."""
+    centre, half = (curve.high + curve.low) / 2, (curve.high - curve.low) / 2
+    powers, total = chebyshev.cheb2poly(curve.coefficients), np.zeros(1)
+    for coefficient in powers[::-1]:
+        total = polynomial.polyadd(polynomial.polymul(total, [-centre / half, 1 / half]), [coefficient])
+    return np.pad(total, (0, max(len(curve.coefficients) - len(total), 0)))[: len(curve.coefficients)]
+
+
+def table_bins(t: AnyArray, b: AnyArray, width: float = COARSE) -> Bins:
+    """Nodes of a table."""
+    return binned(t, b, width)
+
+
+def table_curve(nodes: Bins) -> Piecewise:
+    """Bin means, with lines between them."""
+    slope = np.diff(nodes.b) / np.diff(nodes.t)
+    return Piecewise(nodes.t, np.stack([nodes.b[:-1], slope], axis=1))
+
+
+def pchip_curve(nodes: Bins) -> Piecewise:
+    """Bin means, with monotone cubics between them: F. N. Fritsch and J. Butland, SIAM J. Sci. Stat. Comput. 5 (1984) 300."""
+    return Piecewise(nodes.t, np.ascontiguousarray(PchipInterpolator(nodes.t, nodes.b).c[::-1].T))

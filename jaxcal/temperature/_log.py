@@ -1,0 +1,82 @@
+"""`characterise`: thermal models of every channel of a log."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from .._errors import DataError
+from .._log import Log
+from .._types import AnyArray
+from ._fit import fit
+from ._result import TemperatureFit
+
+_SENSORS = ("gyro", "accel", "mag")
+
+
+def characterise(log: Log, *, progress: Callable[[int, int, str], None] | None = None, **options: Any) -> dict[str, TemperatureFit]:
+    """Thermal models of every gyroscope, accelerometer and magnetometer channel of a log of a sensor at rest.
+
+    The sensor must keep its attitude: an accelerometer's "bias" then holds its part of gravity, a magnetometer's that of the field, and
+    only its change with temperature is the sensor's own.
+
+    Parameters
+    ----------
+    log : the `Log`, with a temperature; a slow thermometer is interpolated.
+    progress : called as progress(done, total, channel) before each channel, and once at the end.
+    options : of `fit`: model, degree, lag, play, confidence.
+
+    Returns
+    -------
+    dict
+        Channel name (gyro_x .. mag_z) -> `TemperatureFit`.
+
+    Raises
+    ------
+    DataError
+        As `fit`, naming the channel; or if the log has no temperature or no sensor channel.
+
+    Examples
+    --------
+    >>> import jaxcal
+    >>> made = jaxcal.temperature.simulate()
+    >>> log = jaxcal.Log(made.time, gyro=made.bias, temperature=made.temperature)
+    >>> jaxcal.temperature.characterise(log, model="polynomial", degree=3)["gyro_x"].degree
+    3
+    """
+    channels = {name: values for name, values in log.channels().items() if name.partition("_")[0] in _SENSORS}
+    temperature = thermometer(log)
+    if not channels:
+        raise DataError("the log has no gyroscope, accelerometer or magnetometer channel; name its columns with columns=")
+    report = progress or (lambda done, total, name: None)
+    fits = {}
+    for done, (name, values) in enumerate(channels.items()):
+        report(done, len(channels), name)
+        try:
+            fits[name] = fit(temperature, values, time=log.time, **options)
+        except DataError as error:
+            raise DataError(f"{name}: {error}") from error
+    report(len(channels), len(channels), "")
+    return fits
+
+
+def thermometer(log: Log) -> AnyArray:
+    """Temperature of a log at every sample: interpolated where it is slower or missing, and averaged over a second.
+
+    Raises
+    ------
+    DataError
+        If the log has no temperature.
+    """
+    if log.temperature is None:
+        raise DataError("the log has no temperature; name its column with columns=temperature=NAME")
+    t = np.asarray(log.temperature, dtype=float)
+    known = np.isfinite(t)
+    t = np.asarray(np.interp(log.time, log.time[known], t[known]))
+    size = max(round(log.rate), 1)
+    if size == 1 or len(t) < size:
+        return t
+    total = np.concatenate([[0.0], np.cumsum(t - t[0])])
+    last = np.minimum(np.arange(len(t)) + size // 2 + 1, len(t))
+    first = np.maximum(np.arange(len(t)) - size // 2, 0)
+    return t[0] + (total[last] - total[first]) / (last - first)

@@ -1,0 +1,155 @@
+"""`ThermalModel`: the bias of one channel at a temperature, and readings without it."""
+
+import warnings
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+
+from .._errors import DataError
+from .._precision import host_float64, is_traced
+from .._types import AnyArray
+from ._curves import AbstractCurve, common, namespace
+from ._hysteresis import lagged, played
+
+#: degC outside the range that a thermometer's noise brings about
+_MARGIN = 0.1
+
+
+class ClampWarning(UserWarning):
+    """Temperatures outside the range of a model were taken as its ends."""
+
+
+class ThermalModel(eqx.Module):
+    r"""Bias of one channel against temperature, with the hysteresis of the sensor.
+
+    .. math:: b = f(T_e),\qquad T_e = \mathrm{clip}(P_h(L_\tau(T)), T_{lo}, T_{hi})
+
+    Outside the range of its data the model keeps the value at the end of the range, and says so; it never extrapolates.
+
+    Attributes
+    ----------
+    curve : f, one of `Chebyshev`, `Steps` and `Piecewise`.
+    low, high : ends of the range, degC.
+    lag : tau, time constant in s with which the sensor follows the thermometer; 0 for none.
+    play : h, half-width in degC of the backlash; 0 for none.
+    scale : whether the curve is a scale factor, by which readings are divided, and not a bias.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.temperature import Chebyshev, ThermalModel
+    >>> model = ThermalModel(Chebyshev(np.array([1.0, 0.5]), 20.0, 40.0), 20.0, 40.0)
+    >>> print(model.bias_at(np.array([20.0, 30.0, 40.0])))
+    [0.5 1.  1.5]
+    >>> print(model.correct(np.array([2.0, 2.0]), np.array([30.0, 40.0])))
+    [1.  0.5]
+
+    References
+    ----------
+    The thesis, equations (5.3) to (5.5), where the curve is a polynomial.
+    """
+
+    curve: AbstractCurve
+    low: Any
+    high: Any
+    lag: Any = 0.0
+    play: Any = 0.0
+    scale: bool = eqx.field(static=True, default=False)
+
+    @host_float64
+    def bias_at(self, temperature: Any, rate_of_change: Any = None) -> AnyArray:
+        """Bias at temperatures; with `rate_of_change`, on a steady ramp: T - tau dT/dt - h sign(dT/dt).
+
+        Parameters
+        ----------
+        temperature : (n,) or one, degC.
+        rate_of_change : dT/dt in degC/s, one or (n,); None for a temperature that has been steady.
+
+        Returns
+        -------
+        (n,) or (), in the unit of the channel. A `ClampWarning` tells of temperatures outside the range.
+        """
+        xp = namespace(self, temperature, rate_of_change)
+        t, lag, play = common(xp, temperature, self.lag, self.play)
+        if rate_of_change is not None:
+            rate = common(xp, rate_of_change, t)[0]
+            t = t - lag * rate - play * xp.sign(rate)
+        return self._value(t)
+
+    @host_float64
+    def correct(self, y: Any, temperature: Any, *, time: Any = None, rate: Any = None) -> AnyArray:
+        """Readings without the bias: y - b(T), or y / s(T) for a scale factor.
+
+        Parameters
+        ----------
+        y : (n,) readings in time order.
+        temperature : (n,) degC.
+        time : (n,) s, or `rate` in Hz: needed by a model with a lag.
+
+        Returns
+        -------
+        (n,) in the unit of the channel. A `ClampWarning` tells of temperatures outside the range.
+
+        Raises
+        ------
+        DataError
+            If the lengths differ, or the model has a lag and the times are not known.
+        """
+        return self.correct_chunk(y, temperature, time=time, rate=rate)[0]
+
+    @host_float64
+    def correct_chunk(self, y: Any, temperature: Any, *, time: Any = None, rate: Any = None, state: Any = None) -> tuple[AnyArray, Any]:
+        """As `correct` for one part of a stream, with the state to give to the next part.
+
+        With `state` and `time`, the first time must be followed at the same step as within the part; parts of one sample need `rate`.
+        """
+        if np.shape(y) != np.shape(temperature) or np.ndim(temperature) != 1 or not np.size(temperature):
+            raise DataError(
+                f"y has shape {np.shape(y)} and temperature {np.shape(temperature)}; expected both (n,), one temperature per reading"
+            )
+        xp = namespace(self, y, temperature)
+        t, y = common(xp, temperature, y)
+        if not is_traced(t) and not np.isfinite(t).all():
+            raise DataError(f"{np.count_nonzero(~np.isfinite(t))} temperatures are not finite; interpolate the thermometer first")
+        t, state = self.effective(t, time=time, rate=rate, state=state)
+        value = self._value(t)
+        return (y / value if self.scale else y - value), state
+
+    def effective(self, temperature: Any, *, time: Any = None, rate: Any = None, state: Any = None) -> tuple[Any, Any]:
+        """Temperature that the sensor feels, not yet clipped, and the state (of lag and of play) after it."""
+        t = temperature
+        lag_state, play_state = (None, None) if state is None else state
+        if is_traced(self.lag) or self.lag > 0:
+            t = lagged(t, _steps(t, time, rate), self.lag, lag_state)
+        behind = played(t, self.play, play_state) if is_traced(self.play) or self.play > 0 else t
+        return behind, (t[-1], behind[-1])
+
+    def _value(self, t: Any) -> Any:
+        xp = namespace(self, t)
+        t, low, high = common(xp, t, self.low, self.high)
+        if not is_traced(self, t):
+            outside = np.mean((t < low) | (t > high))
+            if np.min(t) < low - _MARGIN or np.max(t) > high + _MARGIN:
+                warnings.warn(
+                    f"{100 * outside:.3g} % of the temperatures ({np.min(t):.2f} to {np.max(t):.2f} degC) are outside the range of the "
+                    f"model, {low:.2f} to {high:.2f} degC; the value at its end is used. Calibrate over a wider range",
+                    ClampWarning,
+                    stacklevel=4,
+                )
+        return self.curve.value(xp.clip(t, low, high))
+
+
+def _steps(t: Any, time: Any, rate: Any) -> Any:
+    """Time that leads to each sample, s."""
+    if rate is not None:
+        return 1.0 / rate
+    if time is None:
+        raise DataError("the model has a lag, for which the times count: give time= (s) or rate= (Hz)")
+    xp = namespace(time)
+    if np.shape(time) != np.shape(t) or np.shape(time)[0] < 2:
+        raise DataError(f"time has shape {np.shape(time)}; expected {np.shape(t)}, at least 2; for single samples give rate= (Hz)")
+    steps = xp.diff(xp.asarray(time))
+    if not is_traced(steps) and not (steps > 0).all():
+        raise DataError("time must increase from sample to sample")
+    return xp.concatenate([steps[:1], steps])

@@ -1,0 +1,165 @@
+"""What a fit may be given: checked, averaged to about a second, and cleaned."""
+
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+from scipy.ndimage import median_filter
+
+from .._errors import DataError
+from .._precision import is_traced
+from .._types import AnyArray
+from ._bins import FINE, binned
+
+_SECOND = 1.0  # s over which readings are averaged
+_WINDOW, _OUTLIER = 21, 6.0  # Hampel's filter: samples, and robust standard deviations beyond which one is left out
+_LEAST_RANGE, _LEAST_BINS, _LEAST_SAMPLES = 2.0, 10, 3
+_TURN = 0.1  # part of the range by which a temperature must come back to end a ramp
+_WHOLE = 0.8  # part of the range that a whole ramp covers
+
+
+class Record(eqx.Module):
+    """`t` (degC), `b`, `time` (s, or None), all (n,) in time order, `ramp` (n,) its number, and what was found on the way."""
+
+    t: AnyArray
+    b: AnyArray
+    time: AnyArray | None
+    ramp: AnyArray
+    whole: tuple[int, ...] = eqx.field(static=True)
+    warnings: tuple[str, ...] = eqx.field(static=True)
+    notes: tuple[str, ...] = eqx.field(static=True)
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of the thermometer's white noise, degC, from third differences."""
+        third = np.diff(self.t, 3)
+        return float(1.4826 * np.median(np.abs(third - np.median(third))) / np.sqrt(20.0)) if len(third) > 10 else 0.0
+
+
+def record(temperature: Any, bias: Any, time: Any) -> Record:
+    """The record of a fit.
+
+    Raises
+    ------
+    DataError
+        If the arrays do not belong together, hold too little, or the temperature hardly changes.
+    """
+    if is_traced(temperature, bias, time):
+        raise DataError("`fit` decides on the host and cannot be traced; differentiate the model's `curve.value` instead")
+    t, b = numbers(temperature, "temperature"), numbers(bias, "bias")
+    if len(t) != len(b):
+        raise DataError(
+            f"temperature has {len(t)} samples and bias {len(b)}; give one temperature per sample (interpolate the thermometer)"
+        )
+    stamps = None if time is None else numbers(time, "time")
+    if stamps is not None and len(stamps) != len(t):
+        raise DataError(f"time has {len(stamps)} samples and temperature {len(t)}; give one time per sample")
+    if not len(t):
+        raise DataError("the arrays are empty; give the temperatures and the readings of a sensor at rest")
+    warnings, notes = [], []
+    keep = np.isfinite(t) & np.isfinite(b) & (True if stamps is None else np.isfinite(stamps))
+    if not keep.any():
+        raise DataError("there is no sample in which temperature and bias are both numbers; all of one of them are NaN")
+    if not keep.all():
+        lost = len(keep) - np.count_nonzero(keep)
+        warnings.append(f"{lost} of {len(keep)} samples ({100 * lost / len(keep):.2g} %) are not numbers and were left out")
+    t, b, stamps = t[keep], b[keep], None if stamps is None else stamps[keep]
+    if stamps is not None:
+        if (np.diff(stamps) <= 0).any():
+            raise DataError("time must increase from sample to sample; sort the record by its time")
+        t, b, stamps = _averaged(t, b, stamps, notes)
+    t, b, stamps = _cleaned(t, b, stamps, notes)
+    _check_range(t)
+    _check_samples(t, stamps, warnings)
+    ramp, whole = ramps(t)
+    if len(np.unique(ramp)) == 1:
+        word = "rose" if t[-1] > t[0] else "fell"
+        warnings.append(
+            f"the temperature only {word}, so that an effect of time (warm-up, drift) counts as one of temperature, and hysteresis cannot "
+            "be seen; record a second ramp, or the way back to the first temperature"
+        )
+    return Record(t, b, stamps, ramp, whole, tuple(warnings), tuple(notes))
+
+
+def numbers(values: Any, name: str) -> AnyArray:
+    """Values as (n,) in float64."""
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise DataError(f"{name} does not hold numbers ({error}); give an array of shape (n,)") from error
+    if array.ndim != 1:
+        raise DataError(f"{name} has shape {array.shape}; expected (n,): one channel at a time")
+    return array
+
+
+def _averaged(t: AnyArray, b: AnyArray, time: AnyArray, notes: list[str]) -> tuple[AnyArray, AnyArray, AnyArray]:
+    """Means over seconds where the record is quicker than that."""
+    if len(time) < 3 or np.median(np.diff(time)) > 0.6 * _SECOND:
+        return t, b, time
+    second = np.floor((time - time[0]) / _SECOND + 1e-9).astype(np.int64)
+    count = np.bincount(second)
+    there = count > 0
+    notes.append(f"averaged from {len(t)} samples to {np.count_nonzero(there)} means over {_SECOND:g} s")
+    mean = [np.bincount(second, values)[there] / count[there] for values in (t, b, time)]
+    return mean[0], mean[1], mean[2]
+
+
+def _cleaned(t: AnyArray, b: AnyArray, time: AnyArray | None, notes: list[str]) -> tuple[AnyArray, AnyArray, AnyArray | None]:
+    """Samples far from the median of their neighbours are left out: F. R. Hampel, J. Am. Stat. Assoc. 69 (1974) 383."""
+    good = np.ones(len(t), dtype=bool)
+    if len(t) > _WINDOW:
+        for values in (t, b):
+            away = np.abs(values - median_filter(values, _WINDOW, mode="nearest"))
+            spread = 1.4826 * median_filter(away, _WINDOW, mode="nearest")
+            good &= away <= _OUTLIER * np.maximum(spread, np.median(spread))
+    if not good.all():
+        notes.append(f"{len(good) - np.count_nonzero(good)} outliers were left out")
+    return t[good], b[good], None if time is None else time[good]
+
+
+def _check_range(t: AnyArray) -> None:
+    low, high = float(t.min()), float(t.max())
+    if high - low < _LEAST_RANGE:
+        what = f"the temperature is constant at {low:.2f} degC" if high == low else f"the temperature covers {low:.2f} to {high:.2f} degC"
+        raise DataError(
+            f"{what}; a thermal model needs at least {_LEAST_RANGE:g} degC. Warm the sensor or cool it while it rests, over the range in "
+            "which it will be used"
+        )
+    bins = len(binned(t, t).t)
+    if bins < _LEAST_BINS:
+        raise DataError(
+            f"the samples fill {bins} bins of {FINE:g} degC; at least {_LEAST_BINS} are needed: change the temperature more slowly, or "
+            "use scale_factor, which takes a few temperatures"
+        )
+
+
+def _check_samples(t: AnyArray, time: AnyArray | None, warnings: list[str]) -> None:
+    held = float(np.median(binned(t, t).count))
+    if held < _LEAST_SAMPLES:
+        speed = "" if time is None else f", {60 * np.median(np.abs(np.diff(t) / np.diff(time))):.2g} degC a minute,"
+        warnings.append(
+            f"the temperature changes so quickly{speed} that a bin of {FINE:g} degC holds {held:.2g} samples; {_LEAST_SAMPLES} are needed "
+            "to see a jump: change it more slowly"
+        )
+
+
+def ramps(t: AnyArray) -> tuple[AnyArray, tuple[int, ...]]:
+    """Number of the ramp of each sample, between turning points that a tenth of the range tells, and which ramps are whole."""
+    least = max(_TURN * np.ptp(t), 0.5)
+    turns, up, extreme = [], None, 0
+    low = high = 0
+    for k, value in enumerate(t.tolist()):
+        if up is None:
+            low, high = (k if value < t[low] else low), (k if value > t[high] else high)
+            if t[high] - t[low] >= least:
+                up, extreme = high > low, max(high, low)
+                if min(high, low) > 0 and abs(t[min(high, low)] - t[0]) >= least:
+                    turns.append(min(high, low))
+        elif (value > t[extreme]) == up:
+            extreme = k if value != t[extreme] else extreme
+        elif abs(value - t[extreme]) >= least:
+            turns.append(extreme)
+            up, extreme = not up, k
+    label = np.searchsorted(turns, np.arange(len(t)), side="right")
+    parts = [t[label == k] for k in range(len(turns) + 1)]
+    return label, tuple(k for k, part in enumerate(parts) if len(part) and np.ptp(part) >= _WHOLE * np.ptp(t))

@@ -1,0 +1,89 @@
+"""`TemperatureFit`: a thermal model with what is known about it."""
+
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+import scipy.stats
+
+from .._precision import host_float64
+from .._types import AnyArray
+from ._bins import Bins
+from ._model import ThermalModel
+
+
+class Step(eqx.Module):
+    """A jump of the bias at a temperature: a property of the device.
+
+    `height` is in the unit of the bias, `centre` and `width` in degC (the logistic function's own width: four of them hold three
+    quarters of the jump); each with its standard error.
+    """
+
+    centre: float
+    width: float
+    height: float
+    centre_error: float
+    width_error: float
+    height_error: float
+
+
+class Candidate(eqx.Module):
+    """A model that was compared: mean squared error on held-out data, its standard error, and whether it was chosen."""
+
+    name: str = eqx.field(static=True)
+    score: float
+    error: float
+    chosen: bool = eqx.field(static=True, default=False)
+
+
+class TemperatureFit(eqx.Module):
+    """Bias of one channel against temperature, with its uncertainty.
+
+    The intervals hold for the bias of this record. What the sensor wanders between two records, as by its rate random walk or from
+    one turn-on to the next, comes on top, nearly as a constant.
+
+    Attributes
+    ----------
+    model : `ThermalModel` with `bias_at` and `correct`.
+    kind : "polynomial", "table", "pchip", "spline" or "steps".
+    degree : of the polynomial, or of that under the steps; None for the others.
+    coefficients, coefficient_error : (degree + 1,) a1, a2, ... of the powers of T in degC, equation (5.3) of the thesis, and their
+        standard errors; None for other models. Above degree 5 they are numbers of alternating sign that nearly cancel: use `model`.
+    steps : tuple of `Step`.
+    rms, worst, worst_at : rms residual of the means over 0.1 degC: over all the range, and in the worst window of 1 degC, whose centre
+        is `worst_at` (degC). The first alone hides a failure at a jump.
+    grid, error : (bins,) temperatures, degC, and the standard error of the curve there.
+    bins : `Bins` that were fitted, over the effective temperature; `residual` (bins,) what is left of them.
+    thermometer : standard deviation of the thermometer's noise, degC.
+    candidates : tuple of `Candidate`, the choice by held-out data; empty where nothing was chosen. `held_out`: "blocks" or "ramps".
+    confidence : level of `interval_at`.
+    warnings, notes : sentences.
+    """
+
+    model: ThermalModel
+    degree: Any
+    coefficients: Any
+    coefficient_error: Any
+    steps: tuple[Step, ...]
+    rms: float
+    worst: float
+    worst_at: float
+    grid: AnyArray
+    error: AnyArray
+    bins: Bins
+    residual: AnyArray
+    thermometer: float
+    candidates: tuple[Candidate, ...]
+    kind: str = eqx.field(static=True)
+    held_out: str = eqx.field(static=True)
+    confidence: float = eqx.field(static=True)
+    warnings: tuple[str, ...] = eqx.field(static=True)
+    notes: tuple[str, ...] = eqx.field(static=True)
+
+    @host_float64
+    def interval_at(self, temperature: Any) -> tuple[AnyArray, AnyArray]:
+        """Ends of the interval of the curve at steady temperatures (n,) or (), degC, at level `confidence`."""
+        t = np.clip(np.asarray(temperature, dtype=float), self.model.low, self.model.high)
+        value = np.asarray(self.model.curve.value(t))
+        half = scipy.stats.norm.ppf(0.5 + self.confidence / 2) * np.interp(t, self.grid, self.error)
+        return np.asarray(value - half), np.asarray(value + half)

@@ -1,0 +1,84 @@
+"""`simulate`: a bias that depends on temperature, with a jump and hysteresis whose truth is known."""
+
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+
+from .._errors import DataError
+from .._precision import host_float64
+from .._types import AnyArray
+from ._hysteresis import lagged, played
+
+_LOW, _HIGH, _JUMP, _WIDTH, _PERIOD = 20.0, 45.0, 24.5, 0.08, 4500.0
+
+
+class Simulated(eqx.Module):
+    """A simulated record: `time` (s), `temperature` as the thermometer reads it, `bias` as the sensor reads it at rest (rad/s), both with
+    noise, and without it `true_temperature` and `truth`; all (n,).
+    """
+
+    time: AnyArray
+    temperature: AnyArray
+    bias: AnyArray
+    true_temperature: AnyArray
+    truth: AnyArray
+
+
+def reference_bias(temperature: Any, jump: float = np.deg2rad(0.3)) -> AnyArray:
+    r"""The true bias of `simulate`, rad/s: a cubic between 20 and 45 degC, and a jump at 24.5 degC.
+
+    .. math:: b = 0.05 + 0.12 x - 0.06 x^2 + 0.04 x^3 + J/(1 + e^{-(T - 24.5)/0.08})\ \text{deg/s},\quad x = (T - 32.5)/12.5
+    """
+    t = np.asarray(temperature, dtype=float)
+    x = (t - 32.5) / 12.5
+    return np.deg2rad(0.05 + 0.12 * x - 0.06 * x**2 + 0.04 * x**3) + jump / (1 + np.exp(np.clip((_JUMP - t) / _WIDTH, -50.0, 50.0)))
+
+
+@host_float64
+def simulate(
+    *,
+    jump: float = np.deg2rad(0.3),
+    profile: str = "ramp",
+    lag: float = 0.0,
+    play: float = 0.0,
+    noise: float = np.deg2rad(4e-3),
+    walk: float = np.deg2rad(2e-5),
+    thermometer: float = 0.02,
+    duration: float = 5400.0,
+    rate: float = 1.0,
+    seed: Any = 0,
+) -> Simulated:
+    """A gyroscope channel at rest while the temperature goes between 20 and 45 degC.
+
+    Parameters
+    ----------
+    jump : height of the step at 24.5 degC, rad/s.
+    profile : "ramp", once from 20 to 45 degC; "cycle", a sine of 75 minutes that begins upwards at 32.5 degC.
+    lag : time constant in s with which the sensor follows the true temperature.
+    play : half-width of its backlash, degC.
+    noise : standard deviation of a sample, rad/s.
+    walk : standard deviation of the step that the bias takes from sample to sample, rad/s.
+    thermometer : standard deviation of its noise, degC.
+    duration, rate : s, Hz.
+    seed : integer or NumPy generator.
+
+    Examples
+    --------
+    >>> import jaxcal
+    >>> made = jaxcal.temperature.simulate(seed=1)
+    >>> made.bias.shape, float(made.true_temperature[0])
+    ((5400,), 20.0)
+    """
+    n = round(duration * rate)
+    if n < 2 or profile not in ("ramp", "cycle"):
+        raise DataError(f'{n} samples of profile {profile!r}; expected at least 2, and "ramp" or "cycle"')
+    random = np.random.default_rng(seed)
+    time = np.arange(n) / rate
+    middle, half = (_HIGH + _LOW) / 2, (_HIGH - _LOW) / 2
+    t = np.linspace(_LOW, _HIGH, n) if profile == "ramp" else middle + half * np.sin(2 * np.pi * time / _PERIOD)
+    felt = np.asarray(lagged(t, 1 / rate, lag)) if lag > 0 else t
+    felt = np.asarray(played(felt, play)) if play > 0 else felt
+    truth = reference_bias(felt, jump)
+    bias = truth + noise * random.standard_normal(n) + np.cumsum(walk * random.standard_normal(n))
+    return Simulated(time, t + thermometer * random.standard_normal(n), bias, t, truth)

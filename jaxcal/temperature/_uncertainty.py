@@ -1,0 +1,112 @@
+r"""Covariance of a curve: white errors of the readings and of the thermometer, and a bias that walks while the record is taken.
+
+.. math:: V_{jk} = \delta_{jk} (\sigma^2 + f'(T_j)^2 \sigma_T^2)/c_j + K^2\,\mathrm{cov}(\bar W_j, \bar W_k)
+
+with W a random walk in time less its mean over the record, averaged over the samples of each bin. sigma and K come from the residuals
+by restricted likelihood, which knows what the curve has taken from them (H. D. Patterson and R. Thompson, Biometrika 58 (1971)
+545). Blocks of temperature drawn with replacement would tear holes at a step and not see the walk.
+"""
+
+import equinox as eqx
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from .._types import AnyArray
+from . import _steps
+from ._bins import FINE, Bins, number
+from ._curves import AbstractCurve, Chebyshev, Steps
+from ._linear import scaled
+from ._smoothing import smoother
+
+_SEGMENTS = 60  # of the record, in time, over which residuals are averaged
+
+
+class Errors(eqx.Module):
+    """V of the bins: variances of the `white` part (bins,), and the covariance of the `walk` (bins, bins)."""
+
+    white: AnyArray
+    walk: AnyArray
+
+    def through(self, gain: AnyArray) -> AnyArray:
+        """Gain V gain'."""
+        return (gain * self.white) @ gain.T + gain @ self.walk @ gain.T
+
+
+def bins_covariance(curve: AbstractCurve, t: AnyArray, b: AnyArray, bins: Bins, thermometer: float) -> "Errors":
+    """V of the bins, from the samples `t`, `b` in time order."""
+    count = min(_SEGMENTS, max(len(t) // 10, 2))
+    segment = np.arange(len(t)) * count // len(t)
+    size = np.bincount(segment).astype(float)
+    # what a table or a spline has taken from the noise cannot be counted: steps stand for it
+    model = curve if isinstance(curve, (Chebyshev, Steps)) else _steps.steps_curve(t, b, float(t.min()), float(t.max()))
+    residual = np.bincount(segment, b - np.asarray(model.value(t))) / size
+    low, high = float(t.min()), float(t.max())
+    design = _design(model, t, low, high)
+    design = np.stack([np.bincount(segment, column) / size for column in design.T], axis=1)
+    middle = np.cumsum(size) - size / 2
+    walk = np.minimum(middle[:, None], middle)
+    white, wander = _components(residual, design, walk)
+    centred = walk - walk.mean(axis=0) - walk.mean(axis=1, keepdims=True) + walk.mean()
+    place = np.unique(number(t, FINE, float(t.min())), return_inverse=True)[1]
+    share = np.zeros((len(bins.t), count))
+    np.add.at(share, (place, segment), 1.0)
+    share /= bins.count[:, None]
+    white = white * len(t) / count + (steepness(curve, bins.t) * thermometer) ** 2
+    return Errors(white / bins.count, wander * share @ centred @ share.T)
+
+
+def _components(residual: AnyArray, design: AnyArray, walk: AnyArray) -> tuple[float, float]:
+    """Variance of a segment's white error, and K^2 per sample: means over the restricted likelihood, which is often highest at K = 0."""
+    basis, singular, _ = np.linalg.svd(design)
+    rank = int(np.sum(singular > 1e-10 * singular[0]))
+    null = basis[:, rank:]
+    size, vectors = np.linalg.eigh(null.T @ walk @ null)
+    square = (vectors.T @ (null.T @ residual)) ** 2
+    if not len(square) or not square.max() > 0:
+        return 0.0, 0.0
+    # evenly in K, up to a walk beside which the white part is nothing
+    ratio = np.linspace(0, 100, 401) ** 2 / np.max(size)
+    spread = 1 + ratio[:, None] * np.maximum(size, 0)
+    white = np.mean(square / spread, axis=1)
+    likelihood = -0.5 * (len(size) * np.log(white) + np.sum(np.log(spread), axis=1))
+    weight = np.exp(likelihood - likelihood.max())
+    weight /= weight.sum()
+    return float(weight @ white), float(weight @ (white * ratio))
+
+
+def steepness(curve: AbstractCurve, t: AnyArray, step: float = 1e-3) -> AnyArray:
+    """df/dT, by central differences."""
+    return (np.asarray(curve.value(t + step)) - np.asarray(curve.value(t - step))) / (2 * step)
+
+
+def parametric(curve: Chebyshev | Steps, bins: Bins, v: Errors, low: float, high: float) -> AnyArray:
+    """Covariance of the coefficients; for `Steps` of q, p, and then centre and width of each step."""
+    design = _design(curve, bins.t, low, high)
+    root = np.sqrt(bins.count)
+    gain = np.linalg.pinv(design * root[:, None]) * root
+    return v.through(gain)
+
+
+def parametric_error(curve: Chebyshev | Steps, covariance: AnyArray, t: AnyArray, low: float, high: float) -> AnyArray:
+    """Standard error of the curve at temperatures."""
+    design = _design(curve, t, low, high)
+    return np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", design, covariance, design), 0))
+
+
+def _design(curve: Chebyshev | Steps, t: AnyArray, low: float, high: float) -> AnyArray:
+    if isinstance(curve, Steps):
+        return _steps.jacobian(curve, t, low, high)
+    return chebyshev.chebvander(scaled(t, low, high), len(curve.coefficients) - 1)
+
+
+def spline_error(bins: Bins, v: Errors) -> AnyArray:
+    """Standard error at the knots, with the share of the smoothing's own bias: G. Wahba, J. R. Stat. Soc. B 45 (1983) 133."""
+    matrix = smoother(bins)
+    return np.sqrt(np.maximum(v.white * np.diag(matrix) + np.einsum("ij,jk,ik->i", matrix, v.walk, matrix), 0))
+
+
+def nodes_error(nodes: Bins, bins: Bins, v: Errors) -> AnyArray:
+    """Standard error of the means of a table: those of the bins that each of them joins."""
+    nearest = np.abs(bins.t[:, None] - nodes.t).argmin(axis=1)
+    gain = (nearest[:, None] == np.arange(len(nodes.t))) * bins.count[:, None]
+    return np.sqrt(np.maximum(np.diag(v.through((gain / np.maximum(gain.sum(axis=0), 1)).T)), 0))

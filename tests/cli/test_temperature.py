@@ -1,0 +1,91 @@
+"""`jaxcal temperature`, `jaxcal apply`, `jaxcal simulate temperature`, and `jaxcal noise --calibration`."""
+
+import json
+
+import numpy as np
+import pytest
+
+import jaxcal
+
+from .conftest import listing
+
+FILES = ["calibration.json", "report.html", "temperature.json", "temperature.png"]
+
+
+@pytest.fixture
+def ramp(call, folder):
+    """Two simulated ramps of one device, each of 45 minutes."""
+    for seed, name in ((1, "ramp.csv"), (2, "again.csv")):
+        assert call("simulate", "temperature", "--out", name, "--duration", "2700", "--seed", seed).status == 0
+    return folder / "ramp.csv"
+
+
+def test_a_jump_is_found_stored_and_taken_off_another_recording(call, folder, ramp):
+    found = call("temperature", ramp, "--model", "steps")
+    assert (found.status, found.err) == (0, "")
+    assert sorted(p.name for p in (folder / "ramp-temperature").iterdir()) == FILES
+    assert "gyroscope: bias against temperature, deg/h" in found.out
+    assert "at 24.50" in found.out
+    document = json.loads((folder / "ramp-temperature" / "temperature.json").read_text())
+    assert document["schema"] == "jaxcal.temperature/1"
+    x, y = (document["channels"][f"gyro_{axis}"] for axis in "xy")
+    jumps = [max(axis["steps"], key=lambda step: abs(step["height"])) for axis in (x, y)]
+    assert [jump["centre"] for jump in jumps] == pytest.approx([24.5, 24.5], abs=0.03)
+    assert np.rad2deg([jump["height"] for jump in jumps]) == pytest.approx([0.3, -0.3], abs=0.01)
+    assert x["unit"] == "rad/s"
+    assert x["worst"] < 5 * x["rms"]
+    assert "<svg" in (folder / "ramp-temperature" / "report.html").read_text()
+
+    applied = call("apply", "ramp-temperature/calibration.json", "again.csv", "--out", "fixed.npz")
+    assert (applied.status, applied.err) == (0, "")
+    assert "passes a jump of the bias at 24.5" in " ".join(applied.out.split())
+    before, after = (jaxcal.read(folder / name, units={"gyro": "rad/s"}, quiet=True) for name in ("again.csv", "fixed.npz"))
+    assert before.gyro[:, 0].std() > 40 * np.deg2rad(4e-3)
+    assert after.gyro[:, :2].std(axis=0) == pytest.approx(np.deg2rad(4e-3) * np.ones(2), rel=0.25)
+    np.testing.assert_allclose(after.temperature, before.temperature, atol=1e-6)
+
+    noise = call("noise", "again.csv", "--calibration", "ramp-temperature/calibration.json", "--json", "n.json", "--terms", "NK")
+    assert noise.status == 0
+    assert "passes a jump of the bias" in " ".join(noise.out.split())
+    n = json.loads((folder / "n.json").read_text())["channels"]["gyro_z"]["N"]["value"]
+    assert n == pytest.approx(np.deg2rad(4e-3), rel=0.1)
+
+
+def test_files_for_flight_controllers(call, folder, ramp):
+    options = ["--model", "polynomial", "--degree", "3", "--export", "px4", "--quiet"]
+    assert call("temperature", ramp, *options, "--ids", "gyro=1310988").status == 0
+    assert "TC_G0_X3_2" in (folder / "px4.params").read_text()
+    refused = call("temperature", ramp, *options)
+    assert refused.status == 1
+    assert "gyro_id of the sensor is not known" in refused.reason
+
+
+@pytest.mark.parametrize(
+    ("argv", "status", "words"),
+    [
+        (["temperature", "missing.csv"], 2, "missing.csv does not exist"),
+        (["temperature", "ramp.csv", "--degree", "3"], 2, "--degree 3 goes with --model polynomial"),
+        (["temperature", "ramp.csv", "--lag", "x"], 2, "--lag x: expected auto, or a number from 0"),
+        (["temperature", "ramp.csv", "--export", "kalibr"], 2, "unknown format 'kalibr'"),
+        (["temperature", "ramp.csv", "--ids", "mag=1", "--export", "px4"], 2, "--ids mag=1"),
+        (["temperature", "ramp.csv", "--plot", "a.txt"], 2, "--plot a.txt"),
+        (["apply", "none.json", "ramp.csv", "--out", "a.csv"], 2, "none.json does not exist"),
+        (["apply", "ramp.csv", "ramp.csv", "--out", "a.txt"], 2, "--out a.txt: expected a name"),
+        (["apply", "ramp.csv", "ramp.csv", "--out", "a.csv"], 1, "ramp.csv is not JSON"),
+        (["simulate", "temperature", "--out", "a.csv", "--lag", "-1"], 2, "not negative"),
+        (["noise", "ramp.csv", "--calibration", "none.json"], 2, "none.json does not exist"),
+        (["temperature", "cold.csv"], 1, "gyro_x: the temperature covers 20.00 to 21.00 degC; a thermal model needs at least 2 degC"),
+        (["temperature", "bare.csv"], 1, "the log has no temperature"),
+    ],
+)
+def test_what_cannot_be_done_is_said(call, folder, argv, status, words):
+    t = np.arange(400) / 1.0
+    x = 1e-4 * np.random.default_rng(0).normal(size=400)
+    for name, warm in (("ramp.csv", np.linspace(20, 30, 400)), ("cold.csv", np.linspace(20, 21, 400))):
+        header = "time [s],gyro_x [rad/s],temperature [degC]"
+        np.savetxt(folder / name, np.column_stack([t, x, warm]), delimiter=",", header=header, comments="")
+    np.savetxt(folder / "bare.csv", np.column_stack([t, x]), delimiter=",", header="time [s],gyro_x [rad/s]", comments="")
+    before = listing(folder)
+    found = call(*argv)
+    assert (found.status, words in found.reason) == (status, True), found.reason
+    assert listing(folder) == before

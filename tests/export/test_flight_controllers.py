@@ -1,0 +1,113 @@
+"""PX4's and ArduPilot's parameters: golden files, the tools' own formulas, and what is lost."""
+
+import pathlib
+
+import equinox as eqx
+import numpy as np
+import pytest
+
+from jaxcal import Calibration, ExportError, Log
+from jaxcal.export import write
+from jaxcal.temperature import Chebyshev, Steps, ThermalModel, characterise, simulate
+
+FOLDER = pathlib.Path(__file__).parent
+
+
+@pytest.fixture(scope="module")
+def golden():
+    return Calibration.load(FOLDER / "golden.json")
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    """Gyroscope with a jump, fitted."""
+    made = simulate(seed=1)
+    log = Log(made.time, gyro=np.stack([made.bias, 0.5 * made.bias, -made.bias], axis=1), temperature=made.temperature)
+    return characterise(log, model="steps")
+
+
+def parameters(path, separator):
+    rows = [line.split(separator) for line in path.read_text().splitlines() if not line.startswith("#")]
+    return {row[-3] if len(row) == 5 else row[0]: float(row[-2] if len(row) == 5 else row[1]) for row in rows}
+
+
+@pytest.mark.parametrize(("format", "file", "separator"), [("px4", "golden.params", "\t"), ("ardupilot", "golden.param", ",")])
+def test_golden_files(golden, tmp_path, format, file, separator):
+    said = write(golden, tmp_path / file, format=format, provenance=False)
+    lines = [line.split(separator) for line in (tmp_path / file).read_text().splitlines() if not line.startswith("#")]
+    expected = [line.split(separator) for line in (FOLDER / file).read_text().splitlines() if not line.startswith("#")]
+    assert [line[:-1] if format == "ardupilot" else [*line[:3], line[4]] for line in lines] == [
+        line[:-1] if format == "ardupilot" else [*line[:3], line[4]] for line in expected
+    ]
+    found, wanted = parameters(tmp_path / file, separator), parameters(FOLDER / file, separator)
+    for name, value in wanted.items():
+        assert found[name] == pytest.approx(value, rel=1e-7, abs=1e-9), name
+    assert any("0.002643 (0.02592 m/s^2 at 1 g)" in sentence for sentence in said)
+    assert any("0.01099" in sentence for sentence in said)
+    assert any("g-sensitivity" in sentence for sentence in said)
+
+
+def test_px4_applies_it_to_the_check_vectors(golden, tmp_path):
+    write(golden, tmp_path / "a.params", format="px4")
+    p = parameters(tmp_path / "a.params", "\t")
+    raw = np.array([1.0, 2.0, 9.5])
+
+    def corrected(t):
+        d = np.clip(t, p["TC_A0_TMIN"], p["TC_A0_TMAX"]) - p["TC_A0_TREF"]
+        thermal = np.array([sum(p[f"TC_A0_X{i}_{k}"] * d**i for i in range(4)) for k in range(3)])
+        off, scale = (np.array([p[f"CAL_ACC0_{axis}{what}"] for axis in "XYZ"]) for what in ("OFF", "SCALE"))
+        return (raw - thermal - off) * scale
+
+    np.testing.assert_allclose(corrected(35.0), [0.88176, 2.07584, 9.29625], atol=1e-6)
+    np.testing.assert_allclose(corrected(50.0), [0.867894825, 2.0855705, 9.25245712], atol=1e-6)
+
+
+def test_ardupilot_re_expands_about_35_degrees(golden, tmp_path):
+    moved = Calibration(
+        imu=golden.imu, temperature={**golden.temperature, "reference": 30.0}, device={"ardupilot": {"accel_id": 7, "compass_id": 8}}
+    )
+    write(moved, tmp_path / "a.param", format="ardupilot")
+    p = parameters(tmp_path / "a.param", ",")
+
+    def series(t, axis):
+        return sum(1e-6 * p[f"INS_TCAL1_ACC{i}_{axis}"] * (t - 35.0) ** i for i in (1, 2, 3))
+
+    for i, axis in enumerate("XYZ"):
+        for t in (12.0, 30.0, 55.0):
+            expected = sum(golden.temperature["accel"][i][k] * (t - 30.0) ** (k + 1) for k in range(3))
+            assert series(t, axis) - series(p["INS_ACC1_CALTEMP"], axis) == pytest.approx(expected, abs=1e-8)
+
+
+def test_a_jump_is_smeared_out_and_said(fitted, tmp_path):
+    device = Calibration(temperature=fitted, device={"px4": {"gyro_id": 5}})
+    said = write(device, tmp_path / "a.params", format="px4")
+    assert sum("the jump at 24.50" in sentence or "24.5" in sentence for sentence in said) == 3
+    p = parameters(tmp_path / "a.params", "\t")
+    t = np.linspace(20.5, 44.5, 200)
+    d = t - p["TC_G0_TREF"]
+    cubic = p["CAL_GYRO0_XOFF"] + sum(p[f"TC_G0_X{i}_0"] * d**i for i in range(4))
+    # a polynomial of degree 3 leaves about 47 mdeg/s rms at a jump of 300
+    assert 0.03 < np.sqrt(np.mean(np.rad2deg(cubic - fitted["gyro_x"].model.curve.value(t)) ** 2)) < 0.07
+
+
+def test_what_cannot_be_written_is_refused(golden, fitted, tmp_path):
+    path = tmp_path / "a"
+    for format in ("px4", "ardupilot"):
+        with pytest.raises(ExportError, match=f"accel_id of the sensor is not known.*{format}"):
+            write(Calibration(imu=golden.imu), path, format=format)
+        with pytest.raises(ExportError, match="holds no imu, magnetometer or temperature"):
+            write(Calibration(noise=golden.noise), path, format=format)
+    narrow = {**golden.temperature, "minimum": 31.0, "maximum": 38.0}
+    with pytest.raises(ExportError, match=r"31\.00 to 38\.00 degC; ArduPilot needs at least 10"):
+        write(Calibration(temperature=narrow), path, format="ardupilot")
+    assert not path.exists()
+    said = write(Calibration(temperature=narrow, device={"px4": {"accel_id": 1, "gyro_id": 2}}), path, format="px4")
+    assert any("covers 7 degC" in sentence for sentence in said)
+    assert any("no bias is known" in sentence for sentence in said)
+
+
+def test_hysteresis_has_no_place(fitted, tmp_path):
+    model = ThermalModel(Steps(Chebyshev(np.zeros(4), 20.0, 45.0), np.zeros(1), np.array([24.5]), np.array([0.1])), 20.0, 45.0, lag=30.0)
+    fits = {name: eqx.tree_at(lambda fit: fit.model, fit, model) for name, fit in fitted.items()}
+    said = write(Calibration(temperature=fits, device={"px4": {"gyro_id": 5}}), tmp_path / "a", format="px4")
+    assert sum("lag and play not written" in sentence for sentence in said) == 3

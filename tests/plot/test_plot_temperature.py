@@ -1,0 +1,73 @@
+"""`plot.temperature` and the thermal report: what is drawn and said, in which unit."""
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from jaxcal import DataError
+from jaxcal.plot import temperature
+from jaxcal.report import temperature_document, write
+from jaxcal.temperature import fit, scale_factor, simulate
+
+
+@pytest.fixture(scope="module")
+def fits():
+    made = simulate(profile="cycle", duration=4500.0, lag=60.0, walk=0.0, seed=1)
+    found = fit(made.temperature, made.bias, time=made.time, model="steps", lag="auto")
+    return {"gyro_x": found, "gyro_y": found, "accel_z": fit(made.temperature, made.bias, model="polynomial", degree=3)}
+
+
+def key(ax):
+    return [text.get_text() for text in ax.get_legend().get_texts()]
+
+
+def test_one_panel_for_each_sensor_in_its_unit(fits):
+    axes = temperature(fits)
+    assert [ax.get_ylabel() for ax in axes] == ["Change of bias (°/h)", "Change of bias (mg)"]
+    axes[0].figure.draw_without_rendering()
+    assert key(axes[0])[:2] == ["x", "y"]
+    # 0.3 deg/s is 1080 deg/h
+    assert key(axes[0])[2].startswith("steps; 10")
+    assert "°/h at 24.50 °C; lag 59.9 s" in key(axes[0])[2]
+    assert key(axes[1]) == ["z", "polynomial 3"]
+    curve = next(line for line in axes[0].lines if line.get_label().startswith("steps"))
+    t, y = curve.get_data()
+    model = fits["gyro_x"].model
+    expected = (model.curve.value(t) - model.curve.value((model.low + model.high) / 2)) / np.deg2rad(1 / 3600)
+    np.testing.assert_allclose(y, expected, atol=1e-6)
+
+
+def test_axes_of_the_user_and_single_fits(fits):
+    ax = Figure().subplots()
+    assert temperature(fits["gyro_x"], ax) is ax
+    assert ax.get_ylabel() == "Change of bias (unit of the record)"
+    scale = temperature(scale_factor([0.0, 20.0, 40.0, 60.0], [1.000, 1.004, 1.008, 1.012], error=1e-5))
+    assert scale.get_ylabel() == "Change of scale factor"
+    scale.figure.draw_without_rendering()
+
+
+def test_what_cannot_be_drawn_is_refused(fits):
+    with pytest.raises(DataError, match="nothing to draw"):
+        temperature({})
+    with pytest.raises(DataError, match="cannot draw int"):
+        temperature({"gyro_x": 1})
+    with pytest.raises(DataError, match="1 axes for 2 sensors"):
+        temperature(fits, Figure().subplots())
+
+
+def test_the_report_says_it_in_words(fits, tmp_path):
+    write(fits, tmp_path / "a.html")
+    text = (tmp_path / "a.html").read_text()
+    assert "<h1>Bias and temperature</h1>" in text
+    assert "at 24.50 ± 0.0" in text
+    assert "lag 60 s" in text
+    assert "the polynomial of degree 3 leaves" in text
+    for bad in ({}, {"gyro_x": fits["gyro_x"], "gyro_y": 1}, {"wx": fits["gyro_x"]}):
+        with pytest.raises(DataError):
+            write(bad, tmp_path / "b.html")
+    document = temperature_document(fits)
+    channel = document["channels"]["gyro_x"]
+    assert channel["lag"] == pytest.approx(60.0, abs=5)
+    assert len(channel["curve"]["bias"]) == 101
+    assert channel["coefficients"] is None
+    assert len(document["channels"]["accel_z"]["coefficients"]) == 4

@@ -1,0 +1,193 @@
+"""`fit`: numpy's and scipy's own answers, choices, uncertainty, and data that allow no answer."""
+
+import numpy as np
+import pytest
+from scipy.interpolate import PchipInterpolator, make_smoothing_spline
+
+from jaxcal import DataError, Log
+from jaxcal.temperature import characterise, fit, scale_factor, thermometer
+from jaxcal.temperature._bins import Bins, binned
+from jaxcal.temperature._linear import degree_by_bic
+from jaxcal.temperature._record import ramps
+from jaxcal.temperature._smoothing import _chosen, spline_curve
+
+from .cases import smooth_record
+
+
+@pytest.mark.parametrize("degree", [1, 3, 5])
+def test_polynomials_of_the_thesis_are_numpys(degree):
+    t, b, _ = smooth_record()
+    found = fit(t, b, model="polynomial", degree=degree)
+    bins = binned(t, b)
+    expected = np.polynomial.Polynomial.fit(bins.t, bins.b, degree, w=np.sqrt(bins.count)).convert().coef
+    np.testing.assert_allclose(found.coefficients, expected, rtol=1e-6)
+    np.testing.assert_allclose(found.model.bias_at(t), np.polynomial.polynomial.polyval(t, found.coefficients), atol=1e-9)
+
+
+def test_the_degree_is_that_of_the_lowest_bic():
+    t, b, _ = smooth_record(degree=3)
+    bins = binned(t, b)
+    n, values = len(bins.t), []
+    for degree in range(9):
+        line = np.polynomial.Polynomial.fit(bins.t, bins.b, degree, w=np.sqrt(bins.count))
+        values.append(n * np.log(np.sum(bins.count * (bins.b - line(bins.t)) ** 2) / n) + (degree + 1) * np.log(n))
+    assert degree_by_bic(bins, t.min(), t.max()) == int(np.argmin(values)) == 3
+    assert fit(t, b, model="polynomial").degree == 3
+
+
+def test_table_and_pchip_go_through_the_means():
+    t, b, _ = smooth_record()
+    nodes = binned(t, b, 0.25)
+    table, pchip = (fit(t, b, model=model).model for model in ("table", "pchip"))
+    x = np.linspace(nodes.t[0], nodes.t[-1], 333)
+    np.testing.assert_allclose(table.bias_at(x), np.interp(x, nodes.t, nodes.b), atol=1e-15)
+    np.testing.assert_allclose(pchip.bias_at(x), PchipInterpolator(nodes.t, nodes.b)(x), atol=1e-15)
+
+
+def test_the_spline_is_scipys_at_the_lambda_of_the_lowest_score():
+    rng = np.random.default_rng(0)
+    t = np.sort(rng.uniform(0, 10, 60))
+    bins = Bins(t, np.sin(t) + 0.1 * rng.normal(size=60), rng.integers(1, 9, 60).astype(float))
+    weight = bins.count / bins.count.mean()
+    bands, lam = _chosen(bins)
+    curve, parameters = spline_curve(bins)
+    x = np.linspace(t[0], t[-1], 500)
+    np.testing.assert_allclose(curve.value(x), make_smoothing_spline(t, bins.b, w=weight, lam=lam)(x), atol=1e-9)
+    # the band's trace, and its score, are those of the dense matrix; no other lambda has a lower one
+    assert np.trace(bands.matrix(lam)) == pytest.approx(parameters, rel=1e-9)
+
+    def gcv(one):
+        h = bands.matrix(one)
+        return 60 * np.sum(weight * (bins.b - h @ bins.b) ** 2) / (60 - np.trace(h)) ** 2
+
+    assert bands.scores(np.array([lam]))[0][0] == pytest.approx(gcv(lam), rel=1e-9)
+    assert gcv(lam) <= 1.0001 * min(gcv(other) for other in np.geomspace(1e-5, 1e3, 100))
+
+
+def test_ramps_are_counted_between_turning_points():
+    t = np.concatenate([np.linspace(24, 45, 100), np.linspace(45, 20, 120), np.linspace(20, 30, 50)])
+    t = t + 0.05 * np.random.default_rng(0).normal(size=len(t))
+    label, whole = ramps(t)
+    assert (label.max(), whole) == (2, (0, 1))
+    assert abs(np.argmax(label == 1) - 100) < 5
+    assert abs(np.argmax(label == 2) - 220) < 5
+
+
+def test_intervals_hold_the_truth_of_a_smooth_curve():
+    covered = []
+    for seed in range(40):
+        t, b, truth = smooth_record(seed=seed, degree=3, n=600)
+        found = fit(t, b, model="polynomial", degree=3)
+        low, high = found.interval_at(t[::40])
+        covered.append((low <= truth[::40]) & (truth[::40] <= high))
+    # white noise: the walk that the interval allows for is absent, so they are too wide, never too narrow; standard error 0.02
+    assert np.mean(covered) > 0.93
+    assert np.diff(found.interval_at(t[300]))[0] < 6 * 1e-4 * np.sqrt(4 / 600) * 2
+
+
+def test_standard_errors_of_coefficients_cover():
+    inside = []
+    for seed in range(40):
+        t, b, _ = smooth_record(seed=seed, degree=1, n=600)
+        found = fit(t, b, model="polynomial", degree=1)
+        inside.append(abs(found.coefficients[1] - 0.004 / 15) < 1.96 * found.coefficient_error[1])
+    assert np.mean(inside) > 0.85
+
+
+def test_warnings_name_the_jump_that_a_polynomial_misses():
+    t, b, _ = smooth_record()
+    found = fit(t, b + 0.01 * (t > 24.5), model="polynomial", degree=5)
+    assert any("the polynomial of degree 5 leaves" in w and "model='auto' follows it" in w for w in found.warnings)
+    assert found.worst > 2 * found.rms
+    assert abs(found.worst_at - 24.5) < 1.0
+
+
+def test_missing_samples_and_outliers_are_told():
+    t, b, truth = smooth_record()
+    b[::50] = np.nan
+    b[77] = 5.0
+    t[333] = -273.0
+    found = fit(t, b, model="polynomial", degree=2)
+    assert any("30 of 1500 samples (2 %) are not numbers" in w for w in found.warnings)
+    assert any("2 outliers" in note for note in found.notes)
+    t, _, truth = smooth_record()
+    np.testing.assert_allclose(found.model.bias_at(t), truth, atol=4e-5)
+
+
+REFUSED = [
+    (np.zeros(0), np.zeros(0), None, "the arrays are empty"),
+    (np.linspace(20, 30, 100), np.zeros(99), None, "temperature has 100 samples and bias 99"),
+    (np.linspace(20, 30, 100), np.zeros(100), np.arange(99.0), "time has 99 samples"),
+    (np.full(100, 25.0), np.zeros(100), None, "constant at 25.00 degC; a thermal model needs at least 2 degC. Warm the sensor"),
+    (np.linspace(20, 21.5, 100), np.zeros(100), None, "covers 20.00 to 21.50 degC"),
+    (np.repeat([20.0, 30.0, 40.0], 40), np.zeros(120), None, "3 bins of 0.1 degC; at least 10"),
+    (np.full(100, np.nan), np.zeros(100), None, "all of one of them are NaN"),
+    (np.linspace(20, 30, 100), np.zeros(100), np.zeros(100), "time must increase"),
+    (np.zeros((100, 3)), np.zeros(100), None, "one channel at a time"),
+    (["a", "b"], np.zeros(2), None, "does not hold numbers"),
+]
+
+
+@pytest.mark.parametrize(("t", "b", "time", "words"), REFUSED)
+def test_data_that_allow_no_answer_are_refused_with_the_reason(t, b, time, words):
+    with pytest.raises(DataError, match=words.replace("(", r"\(")):
+        fit(t, b, time=time)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"model": "magic"}, "unknown model 'magic'"),
+        ({"degree": 3}, "degree=3 goes with model='polynomial'"),
+        ({"model": "polynomial", "degree": 99}, "from 0 to 25"),
+        ({"lag": -1.0}, "lag=-1.0; expected"),
+        ({"lag": 10.0}, "give time="),
+        ({"confidence": 95.0}, "between 0 and 1"),
+    ],
+)
+def test_options_without_a_meaning_are_refused(options, words):
+    t, b, _ = smooth_record(n=300)
+    with pytest.raises(DataError, match=words):
+        fit(t, b, **options)
+
+
+def test_a_constant_bias_and_a_quick_ramp_are_no_failure():
+    t = np.linspace(20, 30, 150)
+    found = fit(t, np.full(150, 0.5))
+    np.testing.assert_allclose(found.model.bias_at(t), 0.5, atol=1e-12)
+    assert any("so quickly that a bin of 0.1 degC holds" in w for w in found.warnings)
+    assert any("the temperature only rose" in w for w in found.warnings)
+    assert np.isfinite(found.error).all()
+
+
+def test_scale_factors_at_a_few_temperatures():
+    t = np.array([-10.0, 10.0, 30.0, 50.0, 70.0])
+    s = 1 + 2e-4 * (t - 25) + 1e-6 * (t - 25) ** 2
+    found = scale_factor(t, s, error=1e-6)
+    assert found.degree == 2
+    np.testing.assert_allclose(found.model.correct(3.0 * s, t), 3.0, atol=1e-12)
+    design = np.vander(t, 3, increasing=True)
+    np.testing.assert_allclose(found.coefficient_error, 1e-6 * np.sqrt(np.diag(np.linalg.inv(design.T @ design))), rtol=1e-6)
+    for wrong, words in ((t[:2], "2 different temperatures"), (np.full(5, 20.0), "1 different")):
+        with pytest.raises(DataError, match=words):
+            scale_factor(wrong, s[: len(wrong)])
+    with pytest.raises(DataError, match="not a number"):
+        scale_factor(t, s * np.nan)
+    with pytest.raises(DataError, match="needs more"):
+        scale_factor(t[:3], s[:3], degree=2)
+
+
+def test_a_log_with_a_slow_thermometer():
+    t, b, truth = smooth_record(n=3000)
+    slow = np.where(np.arange(3000) % 20 == 0, t, np.nan)
+    log = Log(None, gyro=np.stack([b, 2 * b], axis=1), temperature=slow, rate=10.0)
+    np.testing.assert_allclose(thermometer(log)[5:-30], t[5:-30], atol=2e-3)
+    fits = characterise(log, model="polynomial", degree=2)
+    assert list(fits) == ["gyro_x", "gyro_y"]
+    np.testing.assert_allclose(fits["gyro_y"].model.bias_at(t[30:-30]), 2 * truth[30:-30], atol=1e-4)
+    with pytest.raises(DataError, match="no temperature"):
+        characterise(Log(None, gyro=b, rate=10.0))
+    with pytest.raises(DataError, match="no gyroscope"):
+        characterise(Log(None, temperature=t, rate=10.0))
+    with pytest.raises(DataError, match="gyro_x: the temperature is constant"):
+        characterise(Log(None, gyro=b, temperature=np.full(3000, 20.0), rate=10.0))
