@@ -129,29 +129,38 @@ def joint_data(
     )  # fmt: skip
 
 
-def sized(data: Joint, pieces: tuple[Any, ...], means: Means, options: Options, scale: np.ndarray, drift: bool) -> tuple[Joint, np.ndarray]:
-    """The same data with errors as large as the residuals say, and these sizes."""
+def shares(fit: Fit, slots: int) -> np.ndarray:
+    """How many parameters each kind of residual pays for, the traces of their parts of the hat matrix: norms, turns, rests (3)."""
+    jacobian = np.asarray(fit.jacobian) * np.sqrt(np.asarray(fit.weights))[:, None]
+    size = np.linalg.norm(jacobian, axis=0)
+    leverage = np.sum(np.linalg.qr(jacobian / np.where(size > 0, size, 1))[0] ** 2, axis=1)
+    return np.array([leverage[:slots].sum(), leverage[slots : 3 * slots].sum(), *leverage[3 * slots : 6 * slots].reshape(-1, 3).sum(axis=0)])
+
+
+def sized(
+    data: Joint, pieces: tuple[Any, ...], means: Means, options: Options, scale: np.ndarray, paid: np.ndarray
+) -> tuple[Joint, np.ndarray]:
+    """The same data with errors as large as the residuals say, and these sizes; `paid` as from `shares`."""
     norm, turned, rest, _, rotation = pieces
     slots, count = len(norm), len(means.accel)
     kept = np.flatnonzero(np.asarray(data.poses.weight) > 0)
     valid = np.asarray(data.segments.weight) > 0
     base = np.full(slots, 0.0)
     base[:count] = mean_variance(options.accel_noise, means.duration)
-    add = excess(norm[kept], base[kept], 6 if options.diagonal else 9)
+    add = excess(norm[kept], base[kept], paid[0])
     variance = base + add
     upright = variance / options.gravity**2
 
     still = np.zeros((slots, 3))
     still[:count] = mean_variance(options.gyro_noise, means.duration)[:, None] * scale**2
-    per_axis = 1 + 3 * options.g_sensitivity + drift
-    more = np.array([excess(rest[kept, axis], still[kept, axis], per_axis) for axis in range(3)])
+    more = np.array([excess(rest[kept, axis], still[kept, axis], paid[2 + axis]) for axis in range(3)])
     still = still + more[None, :]
 
     across = np.einsum("sij,si->sj", data.tangent, turned)
     white = options.gyro_noise[0] ** 2 * np.asarray(data.segments.duration)
     first = np.asarray(data.segments.first)
     around = upright[first] + upright[np.asarray(data.segments.second)]
-    extra = excess(across[valid], np.repeat((white + around)[valid][:, None], 2, axis=1), 9)
+    extra = excess(across[valid], np.repeat((white + around)[valid][:, None], 2, axis=1), paid[1])
     # a turn without an error of its own would make the covariance singular where poses are shared
     turn = np.maximum(white + extra, 1e-3 * around)
     whiten = whitening(turn, upright, np.asarray(data.tangent), rotation, first, valid)
@@ -183,7 +192,8 @@ def joint_fit(begin: ImuParameters, data: Joint, means: Means, options: Options,
     scale = 1 / np.abs(np.asarray(begin.gyro.scale))
     pieces = describe(begin, data)
     # still rates and norms are in order from the start; turns are not
-    norms, _ = sized(data, pieces, means, options, scale, drift)
+    per_axis = 1 + 3 * options.g_sensitivity + drift
+    norms, _ = sized(data, pieces, means, options, scale, np.array([6 if options.diagonal else 9, 9, per_axis, per_axis, per_axis]))
     data = dataclasses.replace(norms, whiten=data.whiten)
     sizes = np.zeros(3)
     fit = None
@@ -191,7 +201,7 @@ def joint_fit(begin: ImuParameters, data: Joint, means: Means, options: Options,
         fit = refitted(begin, data, options, drift)
         begin = fit.model
         if turn + 1 < rounds:
-            data, sizes = sized(data, describe(begin, data), means, options, scale, drift)
+            data, sizes = sized(data, describe(begin, data), means, options, scale, shares(fit, len(data.poses.weight)))
     assert fit is not None
     return Estimate(fit, data, sizes, describe(begin, data), drift)
 

@@ -1,5 +1,6 @@
 """`six_position` and `rate_table`: calibrations whose inputs are known."""
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -101,6 +102,9 @@ def _judged(found: TriadFit, force: np.ndarray) -> TriadFit:
             f"the readings do not follow the given directions: they are off by {np.sqrt(np.mean(found.residual**2)):.3g} rms. Check "
             "the order of the positions (x up, x down, y up, y down, z up, z down)"
         )
+    if np.any(np.argmax(np.abs(found.triad.matrix), axis=1) != np.arange(3)) or np.any(np.diag(found.triad.matrix) < 0):
+        said = "The axes of the sensor are not those of the positions: some are exchanged or reversed. Check the order of the readings."
+        return dataclasses.replace(found, warnings=(*found.warnings, said))
     return found
 
 

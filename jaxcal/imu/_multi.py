@@ -30,7 +30,7 @@ from ._gravity import EARTH_RATE
 from ._joint import ImuParameters
 from ._known import checked_gravity
 from ._norms import AccelParameters, GyroParameters, nominal_start
-from ._observe import Observability, observability
+from ._observe import SINGULAR, Observability, observability
 from ._recording import Recording, not_still, pinned, recording, stuck, wrong_units
 from ._result import ImuFit
 from ._scales import coefficients, excess
@@ -163,7 +163,7 @@ def _joint(record: Recording, choice: Choice, options: Options, convention: str,
     accel = fit.model
     up = (means.accel - np.asarray(accel.bias)) @ np.asarray(accel.correction()).T
     seen = observability(up / np.linalg.norm(up, axis=1, keepdims=True), options.diagonal)
-    if not seen.condition <= 1e4:
+    if not seen.condition <= SINGULAR:
         return _refusal(record, options, convention, "joint", seen.sentence, choice.still, seen)
     if record.gyro is None:
         return _accel_only(record, choice, means, fit, seen, options, convention, notes)

@@ -13,7 +13,7 @@ _WORDS = (
 )  # fmt: skip
 DIAGONAL = [0, 1, 2, 6, 7, 8]
 #: condition numbers of the natural information: 18 even poses have 3 to 4; from here on poses are missing, or nothing is known
-_ENOUGH, ILL, SINGULAR = 12.0, 60.0, 1e4
+_ENOUGH, ILL, SINGULAR = 12.0, 60.0, 300.0
 _NEAR = np.cos(np.deg2rad(25.0))
 _ALIKE = 20.0  # degrees
 _PLACES = np.array([p for p in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(p)])

@@ -12,7 +12,7 @@ _CLIP = 2.5
 _KEPT = float(scipy.stats.chi2.cdf(_CLIP**2, 3) + _CLIP**2 * scipy.stats.chi2.sf(_CLIP**2, 1))
 
 
-def excess(residual: np.ndarray, base: np.ndarray, parameters: float) -> float:
+def excess(residual: np.ndarray, base: np.ndarray, parameters: Any) -> float:
     """Variance to add to `base` so that the residuals, those beyond 2.5 standard deviations cut, have the size it says.
 
     Each of n residuals counts for 1 - p/n, because the fit took p of them.

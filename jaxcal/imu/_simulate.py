@@ -74,6 +74,7 @@ def simulate(
     latitude: float | None = None,
     up: Any = None,
     saturation: tuple[float, float] | None = None,
+    motion: int | None = None,
     seed: int = 0,
 ) -> Log:
     """A recording as `multi_position` wants it: a rest, then poses held still with smooth turns between them.
@@ -92,7 +93,8 @@ def simulate(
     latitude : rad, to add the Earth's rate; None for none.
     up : (poses, 3) upward directions in body axes; None for faces, edges and corners, each off by some degrees.
     saturation : ends of the range of accelerometer and gyroscope, in the unit of the readings.
-    seed : of headings, poses and noise.
+    motion : seed of poses and headings, where many records of one motion are wanted; None for that of `seed`.
+    seed : of the noise.
 
     Returns
     -------
@@ -115,7 +117,7 @@ def simulate(
         raise DataError(
             f"poses={poses}, rate={rate}, initial={initial}, still={still}, turn={turn}: expected 2 poses or more, and lengths above 0"
         )
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng([seed if motion is None else motion, 0])
     size = checked_gravity(gravity)
     directions = upward(poses, rng) if up is None else np.asarray(up, dtype=float)
     if directions.shape != (poses, 3):
@@ -138,6 +140,7 @@ def simulate(
     force = size * c_nb[:, 2, :]
     if latitude is not None:
         w = w + EARTH_RATE * (np.cos(latitude) * c_nb[:, 0, :] + np.sin(latitude) * c_nb[:, 2, :])
+    rng = np.random.default_rng([seed, 1])
     readings = [np.asarray(accel.measure(force)), np.asarray(gyro.measure(w, force))]
     for i, sensor in enumerate(("accel", "gyro")):
         own: Any = (NOISE if noise is None else noise).get(sensor, 0.0)

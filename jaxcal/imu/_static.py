@@ -47,8 +47,9 @@ def windowed_variance(x: np.ndarray, window: int) -> np.ndarray:
     size = _BLOCK * window
     blocks = -(-count // size)
     missing = np.any(~np.isfinite(x), axis=1)
-    padded = np.zeros((blocks * size + window - 1, 3))
-    padded[: len(x)] = np.where(missing[:, None], 0.0, x)
+    # neither padding nor gaps may lie far from the readings, whose digits they would cost
+    filled = np.where(missing[:, None], np.nanmean(x, axis=0), x)
+    padded = np.concatenate([filled, np.repeat(filled[-1:], max(blocks * size + window - 1 - len(x), 0), axis=0)])
     found = np.empty((blocks, size))
     for block in range(blocks):
         part = padded[block * size : (block + 1) * size + window - 1]
