@@ -134,7 +134,9 @@ def shares(fit: Fit, slots: int) -> np.ndarray:
     jacobian = np.asarray(fit.jacobian) * np.sqrt(np.asarray(fit.weights))[:, None]
     size = np.linalg.norm(jacobian, axis=0)
     leverage = np.sum(np.linalg.qr(jacobian / np.where(size > 0, size, 1))[0] ** 2, axis=1)
-    return np.array([leverage[:slots].sum(), leverage[slots : 3 * slots].sum(), *leverage[3 * slots : 6 * slots].reshape(-1, 3).sum(axis=0)])
+    return np.array(
+        [leverage[:slots].sum(), leverage[slots : 3 * slots].sum(), *leverage[3 * slots : 6 * slots].reshape(-1, 3).sum(axis=0)]
+    )
 
 
 def sized(

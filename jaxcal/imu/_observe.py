@@ -61,7 +61,7 @@ def observability(up: np.ndarray, diagonal: bool = False) -> Observability:
     told = rows(up)[:, chosen]
     information = told.T @ told / len(up)
     condition, share = spread(information)
-    words = ", ".join(_WORDS[chosen[i]] for i in np.argsort(-share, kind="stable") if share[i] > 0.5 * share.max())
+    words = ", ".join(_WORDS[chosen[i]] for i in range(len(chosen)) if share[i] > 0.5 * share.max())
     if condition <= _ENOUGH:
         return Observability(condition, np.zeros((0, 3)), f"The {len(up)} poses determine every parameter; least certain: {words}.")
     extra = rows(_UNITS)[:, chosen] / len(up)

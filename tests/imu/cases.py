@@ -14,7 +14,9 @@ UP = upward(POSES, np.random.default_rng(0))
 
 def recording(seed, **options):
     """A record of the usual poses; all of these have one shape, and so one compiled fit."""
-    return simulate(options.pop("poses", POSES), **({"rate": RATE, "still": STILL, "turn": TURN, "up": UP, "motion": 0, "seed": seed} | options))
+    return simulate(
+        options.pop("poses", POSES), **({"rate": RATE, "still": STILL, "turn": TURN, "up": UP, "motion": 0, "seed": seed} | options)
+    )
 
 
 def turned_truth(accel=ACCEL, gyro=GYRO):
@@ -90,7 +92,9 @@ def bound(found, noise=NOISE):
         noises.append(noise["gyro"] ** 2 / duration * gyro @ gyro.T)
     for k, (i, j) in enumerate(pieces):
         block = np.zeros((3, 30 + 3 * count))
-        block[:, :30] = np.stack([((turns[k].inv() * a[2][k]).as_rotvec() - (turns[k].inv() * b[2][k]).as_rotvec()) / 2e-5 for a, b in ends], 1)
+        block[:, :30] = np.stack(
+            [((turns[k].inv() * a[2][k]).as_rotvec() - (turns[k].inv() * b[2][k]).as_rotvec()) / 2e-5 for a, b in ends], 1
+        )
         # attitude errors in the axes of each pose: those of the first carried along the turn
         block[:, 30 + 3 * k : 33 + 3 * k] = turns[k].inv().as_matrix()
         block[:, 33 + 3 * k : 36 + 3 * k] = -np.eye(3)

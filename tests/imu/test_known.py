@@ -39,11 +39,15 @@ def test_six_position_scatter_is_its_covariance():
 def test_levelling_errors_have_the_size_of_the_closed_form():
     """Independent levelling of 0.5 deg: bias sd g delta/3 = 0.0285, off-diagonal sd delta/sqrt(2) = 6.2e-3; 200 runs know them to 3 %."""
     delta = np.deg2rad(0.5)
-    fits = [six_position(simulate_positions(Triad(np.eye(3), np.zeros(3)), G, levelling=delta, seed=s), G, sigma=1.0).triad for s in range(200)]
+    fits = [
+        six_position(simulate_positions(Triad(np.eye(3), np.zeros(3)), G, levelling=delta, seed=s), G, sigma=1.0).triad for s in range(200)
+    ]
     off = np.array([f.matrix[~np.eye(3, dtype=bool)] for f in fits])
     assert np.std([f.bias for f in fits]) == pytest.approx(G * delta / 3, rel=0.08)
     assert np.std(off) == pytest.approx(delta / np.sqrt(2), rel=0.06)
-    common = [six_position(simulate_positions(Triad(np.eye(3), np.zeros(3)), G, tilt=delta, seed=s), G, sigma=1.0).triad for s in range(200)]
+    common = [
+        six_position(simulate_positions(Triad(np.eye(3), np.zeros(3)), G, tilt=delta, seed=s), G, sigma=1.0).triad for s in range(200)
+    ]
     assert np.std([f.matrix[~np.eye(3, dtype=bool)] for f in common]) == pytest.approx(delta, rel=0.08)
     # one such run is caught by the residuals
     assert "levelling" in six_position(simulate_positions(levelling=delta, seed=1), G, sigma=1e-3).warnings[0]

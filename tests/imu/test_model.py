@@ -33,7 +33,7 @@ def test_measure_is_equation_5_1_and_5_2_and_correct_undoes_it(precision):
 
 def test_a_triad_refuses_what_it_cannot_undo():
     flat = Triad(np.array([[1.0, 0, 0], [0, 1, 0], [1, 1, 1e-3]]), np.zeros(3))
-    with pytest.raises(DataError, match="condition number .* beyond 100"):
+    with pytest.raises(DataError, match=r"condition number .* beyond 100"):
         flat.correct(np.ones(3))
     gyro = triads(0)[1]
     with pytest.raises(DataError, match="has a g-sensitivity: give the specific force"):
@@ -160,9 +160,7 @@ def test_rotations_are_those_of_scipy_and_have_derivatives_at_the_identity(angle
     if angle == 0:
         np.testing.assert_allclose(second, -np.eye(3) / 4, atol=1e-12)
     other = _rotation.exponential(jnp.array([0.1, -0.2, 0.3]))
-    np.testing.assert_allclose(
-        _rotation.matrix(_rotation.product(q, other)), _rotation.matrix(q) @ _rotation.matrix(other), atol=1e-14
-    )
+    np.testing.assert_allclose(_rotation.matrix(_rotation.product(q, other)), _rotation.matrix(q) @ _rotation.matrix(other), atol=1e-14)
     turned = _rotation.rotate(_rotation.conjugate(_rotation.normalised(3 * q)), jnp.array([1.0, 2.0, 3.0]))
     np.testing.assert_allclose(turned, Rotation.from_rotvec(-angle * axis).apply([1.0, 2.0, 3.0]), atol=1e-13)
 

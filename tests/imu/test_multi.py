@@ -1,6 +1,7 @@
 """Both triads from simulated records: Monte Carlo against truth and the information bound, options, refusals with their reasons."""
 
 import dataclasses
+import itertools
 
 import jax
 import jax.numpy as jnp
@@ -85,7 +86,7 @@ def test_errors_common_to_a_still_interval_are_in_the_intervals():
         rng = np.random.default_rng([seed, 5])
         accel = np.array(log.accel)
         middle = np.r_[0, (still.stop[:-1] + still.start[1:]) // 2, len(accel)]
-        for i, j in zip(middle[:-1], middle[1:], strict=True):
+        for i, j in itertools.pairwise(middle):
             accel[i:j] += 3 * white * rng.normal(size=3)
         found = fit(jaxcal.Log(None, gyro=log.gyro, accel=accel, rate=log.rate))
         keep = np.diag(found.covariance)[:12] > 0

@@ -32,7 +32,10 @@ def xsens(reference):
 @pytest.fixture(scope="module")
 def tedaldi(xsens):
     log, stamps, _ = xsens
-    return {name: multi_position(log, method="imu_tk", convention=name, time=stamps, held_out=name == "upper", **OPTIONS) for name in ("upper", "lower")}
+    return {
+        name: multi_position(log, method="imu_tk", convention=name, time=stamps, held_out=name == "upper", **OPTIONS)
+        for name in ("upper", "lower")
+    }
 
 
 @pytest.fixture(scope="module")
@@ -90,7 +93,9 @@ def test_the_gyroscope_fit_takes_less_than_two_seconds(xsens, tedaldi):
     found = tedaldi["upper"]
     correction, bias = np.linalg.inv(found.accel.matrix), found.accel.bias
     with jax.enable_x64(True):
-        force = np.array([((log.accel[i:j] - bias) @ correction.T).mean(axis=0) for i, j in zip(found.still.start, found.still.stop, strict=True)])
+        force = np.array(
+            [((log.accel[i:j] - bias) @ correction.T).mean(axis=0) for i, j in zip(found.still.start, found.still.stop, strict=True)]
+        )
         vertical = force / np.linalg.norm(force, axis=1, keepdims=True)
         vertical = np.concatenate([vertical, np.repeat(vertical[:1], 64 - len(vertical), axis=0)])
         segments = segments_of(stamps - stamps[0], np.asarray(log.gyro), np.asarray(log.accel), found.still.start, found.still.stop, 64)
@@ -104,7 +109,9 @@ def test_the_gyroscope_fit_takes_less_than_two_seconds(xsens, tedaldi):
             times.append(time.perf_counter() - clock)
         # from the start of the specification, whose cost there is 8.531
         assert float(fit.cost) == pytest.approx(0.00150695538, rel=1e-5)
-        assert 0.5 * float(np.sum(turn_residuals(begin, Turns(*jax.tree.map(jnp.asarray, (segments, vertical)))) ** 2)) == pytest.approx(8.531, abs=5e-4)
+        assert 0.5 * float(np.sum(turn_residuals(begin, Turns(*jax.tree.map(jnp.asarray, (segments, vertical)))) ** 2)) == pytest.approx(
+            8.531, abs=5e-4
+        )
     assert min(times) < 2.0
 
 
