@@ -31,7 +31,7 @@ def call(monkeypatch, capsys, tmp_path):
     """Call the command line in an empty working folder; gives status, output and errors."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "80")
-    for command in ("_noise", "_allan"):  # the cache is a setting of the process, which here is that of the tests
+    for command in ("_noise", "_allan", "_imu"):  # the cache is a setting of the process, which here is that of the tests
         monkeypatch.setattr(f"jaxcal.cli.{command}.keep_compiled", lambda: None)
 
     def run(*argv):

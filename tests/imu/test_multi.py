@@ -273,3 +273,27 @@ def test_norm_residuals_are_traced_and_their_derivatives_exact():
     np.testing.assert_allclose(slope[:, 6:], n @ p.correction(), atol=1e-12)
     many = jax.vmap(lambda z: norm_residuals(p, dataclasses.replace(data, reading=z)))(jnp.stack([y, 1.01 * y]))
     np.testing.assert_allclose(many[1], norm_residuals(p, dataclasses.replace(data, reading=1.01 * y)), atol=1e-12)
+
+
+def test_a_fit_is_drawn_and_stored(repeated, tmp_path):
+    found = repeated[0]
+    axes = jaxcal.plot.imu(found)
+    assert [len(ax.collections[-1].get_offsets()) for ax in axes[:1]] == [0]  # none is weighed down
+    drawn = np.concatenate([np.asarray(part.get_offsets()) for part in axes[0].collections if len(part.get_offsets())])
+    np.testing.assert_allclose(np.sort(drawn[-cases.POSES :, 1]), np.sort(-1e3 * found.residual_norm), atol=1e-9)
+    jaxcal.plot.save(axes, tmp_path / "imu.png")
+    assert (tmp_path / "imu.png").stat().st_size > 10_000
+    refused = fit(cases.recording(0, poses=7, up=cases.UP[:7]))
+    with pytest.raises(DataError, match=r"refused\. There are 7"):
+        jaxcal.plot.imu(refused)
+    with pytest.raises(DataError, match="refused and cannot be stored"):
+        jaxcal.Calibration(imu=refused)
+    with pytest.raises(DataError, match="needs 3"):
+        jaxcal.plot.imu(found, ax=axes[:2])
+    with pytest.raises(DataError, match="cannot draw int"):
+        jaxcal.plot.imu(3)
+    calibration = jaxcal.Calibration(imu=found)
+    calibration.save(tmp_path / "device.json")
+    again = jaxcal.Calibration.load(tmp_path / "device.json")
+    np.testing.assert_array_equal(again.imu["accel"]["matrix"], found.accel.matrix)
+    np.testing.assert_array_equal(again.imu["gyro"]["covariance"]["values"], found.covariance[12:, 12:])
