@@ -33,10 +33,13 @@ def imu(result: Any, ax: Any = None) -> Any:
 
     Examples
     --------
+    Of an accelerometer alone:
+
     >>> import jaxcal
-    >>> found = jaxcal.imu.multi_position(jaxcal.imu.simulate(poses=18, seed=0), gravity=9.81)
-    >>> [ax.get_ylabel().split(" (")[0] for ax in jaxcal.plot.imu(found)]
-    ['Norm less gravity', 'Angle after the turn', 'Still rate less model']
+    >>> log = jaxcal.imu.simulate(poses=18, seed=0)
+    >>> found = jaxcal.imu.multi_position(jaxcal.Log(None, accel=log.accel, rate=log.rate), gravity=9.81)
+    >>> [ax.get_ylabel() for ax in jaxcal.plot.imu(found)]
+    ['Norm less gravity (mm/s²)']
     """
     if not isinstance(result, ImuFit):
         raise DataError(f"cannot draw {type(result).__name__}; expected an ImuFit, as jaxcal.imu.multi_position returns it")
