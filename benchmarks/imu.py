@@ -117,8 +117,9 @@ def coverage(runs):
         robust = np.mean([np.abs(f.values - truth)[free] < 2.05 * np.sqrt(np.diag(f.robust_covariance)[free]) for f in fits])
         ratio = np.sqrt(np.mean(errors**2, axis=0) / np.diag(bound))
         print(
-            f"{name}: {runs} fits, intervals hold {100 * inside:.1f} % (sandwich {100 * robust:.1f} %); rmse over the "
-            f"bound, root mean square of {len(free)} parameters {np.sqrt(np.mean(ratio**2)):.3f}, {ratio.min():.2f} to {ratio.max():.2f}; {spent:.2f} s a fit"
+            f"{name}: {runs} fits, intervals hold {100 * inside:.1f} % (sandwich {100 * robust:.1f} %); rmse over the bound "
+            f"{np.sqrt(np.mean(ratio**2)):.3f} (root mean square of {len(free)} parameters), from {ratio.min():.2f} to "
+            f"{ratio.max():.2f}; {spent:.2f} s a fit"
         )
 
 

@@ -54,7 +54,13 @@ def imu(result: Any, ax: Any = None) -> Any:
     if len(axes) != panels:
         raise DataError(f"{len(axes)} axes were given; this result needs {panels}")
     _points(
-        axes[0], -1e3 * result.residual_norm, result.down_weighted[0], SERIES[0], 1e3 * result.sigma[0], "Pose", "Norm less gravity (mm/s²)"
+        axes[0],
+        -1e3 * np.asarray(result.residual_norm),
+        result.down_weighted[0],
+        SERIES[0],
+        1e3 * float(result.sigma[0]),
+        "Pose",
+        "Norm less gravity (mm/s²)",
     )
     if panels > 1:
         _points(
