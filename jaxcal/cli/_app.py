@@ -16,6 +16,7 @@ import jaxcal
 from ._allan import allan
 from ._apply import apply
 from ._demo import demo
+from ._imu import imu
 from ._noise import noise
 from ._north import north
 from ._options import CallError
@@ -23,7 +24,7 @@ from ._psd import psd
 from ._simulate_north import simulate
 from ._temperature import temperature
 
-_COMMANDS = ("demo", "noise", "allan", "psd", "temperature", "north", "apply", "simulate")
+_COMMANDS = ("demo", "noise", "allan", "psd", "temperature", "imu", "north", "apply", "simulate")
 DONE, DATA, CALL, FAULT, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 3, 130, 141
 
 _HELP = """Calibrated models of inertial and magnetic sensors, from their logs.
@@ -49,7 +50,7 @@ def _application() -> cyclopts.App:
         config=_configuration, default_parameter=cyclopts.Parameter(negative=()), result_action="return_value",
         suppress_keyboard_interrupt=False,
     )  # fmt: skip
-    for command in (demo, noise, allan, psd, temperature, north, apply, simulate):
+    for command in (demo, noise, allan, psd, temperature, imu, north, apply, simulate):
         app.command(command)
     return app
 

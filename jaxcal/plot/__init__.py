@@ -2,6 +2,7 @@
 
 from ._allan import allan as allan
 from ._dynamic import dynamic as dynamic
+from ._imu import imu as imu
 from ._north import north as north
 from ._save import save as save
 from ._spectrum import spectrum as spectrum

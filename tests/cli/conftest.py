@@ -8,6 +8,7 @@ import sys
 import numpy as np
 import pytest
 
+import jaxcal.cli
 from jaxcal.cli import main
 
 RATE, SAMPLES = 100.0, 8000
@@ -31,8 +32,9 @@ def call(monkeypatch, capsys, tmp_path):
     """Call the command line in an empty working folder; gives status, output and errors."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "80")
-    for command in ("_noise", "_allan", "_temperature"):  # the cache is a setting of the process, which here is that of the tests
-        monkeypatch.setattr(f"jaxcal.cli.{command}.keep_compiled", lambda: None)
+    # the cache is a setting of the process, which here is that of the tests
+    for module in [value for value in vars(jaxcal.cli).values() if hasattr(value, "keep_compiled") and value is not jaxcal.cli._cache]:
+        monkeypatch.setattr(module, "keep_compiled", lambda: None)
 
     def run(*argv):
         status = main([str(word) for word in argv])

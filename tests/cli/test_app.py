@@ -14,7 +14,7 @@ from jaxcal.cli._screen import progress
 
 from .conftest import listing
 
-COMMANDS = (("demo",), ("noise",), ("allan",), ("simulate", "noise"))
+COMMANDS = (("demo",), ("noise",), ("allan",), ("imu",), ("simulate", "noise"), ("simulate", "imu"))
 SHARED = ("--quiet", "--seed", "--config")
 READING = ("--columns", "--units", "--rate", "--topics", "--format", "--start", "--stop")
 

@@ -1,0 +1,211 @@
+"""The same calibration as other programs write it: imu_tk, Kalibr, OpenVINS, PX4, ArduPilot."""
+
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from .._errors import DataError
+from .._precision import host_float64
+from .._types import AnyArray
+from ._frames import in_convention, lower_times_rotation
+from ._triad import Triad
+
+
+class ImuTk(eqx.Module):
+    """x = T K (y - B), T with a unit diagonal, K diagonal (imu_tk of D. Tedaldi and A. Pretto).
+
+    Attributes
+    ----------
+    misalignment : (3, 3) T. scale : (3,) diagonal of K, SI per reading. bias : (3,) B in readings.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.imu import ImuTk, Triad
+    >>> found = ImuTk.of(Triad(np.diag([400.0, 500.0, 800.0]), np.zeros(3)))
+    >>> print(found.scale)
+    [0.0025  0.002   0.00125]
+    """
+
+    misalignment: Any
+    scale: Any
+    bias: Any
+
+    @classmethod
+    @host_float64
+    def of(cls, triad: Triad) -> "ImuTk":
+        """Of an accelerometer, or of a gyroscope without sensitivity to g."""
+        correction = jnp.linalg.inv(jnp.asarray(triad.matrix))
+        scale = jnp.diagonal(correction)
+        return cls(correction / scale[None, :], scale, jnp.asarray(triad.bias))
+
+    @host_float64
+    def triad(self) -> Triad:
+        """The exact inverse: matrix (T K)^-1."""
+        scale = jnp.asarray(self.scale)
+        return Triad(jnp.linalg.inv(jnp.asarray(self.misalignment) * scale[None, :]), jnp.asarray(self.bias))
+
+
+class Kalibr(eqx.Module):
+    """Scale-misalignment model of Kalibr (J. Rehder et al., ICRA 2016).
+
+    a = M_accel f + b_a; w = M_gyro C_gyro_i w_i + A C_gyro_i f + b_g, with both M lower triangular.
+
+    Attributes
+    ----------
+    accel_matrix, gyro_matrix : (3, 3) lower triangular. rotation : (3, 3) C_gyro_i, from the accelerometer's frame to the gyroscope's.
+    g_sensitivity : (3, 3) A, rad/s per m/s^2 of specific force in the gyroscope's frame. accel_bias, gyro_bias : (3,).
+    """
+
+    accel_matrix: Any
+    gyro_matrix: Any
+    rotation: Any
+    g_sensitivity: Any
+    accel_bias: Any
+    gyro_bias: Any
+
+    @classmethod
+    @host_float64
+    def of(cls, accel: Triad, gyro: Triad) -> "Kalibr":
+        """Turns the frame so that the accelerometer's matrix becomes lower triangular, then parts the gyroscope's into M C."""
+        turned = in_convention(jnp.asarray(accel.matrix), jnp.asarray(gyro.matrix), jnp.asarray(gyro.g_sensitivity), "lower")
+        lower, rotation = lower_times_rotation(turned.gyro)
+        return cls(turned.accel, lower, rotation, turned.g_sensitivity @ rotation.T, jnp.asarray(accel.bias), jnp.asarray(gyro.bias))
+
+    @host_float64
+    def triads(self) -> tuple[Triad, Triad]:
+        """Accelerometer and gyroscope, in Kalibr's frame."""
+        rotation = jnp.asarray(self.rotation)
+        return (
+            Triad(jnp.asarray(self.accel_matrix), jnp.asarray(self.accel_bias)),
+            Triad(jnp.asarray(self.gyro_matrix) @ rotation, jnp.asarray(self.gyro_bias), jnp.asarray(self.g_sensitivity) @ rotation),
+        )
+
+
+class OpenVins(eqx.Module):
+    """OpenVINS: f = R_accel Da (a - b_a); w = R_gyro Dw (w - b_g - Tg f).
+
+    Attributes
+    ----------
+    accel_correction, gyro_correction : (3, 3) Da and Dw, triangular. accel_rotation, gyro_rotation : (3, 3) R_ACCtoIMU and R_GYROtoIMU.
+    g_sensitivity : (3, 3) Tg. accel_bias, gyro_bias : (3,).
+    model : "kalibr" (lower triangular, the frame is the accelerometer's) or "rpng" (upper triangular, the gyroscope's).
+    """
+
+    accel_correction: Any
+    gyro_correction: Any
+    accel_rotation: Any
+    gyro_rotation: Any
+    g_sensitivity: Any
+    accel_bias: Any
+    gyro_bias: Any
+    model: str = eqx.field(static=True)
+
+    @classmethod
+    def of(cls, accel: Triad, gyro: Triad, model: str = "kalibr") -> "OpenVins":
+        """Of both triads, for one of the two models."""
+        if model not in ("kalibr", "rpng"):
+            raise DataError(f"There is no OpenVINS model {model!r}; known are 'kalibr' and 'rpng'.")
+        first, second, third, fourth, sensitivity, accel_bias, gyro_bias = _openvins(accel, gyro, model == "kalibr")
+        return cls(first, second, third, fourth, sensitivity, accel_bias, gyro_bias, model)
+
+    @host_float64
+    def triads(self) -> tuple[Triad, Triad]:
+        """Accelerometer and gyroscope, in the frame of the model."""
+        matrices = [
+            jnp.linalg.inv(jnp.asarray(correction)) @ jnp.asarray(rotation).T
+            for correction, rotation in ((self.accel_correction, self.accel_rotation), (self.gyro_correction, self.gyro_rotation))
+        ]
+        return (
+            Triad(matrices[0], jnp.asarray(self.accel_bias)),
+            Triad(matrices[1], jnp.asarray(self.gyro_bias), jnp.asarray(self.g_sensitivity)),
+        )
+
+
+@host_float64
+def _openvins(accel: Triad, gyro: Triad, kalibr: bool) -> tuple[AnyArray, ...]:
+    first, second = jnp.linalg.inv(jnp.asarray(accel.matrix)), jnp.linalg.inv(jnp.asarray(gyro.matrix))
+    leading = first if kalibr else second
+    flip = slice(None, None, -1) if kalibr else slice(None)
+
+    def triangular(matrix):
+        """T with T'T = D'D: lower for kalibr, upper for rpng."""
+        return jnp.linalg.cholesky((matrix.T @ matrix)[flip, flip]).T[flip, flip]
+
+    # the frame in which the leading triad needs no rotation: Q = T D^-1
+    frame = triangular(leading) @ jnp.linalg.inv(leading)
+    found = []
+    for matrix in (first, second):
+        factor = triangular(matrix)
+        found.append((factor, frame @ matrix @ jnp.linalg.inv(factor)))
+    return (
+        found[0][0], found[1][0], found[0][1], found[1][1], jnp.asarray(gyro.g_sensitivity) @ frame.T, jnp.asarray(accel.bias),
+        jnp.asarray(gyro.bias),
+    )  # fmt: skip
+
+
+class Px4(eqx.Module):
+    """PX4: x = R ((y - offset) * scale), CAL_ACC*_OFF and _SCALE; a gyroscope has no scale there.
+
+    Attributes
+    ----------
+    offset, scale : (3,). rotation : (3, 3) of the board. lost : (3, 3) misalignment in rad that has no place in it.
+    """
+
+    offset: Any
+    scale: Any
+    rotation: Any
+    lost: Any
+
+    @classmethod
+    @host_float64
+    def of(cls, triad: Triad, rotation: Any = None) -> "Px4":
+        """Scale factors alone; `lost` says what misalignment is left out."""
+        turn = jnp.eye(3) if rotation is None else jnp.asarray(rotation)
+        scale, lost = _diagonal(jnp.asarray(triad.matrix) @ turn)
+        return cls(jnp.asarray(triad.bias), 1 / scale, turn, lost)
+
+    @host_float64
+    def triad(self) -> Triad:
+        """Matrix diag(1/scale) R', without what was lost."""
+        return Triad(jnp.diag(1 / jnp.asarray(self.scale)) @ jnp.asarray(self.rotation).T, jnp.asarray(self.offset))
+
+
+class ArduPilot(eqx.Module):
+    """ArduPilot: accelerometer x = (y - INS_ACCOFFS) * INS_ACCSCAL, gyroscope x = y - INS_GYROFFS.
+
+    Attributes
+    ----------
+    offset, scale : (3,). lost : (3, 3) misalignment in rad, and scale errors of a gyroscope, that have no place in it.
+    """
+
+    offset: Any
+    scale: Any
+    lost: Any
+
+    @classmethod
+    @host_float64
+    def of(cls, triad: Triad, sensor: str = "accel") -> "ArduPilot":
+        """Scale factors alone, none for sensor="gyro"; `lost` says what is left out."""
+        if sensor not in ("accel", "gyro"):
+            raise DataError(f"There is no sensor {sensor!r}; known are 'accel' and 'gyro'.")
+        matrix = jnp.asarray(triad.matrix)
+        scale, lost = _diagonal(matrix)
+        if sensor == "gyro":
+            scale, lost = jnp.ones(3), matrix - jnp.eye(3)
+        return cls(jnp.asarray(triad.bias), 1 / scale, lost)
+
+    @host_float64
+    def triad(self) -> Triad:
+        """Matrix diag(1/scale), without what was lost."""
+        return Triad(jnp.diag(1 / jnp.asarray(self.scale)), jnp.asarray(self.offset))
+
+
+def _diagonal(matrix: Any) -> tuple[Any, Any]:
+    """Scale factors, and the misalignment (rad) beside them."""
+    if np.any(np.asarray(jnp.diagonal(matrix)) <= 0):
+        raise DataError("A scale factor is not positive: this format cannot say it. Turn the axes first.")
+    scale = jnp.diagonal(matrix)
+    return scale, matrix / scale[:, None] - jnp.eye(3)

@@ -1,0 +1,179 @@
+"""`six_position` and `rate_table`: calibrations whose inputs are known."""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from .._errors import DataError
+from .._precision import host_float64
+from ._gravity import EARTH_RATE
+from ._linear import TriadFit, dependent, readings_of, triad_of
+
+#: upward axis of each of the six positions
+SIX = np.kron(np.eye(3), np.array([[1.0], [-1.0]]))
+_FORCE = ("rate about x", "rate about y", "rate about z", "bias", "g-sensitivity along x", "g-sensitivity along y", "g-sensitivity along z")
+_UP = ("specific force along x", "specific force along y", "specific force along z", "bias")
+
+
+def checked_gravity(gravity: Any) -> float:
+    """A number of m/s^2."""
+    value = float(gravity)
+    if 0.5 < abs(value) < 2.0:
+        raise DataError(f"gravity={value:g} looks like g; it is asked for in m/s^2, about 9.81 (jaxcal.imu.gravity(latitude) gives it)")
+    if not 9.0 < value < 10.5:
+        raise DataError(f"gravity={value:g} m/s^2 is not found on Earth; expected about 9.81 (jaxcal.imu.gravity(latitude) gives it)")
+    return value
+
+
+def _refuse_dependent(x: np.ndarray, words: tuple[str, ...], advice: str) -> None:
+    share = dependent(x)
+    if not np.any(share > 1e-3):
+        return
+    open_ = ", ".join(word for word, part in zip(words, share, strict=True) if part > 0.1)
+    raise DataError(f"{len(x)} positions do not determine every parameter: {open_} cannot be told apart. {advice}")
+
+
+@host_float64
+def six_position(readings: Any, gravity: float | int, *, up: Any = None, sigma: Any = None) -> TriadFit:
+    r"""Accelerometer from positions of known attitude: six faces of a squared block, or any number of them.
+
+    .. math:: y_k = M f_k + b,\qquad f_k = g\,u_k;\qquad
+              M_{\cdot j} = \frac{y_{j+} - y_{j-}}{2g},\quad b = \tfrac16\textstyle\sum y
+
+    the second form being what least squares gives for the six.
+
+    Parameters
+    ----------
+    readings : (6, 3) mean readings with x up, x down, y up, y down, z up, z down; or (k, 3) with `up`.
+    gravity : m/s^2.
+    up : (k, 3) directions of the vertical in body axes, where the positions are others.
+    sigma : standard deviation of a mean reading, one or (3,); None takes it from the residuals. It is the noise, N / sqrt(dwell), with
+        the repeatability of the table: an error of levelling of 0.5 degrees alone makes 6e-3 of misalignment and 0.03 m/s^2 of bias.
+
+    Returns
+    -------
+    TriadFit
+
+    Raises
+    ------
+    DataError
+        For readings of another shape, gravity in g, or positions that do not span space.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.imu import Triad, six_position
+    >>> true = Triad(np.diag([1.01, 0.99, 1.0]), np.array([0.1, -0.2, 0.0]))
+    >>> f = 9.81 * np.kron(np.eye(3), np.array([[1.0], [-1.0]]))
+    >>> print(six_position(true.measure(f), 9.81, sigma=1e-3).triad.bias.round(6))
+    [ 0.1 -0.2  0. ]
+
+    References
+    ----------
+    IEEE Std 1293 (multipoint tumble test); the thesis, equation (5.1).
+    """
+    y, size = readings_of(readings, "readings"), checked_gravity(gravity)
+    if up is None:
+        if len(y) != 6:
+            raise DataError(
+                f"{len(y)} readings were given; the six positions are x up, x down, y up, y down, z up, z down. Give up= for others"
+            )
+        up = SIX
+    up = readings_of(up, "up")
+    if up.shape != y.shape:
+        raise DataError(f"up has shape {up.shape}, the readings {y.shape}; give one direction for each reading")
+    length = np.linalg.norm(up, axis=1, keepdims=True)
+    if np.any(length < 1e-6):
+        raise DataError("up holds a vector of length zero; give the direction of the vertical in body axes")
+    x = np.concatenate([size * up / length, np.ones((len(y), 1))], axis=1)
+    if len(y) < 4:
+        raise DataError(f"{len(y)} positions cannot give a matrix and a bias; record four that are not in a plane, better the six faces")
+    _refuse_dependent(x, _UP, "Turn the block so that the vertical passes through each face.")
+    found = triad_of(x, y, sigma)
+    return _judged(found, x[:, :3])
+
+
+def _judged(found: TriadFit, force: np.ndarray) -> TriadFit:
+    """With a warning where the readings are not those of the given directions."""
+    fitted = found.triad.measure(force)
+    if np.linalg.norm(found.residual) > 0.2 * np.linalg.norm(fitted - found.triad.bias):
+        raise DataError(
+            f"the readings do not follow the given directions: they are off by {np.sqrt(np.mean(found.residual**2)):.3g} rms. Check "
+            "the order of the positions (x up, x down, y up, y down, z up, z down)"
+        )
+    if np.any(np.argmax(np.abs(found.triad.matrix), axis=1) != np.arange(3)) or np.any(np.diag(found.triad.matrix) < 0):
+        said = "The axes of the sensor are not those of the positions: some are exchanged or reversed. Check the order of the readings."
+        return dataclasses.replace(found, warnings=(*found.warnings, said))
+    return found
+
+
+@host_float64
+def rate_table(
+    readings: Any, rates: Any, accel: Any = None, *, latitude: float | None = None, sigma: Any = None, servo: float = 0.0
+) -> TriadFit:
+    r"""Gyroscope from a rate table, with its sensitivity to g where the specific force is known.
+
+    .. math:: y_k = M\,(\omega_k + \Omega_E\sin\varphi\,u_k) + b + G f_k
+
+    by least squares on [w, 1, f]. For a body axis j vertical at rates of both signs column j of M is (y_+ - y_-) / (2 rate), in which
+    the Earth's rate, the bias and the sensitivity to g cancel.
+
+    Parameters
+    ----------
+    readings : (k, 3) mean readings over whole turns.
+    rates : (k, 3) angular rate of the table in body axes, rad/s.
+    accel : (k, 3) specific force in body axes, m/s^2, mean over the turns; at least four that are not in a plane, better the six faces
+        up. Without it there is no g-sensitivity, and what there is goes into the bias.
+    latitude : rad, to take off the vertical part of the Earth's rate; it would pass for a g-sensitivity of 10 deg/h/g. The table's axis
+        must be vertical.
+    sigma : standard deviation of a mean reading, one or (3,); None takes it from the residuals.
+    servo : relative standard deviation of the table's rate; it scales the matrix.
+
+    Returns
+    -------
+    TriadFit
+
+    Raises
+    ------
+    DataError
+        For shapes that differ, or positions that do not determine every parameter.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.imu import Triad, rate_table
+    >>> true = Triad(1.02 * np.eye(3), np.array([0.01, 0.0, 0.0]), 1e-4 * np.eye(3))
+    >>> up = np.kron(np.eye(3), np.array([[1.0], [1.0], [-1.0], [-1.0]]))
+    >>> rates, f = up * np.tile([1.0, -1.0], 6)[:, None], 9.81 * up
+    >>> print(rate_table(true.measure(rates, f), rates, f, sigma=1e-5).triad.g_sensitivity.diagonal().round(7))
+    [0.0001 0.0001 0.0001]
+
+    References
+    ----------
+    IEEE Std 952 (scale factor test); the thesis, equation (5.2).
+    """
+    y, w = readings_of(readings, "readings"), readings_of(rates, "rates")
+    f = None if accel is None else readings_of(accel, "accel")
+    for name, other in (("rates", w), ("accel", f)):
+        if other is not None and other.shape != y.shape:
+            raise DataError(f"{name} has shape {other.shape}, the readings {y.shape}; give one row for each reading")
+    warnings: tuple[str, ...] = ()
+    if f is not None:
+        size = np.linalg.norm(f, axis=1)
+        if not np.all((size > 5) & (size < 20)):
+            raise DataError(
+                f"accel has a norm of {np.median(size):.3g}; expected m/s^2, about 9.81. Readings in g must be multiplied by it"
+            )
+        if latitude is not None:
+            w = w + EARTH_RATE * np.sin(float(latitude)) * f / size[:, None]
+    elif latitude is not None:
+        raise DataError("latitude= needs accel=, which tells where up is")
+    if np.abs(w).max() > 100:
+        warnings = (f"The largest rate is {np.abs(w).max():.3g} rad/s; rates in deg/s must be multiplied by pi/180.",)
+    columns = [w, np.ones((len(y), 1))] + ([] if f is None else [f])
+    x = np.concatenate(columns, axis=1)
+    if len(y) < x.shape[1]:
+        raise DataError(f"{len(y)} positions cannot give {x.shape[1]} parameters an axis; record both signs of the rate about each axis")
+    _refuse_dependent(x, _FORCE[: x.shape[1]], "Turn about each axis with both signs of the rate, each of the six faces up.")
+    return triad_of(x, y, sigma, warnings, float(servo))

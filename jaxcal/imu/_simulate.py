@@ -1,0 +1,193 @@
+"""Recordings and readings of sensors whose truth is known."""
+
+from typing import Any
+
+import numpy as np
+
+from .._errors import DataError
+from .._log import Log
+from .._precision import host_float64
+from .._types import AnyArray
+from ._gravity import EARTH_RATE
+from ._known import SIX, checked_gravity
+from ._observe import _PLACES
+from ._triad import Triad
+
+#: a MEMS unit of the common kind
+ACCEL = Triad(
+    np.array([[1.012, 0.004, -0.006], [0.0, 0.991, 0.009], [0.0, 0.0, 1.005]]), np.array([0.12, -0.08, 0.2]),
+)  # fmt: skip
+GYRO = Triad(
+    np.array([[0.993, 0.006, 0.003], [-0.005, 1.008, -0.004], [0.002, 0.007, 1.011]]), np.array([0.004, -0.006, 0.002]),
+    np.array([[3e-5, -1e-5, 2e-5], [1e-5, -4e-5, 0.5e-5], [-2e-5, 1e-5, 2e-5]]),
+)  # fmt: skip
+NOISE = {"accel": 1.5e-3, "gyro": 1e-4}
+
+
+def _quaternion_matrix(v: np.ndarray) -> np.ndarray:
+    """Rotation matrices (..., 3, 3) of rotation vectors (..., 3), by Rodrigues' formula."""
+    angle = np.linalg.norm(v, axis=-1)[..., None, None]
+    safe = np.where(angle > 1e-12, angle, 1.0)
+    k = np.zeros((*v.shape[:-1], 3, 3))
+    k[..., 0, 1], k[..., 0, 2], k[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
+    k = (k - np.swapaxes(k, -1, -2)) / safe
+    return np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * (k @ k)
+
+
+def upward(poses: int, rng: np.random.Generator) -> np.ndarray:
+    """(poses, 3) upward directions: faces, edges and corners of the case in random order, each off by some degrees."""
+    places = _PLACES[np.argsort(np.abs(_PLACES).sum(axis=1), kind="stable")]
+    chosen = places[np.arange(poses) % len(places)]
+    chosen = chosen / np.linalg.norm(chosen, axis=1, keepdims=True) + 0.12 * rng.normal(size=(poses, 3))
+    return rng.permutation(chosen / np.linalg.norm(chosen, axis=1, keepdims=True))
+
+
+def _attitude_with(up: np.ndarray, heading: float) -> np.ndarray:
+    """C_nb (north, west, up from body) with the given upward direction in body axes."""
+    aside = np.eye(3)[np.argmin(np.abs(up))]
+    first = np.cross(aside, up)
+    first /= np.linalg.norm(first)
+    level = np.stack([first, np.cross(up, first), up])
+    c, s = np.cos(heading), np.sin(heading)
+    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ level
+
+
+def _turn_vector(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Rotation vector in the axes of a (body) that carries attitude a into b."""
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_matrix(a.T @ b).as_rotvec()
+
+
+@host_float64
+def simulate(
+    poses: int = 24,
+    *,
+    rate: float | int = 100.0,
+    initial: float | int = 30.0,
+    still: float | int = 4.0,
+    turn: float | int = 3.0,
+    accel: Triad = ACCEL,
+    gyro: Triad = GYRO,
+    noise: Any = None,
+    gravity: float | int = 9.81,
+    latitude: float | None = None,
+    up: Any = None,
+    saturation: tuple[float, float] | None = None,
+    motion: int | None = None,
+    seed: int = 0,
+) -> Log:
+    """A recording as `multi_position` wants it: a rest, then poses held still with smooth turns between them.
+
+    Every turn is about an axis fixed in the body, with rate and acceleration zero at its ends; the sensor sits in the centre of
+    rotation. Rates and forces are exact.
+
+    Parameters
+    ----------
+    poses : number of still intervals, the first of which is the initial rest.
+    rate : Hz. initial, still, turn : length of the initial rest, of the others and of the turns, s.
+    accel, gyro : `Triad`s of the sensors.
+    noise : {"accel": N, "gyro": N}, white noise in m/s/sqrt(s) and rad/sqrt(s), or a `jaxcal.noise.Noise` for each; None for that of a
+        common MEMS unit.
+    gravity : m/s^2.
+    latitude : rad, to add the Earth's rate; None for none.
+    up : (poses, 3) upward directions in body axes; None for faces, edges and corners, each off by some degrees.
+    saturation : ends of the range of accelerometer and gyroscope, in the unit of the readings.
+    motion : seed of poses and headings, where many records of one motion are wanted; None for that of `seed`.
+    seed : of the noise.
+
+    Returns
+    -------
+    Log
+        In the unit of the readings: m/s^2 and rad/s for triads near the unit matrix.
+
+    Raises
+    ------
+    DataError
+        For fewer than 2 poses, or lengths that are not positive.
+
+    Examples
+    --------
+    >>> from jaxcal.imu import simulate
+    >>> log = simulate(poses=12, still=3.0, turn=2.0)
+    >>> f"{log.duration:.0f} s at {log.rate:g} Hz"
+    '85 s at 100 Hz'
+    """
+    if poses < 2 or not all(np.isfinite(x) and x > 0 for x in (rate, initial, still, turn)):
+        raise DataError(
+            f"poses={poses}, rate={rate}, initial={initial}, still={still}, turn={turn}: expected 2 poses or more, and lengths above 0"
+        )
+    rng = np.random.default_rng([seed if motion is None else motion, 0])
+    size = checked_gravity(gravity)
+    directions = upward(poses, rng) if up is None else np.asarray(up, dtype=float)
+    if directions.shape != (poses, 3):
+        raise DataError(f"up has shape {directions.shape}; expected ({poses}, 3)")
+    directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    attitudes = [_attitude_with(u, h) for u, h in zip(directions, rng.uniform(0, 2 * np.pi, poses), strict=True)]
+    rest, moving = round(float(still) * rate), round(float(turn) * rate)
+    body, rates = [], []
+    for i, attitude in enumerate(attitudes):
+        samples = round(float(initial) * rate) if i == 0 else rest
+        body.append(np.broadcast_to(attitude, (samples, 3, 3)))
+        rates.append(np.zeros((samples, 3)))
+        if i + 1 < poses:
+            vector = _turn_vector(attitude, attitudes[i + 1])
+            x = (np.arange(moving) + 1) / (moving + 1)
+            part, speed = x**3 * (10 - 15 * x + 6 * x**2), 30 * x**2 * (1 - x) ** 2 * rate / (moving + 1)
+            body.append(attitude @ _quaternion_matrix(part[:, None] * vector))
+            rates.append(speed[:, None] * vector)
+    c_nb, w = np.concatenate(body), np.concatenate(rates)
+    force = size * c_nb[:, 2, :]
+    if latitude is not None:
+        w = w + EARTH_RATE * (np.cos(latitude) * c_nb[:, 0, :] + np.sin(latitude) * c_nb[:, 2, :])
+    rng = np.random.default_rng([seed, 1])
+    readings = [np.asarray(accel.measure(force)), np.asarray(gyro.measure(w, force))]
+    for i, sensor in enumerate(("accel", "gyro")):
+        own: Any = (NOISE if noise is None else noise).get(sensor, 0.0)
+        if hasattr(own, "simulate"):
+            readings[i] = readings[i] + np.stack([own.simulate(len(w), float(rate), seed=rng) for _ in range(3)], axis=1)
+        else:
+            readings[i] = readings[i] + float(own) * np.sqrt(float(rate)) * rng.normal(size=w.shape)
+        if saturation is not None:
+            readings[i] = np.clip(readings[i], -saturation[i], saturation[i])
+    return Log(None, gyro=readings[1], accel=readings[0], rate=float(rate), provenance={"simulated": True, "seed": seed})
+
+
+@host_float64
+def simulate_positions(
+    triad: Triad = ACCEL,
+    gravity: float | int = 9.81,
+    *,
+    up: Any = None,
+    sigma: float = 0.0,
+    levelling: float = 0.0,
+    tilt: float = 0.0,
+    seed: int = 0,
+) -> AnyArray:
+    """Mean readings of an accelerometer in positions whose attitude is set up with errors.
+
+    Parameters
+    ----------
+    triad : the accelerometer. gravity : m/s^2.
+    up : (k, 3) nominal upward directions in body axes; None for the six of `six_position`.
+    sigma : standard deviation of a mean reading.
+    levelling : standard deviation of the error of levelling about each axis, rad, independent in each position.
+    tilt : standard deviation of a rotation common to all positions about each axis, rad.
+    seed : of all of these.
+
+    Returns
+    -------
+    (k, 3) readings.
+
+    Examples
+    --------
+    >>> from jaxcal.imu import simulate_positions
+    >>> simulate_positions().shape
+    (6, 3)
+    """
+    rng = np.random.default_rng(seed)
+    directions = SIX if up is None else np.asarray(up, dtype=float)
+    directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    errors = levelling * rng.normal(size=directions.shape)
+    turned = np.einsum("kij,kj->ki", _quaternion_matrix(errors), directions) @ _quaternion_matrix(tilt * rng.normal(size=3)).T
+    return np.asarray(triad.measure(float(gravity) * turned)) + sigma * rng.normal(size=directions.shape)

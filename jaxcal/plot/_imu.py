@@ -1,0 +1,101 @@
+"""`imu`: what a multi-position calibration leaves, pose by pose and turn by turn."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .._errors import DataError
+from ..imu import ImuFit
+from ._style import GRID, INK, MUTED, SERIES, new_figure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+def imu(result: Any, ax: Any = None) -> Any:
+    """Draw the residuals of a multi-position calibration: norms of the poses, angles left after the turns, still rates.
+
+    Poses and turns that the robust loss weighs down are hollow. Bands are one standard deviation as the fit found it.
+
+    Parameters
+    ----------
+    result : an `ImuFit` that was not refused.
+    ax : array of one Axes (accelerometer alone) or three to draw on; None makes a figure 1000 pixels wide.
+
+    Returns
+    -------
+    Array of Axes.
+
+    Raises
+    ------
+    DataError
+        If the result is no `ImuFit`, was refused, or the number of axes is wrong.
+
+    Examples
+    --------
+    Of an accelerometer alone:
+
+    >>> import jaxcal
+    >>> log = jaxcal.imu.simulate(poses=18, seed=0)
+    >>> found = jaxcal.imu.multi_position(jaxcal.Log(None, accel=log.accel, rate=log.rate), gravity=9.81)
+    >>> [ax.get_ylabel() for ax in jaxcal.plot.imu(found)]
+    ['Norm less gravity (mm/s²)']
+    """
+    if not isinstance(result, ImuFit):
+        raise DataError(f"cannot draw {type(result).__name__}; expected an ImuFit, as jaxcal.imu.multi_position returns it")
+    if result.accel is None:
+        raise DataError(f"there is nothing to draw: the calibration was refused. {result.reason}")
+    panels = 3 if result.gyro is not None and len(result.residual_rest) else 2 if result.gyro is not None else 1
+    if ax is None:
+        figure = new_figure(1)
+        figure.set_size_inches(8.0, 2.4 * panels + 0.4)
+        ax = figure.subplots(panels, 1)
+    axes = np.atleast_1d(np.asarray(ax, dtype=object)).ravel()
+    if len(axes) != panels:
+        raise DataError(f"{len(axes)} axes were given; this result needs {panels}")
+    _points(
+        axes[0],
+        -1e3 * np.asarray(result.residual_norm),
+        result.down_weighted[0],
+        SERIES[0],
+        1e3 * float(result.sigma[0]),
+        "Pose",
+        "Norm less gravity (mm/s²)",
+    )
+    if panels > 1:
+        _points(
+            axes[1], np.rad2deg(result.residual_turn), result.down_weighted[1], SERIES[1], np.rad2deg(np.sqrt(2) * result.sigma[1]), "Turn",
+            "Angle after the turn (deg)",
+        )  # fmt: skip
+        axes[1].set_ylim(bottom=0)
+    if panels > 2:
+        for column, color, label in zip(np.rad2deg(result.residual_rest).T * 3600, SERIES, "xyz", strict=False):
+            _points(axes[2], column, (), color, 0.0, "Pose", "Still rate less model (deg/h)", label)
+        axes[2].legend(frameon=False, ncols=3, fontsize=9, loc="best", handletextpad=0.1)
+    axes[0].set_title(f"{len(result.residual_norm)} poses: {result.verdict}", loc="left", color=INK, fontsize=11, fontweight="bold")
+    return axes
+
+
+def _points(
+    ax: "Axes", values: np.ndarray, low: Any, color: str, band: float, x_label: str, y_label: str, label: str | None = None
+) -> None:
+    from matplotlib.ticker import MaxNLocator
+
+    number = np.arange(1, len(values) + 1)
+    hollow = np.isin(np.arange(len(values)), np.asarray(low, dtype=int))
+    if band > 0:
+        ax.axhspan(-band, band, color=color, alpha=0.08, linewidth=0)
+    ax.axhline(0, color=MUTED, linewidth=0.8)
+    ax.scatter(number[~hollow], values[~hollow], s=18, color=color, label=label, zorder=3)
+    ax.scatter(number[hollow], values[hollow], s=24, facecolors="none", edgecolors=color, zorder=3)
+    ax.set_axisbelow(True)
+    ax.grid(True, color=GRID, linewidth=0.8)
+    ax.tick_params(color=GRID, labelcolor=INK, labelsize=9)
+    for side, spine in ax.spines.items():
+        spine.set_visible(side in ("left", "bottom"))
+        spine.set_color(MUTED)
+        spine.set_linewidth(0.8)
+    ax.set_xlim(0.3, len(values) + 0.7)
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    ax.set_xlabel(x_label, color=INK, fontsize=10)
+    ax.set_ylabel(y_label, color=INK, fontsize=10)

@@ -1,0 +1,70 @@
+"""`jaxcal imu` and `jaxcal simulate imu`, end to end."""
+
+import json
+
+import numpy as np
+import pytest
+
+import jaxcal
+from jaxcal.imu._simulate import ACCEL, GYRO
+
+from .conftest import listing
+
+LOG = ("simulate", "imu", "--out", "log.csv", "--rate", "25", "--poses", "18", "--still", "3", "--turn", "2")
+
+
+def test_a_simulated_log_is_calibrated(call, folder):
+    assert call(*LOG).status == 0
+    found = call("imu", "log.csv", "--gravity", "9.80665")
+    assert (found.status, found.err) == (0, "")
+    assert listing(folder / "log-imu") == ["calibration.json", "imu.json", "imu.png"]
+    for text in ("accelerometer: 95 % interval below", "gyroscope, sensitivity to specific force", "good: Standard errors"):
+        assert text in found.out
+    document = json.loads((folder / "log-imu" / "imu.json").read_text())
+    assert (document["schema"], document["verdict"], document["poses"], document["turns"]) == ("jaxcal.imu/1", "good", 18, 17)
+    accel = document["sensors"]["accel"]
+    assert accel["bias"] == pytest.approx(ACCEL.bias, abs=5e-3)
+    assert accel["matrix"][0] == pytest.approx(ACCEL.matrix[0], abs=2e-3)
+    low, high = document["sensors"]["gyro"]["intervals"]["matrix[1,1]"]
+    assert low < document["sensors"]["gyro"]["matrix"][1][1] < high
+    stored = jaxcal.Calibration.load(folder / "log-imu" / "calibration.json")
+    np.testing.assert_allclose(stored.imu["gyro"]["bias"], document["sensors"]["gyro"]["bias"])
+    np.testing.assert_allclose(stored.imu["gyro"]["g_sensitivity"], GYRO.g_sensitivity, atol=1e-4)
+    assert stored.imu["accel"]["covariance"]["parameters"][0] == "matrix[0,0]"
+
+
+@pytest.mark.parametrize(
+    ("words", "status", "reason"),
+    [
+        (["--convention", "sideways"], 2, "expected one of upper, lower, full"),
+        (["--method", "magic"], 2, "expected one of joint, imu_tk"),
+        (["--earth-rate"], 2, "--earth-rate needs --latitude"),
+        (["--latitude", "100"], 2, "degrees between -90 and 90"),
+        (["--gravity", "1"], 1, "looks like g"),
+        (["--initial", "1000"], 1, "the initial rest should last 1000 s"),
+        (["--units", "accel=mg"], 1, "Give the unit of the log"),
+        (["--stop", "40"], 1, "still intervals; the full model needs 9 at least"),
+    ],
+)
+def test_what_cannot_be_done_is_said(call, folder, words, status, reason):
+    call(*LOG)
+    found = call("imu", "log.csv", *words)
+    assert found.status == status
+    assert reason in found.reason
+    assert listing(folder) == ["log.csv"]
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [(["--poses", "1"], "2 poses or more"), (["--latitude", "91"], "between -90 and 90"), (["--rate", "1e9"], "at most")],
+)
+def test_what_cannot_be_simulated_is_said(call, words, reason):
+    found = call("simulate", "imu", "--out", "log.csv", *words)
+    assert found.status == 2
+    assert reason in found.reason
+
+
+def test_files_named_alone_are_the_only_ones(call, folder):
+    call(*LOG)
+    assert call("imu", "log.csv", "--gravity", "9.80665", "--json", "a.json", "--quiet").out == ""
+    assert listing(folder) == ["a.json", "log.csv"]

@@ -1,0 +1,107 @@
+"""Devices, poses and the information bound that the tests share."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from jaxcal.imu import ImuTk, simulate
+from jaxcal.imu._simulate import ACCEL, GYRO, NOISE, upward
+
+RATE, STILL, TURN, POSES = 50.0, 3.0, 2.0, 24
+GRAVITY = 9.81
+#: upward directions of the poses, the same in every run
+UP = upward(POSES, np.random.default_rng(0))
+
+
+def recording(seed, **options):
+    """A record of the usual poses; all of these have one shape, and so one compiled fit."""
+    return simulate(
+        options.pop("poses", POSES), **({"rate": RATE, "still": STILL, "turn": TURN, "up": UP, "motion": 0, "seed": seed} | options)
+    )
+
+
+def turned_truth(accel=ACCEL, gyro=GYRO):
+    """The 33 parameters of the simulated device in the frame of the upper triangle, by numpy."""
+    correction = np.linalg.inv(accel.matrix)
+    upper = np.linalg.cholesky(correction.T @ correction).T
+    turn = upper @ accel.matrix
+    return np.concatenate(
+        [np.ravel(np.linalg.inv(upper)), accel.bias, np.ravel(gyro.matrix @ turn.T), gyro.bias, np.ravel(gyro.g_sensitivity @ turn.T)]
+    )
+
+
+def imu_tk_of(triad):
+    """(misalignment, scale, bias) as imu_tk writes them."""
+    found = ImuTk.of(triad)
+    return found.misalignment, found.scale, found.bias
+
+
+def _integrated(rate, dt):
+    """Rotation over samples, mean of neighbours and coning, by scipy."""
+    step = (rate[1:] + rate[:-1]) * dt / 2 + np.cross(rate[:-1], rate[1:]) * dt**2 / 12
+    total = Rotation.identity()
+    for part in Rotation.from_rotvec(step):
+        total = total * part
+    return total
+
+
+def _predicted(x, clean, pieces, start, stop):
+    """Forces and rates at rest, and turns, that the noise-free readings would mean under the parameters x (30)."""
+    accel = np.linalg.inv(np.array([[x[0], x[1], x[2]], [0, x[3], x[4]], [0, 0, x[5]]]))
+    gyro, bias, sensitivity = np.linalg.inv(x[9:18].reshape(3, 3)), x[18:21], x[21:30].reshape(3, 3)
+    force = (clean[0] - x[6:9]) @ accel.T
+    rate = (clean[1] - bias - force @ sensitivity.T) @ gyro.T
+    return force, rate, [_integrated(rate[i:j], 1 / RATE) for i, j in pieces]
+
+
+def bound(found, noise=NOISE):
+    """Cramer-Rao bound of the 33 parameters for white noise, the attitude of every pose being a nuisance of three angles.
+
+    Nothing of the estimator's residuals is used: the information is that of all means at rest and of all integrated turns.
+    """
+    free = np.array([0, 1, 2, 4, 5, 8, 9, 10, 11, *range(12, 33)])
+    x0 = turned_truth()[free]
+    log = recording(0, noise={"accel": 0.0, "gyro": 1e-12})
+    clean = np.asarray(log.accel), np.asarray(log.gyro)
+    start, stop = found.still.start, found.still.stop
+    pieces = [(i - 1, j) for i, j in zip(stop[:-1], start[1:], strict=True)]
+    count = len(start)
+
+    def observed(x):
+        force, rate, turns = _predicted(x, clean, pieces, start, stop)
+        middle = [(i + j) // 2 for i, j in zip(start, stop, strict=True)]
+        return force[middle], rate[middle], turns
+
+    force, _, turns = observed(x0)
+    rows, noises = [], []
+    steps = np.full(30, 1e-5)
+    ends = [[observed(x0 + s * steps[i] * np.eye(30)[i]) for s in (1, -1)] for i in range(30)]
+    accel, gyro = (np.linalg.inv(turned_truth()[k : k + 9].reshape(3, 3)) for k in (0, 12))
+    for k in range(count):
+        # specific force: parameters, and the attitude of the pose
+        block = np.zeros((3, 30 + 3 * count))
+        block[:, :30] = np.stack([(a[0][k] - b[0][k]) / (2e-5) for a, b in ends], axis=1)
+        f = force[k]
+        block[:, 30 + 3 * k : 33 + 3 * k] = np.array([[0, f[2], -f[1]], [-f[2], 0, f[0]], [f[1], -f[0], 0]])
+        rows.append(block)
+        duration = (stop[k] - start[k]) / RATE
+        noises.append(noise["accel"] ** 2 / duration * accel @ accel.T)
+        # rate at rest: zero, whatever the attitude
+        block = np.zeros((3, 30 + 3 * count))
+        block[:, :30] = np.stack([(a[1][k] - b[1][k]) / (2e-5) for a, b in ends], axis=1)
+        rows.append(block)
+        noises.append(noise["gyro"] ** 2 / duration * gyro @ gyro.T)
+    for k, (i, j) in enumerate(pieces):
+        block = np.zeros((3, 30 + 3 * count))
+        block[:, :30] = np.stack(
+            [((turns[k].inv() * a[2][k]).as_rotvec() - (turns[k].inv() * b[2][k]).as_rotvec()) / 2e-5 for a, b in ends], 1
+        )
+        # attitude errors in the axes of each pose: those of the first carried along the turn
+        block[:, 30 + 3 * k : 33 + 3 * k] = turns[k].inv().as_matrix()
+        block[:, 33 + 3 * k : 36 + 3 * k] = -np.eye(3)
+        rows.append(block)
+        noises.append(noise["gyro"] ** 2 * (j - i - 1) / RATE * gyro @ gyro.T)
+    information = sum(block.T @ np.linalg.solve(noise, block) for block, noise in zip(rows, noises, strict=True))
+    scale = 1 / np.sqrt(np.diag(information))
+    # the heading of the whole is unknowable: a pseudo-inverse leaves it out, and no parameter depends on it
+    inverse = np.linalg.pinv(information * np.outer(scale, scale), rcond=1e-12, hermitian=True) * np.outer(scale, scale)
+    return free, inverse[:30, :30]

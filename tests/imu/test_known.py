@@ -1,0 +1,196 @@
+"""Six positions, rate table and the still detector: closed forms, Monte Carlo against the covariance, refusals."""
+
+import numpy as np
+import pytest
+
+from jaxcal import DataError
+from jaxcal.imu import Triad, gravity, observability, rate_table, simulate_positions, six_position, static_intervals
+from jaxcal.imu._gravity import EARTH_RATE
+from jaxcal.imu._known import SIX
+from jaxcal.imu._simulate import ACCEL, GYRO
+from jaxcal.imu._static import windowed_variance
+
+G = 9.81
+
+
+def test_six_positions_are_the_closed_form(precision):
+    y = simulate_positions(sigma=0.01, seed=1)
+    found = six_position(y, G, sigma=0.01)
+    np.testing.assert_allclose(found.triad.bias, y.mean(axis=0), atol=1e-12)
+    np.testing.assert_allclose(found.triad.matrix, ((y[0::2] - y[1::2]) / (2 * G)).T, atol=1e-12)
+    error = np.sqrt(np.diag(found.covariance))
+    np.testing.assert_allclose(error[:9], 0.01 / (np.sqrt(2) * G), rtol=1e-12)
+    np.testing.assert_allclose(error[9:], 0.01 / np.sqrt(6), rtol=1e-12)
+    exact = six_position(simulate_positions(), G, sigma=0.01).triad
+    np.testing.assert_allclose(exact.matrix, ACCEL.matrix, atol=1e-14)
+
+
+def test_six_position_scatter_is_its_covariance():
+    """400 runs: a standard deviation is known to 3.5 %, and the mean of twelve to about 1 %."""
+    truth = np.r_[np.ravel(ACCEL.matrix), ACCEL.bias]
+    fits = [six_position(simulate_positions(sigma=0.02, seed=s), G) for s in range(400)]
+    values = np.array([np.r_[np.ravel(f.triad.matrix), f.triad.bias] for f in fits])
+    predicted = np.sqrt(np.mean([np.diag(f.covariance) for f in fits], axis=0))
+    np.testing.assert_allclose(np.std(values, axis=0) / predicted, 1, atol=0.12)
+    inside = np.mean([(f.interval[:, 0] <= truth) & (truth <= f.interval[:, 1]) for f in fits])
+    assert inside == pytest.approx(0.95, abs=0.013)  # 4 standard errors of 4,800 intervals
+
+
+def test_levelling_errors_have_the_size_of_the_closed_form():
+    """Independent levelling of 0.5 deg: bias sd g delta/3 = 0.0285, off-diagonal sd delta/sqrt(2) = 6.2e-3; 200 runs know them to 3 %."""
+    delta = np.deg2rad(0.5)
+    fits = [
+        six_position(simulate_positions(Triad(np.eye(3), np.zeros(3)), G, levelling=delta, seed=s), G, sigma=1.0).triad for s in range(200)
+    ]
+    off = np.array([f.matrix[~np.eye(3, dtype=bool)] for f in fits])
+    assert np.std([f.bias for f in fits]) == pytest.approx(G * delta / 3, rel=0.08)
+    assert np.std(off) == pytest.approx(delta / np.sqrt(2), rel=0.06)
+    common = [
+        six_position(simulate_positions(Triad(np.eye(3), np.zeros(3)), G, tilt=delta, seed=s), G, sigma=1.0).triad for s in range(200)
+    ]
+    assert np.std([f.matrix[~np.eye(3, dtype=bool)] for f in common]) == pytest.approx(delta, rel=0.08)
+    # one such run is caught by the residuals
+    assert "levelling" in six_position(simulate_positions(levelling=delta, seed=1), G, sigma=1e-3).warnings[0]
+
+
+def test_six_position_refuses_with_reasons():
+    y = simulate_positions()
+    for call, reason in (
+        (lambda: six_position(y, 1.0), "looks like g"),
+        (lambda: six_position(y, 98.0), "not found on Earth"),
+        (lambda: six_position(y[:5], G), "5 readings were given; the six positions are"),
+        (lambda: six_position(y[:3], G, up=SIX[:3]), "3 positions cannot give"),
+        (lambda: six_position(y[[0, 1, 2, 3]], G, up=SIX[[0, 1, 2, 3]]), "specific force along z cannot be told apart"),
+        (lambda: six_position(y[[0, 0, 0, 0, 0]], G, up=SIX[[0, 0, 0, 0, 0]]), "cannot be told apart"),
+        (lambda: six_position(y[[0, 2, 1, 3, 4, 5]], G), "do not follow the given directions"),
+        (lambda: six_position(np.full((6, 3), np.nan), G), "not finite"),
+        (lambda: six_position(y[0], G), "expected .k, 3."),
+        (lambda: six_position(y, G, up=SIX[:4]), "one direction for each reading"),
+        (lambda: six_position(y[:4], G, up=np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1], [-1, -1, -1]])), "give sigma="),
+        (lambda: six_position(y, G, sigma=-1.0), "must be positive"),
+    ):
+        with pytest.raises(DataError, match=reason):
+            call()
+    assert "exchanged or reversed" in six_position(y[::-1], G, sigma=1.0).warnings[0]
+
+
+def table(latitude=None, sigma=0.0, seed=0, faces=SIX, gyro=GYRO):
+    """Means on a rate table: each face up, rates of +-0.5 and +-1.5 rad/s about the vertical."""
+    up = np.repeat(faces, 4, axis=0)
+    rates = up * np.tile([0.5, -0.5, 1.5, -1.5], len(faces))[:, None]
+    force = G * up
+    earth = 0.0 if latitude is None else EARTH_RATE * np.sin(latitude) * up
+    return gyro.measure(rates + earth, force) + sigma * np.random.default_rng(seed).normal(size=rates.shape), rates, force
+
+
+def test_rate_table_recovers_the_triad_with_its_g_sensitivity():
+    y, rates, force = table()
+    found = rate_table(y, rates, force, sigma=1e-5)
+    for name in ("matrix", "bias", "g_sensitivity"):
+        np.testing.assert_allclose(getattr(found.triad, name), getattr(GYRO, name), atol=1e-13)
+    column = (y[2] - y[3]) / 3.0
+    np.testing.assert_allclose(found.triad.matrix[:, 0], column, atol=2e-3 * np.abs(column).max())
+    truth = np.r_[np.ravel(GYRO.matrix), GYRO.bias, np.ravel(GYRO.g_sensitivity)]
+    fits = [rate_table(*table(sigma=2e-4, seed=s)) for s in range(300)]
+    inside = np.mean([(f.interval[:, 0] <= truth) & (truth <= f.interval[:, 1]) for f in fits])
+    assert inside == pytest.approx(0.95, abs=0.011)  # 4 standard errors of 6,300 intervals
+    values = np.array([np.ravel(f.triad.g_sensitivity) for f in fits])
+    predicted = np.sqrt(np.mean([np.diag(f.covariance)[12:] for f in fits], axis=0))
+    np.testing.assert_allclose(np.std(values, axis=0) / predicted, 1, atol=0.17)
+    servo = rate_table(y, rates, force, sigma=1e-9, servo=1e-3)
+    np.testing.assert_allclose(np.sqrt(np.diag(servo.covariance))[0], 1e-3 * GYRO.matrix[0, 0], rtol=1e-3)
+
+
+def test_the_vertical_part_of_the_earths_rate_passes_for_g_sensitivity():
+    """At 40 degrees 15.041 deg/h sin 40 = 9.67 deg/h, on the diagonal, per g."""
+    planted = Triad(np.eye(3), np.zeros(3), np.deg2rad(0.05) / G * np.array([[1.0, 0.5, -0.3], [0.2, -1, 0.4], [0.1, 0.2, 0.7]]))
+    y, rates, force = table(np.deg2rad(40.0), gyro=planted)
+    good = rate_table(y, rates, force, latitude=np.deg2rad(40.0), sigma=1e-6).triad.g_sensitivity
+    np.testing.assert_allclose(good, planted.g_sensitivity, atol=1e-13)
+    wrong = rate_table(y, rates, force, sigma=1e-6).triad.g_sensitivity - planted.g_sensitivity
+    np.testing.assert_allclose(np.rad2deg(wrong * G) * 3600, 9.67 * np.eye(3), atol=0.01)
+
+
+def test_rate_table_refuses_with_reasons():
+    y, rates, force = table()
+    for call, reason in (
+        (lambda: rate_table(y, rates[:3], force), "give one row for each"),
+        (lambda: rate_table(y, rates, force / G), "expected m/s.2"),
+        (lambda: rate_table(y[:3], rates[:3]), "3 positions cannot give 4 parameters"),
+        (lambda: rate_table(y[:8], rates[:8], force[:8]), "g-sensitivity along y.*both signs of the rate, each of the six faces up"),
+        (lambda: rate_table(y[:8], np.abs(rates[:8]) * 0 + 1.0), "rate about x"),
+        (lambda: rate_table(y, rates, latitude=0.5), "needs accel="),
+    ):
+        with pytest.raises(DataError, match=reason):
+            call()
+    assert "deg/s" in rate_table(y, np.rad2deg(rates) * 2, force).warnings[0]
+
+
+def test_windowed_variance_is_that_of_numpy_even_with_large_counts():
+    rng = np.random.default_rng(0)
+    x = 1e6 + 2 * rng.normal(size=(3000, 3))
+    x[1000:1400] += 4000 * np.sin(np.arange(400) / 30)[:, None]
+    windows = np.lib.stride_tricks.sliding_window_view(x, 51, axis=0)
+    expected = np.linalg.norm(windows.var(axis=-1, ddof=1), axis=1)
+    np.testing.assert_allclose(windowed_variance(x, 51), expected, rtol=1e-8)
+    x[2000] = np.nan
+    found = windowed_variance(x, 51)
+    assert np.isinf(found[1950:2001]).all()
+    assert np.isfinite(np.delete(found, np.s_[1950:2001])).all()
+
+
+def test_still_intervals_are_those_that_were_made():
+    rng = np.random.default_rng(0)
+    x = 0.01 * rng.normal(size=(10_000, 3))
+    moves = [(4000, 4300), (5000, 5500), (6000, 6400), (8000, 8300)]
+    for i, j in moves:
+        x[i:j] += 3 * np.sin(np.arange(j - i) / 15)[:, None]
+    found = static_intervals(x, 100.0)
+    assert len(found) == 5
+    # a window of a second keeps half a second away from motion, give or take what the first samples of a move are worth
+    for (stop, start), (i, j) in zip(zip(found.stop[:-1], found.start[1:], strict=True), moves, strict=True):
+        assert -5 <= i - 50 - stop <= 5
+        assert -5 <= start - (j + 50) <= 5
+    assert found.counts[found.multiple] == 5
+    assert len(static_intervals(x, 100.0, least=12.0)) == 3
+    without = static_intervals(x, 100.0, initial=None, threshold=3.0)
+    assert "quantile" in without.warnings[0]
+    assert len(without) == 5
+
+
+def test_still_intervals_refuse_with_reasons():
+    x = np.random.default_rng(0).normal(size=(1000, 3))
+    for call, reason in (
+        (lambda: static_intervals(x, 100.0), "the initial rest should last 30 s"),
+        (lambda: static_intervals(x[:100], 100.0), "less than two windows"),
+        (lambda: static_intervals(np.zeros((5000, 3)), 100.0), "constant during the initial rest"),
+        (lambda: static_intervals(x[:, 0], 100.0), "expected .n, 3."),
+        (lambda: static_intervals(x, -1.0), "rate=-1.0 must be positive"),
+    ):
+        with pytest.raises(DataError, match=reason):
+            call()
+
+
+def test_observability_names_what_is_missing():
+    faces = observability(SIX)
+    assert faces.condition == np.inf
+    assert "misalignment of x and y, misalignment of x and z, misalignment of y and z" in faces.sentence
+    assert observability(SIX, diagonal=True).condition == pytest.approx(1.0)
+    edges = np.array([[a, b, 0] for a in (1, -1) for b in (1, -1)]) / np.sqrt(2)
+    eighteen = observability(np.concatenate([SIX, edges, edges[:, [0, 2, 1]], edges[:, [2, 0, 1]]]))
+    assert eighteen.condition < 2
+    assert len(eighteen.missing) == 0
+    rng = np.random.default_rng(0)
+    upper = rng.normal(size=(200, 3))
+    upper = upper[upper[:, 2] > 0][:24]
+    half = observability(upper / np.linalg.norm(upper, axis=1, keepdims=True))
+    assert "bias along z" in half.sentence
+    assert "-z up" in half.sentence
+    assert half.missing[0, 2] < -0.9
+    # what is advised mends it
+    mended = observability(np.concatenate([upper / np.linalg.norm(upper, axis=1, keepdims=True), half.missing]))
+    assert mended.condition < half.condition / 2
+    near = np.array([0, 0, 1.0]) + 0.02 * rng.normal(size=(20, 3))
+    alike = observability(near / np.linalg.norm(near, axis=1, keepdims=True))
+    assert "all alike" in alike.sentence
+    assert gravity(0.5) > 9.78

@@ -1,0 +1,299 @@
+"""Both triads from simulated records: Monte Carlo against truth and the information bound, options, refusals with their reasons."""
+
+import dataclasses
+import itertools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxcal
+from jaxcal import DataError
+from jaxcal.imu import Triad, multi_position
+from jaxcal.imu._frames import in_convention
+from jaxcal.imu._norms import AccelParameters, Norms, norm_residuals
+from jaxcal.imu._simulate import NOISE
+
+from . import cases
+
+RUNS = 60
+KNOWN = {sensor: {"N": value} for sensor, value in NOISE.items()}
+
+
+def fit(log, **options):
+    return multi_position(log, **({"gravity": cases.GRAVITY, "held_out": False} | options))
+
+
+@pytest.fixture(scope="module")
+def repeated():
+    """Fits of one motion under fresh noise, whose coefficients are given."""
+    return [fit(cases.recording(seed), noise=KNOWN) for seed in range(RUNS)]
+
+
+def test_intervals_hold_the_truth(repeated):
+    truth = cases.turned_truth()
+    free = np.diag(repeated[0].covariance) > 0
+    inside = np.array([(f.interval[:, 0] <= truth) & (truth <= f.interval[:, 1]) for f in repeated])[:, free]
+    assert free.sum() == 30
+    # 60 fits of 30 parameters in groups that hang together: the standard error of the share is about 0.8 %
+    assert 0.93 <= inside.mean() <= 0.97
+    for part in (slice(0, 9), slice(9, 18), slice(18, 30)):
+        assert 0.91 <= inside[:, part].mean() <= 0.99
+
+
+def test_the_scatter_is_the_information_bound(repeated):
+    free, inverse = cases.bound(repeated[0])
+    errors = np.array([f.values for f in repeated])[:, free] - cases.turned_truth()[free]
+    ratio = np.sqrt(np.mean(errors**2, axis=0) / np.diag(inverse))
+    # one ratio of 60 runs is known to 9 %, the mean of thirty to about 3 %
+    assert np.sqrt(np.mean(ratio**2)) == pytest.approx(1.0, abs=0.1)
+    assert ratio.max() < 1.35
+    predicted = np.sqrt(np.mean([np.diag(f.covariance)[free] for f in repeated], axis=0) / np.diag(inverse))
+    np.testing.assert_allclose(predicted, 1.0, atol=0.1)
+
+
+def test_a_good_record_is_called_good_and_says_how_good(repeated):
+    found = repeated[0]
+    assert (found.verdict, len(found.still), found.convention) == ("good", cases.POSES, "upper")
+    assert "Standard errors: accelerometer" in found.reason
+    np.testing.assert_allclose(found.sigma[0], NOISE["accel"] / np.sqrt(2.0), rtol=0.6)
+    assert found.observability.condition < 12
+
+
+def test_conventions_are_one_calibration(repeated):
+    upper = repeated[0]
+    for convention in ("lower", "full"):
+        other = fit(cases.recording(0), noise=KNOWN, convention=convention)
+        matrices = (upper.accel.matrix, upper.gyro.matrix, upper.gyro.g_sensitivity)
+        turned = in_convention(*(jnp.asarray(m) for m in matrices), convention)
+        np.testing.assert_allclose(other.accel.matrix, turned.accel, atol=1e-12)
+        np.testing.assert_allclose(other.gyro.matrix, turned.gyro, atol=1e-12)
+        np.testing.assert_allclose(other.gyro.g_sensitivity, turned.g_sensitivity, atol=1e-14)
+        zero = np.array([3, 6, 7]) if convention == "upper" else np.array([1, 2, 5])
+        if convention == "lower":
+            np.testing.assert_allclose(np.diag(other.covariance)[zero], 0, atol=1e-20)
+
+
+def test_errors_common_to_a_still_interval_are_in_the_intervals():
+    """Each pose has an error of its own, three times what white noise leaves of its mean: only intervals as units see it."""
+    white = NOISE["accel"] / np.sqrt(cases.STILL - 1)
+    truth = cases.turned_truth()[:12]
+    inside, naive = [], []
+    for seed in range(20):
+        log = cases.recording(seed)
+        still = fit(log).still if seed == 0 else still
+        rng = np.random.default_rng([seed, 5])
+        accel = np.array(log.accel)
+        middle = np.r_[0, (still.stop[:-1] + still.start[1:]) // 2, len(accel)]
+        for i, j in itertools.pairwise(middle):
+            accel[i:j] += 3 * white * rng.normal(size=3)
+        found = fit(jaxcal.Log(None, gyro=log.gyro, accel=accel, rate=log.rate))
+        keep = np.diag(found.covariance)[:12] > 0
+        inside.append(((found.interval[:12, 0] <= truth) & (truth <= found.interval[:12, 1]))[keep])
+        # what a residual per sample would say
+        error = np.sqrt(np.diag(found.covariance)[:12]) * white / found.sigma[0]
+        naive.append((np.abs(found.values[:12] - truth) < 1.96 * error)[keep])
+    assert np.mean(inside) == pytest.approx(0.95, abs=0.06)
+    assert np.mean(naive) < 0.7
+
+
+def test_counts_without_a_nominal_scale():
+    accel, gyro = jaxcal.imu._simulate.ACCEL, jaxcal.imu._simulate.GYRO
+    counts = [Triad(s * t.matrix, s * t.bias + 32768, s * t.g_sensitivity) for s, t in ((400.0, accel), (4800.0, gyro))]
+    log = cases.recording(3)
+    raw = jaxcal.Log(None, accel=400 * log.accel + 32768, gyro=4800 * log.gyro + 32768, rate=log.rate)
+    plain, found = fit(log), fit(raw, raw=True)
+    truth = cases.turned_truth(*counts)
+    assert np.all(np.abs(found.values - truth) <= 5 * found.standard_error + 1e-9)
+    np.testing.assert_allclose(found.accel.matrix, 400 * plain.accel.matrix, atol=400 * 1e-6)
+    np.testing.assert_allclose(found.gyro.matrix, 4800 * plain.gyro.matrix, atol=4800 * 1e-6)
+    refused = fit(raw)
+    assert refused.verdict == "refused"
+    assert "raw=True for counts" in refused.reason
+
+
+def test_a_disturbed_pose_hardly_matters():
+    log = cases.recording(1)
+    clean = fit(log)
+    accel = np.array(log.accel)
+    accel[clean.still.start[5] - 20 : clean.still.stop[5] + 20] *= 1.03
+    bumped = jaxcal.Log(None, accel=accel, gyro=log.gyro, rate=log.rate)
+    robust, plain = fit(bumped), fit(bumped, loss=None)
+    error = [np.abs(f.values[:12] - clean.values[:12]).max() for f in (robust, plain)]
+    assert error[0] < 0.3 * error[1]
+    assert robust.down_weighted[0].tolist() == [5]
+
+
+def test_saturated_turns_are_left_out_and_said():
+    log = cases.recording(2)
+    limit = 0.97 * np.abs(log.gyro).max()
+    clipped = jaxcal.Log(None, accel=log.accel, gyro=np.clip(log.gyro, -limit, limit), rate=log.rate)
+    found = fit(clipped)
+    assert any("the gyroscope saturates" in sentence for sentence in found.warnings)
+    truth = cases.turned_truth()
+    assert np.all(np.abs(found.values - truth) <= 5 * found.standard_error + 1e-9)
+    low = fit(jaxcal.Log(None, accel=log.accel, gyro=np.clip(log.gyro, -0.3, 0.3), rate=log.rate))
+    assert low.verdict == "refused"
+    assert "the gyroscope saturates" in low.reason
+
+
+def test_saturated_poses_are_refused():
+    log = cases.recording(2)
+    accel = np.clip(log.accel, -6.0, 6.0)
+    found = fit(jaxcal.Log(None, accel=accel, gyro=log.gyro, rate=log.rate))
+    assert found.verdict == "refused"
+    assert "saturate" in found.reason
+
+
+def test_units_and_axes_are_recognised():
+    log = cases.recording(4)
+    for accel, reason in ((log.accel / 9.80665, "look like g. Read the log with units accel=g"), (log.accel / 9.80665e-3, "look like mg")):
+        found = fit(jaxcal.Log(None, accel=accel, gyro=log.gyro, rate=log.rate))
+        assert (found.verdict, found.accel) == ("refused", None)
+        assert reason in found.reason
+    degrees = fit(jaxcal.Log(None, accel=log.accel, gyro=np.rad2deg(log.gyro), rate=log.rate))
+    assert degrees.verdict == "refused"
+    assert "are in deg/s (read the log with units gyro=deg/s)" in degrees.reason
+    turned = fit(jaxcal.Log(None, accel=log.accel, gyro=np.asarray(log.gyro)[:, [1, 0, 2]] * [1, -1, 1], rate=log.rate))
+    assert turned.verdict == "refused"
+    assert "have other axes" in turned.reason
+    assert "-y, +x, +z" in turned.reason
+    with pytest.raises(DataError, match="looks like g"):
+        multi_position(log, gravity=1.0)
+
+
+def test_too_little_is_refused_and_the_missing_is_named():
+    few = fit(cases.recording(0, poses=7, up=cases.UP[:7]))
+    assert few.verdict == "refused"
+    assert "There are 7 still intervals; the full model needs 9 at least" in few.reason
+    rng = np.random.default_rng(0)
+    near = np.array([0.0, 0.1, 1.0]) + 0.02 * rng.normal(size=(cases.POSES, 3))
+    alike = fit(cases.recording(0, up=near))
+    assert alike.verdict == "refused"
+    assert "all alike" in alike.reason
+    assert "Add poses with" in alike.reason
+    faces = np.kron(np.eye(3), np.array([[1.0], [-1.0]]))[np.arange(cases.POSES) % 6]
+    six = fit(cases.recording(0, up=faces))
+    assert six.verdict == "refused"
+    assert "misalignment of x and y, misalignment of x and z, misalignment of y and z" in six.reason
+    diagonal = multi_position(_accel_only(cases.recording(0, up=faces)), gravity=cases.GRAVITY, model="diagonal")
+    assert diagonal.verdict != "refused"
+    ten = fit(cases.recording(0, poses=10, up=cases.UP[:10]))
+    assert ten.verdict != "good"
+
+
+def _accel_only(log):
+    return jaxcal.Log(None, accel=log.accel, rate=log.rate)
+
+
+def test_an_accelerometer_alone():
+    log = cases.recording(0)
+    found, both = fit(_accel_only(log)), fit(log)
+    assert found.gyro is None
+    assert found.verdict == "good"
+    np.testing.assert_allclose(found.values[:12], both.values[:12], atol=3 * both.standard_error[:12].max())
+    assert np.isnan(found.values[12:]).all()
+
+
+def test_a_record_without_a_rest_at_its_beginning():
+    log = cases.recording(0)
+    late = log.select(29.0, None)
+    found = fit(late)
+    assert found.verdict == "refused"
+    assert "The initial period is not still" in found.reason
+    assert "initial=" in found.reason
+    told = fit(late, initial=None)
+    assert told.verdict != "refused"
+    assert any("quantile" in sentence for sentence in told.warnings)
+    with pytest.raises(DataError, match="the initial rest should last"):
+        fit(log, initial=1e5)
+
+
+def test_the_earths_rate_is_taken_off():
+    """Noise of a tactical unit at latitude 40; without the latitude the vertical part passes for a g-sensitivity of 9.67 deg/h/g."""
+    quiet = {"accel": 1e-4, "gyro": 2e-6}
+    log = cases.recording(0, latitude=np.deg2rad(40.0), noise=quiet)
+    truth = cases.turned_truth()[24:]
+    plain, told = fit(log), fit(log, latitude=np.deg2rad(40.0))
+    assert any("give latitude" in sentence for sentence in plain.warnings)
+    bias = np.rad2deg((plain.values[24:] - truth) * cases.GRAVITY).reshape(3, 3) * 3600
+    assert np.mean(np.diag(bias)) == pytest.approx(9.67, abs=1.0)
+    left = np.rad2deg((told.values[24:] - truth) * cases.GRAVITY) * 3600
+    assert np.abs(left).max() < 0.7
+    assert np.mean(np.abs(told.values - cases.turned_truth())[12:] <= 3 * told.standard_error[12:] + 1e-12) > 0.9
+
+
+def test_a_drifting_bias_is_seen():
+    log = cases.recording(0)
+    drift = np.array([2e-5, -1e-5, 0.0])
+    gyro = log.gyro + drift * (log.time - log.time[-1] / 2)[:, None]
+    found = fit(jaxcal.Log(None, accel=log.accel, gyro=gyro, rate=log.rate))
+    assert any("drifts" in sentence for sentence in found.warnings)
+    np.testing.assert_allclose(found.drift, drift, atol=2e-6)
+    assert np.mean(np.abs(found.values - cases.turned_truth()) <= 3 * found.standard_error + 1e-12) > 0.9
+
+
+def test_options_that_are_no_options():
+    log = cases.recording(0)
+    for options, reason in (
+        ({"convention": "sideways"}, "no convention 'sideways'; known are 'upper', 'lower', 'full'"),
+        ({"method": "magic"}, "no method"),
+        ({"loss": "cubic"}, "no loss"),
+        ({"latitude": 40.0}, "degrees must be multiplied"),
+        ({"noise": 3.0}, "noise must be"),
+        ({"noise": {"gyro": {"N": -1.0}}}, "not negative"),
+        ({"method": "imu_tk", "latitude": 0.5}, "has none of"),
+        ({"time": np.zeros(3)}, "time has shape"),
+        ({"time": np.zeros(len(log.time))}, "time does not grow at sample 1"),
+    ):
+        with pytest.raises(DataError, match=reason):
+            fit(log, **options)
+    with pytest.raises(DataError, match="no accelerometer"):
+        fit(jaxcal.Log(None, gyro=log.gyro, rate=log.rate))
+
+
+def test_norm_residuals_are_traced_and_their_derivatives_exact():
+    p = AccelParameters(jnp.array([0.01, -0.02, 0.03]), jnp.array([1.0, 1.1, 0.9]), jnp.array([0.1, 0.2, -0.1]))
+    y = jnp.asarray(cases.UP * 9.7)
+    data = Norms(y, jnp.ones(len(y)), jnp.asarray(9.81), jnp.asarray(1.0))
+    leaves, tree = jax.tree.flatten(p)
+    flat = jnp.concatenate(leaves)
+
+    def of(x):
+        return norm_residuals(jax.tree.unflatten(tree, [x[:3], x[3:6], x[6:]]), data)
+
+    slope = jax.jacfwd(of)(flat)
+    for i in range(9):
+        step = 1e-6 * jnp.eye(9)[i]
+        np.testing.assert_allclose(slope[:, i], (of(flat + step) - of(flat - step)) / 2e-6, atol=1e-7)
+    # the formulas of the specification: dr/db = n'D
+    force = (y - p.bias[None, :]) @ p.correction().T
+    n = force / jnp.linalg.norm(force, axis=1, keepdims=True)
+    np.testing.assert_allclose(slope[:, 6:], n @ p.correction(), atol=1e-12)
+    many = jax.vmap(lambda z: norm_residuals(p, dataclasses.replace(data, reading=z)))(jnp.stack([y, 1.01 * y]))
+    np.testing.assert_allclose(many[1], norm_residuals(p, dataclasses.replace(data, reading=1.01 * y)), atol=1e-12)
+
+
+def test_a_fit_is_drawn_and_stored(repeated, tmp_path):
+    found = repeated[0]
+    axes = jaxcal.plot.imu(found)
+    assert [len(ax.collections[-1].get_offsets()) for ax in axes[:1]] == [0]  # none is weighed down
+    drawn = np.concatenate([np.asarray(part.get_offsets()) for part in axes[0].collections if len(part.get_offsets())])
+    np.testing.assert_allclose(np.sort(drawn[-cases.POSES :, 1]), np.sort(-1e3 * found.residual_norm), atol=1e-9)
+    jaxcal.plot.save(axes, tmp_path / "imu.png")
+    assert (tmp_path / "imu.png").stat().st_size > 10_000
+    refused = fit(cases.recording(0, poses=7, up=cases.UP[:7]))
+    with pytest.raises(DataError, match=r"refused\. There are 7"):
+        jaxcal.plot.imu(refused)
+    with pytest.raises(DataError, match="refused and cannot be stored"):
+        jaxcal.Calibration(imu=refused)
+    with pytest.raises(DataError, match="needs 3"):
+        jaxcal.plot.imu(found, ax=axes[:2])
+    with pytest.raises(DataError, match="cannot draw int"):
+        jaxcal.plot.imu(3)
+    calibration = jaxcal.Calibration(imu=found)
+    calibration.save(tmp_path / "device.json")
+    again = jaxcal.Calibration.load(tmp_path / "device.json")
+    np.testing.assert_array_equal(again.imu["accel"]["matrix"], found.accel.matrix)
+    np.testing.assert_array_equal(again.imu["gyro"]["covariance"]["values"], found.covariance[12:, 12:])

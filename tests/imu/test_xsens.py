@@ -1,0 +1,137 @@
+"""The Xsens log of imu_tk: what that program finds, and what the joint fit makes of the same data."""
+
+import json
+import time
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxcal
+from jaxcal._solve import solve
+from jaxcal.imu import ImuTk, multi_position
+from jaxcal.imu._frames import in_convention
+from jaxcal.imu._norms import GyroParameters
+from jaxcal.imu._turns import Turns, segments_of, turn_residuals
+
+from . import cases
+
+COSTS = [0.134724, 0.131345, 0.126126, 0.120558, 0.120131, 0.120586, 0.121338, 0.121422, 0.138240]
+COUNTS = [42, 40, 39, 38, 38, 38, 38, 38, 38]
+OPTIONS = {"gravity": 9.81744, "raw": True, "initial": 50.0}
+
+
+@pytest.fixture(scope="module")
+def xsens(reference):
+    accel, gyro = (np.loadtxt(reference / "data" / "imu_tk" / f"xsens_{name}.mat") for name in ("acc", "gyro"))
+    log = jaxcal.Log(accel[:, 0], accel=accel[:, 1:], gyro=gyro[:, 1:])
+    return log, accel[:, 0], json.loads((reference / "reference" / "imu_tk_xsens.json").read_text())
+
+
+@pytest.fixture(scope="module")
+def tedaldi(xsens):
+    log, stamps, _ = xsens
+    return {
+        name: multi_position(log, method="imu_tk", convention=name, time=stamps, held_out=name == "upper", **OPTIONS)
+        for name in ("upper", "lower")
+    }
+
+
+@pytest.fixture(scope="module")
+def joint(xsens):
+    log, stamps, _ = xsens
+    return multi_position(log, time=stamps, **OPTIONS)
+
+
+def test_all_nine_costs_and_counts(tedaldi):
+    for found in tedaldi.values():
+        np.testing.assert_array_equal(found.thresholds[:, 0], np.arange(2, 11))
+        np.testing.assert_array_equal(found.thresholds[:, 1], COUNTS)
+        np.testing.assert_allclose(found.thresholds[:, 2], COSTS, atol=0.51e-6)
+        assert found.still.multiple == 6
+        assert found.still.initial_variance == pytest.approx(18.9314, abs=0.51e-4)
+
+
+@pytest.mark.parametrize("convention", ["upper", "lower"])
+def test_every_parameter_to_the_printed_digits(tedaldi, xsens, convention):
+    found, expected = tedaldi[convention], xsens[2][convention]
+    assert found.cost[0] == pytest.approx(expected["acc"]["cost"], rel=1e-6)
+    assert found.cost[1] == pytest.approx(expected["gyro"]["cost"], rel=1e-5)
+    assert (len(found.still), len(found.residual_turn)) == (expected["acc"]["n"], expected["gyro"]["nseg"])
+    for triad, part in ((found.accel, expected["acc"]), (found.gyro, expected["gyro"])):
+        misalignment, scale, bias = cases.imu_tk_of(triad)
+        np.testing.assert_allclose(misalignment, part["T"], atol=2e-6)
+        np.testing.assert_allclose(scale, part["scale"], rtol=1e-6)
+        np.testing.assert_allclose(bias, part["bias"], atol=0.01)
+
+
+def test_upper_turned_to_lower_is_the_lower_result(tedaldi, xsens):
+    upper = tedaldi["upper"]
+    turned = in_convention(*(jnp.asarray(m) for m in (upper.accel.matrix, upper.gyro.matrix, upper.gyro.g_sensitivity)), "lower")
+    for matrix, name in ((turned.accel, "acc"), (turned.gyro, "gyro")):
+        part = xsens[2]["lower"][name]
+        np.testing.assert_allclose(np.linalg.inv(matrix), np.array(part["T"]) * part["scale"], atol=1e-6 * np.max(part["scale"]))
+
+
+def test_naive_errors_are_the_recorded_ones(tedaldi, xsens):
+    """T (3), K (3), bias (3): by automatic differentiation of the change of form."""
+
+    def form(accel, gyro):
+        correction = jnp.linalg.inv(accel.matrix)
+        scale = jnp.diagonal(correction)
+        unit = correction / scale[None, :]
+        return jnp.concatenate([jnp.stack([unit[0, 1], unit[0, 2], unit[1, 2]]), scale, accel.bias])
+
+    covariance = tedaldi["upper"].propagate(form)[1]
+    # ours has one degree of freedom per residual less the parameters, as theirs
+    np.testing.assert_allclose(np.sqrt(np.diag(covariance)), xsens[2]["upper"]["acc"]["sigma_naive"], rtol=1e-4)
+
+
+def test_the_gyroscope_fit_takes_less_than_two_seconds(xsens, tedaldi):
+    log, stamps, _ = xsens
+    found = tedaldi["upper"]
+    correction, bias = np.linalg.inv(found.accel.matrix), found.accel.bias
+    with jax.enable_x64(True):
+        force = np.array(
+            [((log.accel[i:j] - bias) @ correction.T).mean(axis=0) for i, j in zip(found.still.start, found.still.stop, strict=True)]
+        )
+        vertical = force / np.linalg.norm(force, axis=1, keepdims=True)
+        vertical = np.concatenate([vertical, np.repeat(vertical[:1], 64 - len(vertical), axis=0)])
+        segments = segments_of(stamps - stamps[0], np.asarray(log.gyro), np.asarray(log.accel), found.still.start, found.still.stop, 64)
+        begin = GyroParameters(np.zeros(6), np.full(3, 1 / 6258), found.gyro.bias, np.zeros((3, 3)))
+        free = GyroParameters(True, True, False, False)
+        times = []
+        for _ in range(3):
+            clock = time.perf_counter()
+            fit = solve(turn_residuals, begin, Turns(segments, vertical), free=free)
+            fit.cost.block_until_ready()
+            times.append(time.perf_counter() - clock)
+        # from the start of the specification, whose cost there is 8.531
+        assert float(fit.cost) == pytest.approx(0.00150695538, rel=1e-5)
+        assert 0.5 * float(np.sum(turn_residuals(begin, Turns(*jax.tree.map(jnp.asarray, (segments, vertical)))) ** 2)) == pytest.approx(
+            8.531, abs=5e-4
+        )
+    assert min(times) < 2.0
+
+
+def test_the_joint_fit_agrees_where_the_models_agree_and_predicts_better(joint, tedaldi):
+    """Accelerometer: the same model. Gyroscope: imu_tk's has no sensitivity to g, which these data show beyond doubt."""
+    theirs = tedaldi["upper"]
+    assert joint.verdict == "good"
+    inside = (joint.interval[:, 0] <= theirs.values) & (theirs.values <= joint.interval[:, 1])
+    assert inside[:12].all()
+    # poses and turns that neither fit saw
+    assert joint.held_out[0] <= theirs.held_out[0]
+    assert joint.held_out[1] <= 0.3 * theirs.held_out[1]
+    # a factor of four in the angle left after a turn
+    rms = [np.rad2deg(np.sqrt(np.mean(found.residual_turn**2))) for found in (theirs, joint)]
+    assert rms[0] == pytest.approx(0.517, abs=0.001)
+    assert rms[1] < 0.15
+    significance = np.abs(joint.gyro.g_sensitivity).ravel() / joint.standard_error[24:]
+    assert significance.max() > 10
+
+
+def test_forms_of_the_joint_fit_describe_one_device(joint):
+    for triad in (joint.accel, joint.gyro):
+        np.testing.assert_allclose(ImuTk.of(triad).triad().matrix, triad.matrix, rtol=1e-9, atol=1e-9)
