@@ -1,5 +1,6 @@
 """`fit`: hard and soft iron from readings in a field of constant norm."""
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -12,12 +13,13 @@ from ._consistent import consistent
 from ._coverage import coverage, sphere_grid
 from ._elementary import axes, minmax
 from ._model import MagModel
-from ._orthogonal import Found, described, geometric, loss_name
+from ._orthogonal import Found, described, geometric, levelled, loss_name
 from ._quadric import Frame, NotEllipsoid, constrained, diagonal, li_griffiths, sphere, trace
 from ._result import MagFit
 from ._start import COUNT, PLANAR, parameters_of
+from ._thin import LONG, all_distances, thinned
 from ._uncertainty import NAMES, PLANAR_NAMES, covariance_of, heading_departure, heading_error, information, needed, root
-from ._verdict import NEAR_PLANAR, NEAR_PLANAR_SENTENCE, judge, outliers
+from ._verdict import NEAR_PLANAR, NEAR_PLANAR_SENTENCE, OUTLIER, judge, outliers
 
 #: method -> model -> algebraic fit
 _DIRECT: dict[str, dict[str, Any]] = {
@@ -33,6 +35,7 @@ METHODS = ("ml", "consistent", "algebraic", "li_griffiths", "constrained", "radi
 MODELS = ("auto", *_SOLID, "planar")
 _LINE = 0.01  # second singular value of the centred readings, of 0.58 for a full sphere
 _EXACT = ("ml", "consistent")
+_EXTREMES = ("minmax", "axes")
 
 
 @host_float64
@@ -46,6 +49,7 @@ def fit(
     inclination: float | None = None,
     choose: str = "bic",
     limits: tuple[float, float] = (np.deg2rad(1.0), np.deg2rad(5.0)),
+    per_direction: int | None = 32,
 ) -> MagFit:
     r"""Hard and soft iron from readings in many attitudes of a field of constant norm.
 
@@ -71,6 +75,8 @@ def fit(
     inclination : dip of the field in rad for `heading_error`; that of `field`, or 57 degrees (Ankara), unless given.
     choose : "bic" or "held_out", how "auto" compares models.
     limits : rms heading error in rad above which the verdict is "weak", and above which it is "refused".
+    per_direction : logs of more than 20,000 readings are thinned to this many in each of 500 directions: neighbours repeat one
+        another. None fits all of them, at 15 s for 100,000.
 
     Returns
     -------
@@ -100,6 +106,10 @@ def fit(
     Math. 98 (2004) 177 (consistent); the magnetometer paper's equations 6 to 16 (constrained); the thesis, chapter 6.
     """
     m, norm, dip = _checked(m, method, model, field, loss, inclination, choose)
+    whole, used = m, None
+    if per_direction is not None and len(m) > LONG and method not in _EXTREMES:
+        used = thinned(Frame.of(m).scaled(m), _at_least_one(per_direction), loss)
+        m = m[used]
     distinct = len(np.unique(m, axis=0))
     frame = Frame.of(m)
     if distinct < 2 or frame.scale < 1e-12 * np.abs(m).max():
@@ -133,18 +143,41 @@ def fit(
             plane[2] *= np.sign(np.linalg.det(plane))
             u = np.concatenate([u @ plane[:2].T, np.zeros((len(u), 1))], axis=1)
             fits = candidates(u, PLANAR, loss, distinct)
-            found = fits[by_bic(fits, u)]
+            found = levelled(fits[by_bic(fits, u)], u, loss)
         elif kind is None:
             fits = candidates(u, _SOLID, loss, distinct)
             found = fits[by_bic(fits, u) if choose == "bic" else by_held_out(fits, u, loss)]
             notes = _unseen(fits, found, distinct)
+            found = levelled(found, u, loss)
         else:
             found = _single(u, method, kind, loss)
     except NotEllipsoid as error:
         return _refusal(m, method, dip, (f"{NEAR_PLANAR_SENTENCE} " if flat else "") + f"{str(error)[0].upper()}{str(error)[1:]}.")
     if planar == "chosen":
         notes = ["The readings are near-planar, and were fitted in their plane."]
-    return _result(m, u, frame, found, method, norm, dip, loss, limits, plane, notes)
+    result = _result(m, u, frame, found, method, norm, dip, loss, limits, plane, notes)
+    return result if used is None else _of_all(result, found, frame, whole, len(used))
+
+
+def _at_least_one(per_direction: int) -> int:
+    if per_direction < 1:
+        raise DataError(f"{per_direction} readings per direction were asked for; at least one is needed, or None for all.")
+    return int(per_direction)
+
+
+def _of_all(result: MagFit, found: Found, frame: Frame, m: np.ndarray, used: int) -> MagFit:
+    """The fit of some readings, with the residuals, outliers and coverage of all."""
+    u = frame.scaled(m)
+    if result.plane is not None:
+        u = np.concatenate([u @ result.plane[:2].T, np.zeros((len(u), 1))], axis=1)
+    distance = all_distances(found, u)
+    far = np.flatnonzero(np.abs(distance) > OUTLIER * 1.4826 * np.median(np.abs(distance)))
+    matrix = np.linalg.inv(np.asarray(result.model.soft_iron))  # type: ignore[union-attr]
+    corrected = (m - np.asarray(result.model.hard_iron)) @ matrix.T  # type: ignore[union-attr]
+    said = f"{used} of {len(m)} readings were fitted, evenly from all directions; residuals and outliers are those of all."
+    return dataclasses.replace(
+        result, residual=distance * frame.scale, outliers=far, coverage=coverage(corrected), used=used, warnings=(*result.warnings, said)
+    )
 
 
 def _unseen(fits: dict[str, Found], found: Found, distinct: int) -> list[str]:
@@ -201,6 +234,7 @@ def _result(m, u, frame, found, method, norm, dip, loss, limits, plane, notes) -
         noise=found.noise * frame.scale,
         field=size * frame.scale,
         outliers=outliers(found),
+        used=len(m),
         needed=wanted,
         condition=told.condition,
         inclination=dip,
@@ -227,7 +261,7 @@ def _refusal(m: np.ndarray, method: str, dip: float, reason: str) -> MagFit:
     """A fit without a model."""
     return MagFit(
         model=None, covariance=np.full((9, 9), np.inf), heading_error=np.full(2, np.inf), coverage=None, residual=np.zeros(0), noise=np.inf,
-        field=np.inf, outliers=np.zeros(0, dtype=int), needed=np.zeros((0, 3)), condition=np.inf, inclination=dip, plane=None,
+        field=np.inf, outliers=np.zeros(0, dtype=int), used=0, needed=np.zeros((0, 3)), condition=np.inf, inclination=dip, plane=None,
         verdict="refused", reason=reason, warnings=(), names=NAMES, method=method, kind="none",
     )  # fmt: skip
 

@@ -29,6 +29,7 @@ class MagFit(eqx.Module):
     reason : one sentence or more.
     field : norm of the corrected field: as given, or the cube root of the product of the ellipsoid's semi-axes.
     outliers : indices of readings more than four robust standard deviations off, or weighted below one half.
+    used : number of readings that were fitted: all, or of a long log as many as there are directions to tell apart.
     needed : (3, 3) unit vectors, in the corrected field's axes, in which further readings would help most.
     condition : condition number of the fit on the unit sphere; 3 for even coverage, above 1000 the data hardly determine the model.
     inclination : dip of the field used for `heading_error`, rad.
@@ -46,6 +47,7 @@ class MagFit(eqx.Module):
     noise: float
     field: float
     outliers: AnyArray
+    used: int
     needed: AnyArray
     condition: float
     inclination: float

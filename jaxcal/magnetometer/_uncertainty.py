@@ -1,5 +1,7 @@
 """From the covariance of an ellipsoid to the heading error it causes, and which parameters the readings leave open (host, NumPy)."""
 
+import functools
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -65,6 +67,7 @@ def _root_slopes(shape: np.ndarray) -> np.ndarray:
     return np.array(slopes)
 
 
+@functools.cache
 def grids(inclination: float) -> list[tuple[np.ndarray, np.ndarray]]:
     """Attitudes and unit fields at level, and at 20 degrees of tilt in eight directions."""
     headings = np.arange(24) * np.pi / 12
