@@ -12,8 +12,8 @@ from ._model import MagModel
 class MagFit(eqx.Module):
     """Hard and soft iron with their uncertainty, the heading error to expect, and a verdict.
 
-    A fit of norms cannot see a rotation common to all readings: `model` is the one with a symmetric soft iron, and
-    `heading_error` is that of the hard iron and of the symmetric part alone.
+    A fit of norms cannot see a rotation common to all readings: without an `alignment`, `model` is the one with a symmetric soft
+    iron, and `heading_error` is that of the hard iron and of the symmetric part alone.
 
     Attributes
     ----------
@@ -34,6 +34,7 @@ class MagFit(eqx.Module):
     condition : condition number of the fit on the unit sphere; 3 for even coverage, above 1000 the data hardly determine the model.
     inclination : dip of the field used for `heading_error`, rad.
     plane : (3, 3) for a planar fit: unit vectors of the plane, and its normal last. None otherwise.
+    alignment : `Alignment` with the accelerometer, gyroscope or headings that were given; its rotation is in `model`. None otherwise.
     warnings : sentences.
     names : of the parameters of `covariance`.
     method, kind : name of the method; "sphere", "diagonal", "symmetric", or in a plane "circle" and "ellipse".
@@ -58,6 +59,7 @@ class MagFit(eqx.Module):
     names: tuple[str, ...] = eqx.field(static=True)
     method: str = eqx.field(static=True)
     kind: str = eqx.field(static=True)
+    alignment: Any = None
 
     @property
     def hard_iron_error(self) -> np.ndarray:

@@ -110,6 +110,18 @@ def heading_error(shape: np.ndarray, covariance: np.ndarray, inclination: float)
     return np.array([errors[0], np.inf]) if len(covariance) == 5 else np.array(errors)
 
 
+def turned_heading_error(covariance: np.ndarray, inclination: float) -> np.ndarray:
+    """Root mean square heading error, at level and tilted, of a rotation about the body axes that is known to `covariance`."""
+    errors = []
+    for attitudes, directions in grids(inclination):
+        change = np.cross(np.eye(3)[None], directions[:, None])
+        x, y, _ = np.moveaxis(_levelled(attitudes, directions), -1, 0)
+        dx, dy, _ = np.moveaxis(_levelled(attitudes, change), -1, 0)
+        slopes = (y[:, None] * dx - x[:, None] * dy) / (x**2 + y**2)[:, None]
+        errors.append(np.sqrt(np.mean(np.einsum("ni,ij,nj->n", slopes, covariance, slopes))))
+    return np.array(errors)
+
+
 def heading_departure(first: Found, second: Found, inclination: float) -> np.ndarray:
     """Root mean square of the headings' difference between two calibrations of the same readings, at level and tilted."""
     matrix, other = root(first.shape), root(second.shape)
