@@ -11,8 +11,11 @@ import equinox as eqx
 
 from .._errors import DataError
 from .._files import json_text, write_atomically
+from .._log import Log
 from .._units import si_unit
+from ..magnetometer import MagFit
 from ._form import Nullable, checked, free, from_json, to_json, wrong
+from ._magnetometer import corrected_field, magnetometer_section
 from ._noise import DeviceNoise, device_noise
 
 _MAJOR = 1
@@ -53,8 +56,8 @@ class Calibration(eqx.Module):
         not known. Held as `DeviceNoise`.
     imu : {"accel": {"unit": "m/s^2", "matrix": (3, 3), "bias": (3,), "covariance"}, "gyro": {"unit": "rad/s", "matrix", "bias",
         "g_sensitivity": (3, 3), "covariance"}}, where y = matrix x + bias + g_sensitivity a.
-    magnetometer : {"unit": "T", "soft_iron": (3, 3), "hard_iron": (3,), "field", "covariance"}, where measured = soft_iron true +
-        hard_iron.
+    magnetometer : a `MagFit` of readings in tesla, or {"unit": "T", "soft_iron": (3, 3), "hard_iron": (3,), "field", "covariance"},
+        where measured = soft_iron true + hard_iron.
     temperature : {"unit": "degC", "reference", "minimum", "maximum", "accel": (3, powers), "gyro": (3, powers)}: coefficients of
         the powers 1, 2, ... of the temperature above the reference, in the unit of the sensor.
     device : name, or a dictionary with "name" and the ids by which flight controllers find a sensor.
@@ -91,6 +94,7 @@ class Calibration(eqx.Module):
     def __init__(self, *, noise=None, imu=None, magnetometer=None, temperature=None, device=None, provenance=None):
         self.noise = noise if noise is None or isinstance(noise, DeviceNoise) else device_noise(noise)
         self.imu = _section(imu, "imu")
+        magnetometer = magnetometer_section(magnetometer) if isinstance(magnetometer, MagFit) else magnetometer
         self.magnetometer = _section(magnetometer, "magnetometer")
         self.temperature = _section(temperature, "temperature")
         self.device = _free_section({"name": device} if isinstance(device, str) else device, "device")
@@ -117,6 +121,41 @@ class Calibration(eqx.Module):
         document = {"schema": _SCHEMA, "device": self.device, "provenance": self.provenance}
         held = {name: getattr(self, name) for name in _SECTIONS}
         write_atomically(path, json_text(document | {name: to_json(section) for name, section in held.items() if section is not None}))
+
+    def correct(self, log: Log) -> Log:
+        """The log with what is known of the sensors taken off: hard and soft iron of the magnetometer.
+
+        Parameters
+        ----------
+        log : recording; sensors that it lacks, or that this calibration says nothing about, stay as they are.
+
+        Returns
+        -------
+        Log, with a note for each sensor that was corrected.
+
+        Raises
+        ------
+        DataError
+            If nothing in the log can be corrected.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import jaxcal
+        >>> parts = {"unit": "T", "soft_iron": np.diag([1.1, 1.0, 0.9]), "hard_iron": [1e-5, 0, 0], "field": 5e-5, "covariance": None}
+        >>> log = jaxcal.Log(None, mag=[[3.2e-5, 4e-5, 0.0], [1e-5, 5e-5, 0.0]], rate=10.0)
+        >>> print(1e6 * jaxcal.Calibration(magnetometer=parts).correct(log).mag.round(9))
+        [[20. 40.  0.]
+         [ 0. 50.  0.]]
+        """
+        sensors: dict[str, Any] = {}
+        notes = []
+        if self.magnetometer is not None and log.mag is not None:
+            sensors["mag"] = corrected_field(self.magnetometer, log.mag)
+            notes.append("mag: hard and soft iron taken off")
+        if not sensors:
+            raise DataError("nothing to correct: the calibration and the log have no sensor in common that it can correct")
+        return log.replaced(sensors, notes)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "Calibration":

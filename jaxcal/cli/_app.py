@@ -15,6 +15,7 @@ import jaxcal
 
 from ._allan import allan
 from ._demo import demo
+from ._mag import mag
 from ._noise import noise
 from ._options import CallError
 from ._psd import psd
@@ -45,7 +46,7 @@ def _application() -> cyclopts.App:
         config=_configuration, default_parameter=cyclopts.Parameter(negative=()), result_action="return_value",
         suppress_keyboard_interrupt=False,
     )  # fmt: skip
-    for command in (demo, noise, allan, psd, simulate):
+    for command in (demo, noise, allan, psd, mag, simulate):
         app.command(command)
     return app
 
@@ -89,7 +90,7 @@ def _complain(text: str) -> None:
 
 
 def _help_command(argv: list[str]) -> str:
-    words = itertools.takewhile(lambda word: word in ("demo", "noise", "allan", "psd", "simulate"), argv)
+    words = itertools.takewhile(lambda word: word in ("demo", "noise", "allan", "psd", "mag", "simulate"), argv)
     return " ".join(["jaxcal", *words, "--help"])
 
 

@@ -4,8 +4,9 @@ from ._align import Alignment as Alignment, align as align
 from ._attitude import body_field as body_field, scenario as scenario
 from ._bootstrap import bootstrap as bootstrap
 from ._coverage import Coverage as Coverage, coverage as coverage
-from ._fit import fit as fit
+from ._fit import aligned as aligned, fit as fit
 from ._heading import heading as heading
+from ._heading_error import heading_uncertainty as heading_uncertainty
 from ._model import MagModel as MagModel
 from ._rates import HardIron as HardIron, hard_iron_by_turning as hard_iron_by_turning
 from ._residuals import distance_residuals as distance_residuals, radial_residuals as radial_residuals

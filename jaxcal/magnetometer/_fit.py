@@ -163,10 +163,43 @@ def fit(
     result = result if used is None else _of_all(result, found, frame, whole, len(used))
     if result.model is None or (accel is None and gyro is None and headings is None):
         return result
-    return _aligned(result, align(whole, result.model, accel=accel, gyro=gyro, rate=rate, headings=headings), field)
+    return with_rotation(result, align(whole, result.model, accel=accel, gyro=gyro, rate=rate, headings=headings), field)
 
 
-def _aligned(result: MagFit, alignment: Alignment, field: Any) -> MagFit:
+@host_float64
+def aligned(found: MagFit, m: Any, **options: Any) -> MagFit:
+    """A fit with the rotation that another sensor shows, where that sensor has readings of its own.
+
+    Parameters
+    ----------
+    found : a fit with a model, of these readings or of some of them.
+    m : (n, 3) readings; rows with NaN are left out.
+    options : those of `align`.
+
+    Returns
+    -------
+    The fit, its `alignment`, the model with the rotation in it, and the rotation's uncertainty in `heading_error`.
+
+    Raises
+    ------
+    DataError
+        As `align` does, and for a fit without a model.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> from jaxcal.magnetometer import aligned, body_field, scenario
+    >>> m, up = body_field(scenario("all"), 50.0), -9.81 * body_field(scenario("all"), 1.0, np.pi / 2)
+    >>> aligned(jaxcal.magnetometer.fit(m), m, accel=up).alignment.verdict
+    'good'
+    """
+    if found.model is None:
+        raise DataError(f"The fit has no model to turn: {found.reason}")
+    return with_rotation(found, align(m, found.model, **options), None)
+
+
+def with_rotation(result: MagFit, alignment: Alignment, field: Any) -> MagFit:
     """The fit with the rotation in its soft iron and in its heading error; a rotation that is not determined stays out."""
     warnings = list(result.warnings)
     if alignment.verdict == "refused":

@@ -8,7 +8,6 @@ from scipy.spatial.transform import Rotation
 
 from .._types import Array
 
-
 _LONGEST = 10.0  # s of a segment, for the bias of the rates is only first order in it
 
 

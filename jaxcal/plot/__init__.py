@@ -2,5 +2,11 @@
 
 from ._allan import allan as allan
 from ._dynamic import dynamic as dynamic
+from ._magnetometer import (
+    coverage as coverage,
+    heading_error as heading_error,
+    residual as residual,
+    sphere as sphere,
+)
 from ._save import save as save
 from ._spectrum import spectrum as spectrum

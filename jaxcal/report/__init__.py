@@ -1,4 +1,5 @@
 """Results as one HTML page, and as a JSON document."""
 
 from ._document import noise_document as noise_document
+from ._magnetometer import mag_document as mag_document
 from ._write import write as write

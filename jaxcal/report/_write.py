@@ -6,15 +6,17 @@ import pathlib
 
 from .._files import write_atomically
 from .._log import Log
+from ..magnetometer import MagFit
 from ..noise import NoiseFit
 from ..plot._labels import duration_label
 from ._document import check_results
 from ._html import join
+from ._magnetometer import mag_body
 from ._noise import meaning, plots, provenance, recording, remarks, verdict
 from ._page import page
 
 
-def write(results: dict[str, NoiseFit], path: str | os.PathLike[str], *, log: Log | None = None) -> None:
+def write(results: dict[str, NoiseFit] | MagFit, path: str | os.PathLike[str], *, log: Log | None = None) -> None:
     """Write a report: one HTML file that needs nothing else, for screens light and dark, phones and paper.
 
     It says first what was found, with intervals, then shows the Allan deviations and their numbers, the warnings, what the
@@ -22,7 +24,7 @@ def write(results: dict[str, NoiseFit], path: str | os.PathLike[str], *, log: Lo
 
     Parameters
     ----------
-    results : channel -> `NoiseFit`, as `jaxcal.noise.characterise` returns them.
+    results : channel -> `NoiseFit`, as `jaxcal.noise.characterise` returns them, or the `MagFit` of a magnetometer.
     path : file to write; an existing one is replaced in one step.
     log : the recording, for its summary, notes, warnings and provenance.
 
@@ -44,8 +46,12 @@ def write(results: dict[str, NoiseFit], path: str | os.PathLike[str], *, log: Lo
     ...     path.read_text()[:15]
     '<!DOCTYPE html>'
     """
-    check_results(results)
     version = importlib.metadata.version("jaxcal")
+    if isinstance(results, MagFit):
+        body, lead = mag_body(results, log), f"{len(results.residual)} readings: {results.verdict}"
+        write_atomically(path, page(_title(log, "Magnetometer"), lead, body, f"Written by jaxcal {version}"))
+        return
+    check_results(results)
     first = next(iter(results.values()))
     count = f"{len(results)} channel{'s' * (len(results) != 1)}"
     lead = f"{count}, {duration_label(first.duration)} at {first.deviation.rate:.6g} Hz"
@@ -59,9 +65,11 @@ def write(results: dict[str, NoiseFit], path: str | os.PathLike[str], *, log: Lo
             provenance(results, log, version),
         )
     )
-    write_atomically(path, page(_title(log), lead, body, f"Written by jaxcal {version}"))
+    write_atomically(path, page(_title(log, "Noise"), lead, body, f"Written by jaxcal {version}"))
 
 
-def _title(log: Log | None) -> str:
+def _title(log: Log | None, what: str) -> str:
     file = None if log is None else log.provenance.get("file")
-    return f"Noise of {pathlib.PurePath(str(file)).name}" if file else "Sensor noise"
+    if file:
+        return f"{what} of {pathlib.PurePath(str(file)).name}"
+    return "Sensor noise" if what == "Noise" else what
