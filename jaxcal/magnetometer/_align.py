@@ -63,10 +63,10 @@ def align(
     *,
     accel: Any = None,
     gyro: Any = None,
-    rate: float | None = None,
+    rate: float | int | None = None,
     headings: Any = None,
-    declination: float = 0.0,
-    dip: float | None = None,
+    declination: float | int = 0.0,
+    dip: float | int | None = None,
     mounting: str = "near",
 ) -> Alignment:
     r"""Rotation of a calibrated magnetometer against an accelerometer, a gyroscope, or known headings.

@@ -50,7 +50,7 @@ def fit(
     per_direction: int | None = 32,
     accel: Any = None,
     gyro: Any = None,
-    rate: float | None = None,
+    rate: float | int | None = None,
     headings: Any = None,
 ) -> MagFit:
     r"""Hard and soft iron from readings in many attitudes of a field of constant norm.

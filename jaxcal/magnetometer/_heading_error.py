@@ -16,7 +16,7 @@ _WAYS = 8
 
 
 @host_float64
-def heading_uncertainty(found: MagFit, headings: Any, *, tilt: float = 0.0) -> AnyArray:
+def heading_uncertainty(found: MagFit, headings: Any, *, tilt: float | int = 0.0) -> AnyArray:
     r"""Standard deviation of the heading that a fit leaves, for readings without noise and a true vertical.
 
     .. math:: \sigma_\psi^2 = j\,\mathrm{Cov}\,j^T,\qquad j = \partial\psi/\partial(A, b)

@@ -22,7 +22,7 @@ class HardIron(eqx.Module):
 
 
 @host_float64
-def hard_iron_by_turning(m: Any, gyro: Any, rate: float, *, soft_iron: Any = None, fastest: float = 0.3) -> HardIron:
+def hard_iron_by_turning(m: Any, gyro: Any, rate: float | int, *, soft_iron: Any = None, fastest: float | int = 0.3) -> HardIron:
     r"""Hard iron alone, from turns whose rates are known.
 
     In a field that stands still :math:`\dot m = -\omega \times (m - b)` for a sensor without soft iron, which is linear in b. Here
