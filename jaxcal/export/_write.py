@@ -8,6 +8,7 @@ from typing import Any
 from .._errors import ExportError
 from .._files import write_atomically
 from ..calibration import Calibration
+from ._c import header
 from ._kalibr import kalibr
 from ._options import Options
 from ._text import comment
@@ -15,6 +16,7 @@ from ._text import comment
 #: format -> (function that gives its text and warnings, its comment mark)
 _FORMATS: dict[str, tuple[Callable[[Calibration, Options], tuple[str, tuple[str, ...]]], str]] = {
     "kalibr": (kalibr, "#"),
+    "c": (header, "//"),
 }
 
 
@@ -39,7 +41,8 @@ def write(
     ----------
     calibration : the `Calibration` to write.
     path : file to write; an existing one is replaced in one step.
-    format : "kalibr" (`imu.yaml`: rad/s/sqrt(Hz), rad/s^2/sqrt(Hz), m/s^2/sqrt(Hz), m/s^3/sqrt(Hz)).
+    format : "kalibr" (`imu.yaml`: rad/s/sqrt(Hz), rad/s^2/sqrt(Hz), m/s^2/sqrt(Hz), m/s^3/sqrt(Hz)), or "c"
+        (C header with the magnetometer's correction and an accumulator for the next calibration; the options below are not for it).
     topic : ROS topic of the sensor.
     axis : "worst", the largest of the three axes, or "rms", their root mean square. The file lists the three in a comment.
     inflate : factor on all noise; the file says so.

@@ -18,6 +18,7 @@ from ._fit import aligned as aligned, fit as fit
 from ._heading import heading as heading
 from ._heading_error import heading_uncertainty as heading_uncertainty
 from ._model import MagModel as MagModel
+from ._moments import MomentFit as MomentFit, Moments as Moments
 from ._plan import Plan as Plan, plan as plan, predict as predict
 from ._rates import HardIron as HardIron, hard_iron_by_turning as hard_iron_by_turning
 from ._residuals import distance_residuals as distance_residuals, radial_residuals as radial_residuals
