@@ -1,5 +1,6 @@
 """`jaxcal mag`: hard and soft iron of a magnetometer from a log of it in many attitudes."""
 
+import datetime
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -53,6 +54,8 @@ def mag(
     model: Model = "auto",
     field: float | None = None,
     inclination: float | None = None,
+    place: tuple[float, float] | None = None,
+    date: str | None = None,
     loss: Literal["none", "huber", "cauchy", "tukey"] = "none",
     align: Literal["none", "accel", "gyro"] = "none",
     force: bool = False,
@@ -77,6 +80,10 @@ def mag(
         Norm of Earth's field there, in uT; by default the size of the readings stays.
     inclination
         Dip of the field in degrees, for the heading error; by default 57.
+    place
+        Latitude and longitude in degrees: field and dip by the World Magnetic Model.
+    date
+        Day of the log for --place, as 2026-05-31.
     loss
         Robust loss for logs with outliers.
     align
@@ -86,13 +93,14 @@ def mag(
     """
     plan, folder = _plan(log, writing)
     screen = Screen(running.quiet)
+    earth = _earth(field, inclination, place, date)
     with staged(plan, inputs=[log], folder=folder) as places:
         with progress(f"reading {log.name}", running.quiet):
             recording = read_log(log, reading)
         show_log(screen, recording)
         with progress("fitting", running.quiet):
             keep_compiled()
-            found = _fit(recording, method, model, field, inclination, loss, align)
+            found = _fit(recording, method, model, earth, inclination, loss, align)
             _show(screen, found)
             if found.verdict == "refused" and not force:
                 import jaxcal
@@ -104,7 +112,27 @@ def mag(
     show_written(screen, written)
 
 
-def _fit(log: Any, method: str, model: str, field: float | None, inclination: float | None, loss: str, align: str) -> Any:
+def _earth(field: float | None, inclination: float | None, place: tuple[float, float] | None, date: str | None) -> Any:
+    """Norm of the field in tesla, its vector, or None."""
+    if field is not None and not 0 < field < 1000:
+        raise CallError(f"--field {field:g}: expected the norm of the field in uT, 22 to 67 on Earth")
+    if inclination is not None and not abs(inclination) < 90:
+        raise CallError(f"--inclination {inclination:g}: expected degrees between -90 and 90, positive downwards")
+    if (place is None) != (date is None):
+        raise CallError("--place and --date go together: --place 39.93 32.86 --date 2026-05-31")
+    if place is None or date is None:
+        return None if field is None else field * _MICRO
+    if field is not None:
+        raise CallError("--field and --place exclude one another: the place gives the field")
+    import jaxcal
+
+    try:
+        return jaxcal.magnetometer.earth_field(*place, datetime.date.fromisoformat(date))
+    except (ValueError, jaxcal.DataError) as error:  # nothing was read yet
+        raise CallError(f"--place {place[0]:g} {place[1]:g} --date {date}: {error}") from error
+
+
+def _fit(log: Any, method: str, model: str, field: Any, inclination: float | None, loss: str, align: str) -> Any:
     import numpy as np
 
     import jaxcal
@@ -113,13 +141,9 @@ def _fit(log: Any, method: str, model: str, field: float | None, inclination: fl
         raise jaxcal.DataError("the log has no magnetometer of three axes; name its columns with --columns mag=mx,my,mz")
     if align != "none" and getattr(log, align) is None:
         raise jaxcal.DataError(f"--align {align}: the log has no {align}; name its columns with --columns {align}=...")
-    if field is not None and not 0 < field < 1000:
-        raise CallError(f"--field {field:g}: expected the norm of the field in uT, 22 to 67 on Earth")
-    if inclination is not None and not abs(inclination) < 90:
-        raise CallError(f"--inclination {inclination:g}: expected degrees between -90 and 90, positive downwards")
     kept = np.isfinite(log.mag).all(axis=1)
     found = jaxcal.magnetometer.fit(
-        log.mag[kept], method=method, model=model, field=None if field is None else field * _MICRO,
+        log.mag[kept], method=method, model=model, field=field,
         inclination=None if inclination is None else np.deg2rad(inclination), loss=None if loss == "none" else loss,
     )  # fmt: skip
     if align == "none" or found.model is None:

@@ -82,6 +82,9 @@ def test_a_refused_fit_ends_with_its_reason(simulated, folder):
         (("mag", "tumble.csv", "--field", "-3"), 2, "norm of the field in uT"),
         (("mag", "tumble.csv", "--inclination", "95"), 2, "between -90 and 90"),
         (("mag", "tumble.csv", "--corrected", "x.txt"), 2, "ends in .csv or .npz"),
+        (("mag", "tumble.csv", "--place", "39", "32"), 2, "go together"),
+        (("mag", "tumble.csv", "--place", "39", "32", "--date", "May"), 2, "--date May"),
+        (("mag", "tumble.csv", "--place", "39", "32", "--date", "2026-05-31", "--field", "50"), 2, "exclude one another"),
         (("mag", "nowhere.csv"), 2, "does not exist"),
         (("simulate", "mag", "--out", "x.txt"), 2, "ends in .csv or .npz"),
         (("simulate", "mag", "--out", "x.csv", "--noise", "-1"), 2, "--noise of 0 or more"),
@@ -91,6 +94,15 @@ def test_calls_that_cannot_be_done(simulated, words, status, reason):
     call, _ = simulated
     found = call(*words)
     assert (found.status, reason in found.reason) == (status, True)
+
+
+def test_the_field_of_a_place_scales_the_result(simulated, folder):
+    pytest.importorskip("pygeomag")
+    call, _ = simulated
+    assert call("mag", "tumble.csv", "--place", "39.93", "32.86", "--date", "2026-05-31", "--json", "out.json").status == 0
+    document = json.loads((folder / "out.json").read_text())
+    assert document["field"] == pytest.approx(48e-6, abs=1e-6)
+    assert np.rad2deg(document["inclination"]) == pytest.approx(59, abs=2)
 
 
 def test_a_log_without_a_magnetometer(call, log):

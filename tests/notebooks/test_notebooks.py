@@ -12,7 +12,7 @@ NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
 
 
 def test_there_are_notebooks():
-    assert {"thesis.ipynb", "differentiable_noise.ipynb"} <= {path.name for path in NOTEBOOKS}
+    assert {"thesis.ipynb", "differentiable_noise.ipynb", "magnetometer.ipynb"} <= {path.name for path in NOTEBOOKS}
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
