@@ -65,6 +65,13 @@ def speed(_):
     begin = np.r_[np.linalg.inv(MILD.soft_iron)[np.triu_indices(3)], MILD.hard_iron]
     alone = 1e3 * best(lambda: by_scipy(m, begin))
     print(f"scipy least_squares, first-order distance, from the truth, no start and no verdict: {alone:.1f} ms")
+    for kind, sensor in (("sphere", MagModel(np.eye(3), np.zeros(3))), ("diagonal", MagModel(np.diag([1.1, 1.0, 0.9]), np.zeros(3)))):
+        for sigma in (0.01, 0.05):
+            other = sensor.measure(directions(500, rng)) + sigma * rng.normal(size=(500, 3))
+            took = 1e3 * best(lambda other=other: fit(other))
+            print(f"one fit, model='auto', of a sensor that is a {kind}, {100 * sigma:.0f} % noise: {took:.1f} ms")
+    many = MILD.measure(directions(200_000, rng)) + 0.01 * rng.normal(size=(200_000, 3))
+    print(f"one fit of 200,000 readings, thinned to {fit(many).used}: {best(lambda: fit(many), 3):.2f} s")
     start = time.perf_counter()
     bootstrap(m, found, replicas=1000)
     print(f"1,000 bootstrap refits of 500 readings, first call with compilation: {time.perf_counter() - start:.2f} s")

@@ -215,10 +215,11 @@ def with_rotation(result: MagFit, alignment: Alignment, field: Any) -> MagFit:
             )
     error = np.hypot(result.heading_error, turned_heading_error(np.asarray(alignment.covariance), result.inclination))
     planar = result.plane is not None
+    reason = result.reason.replace("a rotation common to all readings apart", "that of the rotation apart")
     verdict = alignment.verdict if result.verdict == "good" else result.verdict
     return dataclasses.replace(
         result, model=alignment.model, alignment=alignment, heading_error=result.heading_error if planar else error, verdict=verdict,
-        reason=f"{result.reason} {alignment.reason}", warnings=tuple(warnings),
+        reason=f"{reason} {alignment.reason}", warnings=tuple(warnings),
     )  # fmt: skip
 
 
