@@ -10,7 +10,7 @@ import jaxcal
 from jaxcal.cli import _mag
 from jaxcal.magnetometer._checks import METHODS, MODELS
 
-from .conftest import listing
+from .conftest import listing, save
 
 
 @pytest.fixture
@@ -21,6 +21,14 @@ def simulated(call, monkeypatch):
     assert (found.status, found.err) == (0, "")
     truth = [[float(cell) for cell in line.split()] for line in found.out.splitlines()[1:4]]
     return call, np.array(truth)
+
+
+@pytest.fixture
+def plain(call, folder):
+    """A small log with a magnetometer, and the command line."""
+    m = 4e-5 * np.random.default_rng(0).normal(size=(20, 3))
+    save(folder / "tumble.csv", np.column_stack([np.arange(20) / 10, m]), "time [s],mag_x [T],mag_y [T],mag_z [T]")
+    return call
 
 
 def test_the_command_offers_everything_of_the_library():
@@ -90,9 +98,8 @@ def test_a_refused_fit_ends_with_its_reason(simulated, folder):
         (("simulate", "mag", "--out", "x.csv", "--noise", "-1"), 2, "--noise of 0 or more"),
     ],
 )
-def test_calls_that_cannot_be_done(simulated, words, status, reason):
-    call, _ = simulated
-    found = call(*words)
+def test_calls_that_cannot_be_done(plain, words, status, reason):
+    found = plain(*words)
     assert (found.status, reason in found.reason) == (status, True)
 
 
