@@ -227,3 +227,26 @@ def test_a_failed_save_leaves_the_old_file(tmp_path, monkeypatch):
 def test_calibration_is_frozen():
     with pytest.raises((AttributeError, TypeError)):
         Calibration().device = {}
+
+
+def test_a_magnetometer_fit_corrects_a_log(tmp_path):
+    field = jaxcal.magnetometer.body_field(jaxcal.magnetometer.scenario("all"), 50e-6)
+    true = jaxcal.magnetometer.MagModel(np.array([[1.1, 0.1, 0.0], [0.1, 0.9, 0.0], [0.0, 0.0, 1.0]]), np.array([2e-5, -1e-5, 3e-5]))
+    found = jaxcal.magnetometer.fit(true.measure(field), field=50e-6)
+    jaxcal.Calibration(magnetometer=found).save(tmp_path / "device.json")
+    loaded = jaxcal.Calibration.load(tmp_path / "device.json")
+    np.testing.assert_array_equal(loaded.magnetometer["covariance"]["values"], found.covariance)
+    log = jaxcal.Log(None, mag=np.vstack([true.measure(field), [[np.nan] * 3]]), gyro=np.arange(1083.0).reshape(361, 3), rate=10.0)
+    fixed = loaded.correct(log)
+    np.testing.assert_allclose(fixed.mag[:-1], field, atol=1e-12)
+    assert np.isnan(fixed.mag[-1]).all()
+    assert fixed.gyro is log.gyro
+    assert fixed.notes[-1] == "mag: hard and soft iron taken off"
+    with pytest.raises(DataError, match="nothing to correct"):
+        loaded.correct(jaxcal.Log(None, gyro=log.gyro, rate=10.0))
+    with pytest.raises(DataError, match="is no calibration: The readings lie"):
+        jaxcal.Calibration(magnetometer=jaxcal.magnetometer.fit(field[:2]))
+    with pytest.raises(DataError, match="holds tesla"):
+        jaxcal.Calibration(magnetometer=jaxcal.magnetometer.fit(1e6 * field))
+    with pytest.raises(DataError, match=r"has shape \(2, 3\)"):
+        log.replaced({"mag": np.ones((2, 3))})

@@ -14,10 +14,12 @@ from .._files import json_text, write_atomically
 from .._log import Log
 from .._units import si_unit
 from ..imu import ImuFit
+from ..magnetometer import MagFit
 from . import _thermal
 from ._correct import corrected
 from ._form import Nullable, checked, free, from_json, to_json, wrong
 from ._imu import imu_section
+from ._magnetometer import magnetometer_section
 from ._noise import DeviceNoise, device_noise
 
 _MAJOR = 1
@@ -51,8 +53,8 @@ class Calibration(eqx.Module):
         not known. Held as `DeviceNoise`.
     imu : an `ImuFit`, or the stored form: {"accel": {"unit": "m/s^2", "matrix": (3, 3), "bias": (3,), "covariance"}, "gyro":
         {"unit": "rad/s", "matrix", "bias", "g_sensitivity": (3, 3), "covariance"}}, where y = matrix x + bias + g_sensitivity a.
-    magnetometer : {"unit": "T", "soft_iron": (3, 3), "hard_iron": (3,), "field", "covariance"}, where measured = soft_iron true +
-        hard_iron.
+    magnetometer : a `MagFit` of readings in tesla, or the stored form: {"unit": "T", "soft_iron": (3, 3), "hard_iron": (3,), "field",
+        "covariance"}, where measured = soft_iron true + hard_iron.
     temperature : what `jaxcal.temperature.characterise` returns (channel -> `TemperatureFit`), or the stored form: {"unit": "degC",
         "reference", "minimum", "maximum"} with "accel" and "gyro" (3, powers), coefficients of the powers 1, 2, ... of the temperature
         above the reference, in the unit of the sensor, or with "channels": {"gyro_x": {"curve", "minimum", "maximum", "lag", "play",
@@ -91,6 +93,7 @@ class Calibration(eqx.Module):
     def __init__(self, *, noise=None, imu=None, magnetometer=None, temperature=None, device=None, provenance=None):
         self.noise = noise if noise is None or isinstance(noise, DeviceNoise) else device_noise(noise)
         self.imu = _section(imu_section(imu) if isinstance(imu, ImuFit) else imu, "imu")
+        magnetometer = magnetometer_section(magnetometer) if isinstance(magnetometer, MagFit) else magnetometer
         self.magnetometer = _section(magnetometer, "magnetometer")
         thermal = _section(_thermal.stored(temperature), "temperature")
         self.temperature = None if thermal is None else _thermal.check(thermal)

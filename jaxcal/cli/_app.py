@@ -17,14 +17,19 @@ from ._allan import allan
 from ._apply import apply
 from ._demo import demo
 from ._imu import imu
+from ._mag import mag
 from ._noise import noise
 from ._north import north
 from ._options import CallError
 from ._psd import psd
-from ._simulate_north import simulate
+from ._simulate import simulate_noise
+from ._simulate_imu import simulate_imu
+from ._simulate_mag import simulate_mag
+from ._simulate_north import simulate_north
+from ._simulate_temperature import simulate_temperature
 from ._temperature import temperature
 
-_COMMANDS = ("demo", "noise", "allan", "psd", "temperature", "imu", "north", "apply", "simulate")
+_COMMANDS = ("demo", "noise", "allan", "psd", "temperature", "imu", "mag", "north", "apply", "simulate")
 DONE, DATA, CALL, FAULT, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 3, 130, 141
 
 _HELP = """Calibrated models of inertial and magnetic sensors, from their logs.
@@ -50,8 +55,12 @@ def _application() -> cyclopts.App:
         config=_configuration, default_parameter=cyclopts.Parameter(negative=()), result_action="return_value",
         suppress_keyboard_interrupt=False,
     )  # fmt: skip
-    for command in (demo, noise, allan, psd, temperature, imu, north, apply, simulate):
+    for command in (demo, noise, allan, psd, temperature, imu, mag, north, apply):
         app.command(command)
+    simulate = cyclopts.App(name="simulate", help="Logs of simulated devices, whose truth is known.", help_format="plaintext")
+    for command in (simulate_noise, simulate_temperature, simulate_imu, simulate_mag, simulate_north):
+        simulate.command(command, name=command.__name__.removeprefix("simulate_"))
+    app.command(simulate)
     return app
 
 

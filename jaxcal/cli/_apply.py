@@ -6,9 +6,7 @@ from typing import Any
 from ._options import CallError, Reading, Running, read_log
 from ._outputs import staged
 from ._screen import Screen, progress, show_log, show_written
-from ._simulate import save_log
-
-_SUFFIXES = (".csv", ".npz")
+from ._simulate import SUFFIXES, save_log
 
 
 def apply(
@@ -31,8 +29,8 @@ def apply(
     out
         File to write: FILE.csv or FILE.npz, in SI units; missing samples stay missing.
     """
-    if out.suffix not in _SUFFIXES:
-        raise CallError(f"--out {out}: expected a name that ends in {' or '.join(_SUFFIXES)}")
+    if out.suffix not in SUFFIXES:
+        raise CallError(f"--out {out}: expected a name that ends in {' or '.join(SUFFIXES)}")
     if not calibration.exists():
         raise CallError(f"{calibration} does not exist")
     screen = Screen(running.quiet)

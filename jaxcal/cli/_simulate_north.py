@@ -7,12 +7,11 @@ from typing import Any
 from ._options import CallError, Running
 from ._outputs import staged
 from ._screen import Screen, show_written
-from ._simulate import noise_from_text, simulate
+from ._simulate import noise_from_text
 
 _DEG = math.pi / 180
 
 
-@simulate.command(name="north")
 def simulate_north(
     *,
     out: Path,

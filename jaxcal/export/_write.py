@@ -9,6 +9,7 @@ from .._errors import ExportError
 from .._files import write_atomically
 from ..calibration import Calibration
 from ._ardupilot import ardupilot
+from ._c import header
 from ._kalibr import kalibr
 from ._options import Options
 from ._px4 import px4
@@ -19,6 +20,7 @@ _FORMATS: dict[str, tuple[Callable[[Calibration, Options], tuple[str, tuple[str,
     "kalibr": (kalibr, "#"),
     "px4": (px4, "#"),
     "ardupilot": (ardupilot, "#"),
+    "c": (header, "//"),
 }
 
 
@@ -45,7 +47,8 @@ def write(
     path : file to write; an existing one is replaced in one step.
     format : "kalibr" (`imu.yaml`: rad/s/sqrt(Hz), rad/s^2/sqrt(Hz), m/s^2/sqrt(Hz), m/s^3/sqrt(Hz)); "px4" (`.params`) and
         "ardupilot" (`.param`): biases, scale factors, magnetometer and thermal model, found by the ids in `calibration.device`. Any
-        thermal model becomes a cubic there; what that loses is said.
+        thermal model becomes a cubic there; what that loses is said. "c" is a C header with the magnetometer's correction and an
+        accumulator for the next calibration; the options below are not for it.
     topic : ROS topic of the sensor.
     axis : "worst", the largest of the three axes, or "rms", their root mean square. The file lists the three in a comment.
     inflate : factor on all noise; the file says so.

@@ -3,12 +3,13 @@
 import numpy as np
 
 from ._coverage import bins
-from ._orthogonal import Found, described, geometric
+from ._orthogonal import Found, described, ellipsoid, flat
 from ._quadric import NotEllipsoid
-from ._start import COUNT
+from ._start import COUNT, away, basis_of
 from ._uncertainty import root
 
 _TIE = 2.0
+_HOPELESS = 4.0  # times what would decide
 _SECTORS = 10
 
 
@@ -18,28 +19,60 @@ def _units(found: Found, u: np.ndarray) -> np.ndarray:
 
 
 def candidates(u: np.ndarray, kinds: tuple[str, ...], loss: str | None, distinct: int) -> dict[str, Found]:
-    """Fits of every kind for which there are enough readings; those that are no ellipsoid are left out."""
+    """Fits of every kind for which there are enough readings, the largest first, without the curvature term.
+
+    Left out are those that are no ellipsoid, and those that the largest excludes by far.
+    """
     fits, failure = {}, None
-    for kind in kinds:
-        if distinct > COUNT[kind]:
-            try:
-                fits[kind] = geometric(u, kind, loss)
-            except NotEllipsoid as error:
-                failure = error
+    for kind in sorted(kinds, key=lambda kind: -COUNT[kind]):
+        if distinct <= COUNT[kind]:
+            continue
+        try:
+            begin = _nearest(fits["symmetric"], kind) if loss is None and "symmetric" in fits else None
+            if begin is not None and _hopeless(fits["symmetric"], begin, kind, u):
+                continue
+            fits[kind] = flat(u, kind, loss, begin=begin)
+        except NotEllipsoid as error:
+            failure = error
     if not fits:
         raise failure or NotEllipsoid("the data do not determine an ellipsoid: there are too few readings for any model")
     return fits
 
 
+def _nearest(full: Found, kind: str) -> np.ndarray | None:
+    """Parameters of a smaller kind that are nearest to the symmetric fit by its own covariance: where both hold, nearly its fit."""
+    if not (full.converged and np.isfinite(full.covariance).all() and (full.parameters[[0, 3, 5]] > 0).all()):
+        return None
+    free = COUNT[kind]
+    whiten = np.linalg.pinv(full.covariance, hermitian=True)
+    basis = basis_of(kind)[:, :free]
+    begin = np.zeros(9)
+    begin[:free] = np.linalg.lstsq(basis.T @ whiten @ basis, basis.T @ whiten @ full.parameters, rcond=None)[0]
+    return begin if (begin[: COUNT[kind] - 3] > 0).all() else None
+
+
+def _score(count: int, squares: float, kind: str) -> float:
+    return count * np.log(max(squares, 1e-28)) + COUNT[kind] * np.log(count)
+
+
+def _occupied(found: Found, u: np.ndarray) -> int:
+    return len(np.unique(bins(_units(found, u))))
+
+
+def _hopeless(full: Found, begin: np.ndarray, kind: str, u: np.ndarray) -> bool:
+    """Whether a smaller model, from nearly its best parameters, is worse by several times the margin that decides."""
+    count = _occupied(full, u)
+    squares = float(np.mean(away(ellipsoid(begin, kind), u) ** 2)), float(np.mean(full.distance**2))
+    penalty = (COUNT[full.kind] - COUNT[kind]) * np.log(count)
+    fit = _score(count, squares[0], kind) - _score(count, squares[1], full.kind) + penalty
+    return bool(fit > _HOPELESS * (penalty + _TIE))
+
+
 def by_bic(fits: dict[str, Found], u: np.ndarray) -> str:
     """Kind of least n ln(mean d^2) + k ln n; n is the number of occupied bins of 500, because neighbours repeat one another."""
     largest = fits[max(fits, key=lambda kind: COUNT[kind])]
-    count = len(np.unique(bins(_units(largest, u))))
-    weight = largest.weight
-    score = {
-        kind: count * np.log(max(np.sum(weight * found.distance**2) / np.sum(weight), 1e-28)) + COUNT[kind] * np.log(count)
-        for kind, found in fits.items()
-    }
+    count, weight = _occupied(largest, u), largest.weight
+    score = {kind: _score(count, np.sum(weight * found.distance**2) / np.sum(weight), kind) for kind, found in fits.items()}
     return _smallest(score, _TIE)
 
 
@@ -56,7 +89,7 @@ def by_held_out(fits: dict[str, Found], u: np.ndarray, loss: str | None) -> str:
         for out in np.unique(sector):
             kept = u[sector != out]
             try:
-                found = geometric(kept, kind, loss) if len(kept) > COUNT[kind] else None
+                found = flat(kept, kind, loss) if len(kept) > COUNT[kind] else None
             except NotEllipsoid:
                 found = None
             if found is None:

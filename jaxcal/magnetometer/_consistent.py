@@ -28,15 +28,20 @@ def _tables() -> tuple[list[tuple[int, ...]], np.ndarray]:
     return orders, table
 
 
-_ORDERS, _TABLE = _tables()
+ORDERS, _TABLE = _tables()
 
 
 def adjusted(u: np.ndarray, weight: np.ndarray | None = None) -> np.ndarray:
     """Psi0, Psi1 and Psi2 of centred and scaled readings, per reading, (3, 10, 10)."""
     weight = np.ones(len(u)) if weight is None else weight
     powers = u[:, :, None] ** np.arange(5)
-    moments = np.array([np.dot(weight, powers[:, 0, a] * powers[:, 1, b] * powers[:, 2, c]) for a, b, c in _ORDERS])
-    return _TABLE @ (moments / weight.sum())
+    moments = np.array([np.dot(weight, powers[:, 0, a] * powers[:, 1, b] * powers[:, 2, c]) for a, b, c in ORDERS])
+    return psi_of(moments / weight.sum())
+
+
+def psi_of(moments: np.ndarray) -> np.ndarray:
+    """Psi0, Psi1 and Psi2 from the mean moments in the order of `ORDERS`, (3, 10, 10)."""
+    return _TABLE @ moments
 
 
 def consistent(u: np.ndarray, weight: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray, float]:
@@ -45,7 +50,11 @@ def consistent(u: np.ndarray, weight: np.ndarray | None = None) -> tuple[np.ndar
     I. Markovsky, A. Kukush and S. Van Huffel, Numer. Math. 98 (2004) 177; V. Renaudin, M. H. Afzal and G. Lachapelle,
     J. Sensors 2010, 967245.
     """
-    psi = adjusted(u, weight)
+    return null_of(adjusted(u, weight))
+
+
+def null_of(psi: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """The same from Psi0, Psi1 and Psi2."""
 
     def least(s2: float) -> float:
         return float(np.linalg.eigvalsh(psi[0] + s2 * (psi[1] + s2 * psi[2]))[0])

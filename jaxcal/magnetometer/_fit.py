@@ -1,38 +1,39 @@
 """`fit`: hard and soft iron from readings in a field of constant norm."""
 
+import dataclasses
 from typing import Any
 
 import numpy as np
 
 from .._errors import DataError
-from .._precision import host_float64, is_traced
-from ._attitude import INCLINATION
+from .._precision import host_float64
+from ._align import Alignment, align
+from ._checks import DIRECT, SOLID, checked
 from ._choice import by_bic, by_held_out, candidates
-from ._consistent import consistent
 from ._coverage import coverage, sphere_grid
-from ._elementary import axes, minmax
 from ._model import MagModel
-from ._orthogonal import Found, described, geometric, loss_name
-from ._quadric import Frame, NotEllipsoid, constrained, diagonal, li_griffiths, sphere, trace
+from ._orthogonal import Found, described, geometric, levelled
+from ._quadric import Frame, NotEllipsoid
 from ._result import MagFit
 from ._start import COUNT, PLANAR, parameters_of
-from ._uncertainty import NAMES, PLANAR_NAMES, covariance_of, heading_departure, heading_error, information, needed, root
-from ._verdict import NEAR_PLANAR, NEAR_PLANAR_SENTENCE, judge, outliers
+from ._thin import LONG, all_distances, thinned
+from ._uncertainty import (
+    NAMES,
+    PLANAR_NAMES,
+    covariance_of,
+    heading_departure,
+    heading_error,
+    information,
+    needed,
+    root,
+    turned_heading_error,
+)
+from ._verdict import NEAR_PLANAR, NEAR_PLANAR_SENTENCE, OUTLIER, judge, outliers
 
-#: method -> model -> algebraic fit
-_DIRECT: dict[str, dict[str, Any]] = {
-    "minmax": {"diagonal": minmax},
-    "axes": {"symmetric": axes},
-    "constrained": {"symmetric": constrained},
-    "li_griffiths": {"symmetric": li_griffiths},
-    "algebraic": {"symmetric": trace, "diagonal": diagonal, "sphere": sphere},
-    "consistent": {"symmetric": lambda u: consistent(u)[:2]},
-}
-_SOLID = ("sphere", "diagonal", "symmetric")
-METHODS = ("ml", "consistent", "algebraic", "li_griffiths", "constrained", "radial", "axes", "minmax")
-MODELS = ("auto", *_SOLID, "planar")
+_DIPS = np.deg2rad(5.0)
 _LINE = 0.01  # second singular value of the centred readings, of 0.58 for a full sphere
 _EXACT = ("ml", "consistent")
+_EXTREMES = ("minmax", "axes")
 
 
 @host_float64
@@ -46,6 +47,11 @@ def fit(
     inclination: float | None = None,
     choose: str = "bic",
     limits: tuple[float, float] = (np.deg2rad(1.0), np.deg2rad(5.0)),
+    per_direction: int | None = 32,
+    accel: Any = None,
+    gyro: Any = None,
+    rate: float | int | None = None,
+    headings: Any = None,
 ) -> MagFit:
     r"""Hard and soft iron from readings in many attitudes of a field of constant norm.
 
@@ -55,7 +61,8 @@ def fit(
 
     from the consistent algebraic fit; where the noise exceeds 2 % of the field the distances are freed of the mean that noise
     along the curved surface gives them. The soft iron is the symmetric one, C = H A^{-1/2}; a rotation of all corrected
-    readings, as from an unsymmetric soft iron or a turned sensor, leaves every norm as it is and cannot be found this way.
+    readings, as from an unsymmetric soft iron or a turned sensor, leaves every norm as it is and cannot be found this way. With
+    `accel`, `gyro` or `headings` it is found after the fit, by `align`, and is part of the soft iron.
 
     Parameters
     ----------
@@ -71,6 +78,9 @@ def fit(
     inclination : dip of the field in rad for `heading_error`; that of `field`, or 57 degrees (Ankara), unless given.
     choose : "bic" or "held_out", how "auto" compares models.
     limits : rms heading error in rad above which the verdict is "weak", and above which it is "refused".
+    per_direction : logs of more than 20,000 readings are thinned to this many in each of 500 directions: neighbours repeat one
+        another. None fits all of them, at 15 s for 100,000.
+    accel, gyro, rate, headings : one of the three, for the rotation, as for `align`.
 
     Returns
     -------
@@ -99,7 +109,11 @@ def fit(
     J. F. Vasconcelos et al., IEEE Trans. Aerosp. Electron. Syst. 47 (2011) 1293 (maximum likelihood); I. Markovsky et al., Numer.
     Math. 98 (2004) 177 (consistent); the magnetometer paper's equations 6 to 16 (constrained); the thesis, chapter 6.
     """
-    m, norm, dip = _checked(m, method, model, field, loss, inclination, choose)
+    m, norm, dip = checked(m, method, model, field, loss, inclination, choose)
+    whole, used = m, None
+    if per_direction is not None and len(m) > LONG and method not in _EXTREMES:
+        used = thinned(Frame.of(m).scaled(m), _at_least_one(per_direction), loss)
+        m = m[used]
     distinct = len(np.unique(m, axis=0))
     frame = Frame.of(m)
     if distinct < 2 or frame.scale < 1e-12 * np.abs(m).max():
@@ -117,7 +131,7 @@ def fit(
     planar = "asked" if model == "planar" else "chosen" if flat and model == "auto" and method == "ml" else None
     kind = None if model == "auto" or planar else model
     if kind is None and method != "ml":
-        kind = "symmetric" if method == "radial" else next(iter(_DIRECT[method]))
+        kind = "symmetric" if method == "radial" else next(iter(DIRECT[method]))
     least = kind or ("circle" if planar else "sphere")
     if distinct <= COUNT[least]:
         return _refusal(
@@ -133,18 +147,101 @@ def fit(
             plane[2] *= np.sign(np.linalg.det(plane))
             u = np.concatenate([u @ plane[:2].T, np.zeros((len(u), 1))], axis=1)
             fits = candidates(u, PLANAR, loss, distinct)
-            found = fits[by_bic(fits, u)]
+            found = levelled(fits[by_bic(fits, u)], u, loss)
         elif kind is None:
-            fits = candidates(u, _SOLID, loss, distinct)
+            fits = candidates(u, SOLID, loss, distinct)
             found = fits[by_bic(fits, u) if choose == "bic" else by_held_out(fits, u, loss)]
             notes = _unseen(fits, found, distinct)
+            found = levelled(found, u, loss)
         else:
             found = _single(u, method, kind, loss)
     except NotEllipsoid as error:
         return _refusal(m, method, dip, (f"{NEAR_PLANAR_SENTENCE} " if flat else "") + f"{str(error)[0].upper()}{str(error)[1:]}.")
     if planar == "chosen":
         notes = ["The readings are near-planar, and were fitted in their plane."]
-    return _result(m, u, frame, found, method, norm, dip, loss, limits, plane, notes)
+    result = _result(m, u, frame, found, method, norm, dip, loss, limits, plane, notes)
+    result = result if used is None else _of_all(result, found, frame, whole, len(used))
+    if result.model is None or (accel is None and gyro is None and headings is None):
+        return result
+    return with_rotation(result, align(whole, result.model, accel=accel, gyro=gyro, rate=rate, headings=headings), field)
+
+
+@host_float64
+def aligned(found: MagFit, m: Any, **options: Any) -> MagFit:
+    """A fit with the rotation that another sensor shows, where that sensor has readings of its own.
+
+    Parameters
+    ----------
+    found : a fit with a model, of these readings or of some of them.
+    m : (n, 3) readings; rows with NaN are left out.
+    options : those of `align`.
+
+    Returns
+    -------
+    The fit, its `alignment`, the model with the rotation in it, and the rotation's uncertainty in `heading_error`.
+
+    Raises
+    ------
+    DataError
+        As `align` does, and for a fit without a model.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> from jaxcal.magnetometer import aligned, body_field, scenario
+    >>> m, up = body_field(scenario("all"), 50.0), -9.81 * body_field(scenario("all"), 1.0, np.pi / 2)
+    >>> aligned(jaxcal.magnetometer.fit(m), m, accel=up).alignment.verdict
+    'good'
+    """
+    if found.model is None:
+        raise DataError(f"The fit has no model to turn: {found.reason}")
+    return with_rotation(found, align(m, found.model, **options), None)
+
+
+def with_rotation(result: MagFit, alignment: Alignment, field: Any) -> MagFit:
+    """The fit with the rotation in its soft iron and in its heading error; a rotation that is not determined stays out."""
+    warnings = list(result.warnings)
+    if alignment.verdict == "refused":
+        verdict = "weak" if result.verdict == "good" else result.verdict
+        reason = f"{result.reason} The rotation against the other sensor was not found. {alignment.reason}"
+        return dataclasses.replace(result, alignment=alignment, verdict=verdict, reason=reason)
+    if np.ndim(field) == 1 and not abs(alignment.dip - result.inclination) < _DIPS:
+        degrees = np.rad2deg([alignment.dip, result.inclination])
+        if np.isfinite(alignment.dip):
+            warnings.append(
+                f"The dip found is {degrees[0]:.1f} degrees, that of the given field {degrees[1]:.1f}: the specific force points up at "
+                "rest; where it agrees but for the sign, give it negated."
+            )
+    error = np.hypot(result.heading_error, turned_heading_error(np.asarray(alignment.covariance), result.inclination))
+    planar = result.plane is not None
+    reason = result.reason.replace("a rotation common to all readings apart", "that of the rotation apart")
+    verdict = alignment.verdict if result.verdict == "good" else result.verdict
+    return dataclasses.replace(
+        result, model=alignment.model, alignment=alignment, heading_error=result.heading_error if planar else error, verdict=verdict,
+        reason=f"{reason} {alignment.reason}", warnings=tuple(warnings),
+    )  # fmt: skip
+
+
+def _at_least_one(per_direction: int) -> int:
+    if per_direction < 1:
+        raise DataError(f"{per_direction} readings per direction were asked for; at least one is needed, or None for all.")
+    return int(per_direction)
+
+
+def _of_all(result: MagFit, found: Found, frame: Frame, m: np.ndarray, used: int) -> MagFit:
+    """The fit of some readings, with the residuals, outliers and coverage of all."""
+    u = frame.scaled(m)
+    if result.plane is not None:
+        u = np.concatenate([u @ result.plane[:2].T, np.zeros((len(u), 1))], axis=1)
+    distance = all_distances(found, u)
+    far = np.flatnonzero(np.abs(distance) > OUTLIER * 1.4826 * np.median(np.abs(distance)))
+    matrix = np.linalg.inv(np.asarray(result.model.soft_iron))  # type: ignore[union-attr]
+    corrected = (m - np.asarray(result.model.hard_iron)) @ matrix.T  # type: ignore[union-attr]
+    said = f"{used} of {len(m)} readings were fitted, evenly from all directions; residuals and outliers are those of all."
+    return dataclasses.replace(
+        result, residual=distance * frame.scale, outliers=far, coverage=coverage(corrected), used=used, warnings=(*result.warnings, said)
+    )
 
 
 def _unseen(fits: dict[str, Found], found: Found, distinct: int) -> list[str]:
@@ -161,7 +258,7 @@ def _unseen(fits: dict[str, Found], found: Found, distinct: int) -> list[str]:
 def _single(u, method, kind, loss) -> Found:
     if method in ("ml", "radial"):
         return geometric(u, kind, loss, "orthogonal" if method == "ml" else "radial")
-    return described(parameters_of(kind, *_DIRECT[method][kind](u)), u, kind)
+    return described(parameters_of(kind, *DIRECT[method][kind](u)), u, kind)
 
 
 def _result(m, u, frame, found, method, norm, dip, loss, limits, plane, notes) -> MagFit:
@@ -201,6 +298,7 @@ def _result(m, u, frame, found, method, norm, dip, loss, limits, plane, notes) -
         noise=found.noise * frame.scale,
         field=size * frame.scale,
         outliers=outliers(found),
+        used=len(m),
         needed=wanted,
         condition=told.condition,
         inclination=dip,
@@ -227,61 +325,6 @@ def _refusal(m: np.ndarray, method: str, dip: float, reason: str) -> MagFit:
     """A fit without a model."""
     return MagFit(
         model=None, covariance=np.full((9, 9), np.inf), heading_error=np.full(2, np.inf), coverage=None, residual=np.zeros(0), noise=np.inf,
-        field=np.inf, outliers=np.zeros(0, dtype=int), needed=np.zeros((0, 3)), condition=np.inf, inclination=dip, plane=None,
+        field=np.inf, outliers=np.zeros(0, dtype=int), used=0, needed=np.zeros((0, 3)), condition=np.inf, inclination=dip, plane=None,
         verdict="refused", reason=reason, warnings=(), names=NAMES, method=method, kind="none",
     )  # fmt: skip
-
-
-def _checked(m, method, model, field, loss, inclination, choose) -> tuple[np.ndarray, float | None, float]:
-    """Readings, norm of the field and dip; every option known and at home with the method."""
-    if is_traced(m, field):
-        raise DataError("`fit` decides on the host and cannot be traced; differentiate `distance_residuals` or `radial_residuals` instead.")
-    try:
-        m = np.asarray(m, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise DataError("The readings are not numbers; give an array of shape (n, 3).") from error
-    if m.ndim != 2 or m.shape[1] != 3 or not len(m):
-        raise DataError(f"The readings have shape {m.shape}; expected (n, 3), one row per reading.")
-    bad = np.flatnonzero(~np.isfinite(m).all(axis=1))
-    if bad.size:
-        raise DataError(f"{bad.size} readings are not finite, the first in row {bad[0]}; leave them out.")
-    if np.abs(m).max() > 1e100 or 0 < np.ptp(m) < 1e-100:
-        raise DataError("The readings leave the range in which their fourth powers are numbers; give them in tesla or counts.")
-    if method not in METHODS:
-        raise DataError(f"There is no method {method!r}; known are {', '.join(map(repr, METHODS))}.")
-    if model not in MODELS:
-        raise DataError(f"There is no model {model!r}; known are {', '.join(map(repr, MODELS))}.")
-    if choose not in ("bic", "held_out"):
-        raise DataError(f"There is no way to choose {choose!r}; known are 'bic' and 'held_out'.")
-    allowed = {"ml": MODELS, "radial": ("auto", *_SOLID)}.get(method, ("auto", *_DIRECT.get(method, ())))
-    if model not in allowed:
-        raise DataError(f"Method {method!r} has no model {model!r}; it has {', '.join(map(repr, allowed))}. Method 'ml' has all.")
-    if loss_name(loss) is not None and method not in ("ml", "radial"):
-        raise DataError(f"Method {method!r} takes no loss; use method='ml' with loss={loss!r}.")
-    norm, dip = _field(field)
-    if norm is not None and model == "planar":
-        raise DataError("Readings in a plane do not show the whole field: leave out `field` with model='planar'.")
-    if inclination is not None:
-        dip = float(inclination)
-    elif dip is None:
-        dip = float(INCLINATION)
-    if not abs(dip) < np.pi / 2:
-        raise DataError(f"The inclination is {dip:g} rad; it must lie between -pi/2 and pi/2, where there is a horizontal field.")
-    return m, norm, dip
-
-
-def _field(field: Any) -> tuple[float | None, float | None]:
-    """Norm and dip."""
-    if field is None:
-        return None, None
-    vector = np.asarray(field, dtype=float)
-    if (
-        vector.shape not in ((), (3,))
-        or not np.isfinite(vector).all()
-        or not np.linalg.norm(vector) > 0
-        or (vector.ndim == 0 and vector < 0)
-    ):
-        raise DataError(f"The field is {field!r}; give its norm, or the vector (north, east, down), in the unit of the readings.")
-    if vector.ndim == 0:
-        return float(vector), None
-    return float(np.linalg.norm(vector)), float(np.arctan2(vector[2], np.hypot(vector[0], vector[1])))

@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._precision import host_float64
+from .._precision import host_float64, is_traced
 from .._types import Any, AnyArray
 
 
@@ -48,6 +48,24 @@ class MagModel(eqx.Module):
         """Fields C^-1 (m - b) that belong to the readings `m` (3,) or (n, 3), in their unit (that of C is a pure number)."""
         m, matrix, offset = _same_dtype(m, self.soft_iron, self.hard_iron)
         return jnp.einsum("ij,...j->...i", jnp.linalg.inv(matrix), m - jnp.broadcast_to(offset, m.shape))
+
+    def then(self, second: "MagModel") -> "MagModel":
+        """One model for this calibration and a `second` that was made of readings this one had corrected.
+
+        C = C1 C2 and b = b1 + C1 b2. `measure` undoes a correction: m = C y + b.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from jaxcal.magnetometer import MagModel
+        >>> first, second = MagModel(np.diag([2.0, 1.0, 1.0]), np.ones(3)), MagModel(np.eye(3), np.array([0.5, 0.0, 0.0]))
+        >>> both, m = first.then(second), np.array([4.0, 3.0, 2.0])
+        >>> print(both.correct(m), second.correct(first.correct(m)))
+        [1. 2. 1.] [1. 2. 1.]
+        """
+        first, other, start, shift = _same_dtype(self.soft_iron, second.soft_iron, self.hard_iron, second.hard_iron)
+        kind = np.asarray if not is_traced(self, second) else jnp.asarray
+        return MagModel(kind(first @ other), kind(start + first @ shift))
 
 
 def _same_dtype(*values: Any) -> list[jax.Array]:

@@ -7,17 +7,22 @@ import numpy as np
 
 from .._errors import DataError
 from .._solve import AbstractLoss, Cauchy, Fit, Huber, Tukey, covariance, solve
-from ._residuals import Readings, orthogonal, radial, shape_and_centre
+from ._residuals import Readings, orthogonal, radial
 from ._start import COUNT, PLANAR, basis_of, parameters_of, robust_start, start
 
 LOSSES: dict[str, AbstractLoss] = {"huber": Huber(), "cauchy": Cauchy(), "tukey": Tukey()}
 CURVED = 0.02  # noise over radius above which the curvature term is worth a fit
 _ROUNDS = 5
+_PRECISE = 1e-5  # step to go, relative to the statistical uncertainty
+_LEVELLINGS, _SETTLED = 3, 3e-3
 _SMALLEST_PAD = 64
 
 
 class Found(eqx.Module):
-    """An ellipsoid in scaled readings: shape and centre, (9, 9) covariance of its parameters, noise, distances and weights."""
+    """An ellipsoid in scaled readings: shape and centre, (9, 9) covariance of its parameters, noise, distances and weights.
+
+    noise2 : the variance whose curvature term was taken off the distances.
+    """
 
     parameters: np.ndarray
     shape: np.ndarray
@@ -29,6 +34,7 @@ class Found(eqx.Module):
     converged: bool
     kind: str = eqx.field(static=True)
     message: str = eqx.field(static=True, default="")
+    noise2: float = 0.0
 
 
 def padded(u: np.ndarray, kind: str, scale: float = 1.0, noise2: float = 0.0) -> Readings:
@@ -46,10 +52,17 @@ def bounds_of(kind: str) -> tuple[np.ndarray, np.ndarray]:
 
 def geometric(u: np.ndarray, kind: str, loss: str | None = None, cost: str = "orthogonal") -> Found:
     """Least squares of orthogonal (or radial) distances, from the best algebraic start."""
-    begin = parameters_of(kind, *(start if loss is None else robust_start)(u, kind))
+    found = flat(u, kind, loss, cost)
+    return found if cost == "radial" else levelled(found, u, loss)
+
+
+def flat(u: np.ndarray, kind: str, loss: str | None = None, cost: str = "orthogonal", begin: np.ndarray | None = None) -> Found:
+    """The same without the curvature term: enough to compare models, which all have a radius to take up its mean."""
+    if begin is None:
+        begin = parameters_of(kind, *(start if loss is None else robust_start)(u, kind))
     function = radial if cost == "radial" else orthogonal
     if loss is None:
-        fit, scale = solve(function, begin, padded(u, kind), bounds=bounds_of(kind)), 1.0
+        fit, scale = solve(function, begin, padded(u, kind), bounds=bounds_of(kind), rtol=_PRECISE), 1.0
     else:
         fit, scale = _robust(function, begin, u, kind, loss)
     if cost == "radial":
@@ -57,24 +70,50 @@ def geometric(u: np.ndarray, kind: str, loss: str | None = None, cost: str = "or
         found = described(np.asarray(fit.parameters), u, kind)
         news = (bool(fit.usable), np.asarray(fit.weights)[: len(u)])
         return eqx.tree_at(lambda f: (f.converged, f.weight), found, news)
-    fit = _without_curvature_bias(fit, scale, u, kind, loss)
+    return _found(fit, scale, len(u), kind)
+
+
+def levelled(found: Found, u: np.ndarray, loss: str | None = None) -> Found:
+    """The fit with sigma^2 times the mean curvature taken off, where the noise is large enough to matter."""
+    radius = float(np.linalg.det(found.shape)) ** (-1 / 6)
+    if not 0.5 * radius > found.noise > CURVED * radius:
+        return found
+    # readings in a plane have no noise across it: of the two principal curvatures one counts
+    share = 0.5 if found.kind in PLANAR else 1.0
+    scale = 1.0 if loss is None else found.noise
+    for _ in range(_LEVELLINGS):
+        noise2 = share * found.noise**2
+        data = padded(u, found.kind, scale, noise2)
+        robust = None if loss is None else LOSSES[loss]
+        fit = solve(orthogonal, found.parameters, data, loss=robust, bounds=bounds_of(found.kind), rtol=_PRECISE)
+        last, found = found.noise, _found(fit, scale, len(u), found.kind, noise2)
+        if abs(found.noise - last) < _SETTLED * last:
+            break
+    return found
+
+
+def _found(fit: Fit, scale: float, count: int, kind: str, noise2: float = 0.0) -> Found:
     parameters = np.asarray(fit.parameters)
-    shape, centre = ellipsoid(parameters, kind)
-    spread = np.asarray(covariance(fit, scaled=True))
-    sigma, distance, weight = (
-        _sigma(fit, scale, len(u), kind),
-        scale * np.asarray(fit.residuals)[: len(u)],
-        np.asarray(fit.weights)[: len(u)],
-    )
     return Found(
-        parameters, shape, centre, spread, sigma, distance, weight, bool(fit.usable), kind, "" if bool(fit.usable) else fit.message
+        parameters,
+        *ellipsoid(parameters, kind),
+        np.asarray(covariance(fit, scaled=True)),
+        _sigma(fit, scale, count, kind),
+        scale * np.asarray(fit.residuals)[:count],
+        np.asarray(fit.weights)[:count],
+        bool(fit.usable),
+        kind,
+        "" if bool(fit.usable) else fit.message,
+        noise2,
     )
 
 
 def ellipsoid(parameters: np.ndarray, kind: str) -> tuple[np.ndarray, np.ndarray]:
-    """Shape matrix and centre."""
-    shape, centre = shape_and_centre(jnp.asarray(parameters), jnp.asarray(basis_of(kind)))
-    return np.asarray(shape), np.asarray(centre)
+    """Shape matrix and centre (`shape_and_centre` in NumPy, which has nothing to dispatch)."""
+    full = basis_of(kind) @ parameters
+    upper = np.zeros((3, 3))
+    upper[np.triu_indices(3)] = full[:6]
+    return upper.T @ upper, full[6:]
 
 
 def _spread(residuals, count: int, free: int) -> float:
@@ -88,7 +127,7 @@ def _robust(function, begin, u, kind, loss) -> tuple[Fit, float]:
     count, free = len(u), COUNT[kind]
     scale = max(_spread(_residuals(function, jnp.asarray(begin), _jax(padded(u, kind))), count, free), 1e-13)
     for _ in range(_ROUNDS):
-        fit = solve(function, begin, padded(u, kind, scale), loss=LOSSES[loss], bounds=bounds_of(kind))
+        fit = solve(function, begin, padded(u, kind, scale), loss=LOSSES[loss], bounds=bounds_of(kind), rtol=_PRECISE)
         begin, last, scale = np.asarray(fit.parameters), scale, max(_spread(fit.residuals, count, free) * scale, 1e-13)
         if abs(scale - last) < 1e-3 * last:
             break
@@ -109,21 +148,6 @@ def _sigma(fit: Fit, scale: float, count: int, kind: str) -> float:
     if fit.robust:
         return scale * _spread(fit.residuals, count, COUNT[kind])
     return scale * float(np.sqrt(np.sum(np.asarray(fit.residuals) ** 2) / max(count - COUNT[kind], 1)))
-
-
-def _without_curvature_bias(fit: Fit, scale: float, u: np.ndarray, kind: str, loss: str | None) -> Fit:
-    """Three rounds with sigma^2 times the mean curvature taken off, where the noise is large enough to matter."""
-    radius = float(np.linalg.det(ellipsoid(np.asarray(fit.parameters), kind)[0])) ** (-1 / 6)
-    sigma = _sigma(fit, scale, len(u), kind)
-    if not 0.5 * radius > sigma > CURVED * radius:
-        return fit
-    # readings in a plane have no noise across it: of the two principal curvatures one counts
-    share = 0.5 if kind in PLANAR else 1.0
-    for _ in range(3):
-        data = padded(u, kind, scale, share * sigma**2)
-        fit = solve(orthogonal, np.asarray(fit.parameters), data, loss=None if loss is None else LOSSES[loss], bounds=bounds_of(kind))
-        sigma = _sigma(fit, scale, len(u), kind)
-    return fit
 
 
 @jax.jit

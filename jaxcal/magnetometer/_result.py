@@ -12,8 +12,8 @@ from ._model import MagModel
 class MagFit(eqx.Module):
     """Hard and soft iron with their uncertainty, the heading error to expect, and a verdict.
 
-    A fit of norms cannot see a rotation common to all readings: `model` is the one with a symmetric soft iron, and
-    `heading_error` is that of the hard iron and of the symmetric part alone.
+    A fit of norms cannot see a rotation common to all readings: without an `alignment`, `model` is the one with a symmetric soft
+    iron, and `heading_error` is that of the hard iron and of the symmetric part alone.
 
     Attributes
     ----------
@@ -29,10 +29,12 @@ class MagFit(eqx.Module):
     reason : one sentence or more.
     field : norm of the corrected field: as given, or the cube root of the product of the ellipsoid's semi-axes.
     outliers : indices of readings more than four robust standard deviations off, or weighted below one half.
+    used : number of readings that were fitted: all, or of a long log as many as there are directions to tell apart.
     needed : (3, 3) unit vectors, in the corrected field's axes, in which further readings would help most.
     condition : condition number of the fit on the unit sphere; 3 for even coverage, above 1000 the data hardly determine the model.
     inclination : dip of the field used for `heading_error`, rad.
     plane : (3, 3) for a planar fit: unit vectors of the plane, and its normal last. None otherwise.
+    alignment : `Alignment` with the accelerometer, gyroscope or headings that were given; its rotation is in `model`. None otherwise.
     warnings : sentences.
     names : of the parameters of `covariance`.
     method, kind : name of the method; "sphere", "diagonal", "symmetric", or in a plane "circle" and "ellipse".
@@ -46,6 +48,7 @@ class MagFit(eqx.Module):
     noise: float
     field: float
     outliers: AnyArray
+    used: int
     needed: AnyArray
     condition: float
     inclination: float
@@ -56,6 +59,7 @@ class MagFit(eqx.Module):
     names: tuple[str, ...] = eqx.field(static=True)
     method: str = eqx.field(static=True)
     kind: str = eqx.field(static=True)
+    alignment: Any = None
 
     @property
     def hard_iron_error(self) -> np.ndarray:

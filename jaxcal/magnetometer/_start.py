@@ -77,7 +77,7 @@ def start(u: np.ndarray, kind: str) -> tuple[np.ndarray, np.ndarray]:
     raise reason or NotEllipsoid(_quadric.NOT_ELLIPSOID.format("quadric of another kind"))
 
 
-def _distance(found: tuple[np.ndarray, np.ndarray], u: np.ndarray) -> np.ndarray:
+def away(found: tuple[np.ndarray, np.ndarray], u: np.ndarray) -> np.ndarray:
     """Size of the first-order distance to an ellipsoid."""
     z = u - found[1]
     normal = z @ found[0]
@@ -106,7 +106,7 @@ def robust_start(u: np.ndarray, kind: str) -> tuple[np.ndarray, np.ndarray]:
             found = fit(readings)
         except (NotEllipsoid, np.linalg.LinAlgError):
             return []
-        return [(float(np.median(_distance(found, u))), found)]
+        return [(float(np.median(away(found, u))), found)]
 
     def best(tries):
         return sorted(tries, key=lambda one: one[0])
@@ -114,12 +114,12 @@ def robust_start(u: np.ndarray, kind: str) -> tuple[np.ndarray, np.ndarray]:
     tries = [one for _ in range(_SUBSETS) for one in attempt(u[rng.choice(len(u), min(len(u), _SUBSET), replace=False)])]
     tries = best(tries)[:_KEPT] + attempt(u)
     for _ in range(_ROUNDS):
-        tries += [new for _, found in tries for new in attempt(u[np.argsort(_distance(found, u))[:half]])]
+        tries += [new for _, found in tries for new in attempt(u[np.argsort(away(found, u))[:half]])]
         tries = best(tries)[:_KEPT]
     if not tries:
         return start(u, kind)
     least, found = tries[0]
-    near = u[_distance(found, u) <= 3 * 1.4826 * max(least, 1e-12)]
+    near = u[away(found, u) <= 3 * 1.4826 * max(least, 1e-12)]
     try:
         return start(near, kind) if len(near) > 2 * COUNT[kind] else found
     except NotEllipsoid:

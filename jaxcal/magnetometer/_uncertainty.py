@@ -1,5 +1,7 @@
 """From the covariance of an ellipsoid to the heading error it causes, and which parameters the readings leave open (host, NumPy)."""
 
+import functools
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -65,6 +67,7 @@ def _root_slopes(shape: np.ndarray) -> np.ndarray:
     return np.array(slopes)
 
 
+@functools.cache
 def grids(inclination: float) -> list[tuple[np.ndarray, np.ndarray]]:
     """Attitudes and unit fields at level, and at 20 degrees of tilt in eight directions."""
     headings = np.arange(24) * np.pi / 12
@@ -105,6 +108,18 @@ def heading_error(shape: np.ndarray, covariance: np.ndarray, inclination: float)
         slopes = slopes[:, _PLANAR] if len(covariance) == 5 else slopes
         errors.append(np.sqrt(np.mean(np.einsum("ni,ij,nj->n", slopes, covariance, slopes))))
     return np.array([errors[0], np.inf]) if len(covariance) == 5 else np.array(errors)
+
+
+def turned_heading_error(covariance: np.ndarray, inclination: float) -> np.ndarray:
+    """Root mean square heading error, at level and tilted, of a rotation about the body axes that is known to `covariance`."""
+    errors = []
+    for attitudes, directions in grids(inclination):
+        change = np.cross(np.eye(3)[None], directions[:, None])
+        x, y, _ = np.moveaxis(_levelled(attitudes, directions), -1, 0)
+        dx, dy, _ = np.moveaxis(_levelled(attitudes, change), -1, 0)
+        slopes = (y[:, None] * dx - x[:, None] * dy) / (x**2 + y**2)[:, None]
+        errors.append(np.sqrt(np.mean(np.einsum("ni,ij,nj->n", slopes, covariance, slopes))))
+    return np.array(errors)
 
 
 def heading_departure(first: Found, second: Found, inclination: float) -> np.ndarray:

@@ -13,7 +13,7 @@ NEAR_PLANAR = 0.05  # smallest singular value of the centred readings, of 0.58 f
 NEAR_PLANAR_SENTENCE = (
     "The readings are near-planar: they leave the field across their plane open. Turn about a second axis, or use model='planar'."
 )
-_OUTLIER = 4.0
+OUTLIER = 4.0
 _MANY_OUTLIERS = 0.01
 _NOISY, _TOO_NOISY = 0.1, 0.2
 _ILL, _SINGULAR = 1000.0, 1e8
@@ -31,7 +31,7 @@ def outliers(found: Found) -> np.ndarray:
     """Readings off by four robust standard deviations, or with less than a third of their weight."""
     size = np.abs(found.distance)
     spread = 1.4826 * np.median(size)
-    return np.flatnonzero((size > max(_OUTLIER * spread, 1e-9)) | (found.weight < 0.33))
+    return np.flatnonzero((size > max(OUTLIER * spread, 1e-9)) | (found.weight < 0.33))
 
 
 def _other_quadric(found: Found, u: np.ndarray) -> str | None:

@@ -3,6 +3,12 @@
 from ._allan import allan as allan
 from ._dynamic import dynamic as dynamic
 from ._imu import imu as imu
+from ._magnetometer import (
+    coverage as coverage,
+    heading_error as heading_error,
+    residual as residual,
+    sphere as sphere,
+)
 from ._north import north as north
 from ._save import save as save
 from ._spectrum import spectrum as spectrum

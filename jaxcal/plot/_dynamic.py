@@ -8,7 +8,7 @@ from .._errors import DataError
 from ..allan import DynamicDeviation
 from ._allan import _KINDS
 from ._labels import duration_label
-from ._style import INK, MUTED, SHADE, new_panels, style_axes
+from ._style import INK, MUTED, SHADE, new_figure, style_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -54,9 +54,7 @@ def dynamic(result: Any, ax: Any = None) -> Any:
     shown = np.ma.masked_where(~(values > 0), values)  # NaN too
     if shown.count() == 0:
         raise DataError("there is nothing to draw: no deviation is above zero; the record is constant")
-    if ax is None:
-        ax = new_panels(1)[0]
-        ax.figure.set_layout_engine("constrained")  # for the colour bar
+    ax = new_figure(1).subplots() if ax is None else ax
     _draw(ax, result, tau, shown)
     return ax
 

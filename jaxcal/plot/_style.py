@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 INK = "#1b1f24"
 MUTED = "#68707c"
@@ -19,11 +20,18 @@ _TEXT = 10.0
 _PAD = 0.06  # inches around what is drawn
 
 
-def new_panels(count: int) -> list["Axes"]:
-    """Axes below one another in a figure of their own, 1000 pixels wide, that belongs to no window; `arrange` places them when drawn."""
+def new_figure(panels: int) -> "Figure":
+    """An empty figure, 1000 pixels wide, for panels below one another, laid out by matplotlib; it belongs to no window."""
     from matplotlib.figure import Figure
 
-    return list(Figure(figsize=(8.0, 5.0 * count), dpi=125).subplots(count, 1, squeeze=False)[:, 0])
+    return Figure(figsize=(8.0, 5.0 * panels), dpi=125, layout="constrained")
+
+
+def new_panels(count: int) -> list["Axes"]:
+    """Axes below one another in a figure of their own; `arrange` places them when all is drawn."""
+    figure = new_figure(count)
+    figure.set_layout_engine("none")
+    return list(figure.subplots(count, 1, squeeze=False)[:, 0])
 
 
 def arrange(panels: list["Axes"]) -> None:

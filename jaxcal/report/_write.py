@@ -7,10 +7,12 @@ from typing import Any
 
 from .._files import write_atomically
 from .._log import Log
+from ..magnetometer import MagFit
 from ..plot._labels import duration_label
 from ..temperature import TemperatureFit
 from ._document import check_results
 from ._html import join
+from ._magnetometer import mag_body
 from ._noise import meaning, plots, provenance, recording, remarks, verdict
 from ._page import page
 from ._thermal import check_thermal, thermal_body
@@ -24,8 +26,8 @@ def write(results: Any, path: str | os.PathLike[str], *, log: Log | None = None)
 
     Parameters
     ----------
-    results : channel -> `NoiseFit`, as `jaxcal.noise.characterise` returns them, or channel -> `TemperatureFit`, as
-        `jaxcal.temperature.characterise` does.
+    results : channel -> `NoiseFit`, as `jaxcal.noise.characterise` returns them, channel -> `TemperatureFit`, as
+        `jaxcal.temperature.characterise` does, or the `MagFit` of a magnetometer.
     path : file to write; an existing one is replaced in one step.
     log : the recording, for its summary, notes, warnings and provenance.
 
@@ -48,6 +50,10 @@ def write(results: Any, path: str | os.PathLike[str], *, log: Log | None = None)
     '<!DOCTYPE html>'
     """
     version = importlib.metadata.version("jaxcal")
+    if isinstance(results, MagFit):
+        body, lead = mag_body(results, log), f"{len(results.residual)} readings: {results.verdict}"
+        write_atomically(path, page(_title(log, "Magnetometer"), lead, body, f"Written by jaxcal {version}"))
+        return
     if isinstance(results, dict) and any(isinstance(fit, TemperatureFit) for fit in results.values()):
         check_thermal(results)
         lead = f"{len(results)} channel{'s' * (len(results) != 1)}"
@@ -68,12 +74,11 @@ def write(results: Any, path: str | os.PathLike[str], *, log: Log | None = None)
             provenance(results, log, version),
         )
     )
-    write_atomically(path, page(_title(log), lead, body, f"Written by jaxcal {version}"))
+    write_atomically(path, page(_title(log, "Noise"), lead, body, f"Written by jaxcal {version}"))
 
 
-def _title(log: Log | None, what: str = "Noise") -> str:
+def _title(log: Log | None, what: str) -> str:
     file = None if log is None else log.provenance.get("file")
-    name = pathlib.PurePath(str(file)).name
     if file:
-        return f"{what} of {name}"
+        return f"{what} of {pathlib.PurePath(str(file)).name}"
     return "Sensor noise" if what == "Noise" else what

@@ -159,8 +159,8 @@ def test_the_thesis_case():
     m = cases.readings(sensor, field, 0.5, 0)
     found = fit(m, method="axes")
     assert np.abs(found.model.hard_iron - sensor.hard_iron).max() < 1.0
-    # principal axes of 4000 random readings are known to degrees only, where the semi-axes differ by 3 to 11 %
-    assert cases.rms(cases.heading_errors(found.model, sensor, 470.0)) < 1.0
+    # 0.22 over 20 draws, 0.43 at most; the axes of 4000 random readings are not as well known as the thesis's angle is below
+    assert cases.rms(cases.heading_errors(found.model, sensor, 470.0)) < 0.45
     shape, centre = axes(m, turn.T)  # with the thesis's angle, as read off its plots
     values, vectors = np.linalg.eigh(shape)
     by_hand = MagModel(vectors @ np.diag(values**-0.5) @ vectors.T, centre)

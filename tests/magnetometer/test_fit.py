@@ -8,8 +8,8 @@ import pytest
 import jaxcal
 from jaxcal import DataError
 from jaxcal.magnetometer import bootstrap, fit
+from jaxcal.magnetometer._checks import METHODS
 from jaxcal.magnetometer._consistent import adjusted, consistent
-from jaxcal.magnetometer._fit import METHODS
 from jaxcal.magnetometer._quadric import NotEllipsoid, constrained, li_griffiths, monomials, trace
 
 from . import cases

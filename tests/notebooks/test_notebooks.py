@@ -13,7 +13,7 @@ NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
 
 def test_there_are_notebooks():
     found = {path.stem for path in NOTEBOOKS}
-    assert found == {"thesis", "differentiable_noise", "imu_by_hand", "north_finding", "temperature_jump"}
+    assert found == {"thesis", "differentiable_noise", "imu_by_hand", "magnetometer", "north_finding", "temperature_jump"}
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)

@@ -1,0 +1,81 @@
+"""Options of `fit`: checked before anything is computed."""
+
+from typing import Any
+
+import numpy as np
+
+from .._errors import DataError
+from .._precision import is_traced
+from ._attitude import INCLINATION
+from ._consistent import consistent
+from ._elementary import axes, minmax
+from ._orthogonal import loss_name
+from ._quadric import constrained, diagonal, li_griffiths, sphere, trace
+
+#: method -> model -> algebraic fit
+DIRECT: dict[str, dict[str, Any]] = {
+    "minmax": {"diagonal": minmax},
+    "axes": {"symmetric": axes},
+    "constrained": {"symmetric": constrained},
+    "li_griffiths": {"symmetric": li_griffiths},
+    "algebraic": {"symmetric": trace, "diagonal": diagonal, "sphere": sphere},
+    "consistent": {"symmetric": lambda u: consistent(u)[:2]},
+}
+SOLID = ("sphere", "diagonal", "symmetric")
+METHODS = ("ml", "consistent", "algebraic", "li_griffiths", "constrained", "radial", "axes", "minmax")
+MODELS = ("auto", *SOLID, "planar")
+
+
+def checked(m, method, model, field, loss, inclination, choose) -> tuple[np.ndarray, float | None, float]:
+    """Readings, norm of the field and dip; every option known and at home with the method."""
+    if is_traced(m, field):
+        raise DataError("`fit` decides on the host and cannot be traced; differentiate `distance_residuals` or `radial_residuals` instead.")
+    try:
+        m = np.asarray(m, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise DataError("The readings are not numbers; give an array of shape (n, 3).") from error
+    if m.ndim != 2 or m.shape[1] != 3 or not len(m):
+        raise DataError(f"The readings have shape {m.shape}; expected (n, 3), one row per reading.")
+    bad = np.flatnonzero(~np.isfinite(m).all(axis=1))
+    if bad.size:
+        raise DataError(f"{bad.size} readings are not finite, the first in row {bad[0]}; leave them out.")
+    if np.abs(m).max() > 1e100 or 0 < np.ptp(m) < 1e-100:
+        raise DataError("The readings leave the range in which their fourth powers are numbers; give them in tesla or counts.")
+    if method not in METHODS:
+        raise DataError(f"There is no method {method!r}; known are {', '.join(map(repr, METHODS))}.")
+    if model not in MODELS:
+        raise DataError(f"There is no model {model!r}; known are {', '.join(map(repr, MODELS))}.")
+    if choose not in ("bic", "held_out"):
+        raise DataError(f"There is no way to choose {choose!r}; known are 'bic' and 'held_out'.")
+    allowed = {"ml": MODELS, "radial": ("auto", *SOLID)}.get(method, ("auto", *DIRECT.get(method, ())))
+    if model not in allowed:
+        raise DataError(f"Method {method!r} has no model {model!r}; it has {', '.join(map(repr, allowed))}. Method 'ml' has all.")
+    if loss_name(loss) is not None and method not in ("ml", "radial"):
+        raise DataError(f"Method {method!r} takes no loss; use method='ml' with loss={loss!r}.")
+    norm, dip = _field(field)
+    if norm is not None and model == "planar":
+        raise DataError("Readings in a plane do not show the whole field: leave out `field` with model='planar'.")
+    if inclination is not None:
+        dip = float(inclination)
+    elif dip is None:
+        dip = float(INCLINATION)
+    if not abs(dip) < np.pi / 2:
+        raise DataError(f"The inclination is {dip:g} rad; it must lie between -pi/2 and pi/2, where there is a horizontal field.")
+    return m, norm, dip
+
+
+def _field(field: Any) -> tuple[float | None, float | None]:
+    """Norm and dip."""
+    if field is None:
+        return None, None
+    vector = np.asarray(field, dtype=float)
+    if (
+        vector.shape not in ((), (3,))
+        or not np.isfinite(vector).all()
+        or not np.linalg.norm(vector) > 0
+        or (vector.ndim == 0 and vector < 0)
+    ):
+        raise DataError(f"The field is {field!r}; give its norm, or the vector (north, east, down), in the unit of the readings.")
+    if vector.ndim == 0:
+        return float(vector), None
+    return float(np.linalg.norm(vector)), float(np.arctan2(vector[2], np.hypot(vector[0], vector[1])))

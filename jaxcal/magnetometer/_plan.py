@@ -1,0 +1,176 @@
+"""`plan` and `predict`: the heading error that attitudes will give, before they are taken, and attitudes that give a small one."""
+
+import functools
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy.optimize
+
+from .._errors import DataError
+from .._precision import host_float64
+from .._types import AnyArray, Array
+from ._attitude import INCLINATION
+from ._uncertainty import grids, heading_slopes
+
+_STARTS = 4
+_FEWEST = 10
+
+
+class Plan(eqx.Module):
+    """Attitudes to hold, and what they will give.
+
+    Attributes
+    ----------
+    attitudes : (n, 3) azimuth, elevation and bank in rad.
+    heading_error : (2,) predicted rms heading error in rad, at level and at 20 degrees of tilt.
+    repeats : readings to take at each attitude so that both are below the limit; 1 without a limit.
+    """
+
+    attitudes: AnyArray
+    heading_error: AnyArray
+    repeats: int
+
+
+def _directions(attitudes: Array, inclination: Array) -> Array:
+    """Field in body axes (see `body_field`), traced."""
+    azimuth, elevation, bank = attitudes[:, 0], attitudes[:, 1], attitudes[:, 2]
+    north, down = jnp.cos(inclination), jnp.sin(inclination)
+    x, y = north * jnp.cos(azimuth), -north * jnp.sin(azimuth)
+    ct, st, cp, sp = jnp.cos(elevation), jnp.sin(elevation), jnp.cos(bank), jnp.sin(bank)
+    forward, across = x * ct - down * st, x * st + down * ct
+    return jnp.stack([forward, y * cp + across * sp, -y * sp + across * cp], axis=1)
+
+
+def _variance(attitudes: Array, inclination: Array, weight: Array) -> Array:
+    """Mean square heading error per noise variance (relative to the field) for sensors near C = I: trace of bound times weight."""
+    x, y, z = _directions(attitudes, inclination).T
+    rows = jnp.stack([x * x, 2 * x * y, y * y, 2 * x * z, 2 * y * z, z * z, -2 * x, -2 * y, -2 * z], axis=1) / 2
+    information = rows.T @ rows
+    # a ridge far below what a usable plan has keeps the derivative finite at singular plans
+    information = information + 1e-9 * len(rows) * jnp.eye(9, dtype=rows.dtype)
+    return jnp.trace(jnp.linalg.solve(information, weight))
+
+
+@functools.cache
+def _weights(inclination: float) -> np.ndarray:
+    """Mean of the outer products of the heading's slopes, at level and tilted, (2, 9, 9)."""
+    found = []
+    for attitudes, directions in grids(inclination):
+        slopes = heading_slopes(np.eye(3), attitudes, directions)
+        found.append(slopes.T @ slopes / len(slopes))
+    return np.array(found)
+
+
+_slope = jax.jit(jax.value_and_grad(lambda a, i, w: jnp.log(_variance(a, i, w))))
+_value = jax.jit(_variance)
+
+
+@host_float64
+def predict(attitudes: Any, noise: float | int, *, inclination: float | int = INCLINATION) -> AnyArray:
+    r"""Least rms heading error that readings in given attitudes allow: the Cramer-Rao bound, before a reading is taken.
+
+    .. math:: \sigma_\psi^2 = \sigma^2\,\mathrm{tr}\big[(J^T J)^{-1}\,\overline{j^T j}\big]
+
+    Parameters
+    ----------
+    attitudes : (n, 3) azimuth, elevation and bank in rad, one for each reading.
+    noise : standard deviation of an axis of a reading, relative to the norm of the field.
+    inclination : dip of the field in rad.
+
+    Returns
+    -------
+    (2,) rad, at level and at 20 degrees of tilt, for a sensor with little soft iron, all nine parameters unknown.
+
+    Raises
+    ------
+    DataError
+        If the attitudes are not (n, 3), or fewer than ten.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.magnetometer import predict, scenario
+    >>> print(np.rad2deg(predict(scenario("twelve_points"), 0.2 / 47)).round(1))
+    [1.6 2.1]
+    """
+    attitudes = np.asarray(attitudes, dtype=float)
+    if attitudes.ndim != 2 or attitudes.shape[1] != 3 or len(attitudes) < _FEWEST:
+        raise DataError(f"The attitudes have shape {attitudes.shape}; expected (n, 3) with at least {_FEWEST} rows.")
+    if not noise > 0 or not abs(inclination) < np.pi / 2:
+        raise DataError("The noise must be positive, relative to the field, and the inclination within 90 degrees.")
+    values = [float(_value(jnp.asarray(attitudes), jnp.asarray(inclination), jnp.asarray(w))) for w in _weights(float(inclination))]
+    return noise * np.sqrt(np.array(values))
+
+
+@host_float64
+def plan(
+    count: int,
+    noise: float | int,
+    *,
+    limit: float | int | None = None,
+    elevation: tuple[float | int, float | int] = (-np.pi / 2, np.pi / 2),
+    bank: tuple[float | int, float | int] = (-np.pi, np.pi),
+    inclination: float | int = INCLINATION,
+    seed: int = 0,
+) -> Plan:
+    """Attitudes to hold, by the gradient of the bound, so that the heading error is small.
+
+    Parameters
+    ----------
+    count : number of attitudes, 10 or more.
+    noise : standard deviation of an axis of a reading, relative to the norm of the field.
+    limit : rms heading error in rad to stay below at level and at 20 degrees of tilt; `repeats` then says how often to read.
+    elevation, bank : lowest and highest that the vehicle allows, rad. All headings are allowed.
+    inclination : dip of the field in rad.
+    seed : of the attitudes to start from; the best of four is taken.
+
+    Returns
+    -------
+    Plan
+
+    Raises
+    ------
+    DataError
+        If there are too few attitudes, the limits are no interval, or what they allow leaves a parameter open.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.magnetometer import plan, predict, scenario
+    >>> better = plan(12, 0.2 / 47)
+    >>> bool(np.all(3 * better.heading_error < predict(scenario("twelve_points"), 0.2 / 47)))
+    True
+
+    References
+    ----------
+    V. Fedorov, Theory of Optimal Experiments, 1972 (the criterion is linear in the covariance: L-optimality).
+    """
+    for low, high, name in ((*elevation, "elevation"), (*bank, "bank")):
+        if not low <= high:
+            raise DataError(f"The {name} from {low:g} to {high:g} is no interval; give the lowest first.")
+    if count < _FEWEST or not noise > 0 or not abs(inclination) < np.pi / 2 or not (limit is None or limit > 0):
+        raise DataError(f"A plan needs {_FEWEST} attitudes or more, a positive noise, and an inclination within 90 degrees; got {count}.")
+    rng, weight = np.random.default_rng(seed), jnp.asarray(_weights(float(inclination)).mean(axis=0))
+    bounds = [(None, None), elevation, bank] * count
+    best, least = None, np.inf
+
+    def cost(x):
+        value, slope = _slope(jnp.asarray(x.reshape(count, 3)), jnp.asarray(inclination), weight)
+        return float(value), np.asarray(slope).ravel()
+
+    for _ in range(_STARTS):
+        turns = np.stack([rng.uniform(0, 2 * np.pi, count), rng.uniform(*elevation, count), rng.uniform(*bank, count)], axis=1)
+        found = scipy.optimize.minimize(cost, turns.ravel(), jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": 200})
+        if found.fun < least:
+            best, least = found.x.reshape(count, 3), float(found.fun)
+    if best is None:
+        raise DataError("No start of the plan gave a finite bound.")
+    best[:, 0] %= 2 * np.pi
+    error = predict(best, noise, inclination=inclination)
+    if not error.max() < np.pi:
+        raise DataError("The attitudes that are allowed leave the calibration open; allow more elevation or bank.")
+    repeats = 1 if limit is None else max(int(np.ceil((error.max() / limit) ** 2)), 1)
+    return Plan(best[np.argsort(best[:, 0])], error / np.sqrt(repeats), repeats)

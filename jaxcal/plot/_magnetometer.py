@@ -1,0 +1,254 @@
+"""Figures of a magnetometer calibration: sphere, coverage, residual, heading error."""
+
+from typing import Any
+
+import numpy as np
+
+from .._errors import DataError
+from ..magnetometer import MagFit, heading_uncertainty
+from ._style import INK, MUTED, SERIES, SHADE, new_figure
+
+_MOST = 5000  # points that are drawn; more only cover one another
+_PLANES = ((0, 1), (0, 2), (1, 2))
+_BEFORE, _AFTER = SERIES[1], SERIES[0]
+
+
+def sphere(m: Any, found: Any, axes: Any = None) -> Any:
+    """Draw readings before and after the calibration on the three planes and in space, with the circle they should fill.
+
+    Parameters
+    ----------
+    m : (n, 3) the readings, in tesla or any other unit.
+    found : their fit.
+    axes : four matplotlib Axes, the last one three-dimensional; None makes a figure.
+
+    Returns
+    -------
+    Array of the four Axes.
+
+    Raises
+    ------
+    DataError
+        If the fit has no model, or the readings are not (n, 3).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> from jaxcal.magnetometer import body_field, scenario
+    >>> m = body_field(scenario("all"), 50e-6) + [2e-5, -1e-5, 0]
+    >>> jaxcal.plot.sphere(m, jaxcal.magnetometer.fit(m)).shape
+    (4,)
+    """
+    model = _checked(found)
+    m = np.asarray(m, dtype=float)
+    if m.ndim != 2 or m.shape[1] != 3:
+        raise DataError(f"the readings have shape {m.shape}; expected (n, 3)")
+    m = m[np.isfinite(m).all(axis=1)]
+    m = m[:: max(len(m) // _MOST, 1)]
+    scale, unit = _unit(found)
+    before, after, radius = m / scale, np.asarray(model.correct(m)) / scale, found.field / scale
+    if axes is None:
+        figure = new_figure(2)
+        places = [figure.add_subplot(2, 2, i + 1) for i in range(3)]
+        axes = np.array([*places, figure.add_subplot(2, 2, 4, projection="3d")], dtype=object)
+    circle = np.linspace(0, 2 * np.pi, 181)
+    for ax, (i, j) in zip(axes[:3], _PLANES, strict=True):
+        ax.plot(before[:, i], before[:, j], ".", color=_BEFORE, markersize=2, alpha=0.5, label="as measured")
+        ax.plot(after[:, i], after[:, j], ".", color=_AFTER, markersize=2, alpha=0.5, label="corrected")
+        ax.plot(radius * np.cos(circle), radius * np.sin(circle), color=INK, linewidth=0.8, label="field")
+        _linear(ax, f"{'xyz'[i]} ({unit})", f"{'xyz'[j]} ({unit})")
+        ax.set_aspect("equal")
+    axes[0].legend(loc="upper right", fontsize=8, markerscale=4, frameon=True, framealpha=0.85, edgecolor="none")
+    axes[3].scatter(*before.T, color=_BEFORE, s=2, alpha=0.4)
+    axes[3].scatter(*after.T, color=_AFTER, s=2, alpha=0.4)
+    axes[3].set_aspect("equal")
+    for axis, name in zip((axes[3].xaxis, axes[3].yaxis, axes[3].zaxis), "xyz", strict=True):
+        axis.set_label_text(name, color=INK)
+        axis.set_tick_params(labelsize=7, labelcolor=INK)
+    return axes
+
+
+def coverage(found: Any, ax: Any = None) -> Any:
+    """Draw the sphere of the corrected field's directions as an equal-area map: readings per region, and what is missing.
+
+    Longitude runs from x (0) over y (90 degrees), latitude from -z to +z. Crosses: where further readings would help most.
+
+    Parameters
+    ----------
+    found : a fit with a model.
+    ax : matplotlib Axes; None makes a figure.
+
+    Returns
+    -------
+    The Axes.
+
+    Raises
+    ------
+    DataError
+        If the fit has no model.
+
+    Examples
+    --------
+    >>> import jaxcal
+    >>> from jaxcal.magnetometer import body_field, scenario
+    >>> jaxcal.plot.coverage(jaxcal.magnetometer.fit(body_field(scenario("three_turns"), 50e-6), model="sphere")).get_xlabel()
+    'longitude (°), 0 at x, 90 at y'
+    """
+    from matplotlib.collections import PolyCollection
+
+    _checked(found)
+    ax = new_figure(1).subplots() if ax is None else ax
+    counts = np.asarray(found.coverage.counts, dtype=float)
+    cells = PolyCollection(_regions(), array=np.ma.masked_equal(counts, 0), cmap="viridis", edgecolors="white", linewidths=0.4)
+    cells.set_facecolor(SHADE)
+    ax.set_facecolor(SHADE)
+    ax.add_collection(cells)
+    bar = ax.figure.colorbar(cells, ax=ax, pad=0.02)
+    bar.set_label("readings per region", color=INK)
+    bar.outline.set_visible(False)
+    wanted = np.asarray(found.needed)
+    if len(wanted):
+        longitude = np.rad2deg(np.arctan2(wanted[:, 1], wanted[:, 0]))
+        ax.plot(longitude, wanted[:, 2], "x", color=SERIES[1], markersize=10, markeredgewidth=2.5, label="readings would help most here")
+        ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False, fontsize=9, labelcolor=INK)
+    _linear(ax, "longitude (°), 0 at x, 90 at y", "latitude (°), z up")
+    ax.grid(False)
+    ax.set_xlim(-180, 180)
+    ax.set_ylim(-1, 1)
+    ax.set_xticks(range(-180, 181, 45))
+    latitudes = np.array([-90, -45, -30, -15, 0, 15, 30, 45, 90])
+    ax.set_yticks(np.sin(np.deg2rad(latitudes)), [str(latitude) for latitude in latitudes])
+    return ax
+
+
+def residual(m: Any, found: Any, ax: Any = None) -> Any:
+    """Draw the distance of every reading to the fitted ellipsoid against its direction, as colour on the map of `coverage`.
+
+    Patches of one colour are a field that is not uniform, or iron that turns with something else than the sensor.
+
+    Parameters
+    ----------
+    m : (n, 3) the readings that were fitted.
+    found : their fit.
+    ax : matplotlib Axes; None makes a figure.
+
+    Returns
+    -------
+    The Axes.
+
+    Raises
+    ------
+    DataError
+        If the fit has no model, or is not of these readings.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> from jaxcal.magnetometer import body_field, scenario
+    >>> m = body_field(scenario("all"), 50e-6) + 1e-7 * np.random.default_rng(0).normal(size=(360, 3))
+    >>> jaxcal.plot.residual(m, jaxcal.magnetometer.fit(m)).get_ylabel()
+    'latitude (°), z up'
+    """
+    model = _checked(found)
+    m = np.asarray(m, dtype=float)
+    if m.shape != (len(found.residual), 3):
+        raise DataError(f"the readings have shape {m.shape}, the fit is of ({len(found.residual)}, 3); give the readings that were fitted")
+    ax = new_figure(1).subplots() if ax is None else ax
+    y = np.asarray(model.correct(m))
+    y = y / np.linalg.norm(y, axis=1, keepdims=True)
+    scale, unit = _unit(found)
+    off = np.asarray(found.residual) / scale
+    limit = float(np.quantile(np.abs(off), 0.98)) or 1.0
+    step = max(len(y) // _MOST, 1)
+    longitude = np.rad2deg(np.arctan2(y[:, 1], y[:, 0]))
+    points = ax.scatter(longitude[::step], y[::step, 2], c=off[::step], s=10, cmap="coolwarm", vmin=-limit, vmax=limit)
+    bar = ax.figure.colorbar(points, ax=ax, pad=0.02)
+    bar.set_label(f"residual ({unit})", color=INK)
+    bar.outline.set_visible(False)
+    _linear(ax, "longitude (°), 0 at x, 90 at y", "latitude (°), z up")
+    ax.set_xlim(-180, 180)
+    ax.set_ylim(-1.02, 1.02)
+    ax.set_xticks(range(-180, 181, 45))
+    latitudes = np.array([-90, -45, -30, -15, 0, 15, 30, 45, 90])
+    ax.set_yticks(np.sin(np.deg2rad(latitudes)), [str(latitude) for latitude in latitudes])
+    return ax
+
+
+def heading_error(found: Any, ax: Any = None) -> Any:
+    """Draw the standard deviation of the heading that the fit leaves, against heading, at level and at 20 degrees of tilt.
+
+    Parameters
+    ----------
+    found : a fit with a model.
+    ax : matplotlib Axes; None makes a figure.
+
+    Returns
+    -------
+    The Axes.
+
+    Raises
+    ------
+    DataError
+        If the fit has no model, or its readings leave the heading open.
+
+    Examples
+    --------
+    >>> import jaxcal
+    >>> from jaxcal.magnetometer import body_field, scenario
+    >>> m = body_field(scenario("all"), 50e-6)
+    >>> jaxcal.plot.heading_error(jaxcal.magnetometer.fit(m)).get_xlabel()
+    'heading (°)'
+    """
+    _checked(found)
+    if not np.isfinite(found.covariance).all():
+        raise DataError("there is nothing to draw: the readings leave the heading open")
+    ax = new_figure(1).subplots() if ax is None else ax
+    headings = np.linspace(0, 2 * np.pi, 145)
+    tilts = ((0.0, "level"), (np.deg2rad(20), "20° of tilt")) if found.plane is None else ((0.0, "in the plane"),)
+    for (tilt, name), color in zip(tilts, SERIES, strict=False):
+        ax.plot(np.rad2deg(headings), np.rad2deg(heading_uncertainty(found, headings, tilt=tilt)), color=color, label=name)
+    _linear(ax, "heading (°)", "standard deviation (°)")
+    ax.set_xlim(0, 360)
+    ax.set_ylim(bottom=0)
+    ax.set_xticks(range(0, 361, 45))
+    ax.legend(frameon=False, fontsize=9, labelcolor=INK)
+    return ax
+
+
+def _checked(found: Any) -> Any:
+    if not isinstance(found, MagFit):
+        raise DataError(f"cannot draw {type(found).__name__}; expected a MagFit, as jaxcal.magnetometer.fit returns it")
+    if found.model is None:
+        raise DataError(f"there is nothing to draw: the fit has no model. {found.reason}")
+    return found.model
+
+
+def _unit(found: MagFit) -> tuple[float, str]:
+    """Microtesla where the field is one of Earth in tesla, else the readings' own unit."""
+    return (1e-6, "µT") if 1e-6 < found.field < 1e-3 else (1.0, "unit of the readings")
+
+
+def _regions() -> list[np.ndarray]:
+    """Corners of the 100 regions of equal area in longitude (degrees) and sine of latitude."""
+    edges = np.sin([1.37046, 0.74776, 0.0, -0.74776, -1.37046])
+    rows = [(1, 1.0, edges[0])] + [(n, edges[k], edges[k + 1]) for k, n in enumerate((15, 34, 34, 15))] + [(1, edges[-1], -1.0)]
+    corners = []
+    for count, top, bottom in rows:
+        # region j of a zone begins j sectors after -x, where the longitude is -180 degrees
+        for j in range(count):
+            west, east = -180 + 360 * j / count, -180 + 360 * (j + 1) / count
+            corners.append(np.array([(west, bottom), (east, bottom), (east, top), (west, top)]))
+    return corners
+
+
+def _linear(ax: Any, x_label: str, y_label: str) -> None:
+    ax.set_axisbelow(True)
+    ax.grid(True, color="#e4e7eb", linewidth=0.8)
+    ax.tick_params(color=MUTED, labelcolor=INK, labelsize=9)
+    for side, spine in ax.spines.items():
+        spine.set_visible(side in ("left", "bottom"))
+        spine.set_color(MUTED)
+    ax.set_xlabel(x_label, color=INK)
+    ax.set_ylabel(y_label, color=INK)

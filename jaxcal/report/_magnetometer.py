@@ -1,0 +1,161 @@
+"""A magnetometer calibration as a page, and as a JSON document."""
+
+import importlib.metadata
+from typing import Any
+
+import numpy as np
+
+from .._log import Log
+from ..magnetometer import MagFit
+from ..plot import _magnetometer as pictures
+from ._document import plain
+from ._html import Markup, each, join, tag
+from ._noise import recording
+from ._svg import inline
+
+SCHEMA = "jaxcal.mag/1"
+_METHODS = {"ml": "maximum likelihood (orthogonal distance)", "consistent": "adjusted least squares"}
+
+
+def mag_document(found: MagFit, log: Log | None = None) -> dict[str, Any]:
+    """A magnetometer fit as a dictionary for JSON, in the units of its readings (tesla, from a log).
+
+    Parameters
+    ----------
+    found : the fit.
+    log : the recording, for its provenance, notes and warnings.
+
+    Returns
+    -------
+    Dictionary with `schema` ("jaxcal.mag/1"), `version`, `verdict`, `reason`, `method`, `model`, `hard_iron`, `hard_iron_error`,
+    `soft_iron`, `field`, `noise`, `heading_error` (rad, level and at 20 degrees of tilt), `inclination` (rad), `covariance`
+    (`parameters`, `values`), `coverage`, `needed`, `outliers`, `readings`, `alignment`, `warnings`, `provenance` and `notes`. What is
+    infinite or not known is None.
+
+    Examples
+    --------
+    >>> import jaxcal
+    >>> from jaxcal.magnetometer import body_field, scenario
+    >>> jaxcal.report.mag_document(jaxcal.magnetometer.fit(body_field(scenario("all"), 50e-6)))["verdict"]
+    'good'
+    """
+    model, cover, turn = found.model, found.coverage, found.alignment
+    return {
+        "schema": SCHEMA,
+        "version": importlib.metadata.version("jaxcal"),
+        "verdict": found.verdict,
+        "reason": found.reason,
+        "method": found.method,
+        "model": found.kind,
+        "hard_iron": None if model is None else _plain(model.hard_iron),
+        "hard_iron_error": None if model is None else _plain(found.hard_iron_error),
+        "soft_iron": None if model is None else _plain(model.soft_iron),
+        "field": _plain(found.field),
+        "noise": _plain(found.noise),
+        "heading_error": _plain(found.heading_error),
+        "inclination": _plain(found.inclination),
+        "covariance": {"parameters": list(found.names), "values": _plain(found.covariance)},
+        "coverage": None
+        if cover is None
+        else {name: _plain(getattr(cover, name)) for name in ("gaps", "variance", "wobble", "occupied", "largest_gap")},
+        "needed": _plain(found.needed),
+        "outliers": _plain(found.outliers),
+        "readings": len(found.residual),
+        "alignment": None
+        if turn is None
+        else {
+            "source": turn.source, "rotation": _plain(turn.rotation), "angle": _plain(turn.angle), "angle_error": _plain(turn.angle_error),
+            "dip": _plain(turn.dip), "verdict": turn.verdict, "reason": turn.reason,
+        },
+        "warnings": [*found.warnings, *(() if log is None else log.warnings)],
+        "notes": [] if log is None else list(log.notes),
+        "provenance": None if log is None else plain(log.provenance),
+    }  # fmt: skip
+
+
+def _plain(value: Any) -> Any:
+    """Numbers and lists of them; None for what JSON cannot say."""
+    array = np.asarray(value)
+    if array.ndim:
+        return [_plain(row) for row in array]
+    number = array.item()
+    return number if isinstance(number, int) or np.isfinite(number) else None
+
+
+def mag_body(found: MagFit, log: Log | None) -> Markup:
+    """The page between its head and its foot."""
+    version = importlib.metadata.version("jaxcal")
+    parts = [_verdict(found)]
+    if found.model is not None:
+        readings = None if log is None or log.mag is None else np.asarray(log.mag)[np.isfinite(log.mag).all(axis=1)]
+        parts.append(_pictures(found, readings))
+    remarks = [*found.warnings, *(() if log is None else log.warnings)]
+    said = tag("ul", each("li", remarks or ["None."]))
+    parts.append(tag("section", tag("h2", "Warnings", id="warnings"), said, aria_labelledby="warnings"))
+    parts += [recording(log), _meaning()]
+    known: dict[str, Any] = {
+        "Made by": f"jaxcal {version}",
+        "Method": f"{_METHODS.get(found.method, found.method)}, model {found.kind}",
+    }
+    known |= {key: str(value) for key, value in plain(log.provenance if log is not None else {}).items()}
+    items = [piece for key, value in known.items() for piece in (tag("dt", key), tag("dd", value))]
+    parts.append(tag("section", tag("h2", "Provenance", id="provenance"), tag("dl", *items), aria_labelledby="provenance"))
+    return join(parts)
+
+
+def _verdict(found: MagFit) -> Markup:
+    badge = tag("span", found.verdict, class_="badge present" if found.verdict == "good" else "badge hint")
+    parts = [tag("h2", "Verdict", id="verdict"), tag("p", badge, " ", found.reason)]
+    if found.model is not None:
+        scale, unit = pictures._unit(found)
+        model, spread = found.model, found.hard_iron_error / scale
+        rows = [tag("tr", *(tag("th", text, scope="col") for text in ("", "x", "y", "z")))]
+        hard = np.asarray(model.hard_iron) / scale
+        cells = [f"{b:.5g} ± {s:.2g}" if np.isfinite(s) else f"{b:.5g}, open" for b, s in zip(hard, spread, strict=True)]
+        rows.append(_row(f"hard iron ({unit})", cells))
+        for axis, row in zip("xyz", np.asarray(model.soft_iron), strict=True):
+            rows.append(_row(f"soft iron, {axis}", [f"{c:.5f}" for c in row]))
+        parts.append(tag("div", tag("table", tag("tbody", *rows)), class_="scroll", tabindex="0", role="region", aria_label="Calibration"))
+        level, tilted = np.rad2deg(found.heading_error)
+        facts = {
+            "Heading error to expect (rms)": f"{level:.2g}°" + (f" at level, {tilted:.2g}° at 20° of tilt" if np.isfinite(tilted) else ""),
+            "Field": f"{found.field / scale:.5g} {unit}",
+            "Noise of a reading": f"{found.noise / scale:.3g} {unit} per axis",
+            "Readings": f"{len(found.residual)}, {len(found.outliers)} of them outliers",
+            "Coverage": f"{100 * found.coverage.occupied:.0f} % of 500 directions; gaps {found.coverage.gaps:.0f} %, variance "
+            f"{found.coverage.variance:.1f} %, wobble {found.coverage.wobble:.1f} % (MotionCal's figures)",
+        }
+        if found.alignment is not None:
+            facts["Rotation"] = f"against {found.alignment.source}: {found.alignment.reason}"
+        parts.append(tag("dl", *(piece for key, value in facts.items() for piece in (tag("dt", key), tag("dd", value)))))
+    return tag("section", *parts, aria_labelledby="verdict")
+
+
+def _row(name: str, cells: list[str]) -> Markup:
+    return tag("tr", tag("th", name, scope="row"), *(tag("td", cell) for cell in cells))
+
+
+def _pictures(found: MagFit, m: np.ndarray | None) -> Markup:
+    figures = []
+    if m is not None and len(m) == len(found.residual):
+        figures.append((pictures.sphere(m, found)[0], "Readings", "Readings before and after correction on three planes and in space."))
+    figures.append((pictures.coverage(found), "Coverage", "Directions of the corrected field: readings per region of equal area."))
+    if m is not None and len(m) == len(found.residual):
+        figures.append((pictures.residual(m, found), "Residuals", "Distance of each reading to the ellipsoid, by direction."))
+    if np.isfinite(found.covariance).all():
+        figures.append((pictures.heading_error(found), "Heading error", "Standard deviation of the heading against heading."))
+    parts = [
+        tag("figure", tag("h3", title), tag("div", inline(ax, f"mag-{i}", title, about), class_="scroll"), tag("figcaption", about))
+        for i, (ax, title, about) in enumerate(figures)
+    ]
+    return tag("section", tag("h2", "Pictures", id="plots"), *parts, aria_labelledby="plots")
+
+
+def _meaning() -> Markup:
+    items = (
+        tag("dt", "Correction"), tag("dd", "true field = inverse of the soft iron matrix times (reading less hard iron)."),
+        tag("dt", "Heading error"), tag("dd", "What noise and coverage leave, for readings without noise and a true vertical. A fit of "
+            "norms cannot see a rotation common to all readings; unless it was aligned with another sensor, that comes on top."),
+        tag("dt", "Verdict"), tag("dd", "good: below 1° rms; weak: below 5°, or with a doubt that is named; refused: not to be used."),
+    )  # fmt: skip
+    return tag("section", tag("h2", "What it means", id="meaning"), tag("dl", *items), aria_labelledby="meaning")

@@ -1,0 +1,118 @@
+"""`jaxcal mag` and `jaxcal simulate mag`."""
+
+import json
+import typing
+
+import numpy as np
+import pytest
+
+import jaxcal
+from jaxcal.cli import _mag
+from jaxcal.magnetometer._checks import METHODS, MODELS
+
+from .conftest import listing, save
+
+
+@pytest.fixture
+def simulated(call, monkeypatch):
+    """A log in all attitudes, the magnetometer turned by 2 degrees about z; and the command line."""
+    monkeypatch.setattr(_mag, "keep_compiled", lambda: None)
+    found = call("simulate", "mag", "--out", "tumble.csv", "--mounting", "2", "--samples", "200")
+    assert (found.status, found.err) == (0, "")
+    truth = [[float(cell) for cell in line.split()] for line in found.out.splitlines()[1:4]]
+    return call, np.array(truth)
+
+
+@pytest.fixture
+def plain(call, folder):
+    """A small log with a magnetometer, and the command line."""
+    m = 4e-5 * np.random.default_rng(0).normal(size=(20, 3))
+    save(folder / "tumble.csv", np.column_stack([np.arange(20) / 10, m]), "time [s],mag_x [T],mag_y [T],mag_z [T]")
+    return call
+
+
+def test_the_command_offers_everything_of_the_library():
+    assert set(typing.get_args(_mag.Method)) == set(METHODS)
+    assert set(typing.get_args(_mag.Model)) == set(MODELS)
+
+
+def test_it_finds_the_truth_and_writes_everything(simulated, folder):
+    call, truth = simulated
+    found = call("mag", "tumble.csv", "--align", "accel", "--field", "47")
+    assert (found.status, found.err) == (0, "")
+    assert listing(folder / "tumble-mag") == [
+        "calibration.json", "coverage.png", "heading_error.png", "mag.json", "report.html", "sphere.png",
+    ]  # fmt: skip
+    document = json.loads((folder / "tumble-mag" / "mag.json").read_text())
+    assert document["schema"] == "jaxcal.mag/1"
+    assert document["verdict"] == "good"
+    off = np.array(document["hard_iron"]) - np.array([21.7e-6, 5.2e-6, -10.2e-6])
+    assert np.all(np.abs(off) < 4 * np.array(document["hard_iron_error"]))
+    np.testing.assert_allclose(document["soft_iron"], truth, atol=6e-3)
+    assert np.rad2deg(document["alignment"]["angle"]) == pytest.approx(2.0, abs=0.3)
+    assert "hard iron (uT)" in found.out
+    page = (folder / "tumble-mag" / "report.html").read_text()
+    assert page.startswith("<!DOCTYPE html>")
+    assert page.count("<svg") == 4
+    assert "Magnetometer of tumble.csv" in page
+    calibration = jaxcal.Calibration.load(folder / "tumble-mag" / "calibration.json")
+    np.testing.assert_array_equal(calibration.magnetometer["hard_iron"], document["hard_iron"])
+
+
+def test_the_corrected_log_has_one_norm(simulated, folder):
+    call, _ = simulated
+    found = call("mag", "tumble.csv", "--model", "symmetric", "--corrected", "fixed.csv", "--json", "out.json")
+    assert found.status == 0
+    assert listing(folder) == ["fixed.csv", "out.json", "tumble.csv"]
+    fixed = jaxcal.read(folder / "fixed.csv", quiet=True)
+    norm = np.linalg.norm(fixed.mag, axis=1)
+    assert norm.std() / norm.mean() < 0.01
+    assert fixed.accel.shape == fixed.mag.shape
+
+
+def test_a_refused_fit_ends_with_its_reason(simulated, folder):
+    call, _ = simulated
+    rows = np.loadtxt(folder / "tumble.csv", delimiter=",", skiprows=1)
+    header = (folder / "tumble.csv").read_text().splitlines()[0]
+    np.savetxt(folder / "few.csv", rows[:8], delimiter=",", header=header, comments="")
+    found = call("mag", "few.csv", "--model", "symmetric")
+    assert found.status == 1
+    assert "8 distinct readings" in found.reason
+    assert not (folder / "few-mag").exists()
+    assert call("mag", "few.csv", "--model", "symmetric", "--force", "--json", "few.json").status == 0
+    assert json.loads((folder / "few.json").read_text())["hard_iron"] is None
+
+
+@pytest.mark.parametrize(
+    ("words", "status", "reason"),
+    [
+        (("mag", "tumble.csv", "--align", "gyro"), 1, "the log has no gyro"),
+        (("mag", "tumble.csv", "--field", "-3"), 2, "norm of the field in uT"),
+        (("mag", "tumble.csv", "--inclination", "95"), 2, "between -90 and 90"),
+        (("mag", "tumble.csv", "--corrected", "x.txt"), 2, "ends in .csv or .npz"),
+        (("mag", "tumble.csv", "--place", "39", "32"), 2, "go together"),
+        (("mag", "tumble.csv", "--place", "39", "32", "--date", "May"), 2, "--date May"),
+        (("mag", "tumble.csv", "--place", "39", "32", "--date", "2026-05-31", "--field", "50"), 2, "exclude one another"),
+        (("mag", "nowhere.csv"), 2, "does not exist"),
+        (("simulate", "mag", "--out", "x.txt"), 2, "ends in .csv or .npz"),
+        (("simulate", "mag", "--out", "x.csv", "--noise", "-1"), 2, "--noise of 0 or more"),
+    ],
+)
+def test_calls_that_cannot_be_done(plain, words, status, reason):
+    found = plain(*words)
+    assert (found.status, reason in found.reason) == (status, True)
+
+
+def test_the_field_of_a_place_scales_the_result(simulated, folder):
+    pytest.importorskip("pygeomag")
+    call, _ = simulated
+    assert call("mag", "tumble.csv", "--place", "39.93", "32.86", "--date", "2026-05-31", "--json", "out.json").status == 0
+    document = json.loads((folder / "out.json").read_text())
+    assert document["field"] == pytest.approx(48e-6, abs=1e-6)
+    assert np.rad2deg(document["inclination"]) == pytest.approx(59, abs=2)
+
+
+def test_a_log_without_a_magnetometer(call, log):
+    found = call("mag", "imu.csv")
+    assert found.status == 1
+    assert "no magnetometer of three axes" in found.reason

@@ -1,0 +1,109 @@
+"""Moments reach the fits of the readings themselves, and a C program the same numbers."""
+
+import re
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+
+import jaxcal
+from jaxcal import DataError, ExportError
+from jaxcal.magnetometer import Moments, fit
+
+from . import cases
+
+M = cases.readings(cases.MILD, cases.directions(400, 0), 0.02, 0)
+
+
+@pytest.mark.parametrize("method", ["consistent", "algebraic"])
+def test_the_fit_of_moments_is_the_fit_of_readings(method):
+    moments = Moments(M[0], 1.3)
+    for part in np.array_split(M, 7):
+        moments = moments.update(part)
+    found, whole = moments.fit(method, field=1.0), fit(M, method=method, field=1.0)
+    np.testing.assert_allclose(found.model.hard_iron, whole.model.hard_iron, atol=1e-9)
+    np.testing.assert_allclose(found.model.soft_iron, whole.model.soft_iron, atol=1e-9)
+    assert found.count == 400
+    assert found.noise == pytest.approx(0.02, rel=0.1)
+
+
+def test_merging_and_moving_are_exact():
+    one, two = Moments(M[0], 1.0).update(M[:150]), Moments(np.array([3.0, 0.0, 1.0]), 0.5).update(M[150:])
+    merged, whole = one.merge(two), Moments(M[0], 1.0).update(M)
+    np.testing.assert_allclose(merged.sums, whole.sums, rtol=1e-9, atol=1e-9)
+    moved = whole.moved([0.3, 0.2, -0.1], 2.0)
+    np.testing.assert_allclose(moved.sums, Moments([0.3, 0.2, -0.1], 2.0).update(M).sums, rtol=1e-9, atol=1e-9)
+
+
+def test_a_large_hard_iron_costs_no_digits():
+    far = M + 20.0
+    np.testing.assert_allclose(
+        Moments(far[0], 1.0).update(far).fit().model.hard_iron, fit(M, method="consistent").model.hard_iron + 20, atol=1e-8
+    )
+
+
+def test_what_moments_cannot_do():
+    with pytest.raises(DataError, match="at least 10"):
+        Moments(M[0], 1.0).update(M[:9]).fit()
+    with pytest.raises(DataError, match="no method 'ml'"):
+        Moments(M[0], 1.0).update(M).fit("ml")
+    with pytest.raises(DataError, match="not finite"):
+        Moments(M[0], 1.0).update(np.full((1, 3), np.nan))
+    with pytest.raises(DataError, match="positive scale"):
+        Moments(M[0], 0.0)
+    with pytest.raises(DataError, match="the same"):
+        Moments(M[0], 1.0).update(np.tile(M[0], (20, 1))).fit()
+
+
+PROGRAM = r"""
+#include <stdio.h>
+#include "mag.h"
+int main(void)
+{
+    float m[3], y[3];
+    mag_moments s;
+    const double c0[3] = {MAG_B[0], MAG_B[1], MAG_B[2]};
+    mag_moments_clear(&s, c0, MAG_H);
+    while (scanf("%f %f %f", &m[0], &m[1], &m[2]) == 3) {
+        mag_moments_add(&s, m);
+        mag_apply(m, y);
+        printf("%.9g %.9g %.9g\n", y[0], y[1], y[2]);
+    }
+    for (int i = 0; i < MAG_MOMENTS; i++)
+        printf("%.17g\n", s.sums[i]);
+    return 0;
+}
+"""
+
+
+def test_the_c_header_does_what_python_does(tmp_path):
+    m = (50e-6 * M).astype(np.float32).astype(float)
+    found = fit(m, field=50e-6)
+    device = jaxcal.Calibration(magnetometer=found, device="unit 7")
+    assert jaxcal.export.write(device, tmp_path / "mag.h", format="c") == ()
+    text = (tmp_path / "mag.h").read_text()
+    assert "// device: unit 7" in text
+    numbers = [float(x) for x in re.findall(r"(-?[\d.]+(?:e-?\d+)?)f", text[text.index("MAG_M[3][3]") : text.index("inverse of")])]
+    np.testing.assert_allclose(np.reshape(numbers, (3, 3)), np.linalg.inv(found.model.soft_iron), rtol=1e-8, atol=1e-10)
+    compiler = shutil.which("cc") or shutil.which("gcc")
+    if compiler is None:
+        pytest.skip("no C compiler")
+    (tmp_path / "main.c").write_text(PROGRAM)
+    command = [compiler, "-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "main.c", "-o", "main"]
+    subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
+    rows = "\n".join(" ".join(f"{x:.9g}" for x in row) for row in m)
+    out = subprocess.run([str(tmp_path / "main")], input=rows, text=True, capture_output=True, check=True).stdout.split()
+    corrected, sums = np.array(out[: 3 * len(m)], dtype=float).reshape(-1, 3), np.array(out[3 * len(m) :], dtype=float)
+    np.testing.assert_allclose(corrected, found.model.correct(m), atol=1e-6 * 50e-6)
+    offset = np.asarray(found.model.hard_iron, dtype=np.float32).astype(float)
+    moments = Moments(offset, float(np.float32(50e-6)), sums)
+    np.testing.assert_allclose(sums, Moments(offset, float(np.float32(50e-6))).update(m).sums, rtol=1e-6, atol=1e-6)
+    assert moments.count == len(m)
+    exact = fit(m, method="consistent", field=50e-6).model
+    np.testing.assert_allclose(moments.fit(field=50e-6).model.hard_iron, exact.hard_iron, atol=1e-6 * 50e-6)
+
+
+def test_a_header_needs_a_magnetometer(tmp_path):
+    with pytest.raises(ExportError, match="needs a magnetometer"):
+        jaxcal.export.write(jaxcal.Calibration(), tmp_path / "x.h", format="c")

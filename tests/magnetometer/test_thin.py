@@ -1,0 +1,64 @@
+"""Long logs are thinned by direction, and judged whole."""
+
+import numpy as np
+import pytest
+
+from jaxcal import DataError
+from jaxcal.magnetometer import fit
+from jaxcal.magnetometer._choice import candidates
+from jaxcal.magnetometer._coverage import bins
+from jaxcal.magnetometer._quadric import Frame
+from jaxcal.magnetometer._thin import thinned
+
+from . import cases
+
+
+def long_log(count=21_000):
+    """Nine tenths of the readings lie within 20 degrees of one direction, as when the sensor rests."""
+    u = cases.directions(count, 0)
+    rest = np.array([0.0, 0.0, 1.0]) + 0.1 * np.random.default_rng(1).normal(size=(count * 9 // 10, 3))
+    u[: len(rest)] = rest / np.linalg.norm(rest, axis=1, keepdims=True)
+    return u, cases.readings(cases.MILD, u, 0.01, 0)
+
+
+def test_a_long_log_is_fitted_from_all_directions_alike():
+    _, m = long_log()
+    m[5] += 0.3
+    found = fit(m, per_direction=8)
+    assert found.verdict == "good"
+    assert found.used < 500 * 8
+    assert found.warnings[-1].startswith(f"{found.used} of 21000 readings")
+    assert np.all(np.abs(found.model.hard_iron - cases.MILD.hard_iron) < 4 * found.hard_iron_error)
+    # residuals, outliers and coverage are those of every reading
+    assert found.residual.shape == (21_000,)
+    assert np.std(np.delete(found.residual, 5)) == pytest.approx(0.01, rel=0.03)
+    assert 5 in found.outliers
+    assert found.coverage.counts.sum() == 21_000
+
+
+def test_thinning_keeps_so_many_in_each_direction_and_spreads_them_over_time():
+    u, m = long_log()
+    kept = thinned(Frame.of(m).scaled(m), 8, None)
+    assert np.all(np.diff(kept) > 0)
+    cells = bins(u)
+    # cells of the rough fit are those of the truth but for readings at their edges
+    assert np.bincount(cells[kept], minlength=500).max() <= 16
+    busiest = np.argmax(np.bincount(cells))
+    assert np.ptp(kept[cells[kept] == busiest]) > 0.5 * np.ptp(np.flatnonzero(cells == busiest))
+
+
+def test_short_logs_and_methods_of_extremes_are_left_whole():
+    _, m = long_log(1000)
+    assert fit(m).used == 1000
+    _, m = long_log()
+    assert fit(m, method="minmax").used == 21_000
+    with pytest.raises(DataError, match="at least one is needed"):
+        fit(m, per_direction=0)
+
+
+def test_models_that_the_largest_excludes_are_not_tried():
+    for soft, left in (("symmetric", {"symmetric"}), ("sphere", {"symmetric", "diagonal", "sphere"})):
+        sensor = cases.MILD if soft == "symmetric" else None
+        u = cases.directions(300, 3)
+        m = cases.readings(sensor, u, 0.01, 0) if sensor is not None else u + 0.01 * np.random.default_rng(0).normal(size=u.shape)
+        assert set(candidates(Frame.of(m).scaled(m), ("sphere", "diagonal", "symmetric"), None, 300)) == left

@@ -1,0 +1,73 @@
+"""Figures of a magnetometer calibration show what is in it."""
+
+import numpy as np
+import pytest
+
+import jaxcal
+from jaxcal import DataError
+from jaxcal.magnetometer import body_field, fit, heading_uncertainty, scenario
+from jaxcal.magnetometer._coverage import middles
+from jaxcal.plot._magnetometer import _regions
+
+M = body_field(scenario("all"), 50e-6) + np.array([2e-5, -1e-5, 0]) + 2e-7 * np.random.default_rng(0).normal(size=(360, 3))
+
+
+@pytest.fixture(scope="module")
+def found():
+    return fit(M, model="symmetric")
+
+
+def test_sphere_shows_both(found):
+    axes = jaxcal.plot.sphere(M, found)
+    before, after, circle = axes[0].lines
+    np.testing.assert_allclose(before.get_xydata(), 1e6 * M[:, :2])
+    np.testing.assert_allclose(after.get_xydata(), 1e6 * found.model.correct(M)[:, :2])
+    assert np.hypot(*circle.get_xydata()[0]) == pytest.approx(1e6 * found.field)
+    assert axes[0].get_xlabel() == "x (µT)"
+    assert axes[3].name == "3d"
+    with pytest.raises(DataError, match="the readings have shape"):
+        jaxcal.plot.sphere(M[0], found)
+
+
+def test_coverage_map_puts_regions_where_they_are(found):
+    corners = _regions()
+    assert len(corners) == 100
+    # every region's middle lies in its cell, and all have the same area
+    for cell, middle in zip(corners[1:-1], middles()[1:-1], strict=True):
+        longitude = np.rad2deg(np.arctan2(middle[1], middle[0]))
+        assert cell[:, 0].min() - 1e-6 <= longitude <= cell[:, 0].max() + 1e-6
+        assert cell[:, 1].min() <= middle[2] <= cell[:, 1].max()
+    areas = [np.ptp(cell[:, 0]) * np.ptp(cell[:, 1]) for cell in corners]
+    np.testing.assert_allclose(areas, 360 * 2 / 100, rtol=2e-3)
+    ax = jaxcal.plot.coverage(found)
+    assert ax.collections[0].get_array().sum() == 360
+    assert len(ax.lines[0].get_xdata()) == 3
+
+
+def test_residuals_and_heading_error(found):
+    ax = jaxcal.plot.residual(M, found)
+    np.testing.assert_allclose(ax.collections[0].get_array(), 1e6 * found.residual)
+    with pytest.raises(DataError, match="give the readings that were fitted"):
+        jaxcal.plot.residual(M[:5], found)
+    level, tilted = jaxcal.plot.heading_error(found).lines
+    # its mean square over the headings is the figure of the fit
+    assert np.sqrt(np.mean(level.get_ydata()[:-1] ** 2)) == pytest.approx(np.rad2deg(found.heading_error[0]), rel=1e-6)
+    assert np.sqrt(np.mean(tilted.get_ydata()[:-1] ** 2)) == pytest.approx(np.rad2deg(found.heading_error[1]), rel=1e-6)
+
+
+def test_in_a_plane():
+    turn = body_field(np.stack([np.linspace(0, 6, 100), np.zeros(100), np.zeros(100)], axis=1), 50e-6)
+    planar = fit(turn + 2e-7 * np.random.default_rng(0).normal(size=(100, 3)), model="planar")
+    spread = heading_uncertainty(planar, np.linspace(0, 2 * np.pi, 24, endpoint=False))
+    assert np.sqrt(np.mean(spread**2)) == pytest.approx(planar.heading_error[0], rel=0.01)
+    assert len(jaxcal.plot.heading_error(planar).lines) == 1
+
+
+def test_what_cannot_be_drawn(found):
+    for draw in (jaxcal.plot.coverage, jaxcal.plot.heading_error):
+        with pytest.raises(DataError, match="cannot draw int"):
+            draw(3)
+        with pytest.raises(DataError, match="no model"):
+            draw(fit(M[:2]))
+    with pytest.raises(DataError, match="no model"):
+        heading_uncertainty(fit(M[:2]), 0.0)
