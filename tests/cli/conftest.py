@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import jaxcal.cli
+import jaxcal.cli._app
 from jaxcal.cli import main
 
 RATE, SAMPLES = 100.0, 8000
