@@ -211,37 +211,6 @@ class Log(eqx.Module):
             object.__setattr__(part, name, value)
         return part
 
-    def replaced(self, sensors: Mapping[str, Any], notes: Iterable[str] = ()) -> "Log":
-        """The same recording with other values of some sensors, such as corrected ones, and notes that say so.
-
-        Parameters
-        ----------
-        sensors : name of the sensor -> values of the shape it has here.
-        notes : sentences to add.
-
-        Raises
-        ------
-        DataError
-            If a sensor is not in the recording, or the shapes differ.
-
-        Examples
-        --------
-        >>> import jaxcal
-        >>> log = jaxcal.Log(None, temperature=[20.0, 20.5], rate=10.0)
-        >>> log.replaced({"temperature": log.temperature + 1.0}).temperature
-        array([21. , 21.5])
-        """
-        part = object.__new__(Log)
-        for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
-            if field.name in sensors:
-                new = np.asarray(sensors[field.name], dtype=np.float64)
-                if value is None or new.shape != value.shape:
-                    raise DataError(f"{field.name} has shape {new.shape}; the recording has {None if value is None else value.shape}")
-                value = new
-            object.__setattr__(part, field.name, value if field.name != "notes" else (*self.notes, *notes))
-        return part
-
     def summary(self) -> str:
         """A few readable lines: length, rate, gaps, and mean and standard deviation of every channel.
 
