@@ -141,7 +141,9 @@ def fit_current(m: Any, current: Any, **options: Any) -> CurrentTerms:
     size, middle = np.ptp(columns, axis=0), columns.mean(axis=0)
     if not size.all():
         raise DataError("A current is constant: its field cannot be told from hard iron.")
-    first = fit(m, **{**options, "loss": options.get("loss") or "huber"} if options.get("method", "ml") == "ml" else options)
+    first = fit(m, method="consistent")
+    if first.model is None:
+        first = fit(m, model="symmetric", loss="huber")
     if first.model is None:
         raise DataError(f"The readings determine no ellipsoid to begin with. {first.reason}")
     frame = Frame.of(m)

@@ -137,11 +137,11 @@ def test_the_gyroscope_finds_the_turn_and_its_own_bias():
 
 
 def test_a_gap_in_the_rates_ends_a_segment():
-    m, rates = tumble(50.0, 20.0, 0.0, 0.0, 0)
+    m, rates = tumble(50.0, 40.0, 0.0, 0.0, 0)
     rates[300:320] = np.nan
     m[500] = np.nan
     found = align(m, cases.MILD, gyro=rates, rate=50.0)
-    assert found.used == 1000 - 21
+    assert found.used == 2000 - 21
     assert np.linalg.norm(recovered(found)) < 2e-4
 
 

@@ -47,11 +47,10 @@ def test_thinning_keeps_so_many_in_each_direction_and_spreads_them_over_time():
     assert np.ptp(kept[cells[kept] == busiest]) > 0.5 * np.ptp(np.flatnonzero(cells == busiest))
 
 
-def test_short_logs_and_methods_of_extremes_are_left_whole():
+def test_short_logs_are_left_whole():
     _, m = long_log(1000)
     assert fit(m).used == 1000
     _, m = long_log()
-    assert fit(m, method="minmax").used == 21_000
     with pytest.raises(DataError, match="at least one is needed"):
         fit(m, per_direction=0)
 
