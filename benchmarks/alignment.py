@@ -248,7 +248,7 @@ def speed(_):
         spread = np.sqrt(np.mean(apart(psi, attitude[2]) ** 2)) / DEG
         print(
             f"{name}: {min(times):.2f} s, {min(processor):.2f} s of processor time (first call "
-              f"with compilation {first:.1f} s); rmse {spread:.4f} degrees"
+            f"with compilation {first:.1f} s); rmse {spread:.4f} degrees"
         )
 
 
