@@ -1,5 +1,7 @@
 """Error-free readings give back the truth: closed forms over 300 attitudes, joint fit, drift, continuous rotation, full IMU."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -49,9 +51,20 @@ def test_levels(attitudes, method):
     assert np.max(apart(found.theta, attitudes[:, 1])) < NANO
 
 
+@pytest.fixture(scope="module")
+def solved(attitudes):
+    """Method -> roots of all attitudes at once, kept for the tests that share them."""
+
+    @functools.cache
+    def found(method):
+        return jax.vmap(lambda draw: azimuth(made(draw), draw[:2], draw[3], method=method, hint=draw[2]))(jnp.asarray(attitudes))
+
+    return found
+
+
 @pytest.mark.parametrize("method", AZIMUTH_METHODS)
-def test_azimuths(attitudes, method):
-    found = jax.vmap(lambda draw: azimuth(made(draw), draw[:2], draw[3], method=method, hint=draw[2]))(jnp.asarray(attitudes))
+def test_azimuths(attitudes, solved, method):
+    found = solved(method)
     away = np.where(found.real, apart(found.roots, attitudes[:, 2:3]), np.inf)
     away = np.sort(np.concatenate([away, np.full((300, 1), np.inf)], axis=1), axis=1)
     # ten degrees away from the method's own singularity: where its roots merge
@@ -60,31 +73,32 @@ def test_azimuths(attitudes, method):
     assert np.max(away[kept, 0]) < NANO
 
 
-def test_two_orders_of_solution_agree(attitudes):
-    first, second = (
-        jax.vmap(lambda draw, name=name: azimuth(made(draw), draw[:2], draw[3], method=name))(jnp.asarray(attitudes))
-        for name in ("bias_and_scale", "scale_first")
-    )
+def test_two_orders_of_solution_agree(solved):
+    first, second = solved("bias_and_scale"), solved("scale_first")
     nearest = np.min(apart(np.asarray(second.roots)[:, :, None], np.asarray(first.roots)[:, None, :]), axis=2)
     assert np.max(np.where(second.real, nearest, 0)) < NANO
 
 
-def test_maximum_agrees_with_the_quartic(attitudes):
+def test_maximum_agrees_with_the_quartic(attitudes, solved):
     """Equation (50), corrected: the roots of the polynomial in cos(psi), with the sign of sin(psi) that fits."""
-    worst, counted = 0.0, 0
-    for phi, theta, psi, lat in attitudes[:60]:
-        found = azimuth(made(np.array([phi, theta, psi, lat])), [phi, theta], lat, method="maximum")
+    worst, counted, found = 0.0, 0, solved("maximum")
+    for (phi, theta, _, lat), all_roots, real, rho in zip(attitudes, found.roots, found.real, found.rho, strict=True):
+        direct = np.asarray(all_roots)[np.asarray(real)]
         sf, cf, st, ct, sl, cl = (f(a) for a in (phi, theta, lat) for f in (np.sin, np.cos))
         a = (cf**2 * ct**2 - 2 * cf**2 + 1) * cl**2
         b, c, d = 2 * cf**2 * cl * st * ct * sl, -2 * cl**2 * cf * st * sf, 2 * cf * cl * ct * sf * sl
-        e = cf**2 * ct**2 * cl**2 + cf**2 * cl**2 - cf**2 * ct**2 + sl**2 - found.rho**2
+        e = cf**2 * ct**2 * cl**2 + cf**2 * cl**2 - cf**2 * ct**2 + sl**2 - float(rho) ** 2
         cosines = np.roots([a**2 + c**2, 2 * a * b + 2 * c * d, b**2 + 2 * a * e - c**2 + d**2, 2 * b * e - 2 * c * d, e**2 - d**2])
         cosines = cosines[np.abs(cosines.imag) < 1e-5].real
-        if np.min(np.abs(c * cosines + d)) < 1e-2 or len(cosines) != len(found.roots):
+        if len(cosines) != len(direct) or np.min(np.abs(c * cosines + d)) < 1e-2:
+            continue
+        # two roots of the quartic that nearly merge are known to the root of the rounding
+        gaps = np.abs(cosines[:, None] - cosines[None, :]) + np.eye(len(cosines))
+        if np.min(gaps) < 1e-3 or np.max(np.abs(cosines)) > 1 - 1e-4:
             continue
         roots = np.arctan2(-(a * cosines**2 + b * cosines + e) / (c * cosines + d), cosines)
-        worst, counted = max(worst, max(float(np.min(apart(root, roots))) for root in found.roots)), counted + 1
-    assert counted > 20
+        worst, counted = max(worst, max(float(np.min(apart(root, roots))) for root in direct)), counted + 1
+    assert counted > 60
     assert worst < 1e-6 * DEG
 
 
@@ -93,7 +107,7 @@ def test_joint_fit_of_every_parameter(attitudes):
     places = Positions(np.tile([0, 90, 180, 270], 2) * DEG, ["x"] * 4 + ["z"] * 4, dwell=30.0)
     accel, gyro = Sensor(1e-4, np.array([1e-4, -2e-4]), 1e-3), Sensor(-2e-4, np.array([-1e-4, 3e-4]), 1e-7)
     worst = np.zeros(2)
-    for phi, theta, psi, latitude in attitudes[:40]:
+    for phi, theta, psi, latitude in attitudes[:15]:
         readings = simulate(places, [phi, theta, psi], latitude, accel=accel, gyro=gyro)
         readings = Readings(places, readings.accel, readings.gyro, accel_noise=cases.VRW, gyro_noise=cases.ARW)
         for i, known in enumerate((latitude, None)):

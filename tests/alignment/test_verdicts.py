@@ -200,12 +200,11 @@ def test_traced_as_on_the_host_and_differentiable(method):
         return azimuth(Readings(EVERY, gyro=gyro), angles, 35 * DEG, method=method, hint=60 * DEG).psi
 
     host = azimuth(readings, np.asarray(angles), 35 * DEG, method=method, hint=60 * DEG).psi
-    gyro = jnp.asarray(readings.gyro)
-    value, slope = jax.jit(jax.value_and_grad(psi))(gyro)
-    assert float(value) == pytest.approx(host, abs=1e-12)
     direction = 1e-9 * np.random.default_rng(0).normal(size=11)
+    value, slope = jax.jit(lambda w, v: jax.jvp(psi, (w,), (v,)))(jnp.asarray(readings.gyro), jnp.asarray(direction))
+    assert float(value) == pytest.approx(host, abs=1e-12)
     change = (psi(readings.gyro + direction) - psi(readings.gyro - direction)) / 2
-    assert float(slope @ direction) == pytest.approx(change, rel=1e-4)
+    assert float(slope) == pytest.approx(change, rel=1e-4)
 
 
 @pytest.mark.parametrize("method", ["opposed", "quadrature", "four_point", "bias_and_scale", "triad"])
