@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 from cyclopts import Parameter
 
@@ -51,9 +51,9 @@ def imu(
     convention: str = "upper",
     method: str = "joint",
     initial: float | None = None,
-    no_rest: Annotated[bool, Parameter(name="--no-initial-rest")] = False,
+    without_rest: bool = False,
     raw: bool = False,
-    no_g_sensitivity: bool = False,
+    without_g_sensitivity: bool = False,
     earth_rate: bool = False,
     reading: Reading = Reading(),
     writing: ImuWriting = ImuWriting(),
@@ -81,11 +81,11 @@ def imu(
         joint, or imu_tk: the two steps of that program.
     initial
         Length of the rest at the beginning, in s; 30 unless given.
-    no_rest
+    without_rest
         There is no rest at the beginning.
     raw
         The log holds counts; their scale is found from the data.
-    no_g_sensitivity
+    without_g_sensitivity
         Leave out the gyroscope's sensitivity to acceleration.
     earth_rate
         Account for the Earth's rate, with --latitude; for tactical units.
@@ -109,8 +109,8 @@ def imu(
 
             size, notes = _gravity(gravity, latitude, height)
             found = jaxcal.imu.multi_position(
-                data, gravity=size, convention=convention, method=method, raw=raw, g_sensitivity=not no_g_sensitivity,
-                initial=None if no_rest else 30.0 if initial is None else initial,
+                data, gravity=size, convention=convention, method=method, raw=raw, g_sensitivity=not without_g_sensitivity,
+                initial=None if without_rest else 30.0 if initial is None else initial,
                 latitude=math.radians(latitude) if earth_rate and latitude is not None else None,
             )  # fmt: skip
             if found.verdict == "refused":
