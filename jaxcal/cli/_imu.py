@@ -32,12 +32,15 @@ class ImuWriting:
         Folder for the files, made if it is missing.
     json
         Triads, intervals, residuals and verdict as JSON.
+    report
+        Report as one HTML file.
     calibration
         Calibration file, for jaxcal apply and jaxcal export.
     """
 
     out: Path | None = None
     json: Path | None = None
+    report: Path | None = None
     calibration: Path | None = None
 
 
@@ -171,13 +174,15 @@ Maker = Callable[[Path, Any, Any], None]
 def _plan(path: Path, writing: ImuWriting) -> tuple[dict[Path, Maker], Path | None]:
     """Target -> what makes it, and the folder that may have to be made."""
     folder = writing.out
-    if writing.json is None and writing.calibration is None:
+    if writing.json is None and writing.report is None and writing.calibration is None:
         folder = folder or Path(f"{stem(path)}-imu")
-        names: dict[str, Maker] = {"imu.png": _picture, "imu.json": _json, "calibration.json": _calibration}
+        names: dict[str, Maker] = {"imu.png": _picture, "report.html": _report, "imu.json": _json, "calibration.json": _calibration}
         return {folder / name: make for name, make in names.items()}, folder
     asked: list[tuple[Path, Any]] = []
     if writing.json is not None:
         asked.append((writing.json, _json))
+    if writing.report is not None:
+        asked.append((writing.report, _report))
     if writing.calibration is not None:
         asked.append((writing.calibration, _calibration))
     return distinct(asked), folder
@@ -187,6 +192,12 @@ def _picture(place: Path, found: Any, log: Any) -> None:
     import jaxcal
 
     jaxcal.plot.save(jaxcal.plot.imu(found), place)
+
+
+def _report(place: Path, found: Any, log: Any) -> None:
+    import jaxcal
+
+    jaxcal.report.write(found, place, log=log)
 
 
 def _calibration(place: Path, found: Any, log: Any) -> None:

@@ -6,15 +6,17 @@ import pathlib
 
 from .._files import write_atomically
 from .._log import Log
+from ..imu import ImuFit
 from ..noise import NoiseFit
 from ..plot._labels import duration_label
 from ._document import check_results
 from ._html import join
+from ._imu import imu_sections
 from ._noise import meaning, plots, provenance, recording, remarks, verdict
 from ._page import page
 
 
-def write(results: dict[str, NoiseFit], path: str | os.PathLike[str], *, log: Log | None = None) -> None:
+def write(results: dict[str, NoiseFit] | ImuFit, path: str | os.PathLike[str], *, log: Log | None = None) -> None:
     """Write a report: one HTML file that needs nothing else, for screens light and dark, phones and paper.
 
     It says first what was found, with intervals, then shows the Allan deviations and their numbers, the warnings, what the
@@ -22,14 +24,14 @@ def write(results: dict[str, NoiseFit], path: str | os.PathLike[str], *, log: Lo
 
     Parameters
     ----------
-    results : channel -> `NoiseFit`, as `jaxcal.noise.characterise` returns them.
+    results : channel -> `NoiseFit`, as `jaxcal.noise.characterise` returns them; or an `ImuFit`.
     path : file to write; an existing one is replaced in one step.
     log : the recording, for its summary, notes, warnings and provenance.
 
     Raises
     ------
     DataError
-        If there are no results.
+        If there are no results, or a calibration was refused.
     ExportError
         If the file cannot be written.
 
@@ -44,8 +46,13 @@ def write(results: dict[str, NoiseFit], path: str | os.PathLike[str], *, log: Lo
     ...     path.read_text()[:15]
     '<!DOCTYPE html>'
     """
-    check_results(results)
     version = importlib.metadata.version("jaxcal")
+    if isinstance(results, ImuFit):
+        lead = f"{len(results.residual_norm)} poses, {len(results.residual_turn)} turns at {results.rate:.6g} Hz"
+        body = imu_sections(results, log, version)
+        write_atomically(path, page(_title(log, "Calibration"), lead, body, f"Written by jaxcal {version}"))
+        return
+    check_results(results)
     first = next(iter(results.values()))
     count = f"{len(results)} channel{'s' * (len(results) != 1)}"
     lead = f"{count}, {duration_label(first.duration)} at {first.deviation.rate:.6g} Hz"
@@ -62,6 +69,6 @@ def write(results: dict[str, NoiseFit], path: str | os.PathLike[str], *, log: Lo
     write_atomically(path, page(_title(log), lead, body, f"Written by jaxcal {version}"))
 
 
-def _title(log: Log | None) -> str:
+def _title(log: Log | None, what: str = "Noise") -> str:
     file = None if log is None else log.provenance.get("file")
-    return f"Noise of {pathlib.PurePath(str(file)).name}" if file else "Sensor noise"
+    return f"{what} of {pathlib.PurePath(str(file)).name}" if file else "Sensor noise" if what == "Noise" else what
