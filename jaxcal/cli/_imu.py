@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 from cyclopts import Parameter
 
@@ -32,12 +32,15 @@ class ImuWriting:
         Folder for the files, made if it is missing.
     json
         Triads, intervals, residuals and verdict as JSON.
+    report
+        Report as one HTML file.
     calibration
         Calibration file, for jaxcal apply and jaxcal export.
     """
 
     out: Path | None = None
     json: Path | None = None
+    report: Path | None = None
     calibration: Path | None = None
 
 
@@ -51,9 +54,9 @@ def imu(
     convention: str = "upper",
     method: str = "joint",
     initial: float | None = None,
-    no_rest: Annotated[bool, Parameter(name="--no-initial-rest")] = False,
+    without_rest: bool = False,
     raw: bool = False,
-    no_g_sensitivity: bool = False,
+    without_g_sensitivity: bool = False,
     earth_rate: bool = False,
     reading: Reading = Reading(),
     writing: ImuWriting = ImuWriting(),
@@ -81,11 +84,11 @@ def imu(
         joint, or imu_tk: the two steps of that program.
     initial
         Length of the rest at the beginning, in s; 30 unless given.
-    no_rest
+    without_rest
         There is no rest at the beginning.
     raw
         The log holds counts; their scale is found from the data.
-    no_g_sensitivity
+    without_g_sensitivity
         Leave out the gyroscope's sensitivity to acceleration.
     earth_rate
         Account for the Earth's rate, with --latitude; for tactical units.
@@ -109,8 +112,8 @@ def imu(
 
             size, notes = _gravity(gravity, latitude, height)
             found = jaxcal.imu.multi_position(
-                data, gravity=size, convention=convention, method=method, raw=raw, g_sensitivity=not no_g_sensitivity,
-                initial=None if no_rest else 30.0 if initial is None else initial,
+                data, gravity=size, convention=convention, method=method, raw=raw, g_sensitivity=not without_g_sensitivity,
+                initial=None if without_rest else 30.0 if initial is None else initial,
                 latitude=math.radians(latitude) if earth_rate and latitude is not None else None,
             )  # fmt: skip
             if found.verdict == "refused":
@@ -171,13 +174,15 @@ Maker = Callable[[Path, Any, Any], None]
 def _plan(path: Path, writing: ImuWriting) -> tuple[dict[Path, Maker], Path | None]:
     """Target -> what makes it, and the folder that may have to be made."""
     folder = writing.out
-    if writing.json is None and writing.calibration is None:
+    if writing.json is None and writing.report is None and writing.calibration is None:
         folder = folder or Path(f"{stem(path)}-imu")
-        names: dict[str, Maker] = {"imu.png": _picture, "imu.json": _json, "calibration.json": _calibration}
+        names: dict[str, Maker] = {"imu.png": _picture, "report.html": _report, "imu.json": _json, "calibration.json": _calibration}
         return {folder / name: make for name, make in names.items()}, folder
     asked: list[tuple[Path, Any]] = []
     if writing.json is not None:
         asked.append((writing.json, _json))
+    if writing.report is not None:
+        asked.append((writing.report, _report))
     if writing.calibration is not None:
         asked.append((writing.calibration, _calibration))
     return distinct(asked), folder
@@ -187,6 +192,12 @@ def _picture(place: Path, found: Any, log: Any) -> None:
     import jaxcal
 
     jaxcal.plot.save(jaxcal.plot.imu(found), place)
+
+
+def _report(place: Path, found: Any, log: Any) -> None:
+    import jaxcal
+
+    jaxcal.report.write(found, place, log=log)
 
 
 def _calibration(place: Path, found: Any, log: Any) -> None:

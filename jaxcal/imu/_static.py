@@ -138,7 +138,7 @@ def static_intervals(
     >>> y[5000:6000] += 5 * np.sin(np.arange(1000) / 20)[:, None]
     >>> found = static_intervals(y, 100.0)
     >>> print(found.start, found.stop)
-    [  50 6052] [4949 7950]
+    [  50 6050] [4951 7950]
 
     References
     ----------

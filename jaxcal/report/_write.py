@@ -7,11 +7,13 @@ from typing import Any
 
 from .._files import write_atomically
 from .._log import Log
+from ..imu import ImuFit
 from ..magnetometer import MagFit
 from ..plot._labels import duration_label
 from ..temperature import TemperatureFit
 from ._document import check_results
 from ._html import join
+from ._imu import imu_sections
 from ._magnetometer import mag_body
 from ._noise import meaning, plots, provenance, recording, remarks, verdict
 from ._page import page
@@ -27,14 +29,14 @@ def write(results: Any, path: str | os.PathLike[str], *, log: Log | None = None)
     Parameters
     ----------
     results : channel -> `NoiseFit`, as `jaxcal.noise.characterise` returns them, channel -> `TemperatureFit`, as
-        `jaxcal.temperature.characterise` does, or the `MagFit` of a magnetometer.
+        `jaxcal.temperature.characterise` does, the `ImuFit` of an IMU, or the `MagFit` of a magnetometer.
     path : file to write; an existing one is replaced in one step.
     log : the recording, for its summary, notes, warnings and provenance.
 
     Raises
     ------
     DataError
-        If there are no results.
+        If there are no results, or a calibration was refused.
     ExportError
         If the file cannot be written.
 
@@ -50,6 +52,11 @@ def write(results: Any, path: str | os.PathLike[str], *, log: Log | None = None)
     '<!DOCTYPE html>'
     """
     version = importlib.metadata.version("jaxcal")
+    if isinstance(results, ImuFit):
+        lead = f"{len(results.residual_norm)} poses, {len(results.residual_turn)} turns at {results.rate:.6g} Hz"
+        body = imu_sections(results, log, version)
+        write_atomically(path, page(_title(log, "Calibration"), lead, body, f"Written by jaxcal {version}"))
+        return
     if isinstance(results, MagFit):
         body, lead = mag_body(results, log), f"{len(results.residual)} readings: {results.verdict}"
         write_atomically(path, page(_title(log, "Magnetometer"), lead, body, f"Written by jaxcal {version}"))

@@ -17,7 +17,7 @@ def test_a_simulated_log_is_calibrated(call, folder):
     assert call(*LOG).status == 0
     found = call("imu", "log.csv", "--gravity", "9.80665")
     assert (found.status, found.err) == (0, "")
-    assert listing(folder / "log-imu") == ["calibration.json", "imu.json", "imu.png"]
+    assert listing(folder / "log-imu") == ["calibration.json", "imu.json", "imu.png", "report.html"]
     for text in ("accelerometer: 95 % interval below", "gyroscope, sensitivity to specific force", "good: Standard errors"):
         assert text in found.out
     document = json.loads((folder / "log-imu" / "imu.json").read_text())
@@ -27,6 +27,15 @@ def test_a_simulated_log_is_calibrated(call, folder):
     assert accel["matrix"][0] == pytest.approx(ACCEL.matrix[0], abs=2e-3)
     low, high = document["sensors"]["gyro"]["intervals"]["matrix[1,1]"]
     assert low < document["sensors"]["gyro"]["matrix"][1][1] < high
+    page = (folder / "log-imu" / "report.html").read_text()
+    for text in (
+        '<h2 id="verdict">Verdict</h2>',
+        "Accelerometer: matrix",
+        "sensitivity to specific force",
+        "Calibration of log.csv",
+        "<svg",
+    ):
+        assert text in page
     stored = jaxcal.Calibration.load(folder / "log-imu" / "calibration.json")
     np.testing.assert_allclose(stored.imu["gyro"]["bias"], document["sensors"]["gyro"]["bias"])
     np.testing.assert_allclose(stored.imu["gyro"]["g_sensitivity"], GYRO.g_sensitivity, atol=1e-4)

@@ -80,7 +80,7 @@ def test_errors_common_to_a_still_interval_are_in_the_intervals():
     white = NOISE["accel"] / np.sqrt(cases.STILL - 1)
     truth = cases.turned_truth()[:12]
     inside, naive = [], []
-    for seed in range(20):
+    for seed in range(12):
         log = cases.recording(seed)
         still = fit(log).still if seed == 0 else still
         rng = np.random.default_rng([seed, 5])
@@ -94,7 +94,8 @@ def test_errors_common_to_a_still_interval_are_in_the_intervals():
         # what a residual per sample would say
         error = np.sqrt(np.diag(found.covariance)[:12]) * white / found.sigma[0]
         naive.append((np.abs(found.values[:12] - truth) < 1.96 * error)[keep])
-    assert np.mean(inside) == pytest.approx(0.95, abs=0.06)
+    # 108 intervals of nine parameters that hang together: a standard error of 3 %
+    assert np.mean(inside) == pytest.approx(0.95, abs=0.07)
     assert np.mean(naive) < 0.7
 
 

@@ -1,0 +1,96 @@
+"""The sections of a report on a multi-position calibration."""
+
+import json
+
+import numpy as np
+
+from .._errors import DataError
+from .._log import Log
+from ..imu import ImuFit
+from ..plot import imu
+from ._document import plain
+from ._html import Markup, each, join, tag
+from ._noise import recording
+from ._svg import inline
+
+_SENSORS = (("Accelerometer", 0, "m/s²"), ("Gyroscope", 12, "rad/s"))
+
+
+def imu_sections(found: ImuFit, log: Log | None, version: str) -> Markup:
+    """Verdict with both triads, residuals, attitudes, warnings, recording and provenance.
+
+    Raises
+    ------
+    DataError
+        If the calibration was refused.
+    """
+    if found.accel is None:
+        raise DataError(f"there is nothing to report: the calibration was refused. {found.reason}")
+    tables = [_matrix(found, name, first, unit) for name, first, unit in _SENSORS if first == 0 or found.gyro is not None]
+    if found.gyro is not None and np.any(found.gyro.g_sensitivity):
+        tables.append(
+            _table(
+                found,
+                "Gyroscope: sensitivity to specific force (readings per m/s²)",
+                ("x", "y", "z"),
+                lambda i: [24 + 3 * i + j for j in range(3)],
+            )
+        )
+    head = tag(
+        "section", tag("h2", "Verdict", id="verdict"), tag("p", f"{found.verdict}: {found.reason}"), *tables, aria_labelledby="verdict"
+    )
+    svg = inline(imu(found)[0], "imu", "Residuals", "Residuals of every pose and turn: norms, angles after turns, still rates.")
+    note = "Shaded: one standard deviation. Hollow: weighed down by the robust loss."
+    picture = tag("figure", tag("div", svg, class_="scroll", tabindex="0", role="region", aria_label="Residuals"), tag("figcaption", note))
+    held = f"On poses and turns that a fit of the others did not see: {found.held_out[0]:.2g} m/s² rms in the norm"
+    if found.gyro is not None:
+        held += f", {np.rad2deg(found.held_out[1]):.2g} degrees in each component of the angle after a turn"
+    seen = found.observability.sentence if found.observability is not None else ""
+    residuals = tag(
+        "section",
+        tag("h2", "Residuals", id="residuals"),
+        picture,
+        tag("p", f"{held}." if np.isfinite(found.held_out[0]) else ""),
+        aria_labelledby="residuals",
+    )
+    attitudes = tag("section", tag("h2", "Attitudes", id="attitudes"), tag("p", seen), aria_labelledby="attitudes")
+    said = [*(() if log is None else log.warnings), *found.warnings]
+    warnings = tag("section", tag("h2", "Warnings", id="warnings"), tag("ul", each("li", said or ["None."])), aria_labelledby="warnings")
+    return join((head, residuals, attitudes, warnings, recording(log), _provenance(found, log, version)))
+
+
+def _matrix(found: ImuFit, name: str, first: int, unit: str) -> Markup:
+    return _table(
+        found,
+        f"{name}: matrix (readings per {unit}) and bias (readings)",
+        ("x", "y", "z", "bias"),
+        lambda i: [*(first + 3 * i + j for j in range(3)), first + 9 + i],
+    )
+
+
+def _table(found: ImuFit, caption: str, columns: tuple[str, ...], entries) -> Markup:
+    head = tag("tr", *(tag("th", name, scope="col") for name in ("", *columns)))
+    rows = [tag("tr", tag("th", axis, scope="row"), *(_cell(found, k) for k in entries(i))) for i, axis in enumerate("xyz")]
+    table = tag("table", tag("caption", f"{caption}, with intervals of 95 %"), tag("thead", head), tag("tbody", *rows))
+    return tag("div", table, class_="scroll", tabindex="0", role="region", aria_label=caption)
+
+
+def _cell(found: ImuFit, k: int) -> Markup:
+    value, (low, high) = found.values[k], found.interval[k]
+    if not high > low:
+        return tag("td", f"{value:.6g} ", tag("span", "(fixed)", class_="small"))
+    return tag("td", f"{value:.6g} ", tag("span", f"{low:.6g} to {high:.6g}", class_="small"))
+
+
+def _provenance(found: ImuFit, log: Log | None, version: str) -> Markup:
+    known = {
+        "Made by": f"jaxcal {version}",
+        "Method": f"{found.method}, convention {found.convention}, gravity {found.gravity:.6g} m/s²",
+        "Still intervals": f"{len(found.residual_norm)}, below {found.still.multiple:g} times the initial variance"
+        if found.still is not None
+        else "",
+    }
+    for key, value in plain(log.provenance if log is not None else {}).items():
+        known[key] = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+    items = [piece for key, value in known.items() for piece in (tag("dt", key), tag("dd", value))]
+    return tag("section", tag("h2", "Provenance", id="provenance"), tag("dl", *items), aria_labelledby="provenance")
