@@ -139,9 +139,9 @@ def simulate(
         check_latitude(latitude)
     key = seed if isinstance(seed, jax.Array) else jax.random.key(int(seed))
     walking = any(isinstance(k, jax.core.Tracer) or float(k) > 0 for k in (accel.walk, gyro.walk))
-    a, w = _simulated(
-        positions, positions.axes, attitude, jnp.asarray(latitude, dtype=attitude.dtype), accel, gyro, lever_arm, gravity, key, walking
-    )
+    # as arrays: a number would be part of the program, which would be compiled anew for every other
+    latitude, *given = jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype=attitude.dtype), (latitude, accel, gyro, lever_arm, gravity))
+    a, w = _simulated(positions, positions.axes, attitude, latitude, *given, key, walking)
     noise = [_known(sensor) for sensor in (accel, gyro)]
     return Readings(positions, a, w, accel_noise=noise[0], gyro_noise=noise[1], lever_arm=lever_arm)
 

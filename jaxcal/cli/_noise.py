@@ -10,7 +10,7 @@ from cyclopts import Parameter
 
 from .._files import json_text, write_atomically
 from ._apply import corrected
-from ._cache import keep_compiled
+from ._cache import ahead, keep_compiled
 from ._options import WRITING, CallError, Reading, Running, distinct, read_log, stem
 from ._outputs import staged
 from ._screen import Screen, progress, show_log, show_written
@@ -111,7 +111,9 @@ def characterise(
             keep_compiled()
             import jaxcal
 
-            fits = jaxcal.noise.characterise(log, method=method, terms=chosen, confidence=confidence, band=band, progress=move)
+            fit = jaxcal.noise.characterise
+            ahead("jaxcal.report", "matplotlib.backends.backend_svg", "matplotlib.backends.backend_agg")
+            fits = fit(log, method=method, terms=chosen, confidence=confidence, band=band, progress=move)
             said = [sentence for target, make in plan.items() for sentence in make(places[target], fits, log)]
         written = [target for target, place in places.items() if place.exists()]
     noise_tables(screen, fits, truth)

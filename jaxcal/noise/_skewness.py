@@ -20,6 +20,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from .._precision import array_module
 from .._types import AnyArray, Array, Float
 from ._columns import spectral_column
 from ._curve import Curve, correlation, forward, inverse
@@ -56,7 +57,8 @@ def response(samples: int, m, dt: float, terms: tuple[str, ...]) -> Response:
     kernel = 2.0 * fourth / (m[:, None] * np.sin(half)) ** 2 / (samples * dt)  # a sum over frequencies is the variance then
     frequency = middle / (2.0 * samples * dt)
     columns = [spectral_column(term, frequency, dt) for term in terms]
-    return Response(number, kernel, np.stack([*columns, np.zeros(_BINS)], axis=1))
+    xp = array_module(columns)
+    return Response(number, kernel, xp.stack([*columns, xp.zeros(_BINS)], axis=1))
 
 
 def skewness(curve: Curve, heard: Response, at: Float[Array, " p"], index) -> Float[Array, ""]:
