@@ -13,7 +13,6 @@ import math
 
 import numpy as np
 import scipy.fft
-import scipy.signal
 
 from .._errors import DataError
 from .._types import Any
@@ -52,11 +51,13 @@ def _one(noise, n: int, dt: float, random: np.random.Generator) -> np.ndarray:
     if noise.R:
         x += float(noise.R) * dt * np.arange(n)
     for strength, correlation in noise.markov:
+        from scipy.signal import lfilter  # slow to import, seldom needed
+
         a = math.exp(-dt / correlation)
         sigma = float(strength) * math.sqrt(correlation / 2.0)
         z = random.standard_normal(n)
         z[1:] *= math.sqrt(-math.expm1(-2.0 * dt / correlation))
-        x += sigma * np.asarray(scipy.signal.lfilter([1.0], [1.0, -a], z))
+        x += sigma * np.asarray(lfilter([1.0], [1.0, -a], z))
     for amplitude, frequency in noise.sinusoid:
         x += float(amplitude) * np.sin(2.0 * math.pi * frequency * dt * np.arange(n) + random.uniform(0.0, 2.0 * math.pi))
     return x
