@@ -140,8 +140,9 @@ def simulate(
     key = seed if isinstance(seed, jax.Array) else jax.random.key(int(seed))
     walking = any(isinstance(k, jax.core.Tracer) or float(k) > 0 for k in (accel.walk, gyro.walk))
     # as arrays: a number would be part of the program, which would be compiled anew for every other
-    latitude, *given = jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype=attitude.dtype), (latitude, accel, gyro, lever_arm, gravity))
-    a, w = _simulated(positions, positions.axes, attitude, latitude, *given, key, walking)
+    numbers = (jnp.asarray(latitude), accel, gyro, lever_arm, gravity)
+    here, accel_errors, gyro_errors, arm, weight = jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype=attitude.dtype), numbers)
+    a, w = _simulated(positions, positions.axes, attitude, here, accel_errors, gyro_errors, arm, weight, key, walking)
     noise = [_known(sensor) for sensor in (accel, gyro)]
     return Readings(positions, a, w, accel_noise=noise[0], gyro_noise=noise[1], lever_arm=lever_arm)
 
