@@ -3,6 +3,7 @@
 import functools
 import warnings
 from collections.abc import Callable
+from types import ModuleType
 from typing import Any, TypeVar
 
 import jax
@@ -30,23 +31,23 @@ def is_traced(*trees: Any) -> bool:
     return isinstance(jnp.zeros(()), jax.core.Tracer)
 
 
-def array_module(*trees: Any) -> Any:
-    """`numpy` where every array is the host's and no trace is in progress, otherwise `jax.numpy`.
+def array_module(*trees: Any) -> ModuleType:
+    """`jax.numpy` where something is traced, otherwise `numpy`.
 
     A closed form over a few hundred values is done in NumPy in less than JAX takes to look up its first operation, and each
     new shape would cost JAX a compilation per operation.
 
     Examples
     --------
-    >>> import numpy as np
+    >>> import jax
     >>> import jax.numpy as jnp
     >>> from jaxcal._precision import array_module
-    >>> array_module(np.ones(3), 2.0).__name__, array_module(jnp.ones(3), 2.0).__name__
-    ('numpy', 'jax.numpy')
+    >>> array_module(jnp.ones(3), 2.0).__name__
+    'numpy'
+    >>> print(jax.jit(lambda x: array_module(x).cos(x))(0.0))
+    1.0
     """
-    if any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(trees)) or is_traced():
-        return jnp
-    return np
+    return jnp if is_traced(*trees) else np
 
 
 def _to_float64(leaf: Any) -> Any:

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 
 from .._types import Any, Array
 from ._heading import heading
-from ._turn import cross, turn
+from ._turn import turn
 
 
 class Poses(eqx.Module):
@@ -66,7 +66,7 @@ def turn_residuals(parameters: dict[str, Array], data: Turns) -> Array:
     shift = jnp.einsum("nij,j->ni", data.slope, parameters["bias"])
     # first order in the bias: over one segment it turns the attitude by little
     body = data.y @ rotation
-    body = body - jnp.einsum("nij,nj->ni", cross(shift), body)
+    body = body - jnp.cross(shift, body)
     still = data.weight[:, None] * jnp.einsum("nij,nj->ni", data.attitude, body)
     count = len(data.ones)
     total = jax.ops.segment_sum(still, data.member, num_segments=count)

@@ -2,33 +2,18 @@
 
 import itertools
 
-import jax.numpy as jnp
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from .._rotation import exponential, matrix
 from .._types import Array
 
 _LONGEST = 10.0  # s of a segment, for the bias of the rates is only first order in it
 
 
-def cross(v: Array) -> Array:
-    """Matrix [v]x with [v]x w = v x w, for v (..., 3)."""
-    x, y, z = v[..., 0], v[..., 1], v[..., 2]
-    zero = jnp.zeros_like(x)
-    rows = ((zero, -z, y), (z, zero, -x), (-y, x, zero))
-    return jnp.stack([jnp.stack(row, axis=-1) for row in rows], axis=-2)
-
-
 def turn(rho: Array) -> Array:
-    """Rotation matrix exp([rho]x), (3, 3), with its derivative at zero too."""
-    square = jnp.sum(rho**2)
-    small = square < 1e-8
-    # Double where: no derivative of the square root at zero.
-    angle = jnp.sqrt(jnp.where(small, 1, square))
-    first = jnp.where(small, 1 - square / 6, jnp.sin(angle) / angle)
-    second = jnp.where(small, 0.5 - square / 24, (1 - jnp.cos(angle)) / jnp.where(small, 1, square))
-    matrix = cross(rho)
-    return jnp.eye(3, dtype=rho.dtype) + first * matrix + second * (matrix @ matrix)
+    """Rotation matrix exp([rho]x), (3, 3)."""
+    return matrix(exponential(rho))
 
 
 def rotation_vector(matrix: np.ndarray) -> np.ndarray:

@@ -1,22 +1,17 @@
 """Curves of bias against temperature: Chebyshev series, series with logistic steps, piecewise cubic."""
 
+import abc
 from types import ModuleType
 from typing import Any
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 
-from .._precision import is_traced
+from .._precision import array_module
 from .._types import AnyArray
 
 #: the exponent of a step is clipped here, where the logistic function is 0 or 1 to the last digit
 _FLAT = 50.0
-
-
-def namespace(*trees: Any) -> ModuleType:
-    """`jax.numpy` where something is traced, NumPy otherwise: nothing to compile for each length of log."""
-    return jnp if is_traced(*trees) else np
 
 
 def common(xp: ModuleType, *values: Any) -> list[Any]:
@@ -28,9 +23,9 @@ def common(xp: ModuleType, *values: Any) -> list[Any]:
 class AbstractCurve(eqx.Module):
     """A bias as a function of the temperature alone."""
 
+    @abc.abstractmethod
     def value(self, t: Any) -> AnyArray:
         """Bias at the temperatures `t` (n,) or (), degC."""
-        raise NotImplementedError
 
 
 class Chebyshev(AbstractCurve):
@@ -50,7 +45,7 @@ class Chebyshev(AbstractCurve):
 
     def value(self, t: Any) -> AnyArray:
         """By Clenshaw's recurrence, W. Clenshaw, Math. Comp. 9 (1955) 118."""
-        xp = namespace(self, t)
+        xp = array_module(self, t)
         t, q, low, high = common(xp, t, self.coefficients, self.low, self.high)
         u = 2 * (t - low) / (high - low) - 1
         first, second = xp.zeros_like(u), xp.zeros_like(u)
@@ -77,7 +72,7 @@ class Steps(AbstractCurve):
 
     def value(self, t: Any) -> AnyArray:
         """The series and every step."""
-        xp = namespace(self, t)
+        xp = array_module(self, t)
         t, height, centre, width = common(xp, t, self.height, self.centre, self.width)
         total = self.base.value(t)
         for j in range(height.shape[0]):
@@ -101,7 +96,7 @@ class Piecewise(AbstractCurve):
 
     def value(self, t: Any) -> AnyArray:
         """By Horner's rule in the piece of each temperature."""
-        xp = namespace(self, t)
+        xp = array_module(self, t)
         t, nodes, c = common(xp, t, self.nodes, self.coefficients)
         t = xp.clip(t, nodes[0], nodes[-1])
         k = xp.clip(xp.searchsorted(nodes, t, side="right") - 1, 0, c.shape[0] - 1)

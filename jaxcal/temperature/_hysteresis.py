@@ -10,8 +10,9 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from .._precision import array_module
 from .._types import AnyArray
-from ._curves import common, namespace
+from ._curves import common
 
 _Maps = tuple[Any, Any]
 
@@ -31,7 +32,7 @@ def lagged(temperature: Any, dt: Any, tau: Any, start: Any = None) -> AnyArray:
     tau : time constant in s; 0 gives the thermometer itself.
     start : state before the first sample, degC; None begins at the first sample.
     """
-    xp = namespace(temperature, dt, tau, start)
+    xp = array_module(temperature, dt, tau, start)
     t, dt, tau = common(xp, temperature, dt, tau)
     # the unused branch must have no division by zero, whose derivative is not finite
     keep = xp.where(tau > 0, xp.exp(-dt / xp.where(tau > 0, tau, 1)), 0)
@@ -51,7 +52,7 @@ def played(temperature: Any, play: Any, start: Any = None) -> AnyArray:
     play : h in degC; 0 gives the temperature itself.
     start : state before the first sample, degC; None begins at the first sample.
     """
-    xp = namespace(temperature, play, start)
+    xp = array_module(temperature, play, start)
     t, h = common(xp, temperature, play)
 
     def compose(a: _Maps, b: _Maps) -> _Maps:

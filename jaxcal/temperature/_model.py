@@ -7,9 +7,9 @@ import equinox as eqx
 import numpy as np
 
 from .._errors import DataError
-from .._precision import host_float64, is_traced
+from .._precision import array_module, host_float64, is_traced
 from .._types import AnyArray
-from ._curves import AbstractCurve, common, namespace
+from ._curves import AbstractCurve, common
 from ._hysteresis import lagged, played
 
 #: degC outside the range that a thermometer's noise brings about
@@ -70,7 +70,7 @@ class ThermalModel(eqx.Module):
         -------
         (n,) or (), in the unit of the channel. A `ClampWarning` tells of temperatures outside the range.
         """
-        xp = namespace(self, temperature, rate_of_change)
+        xp = array_module(self, temperature, rate_of_change)
         t, lag, play = common(xp, temperature, self.lag, self.play)
         if rate_of_change is not None:
             rate = common(xp, rate_of_change, t)[0]
@@ -108,7 +108,7 @@ class ThermalModel(eqx.Module):
             raise DataError(
                 f"y has shape {np.shape(y)} and temperature {np.shape(temperature)}; expected both (n,), one temperature per reading"
             )
-        xp = namespace(self, y, temperature)
+        xp = array_module(self, y, temperature)
         t, y = common(xp, temperature, y)
         if not is_traced(t) and not np.isfinite(t).all():
             raise DataError(f"{np.count_nonzero(~np.isfinite(t))} temperatures are not finite; interpolate the thermometer first")
@@ -126,7 +126,7 @@ class ThermalModel(eqx.Module):
         return behind, (t[-1], behind[-1])
 
     def _value(self, t: Any) -> Any:
-        xp = namespace(self, t)
+        xp = array_module(self, t)
         t, low, high = common(xp, t, self.low, self.high)
         if not is_traced(self, t):
             outside = np.mean((t < low) | (t > high))
@@ -146,7 +146,7 @@ def _steps(t: Any, time: Any, rate: Any) -> Any:
         return 1.0 / rate
     if time is None:
         raise DataError("the model has a lag, for which the times count: give time= (s) or rate= (Hz)")
-    xp = namespace(time)
+    xp = array_module(time)
     if np.shape(time) != np.shape(t) or np.shape(time)[0] < 2:
         raise DataError(f"time has shape {np.shape(time)}; expected {np.shape(t)}, at least 2; for single samples give rate= (Hz)")
     steps = xp.diff(xp.asarray(time))
