@@ -183,7 +183,7 @@ def _json(place: Path, data: Any, found: Any) -> None:
 def _report(place: Path, data: Any, found: Any) -> None:
     import jaxcal
 
-    jaxcal.report.write_north(data, found, place)
+    jaxcal.report.write(found, place, log=data)
 
 
 def _picture(place: Path, data: Any, found: Any) -> None:

@@ -9,7 +9,7 @@ from .._errors import DataError
 from ..allan import Deviation
 from ..noise import Noise, NoiseFit
 from ._labels import display_unit, interval_labels, number_label
-from ._style import INK, MUTED, SERIES, SHADE, TERM_COLORS, arrange, key_text, new_panels, place_legend, style_axes, text_only, tick_decades
+from ._style import INK, MUTED, SERIES, SHADE, TERM_COLORS, arrange, key_text, log_axes, new_panels, place_legend, text_only, tick_decades
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -133,7 +133,7 @@ def _channels(name: str, item: Any) -> list[_Channel]:
 def _draw(ax: "Axes", channels: list[_Channel], *, own: bool) -> None:
     sensor, deviation = channels[0].sensor, channels[0].deviation
     unit = (display_unit("B", sensor)[1] or "unit of the record") + (" s" if deviation.unit_of_phase else "")
-    style_axes(ax, "Cluster time τ (s)", f"{_KINDS.get(deviation.kind, deviation.kind)} ({unit})")
+    log_axes(ax, "Cluster time τ (s)", f"{_KINDS.get(deviation.kind, deviation.kind)} ({unit})")
     if len(channels) == 1:
         columns = _draw_one(ax, channels[0])
         title = " ".join(filter(None, (_SENSORS.get(sensor or ""), channels[0].label)))

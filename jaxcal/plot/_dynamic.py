@@ -8,7 +8,7 @@ from .._errors import DataError
 from ..allan import DynamicDeviation
 from ._allan import _KINDS
 from ._labels import duration_label
-from ._style import INK, MUTED, SHADE, new_figure, style_axes
+from ._style import INK, MUTED, SHADE, log_axes, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -63,7 +63,7 @@ def _draw(ax: "Axes", result: DynamicDeviation, tau: np.ndarray, shown: Any) -> 
     from matplotlib.colors import LogNorm
     from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator, ScalarFormatter
 
-    style_axes(ax, "Time (s)", "Cluster time τ (s)")
+    log_axes(ax, "Time (s)", "Cluster time τ (s)")
     formatter = ax.yaxis.get_major_formatter()
     low, high = float(shown.min()), float(shown.max())
     # a constant surface has no scale of its own

@@ -6,7 +6,7 @@ import numpy as np
 
 from .._errors import DataError
 from ..imu import ImuFit
-from ._style import GRID, INK, MUTED, SERIES, new_figure
+from ._style import INK, MUTED, SERIES, new_figure, style_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -88,14 +88,6 @@ def _points(
     ax.axhline(0, color=MUTED, linewidth=0.8)
     ax.scatter(number[~hollow], values[~hollow], s=18, color=color, label=label, zorder=3)
     ax.scatter(number[hollow], values[hollow], s=24, facecolors="none", edgecolors=color, zorder=3)
-    ax.set_axisbelow(True)
-    ax.grid(True, color=GRID, linewidth=0.8)
-    ax.tick_params(color=GRID, labelcolor=INK, labelsize=9)
-    for side, spine in ax.spines.items():
-        spine.set_visible(side in ("left", "bottom"))
-        spine.set_color(MUTED)
-        spine.set_linewidth(0.8)
+    style_axes(ax, x_label, y_label)
     ax.set_xlim(0.3, len(values) + 0.7)
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-    ax.set_xlabel(x_label, color=INK, fontsize=10)
-    ax.set_ylabel(y_label, color=INK, fontsize=10)

@@ -6,7 +6,7 @@ import numpy as np
 
 from .._errors import DataError
 from ..magnetometer import MagFit, heading_uncertainty
-from ._style import INK, MUTED, SERIES, SHADE, new_figure
+from ._style import INK, SERIES, SHADE, new_figure, style_axes
 
 _MOST = 5000  # points that are drawn; more only cover one another
 _PLANES = ((0, 1), (0, 2), (1, 2))
@@ -57,7 +57,7 @@ def sphere(m: Any, found: Any, axes: Any = None) -> Any:
         ax.plot(before[:, i], before[:, j], ".", color=_BEFORE, markersize=2, alpha=0.5, label="as measured")
         ax.plot(after[:, i], after[:, j], ".", color=_AFTER, markersize=2, alpha=0.5, label="corrected")
         ax.plot(radius * np.cos(circle), radius * np.sin(circle), color=INK, linewidth=0.8, label="field")
-        _linear(ax, f"{'xyz'[i]} ({unit})", f"{'xyz'[j]} ({unit})")
+        style_axes(ax, f"{'xyz'[i]} ({unit})", f"{'xyz'[j]} ({unit})")
         ax.set_aspect("equal")
     axes[0].legend(loc="upper right", fontsize=8, markerscale=4, frameon=True, framealpha=0.85, edgecolor="none")
     axes[3].scatter(*before.T, color=_BEFORE, s=2, alpha=0.4)
@@ -112,7 +112,7 @@ def coverage(found: Any, ax: Any = None) -> Any:
         longitude = np.rad2deg(np.arctan2(wanted[:, 1], wanted[:, 0]))
         ax.plot(longitude, wanted[:, 2], "x", color=SERIES[1], markersize=10, markeredgewidth=2.5, label="readings would help most here")
         ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False, fontsize=9, labelcolor=INK)
-    _linear(ax, "longitude (°), 0 at x, 90 at y", "latitude (°), z up")
+    style_axes(ax, "longitude (°), 0 at x, 90 at y", "latitude (°), z up")
     ax.grid(False)
     ax.set_xlim(-180, 180)
     ax.set_ylim(-1, 1)
@@ -167,7 +167,7 @@ def residual(m: Any, found: Any, ax: Any = None) -> Any:
     bar = ax.figure.colorbar(points, ax=ax, pad=0.02)
     bar.set_label(f"residual ({unit})", color=INK)
     bar.outline.set_visible(False)
-    _linear(ax, "longitude (°), 0 at x, 90 at y", "latitude (°), z up")
+    style_axes(ax, "longitude (°), 0 at x, 90 at y", "latitude (°), z up")
     ax.set_xlim(-180, 180)
     ax.set_ylim(-1.02, 1.02)
     ax.set_xticks(range(-180, 181, 45))
@@ -209,7 +209,7 @@ def heading_error(found: Any, ax: Any = None) -> Any:
     tilts = ((0.0, "level"), (np.deg2rad(20), "20° of tilt")) if found.plane is None else ((0.0, "in the plane"),)
     for (tilt, name), color in zip(tilts, SERIES, strict=False):
         ax.plot(np.rad2deg(headings), np.rad2deg(heading_uncertainty(found, headings, tilt=tilt)), color=color, label=name)
-    _linear(ax, "heading (°)", "standard deviation (°)")
+    style_axes(ax, "heading (°)", "standard deviation (°)")
     ax.set_xlim(0, 360)
     ax.set_ylim(bottom=0)
     ax.set_xticks(range(0, 361, 45))
@@ -241,14 +241,3 @@ def _regions() -> list[np.ndarray]:
             west, east = -180 + 360 * j / count, -180 + 360 * (j + 1) / count
             corners.append(np.array([(west, bottom), (east, bottom), (east, top), (west, top)]))
     return corners
-
-
-def _linear(ax: Any, x_label: str, y_label: str) -> None:
-    ax.set_axisbelow(True)
-    ax.grid(True, color="#e4e7eb", linewidth=0.8)
-    ax.tick_params(color=MUTED, labelcolor=INK, labelsize=9)
-    for side, spine in ax.spines.items():
-        spine.set_visible(side in ("left", "bottom"))
-        spine.set_color(MUTED)
-    ax.set_xlabel(x_label, color=INK)
-    ax.set_ylabel(y_label, color=INK)

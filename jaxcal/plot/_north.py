@@ -6,7 +6,7 @@ import numpy as np
 
 from .._errors import DataError
 from ..alignment import AlignmentFit, Positions, Readings, Sensor, simulate
-from ._style import GRID, INK, MUTED, SERIES, SHADE, new_figure
+from ._style import INK, MUTED, SERIES, SHADE, new_figure, style_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -101,7 +101,7 @@ def _readings(ax: "Axes", readings: Readings, name: str, label: str, scale: floa
         ax.annotate(
             word, (368, values[here][0]), (6, 0), textcoords="offset points", va="center", color=INK, fontsize=9, annotation_clip=False
         )
-    _plain(ax, "Table angle (deg)", label)
+    style_axes(ax, "Table angle (deg)", label)
     ax.set_xlim(-8, 376)
     ax.set_xticks(np.arange(0, 361, 45))
     ax.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2, frameon=False, fontsize=9, labelcolor=INK, borderaxespad=0.2)
@@ -109,7 +109,7 @@ def _readings(ax: "Axes", readings: Readings, name: str, label: str, scale: floa
 
 def _azimuth(ax: "Axes", result: AlignmentFit) -> None:
     std = float(np.asarray(result.azimuth_std))
-    _plain(ax, "Azimuth (deg)", "Density (1/deg)")
+    style_axes(ax, "Azimuth (deg)", "Density (1/deg)")
     if result.psi is None or not 0 < std < np.inf:
         ax.text(0.5, 0.5, "The readings give no azimuth.", transform=ax.transAxes, ha="center", va="center", color=MUTED)
         ax.set_xticks([])
@@ -125,16 +125,3 @@ def _azimuth(ax: "Axes", result: AlignmentFit) -> None:
     ax.set_ylim(0, None)
     digits = max(0, int(np.ceil(1 - np.log10(sigma))))
     ax.set_title(f"azimuth {centre:.{digits}f} ± {1.96 * sigma:.{digits}f} degrees (95 %)", loc="left", fontsize=10, color=INK)
-
-
-def _plain(ax: "Axes", x_label: str, y_label: str) -> None:
-    """Linear axes in the look of the other figures."""
-    ax.set_axisbelow(True)
-    ax.grid(True, color=GRID, linewidth=0.8)
-    ax.tick_params(color=GRID, labelcolor=INK, labelsize=9)
-    for side, spine in ax.spines.items():
-        spine.set_visible(side in ("left", "bottom"))
-        spine.set_color(MUTED)
-        spine.set_linewidth(0.8)
-    ax.set_xlabel(x_label, color=INK, fontsize=10)
-    ax.set_ylabel(y_label, color=INK, fontsize=10)

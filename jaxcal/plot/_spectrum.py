@@ -10,7 +10,7 @@ from ..noise import Noise, NoiseFit
 from ..spectrum import Spectrum
 from ._allan import coefficient_label
 from ._labels import display_unit, number_label
-from ._style import INK, SERIES, TERM_COLORS, arrange, key_text, new_panels, place_legend, style_axes, text_only, tick_decades
+from ._style import INK, SERIES, TERM_COLORS, arrange, key_text, log_axes, new_panels, place_legend, text_only, tick_decades
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -152,7 +152,7 @@ def _draw(ax: "Axes", channels: list[_Channel], *, own: bool) -> None:
     sensor, sided = channels[0].sensor, channels[0].spectrum.sided
     unit = display_unit("B", sensor)[1] or "unit of the record"
     unit = f"({unit})" if set(unit) & set("/ ") else unit
-    style_axes(ax, "Frequency (Hz)", f"{'One' if sided == 1 else 'Two'}-sided power spectral density, {unit}²/Hz")
+    log_axes(ax, "Frequency (Hz)", f"{'One' if sided == 1 else 'Two'}-sided power spectral density, {unit}²/Hz")
     if len(channels) == 1:
         columns = _draw_one(ax, channels[0])
         title = " ".join(filter(None, (_SENSORS.get(sensor or ""), channels[0].label)))

@@ -63,7 +63,7 @@ def _extent(axis: Any, renderer: Any) -> Any:
     return box
 
 
-def style_axes(ax: "Axes", x_label: str, y_label: str) -> None:
+def log_axes(ax: "Axes", x_label: str, y_label: str) -> None:
     """Log-log axes with a light grid and numbers as people write them."""
     from matplotlib.ticker import FuncFormatter, NullFormatter
 
@@ -72,6 +72,11 @@ def style_axes(ax: "Axes", x_label: str, y_label: str) -> None:
     for axis in (ax.xaxis, ax.yaxis):
         axis.set_major_formatter(FuncFormatter(_tick))
         axis.set_minor_formatter(NullFormatter())
+    style_axes(ax, x_label, y_label)
+
+
+def style_axes(ax: "Axes", x_label: str, y_label: str) -> None:
+    """A light grid behind the data, axes left and below, named."""
     ax.set_axisbelow(True)
     ax.grid(True, which="major", color=GRID, linewidth=0.8)
     ax.tick_params(which="both", color=GRID, labelcolor=INK, labelsize=_TEXT - 1)

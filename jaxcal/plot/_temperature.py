@@ -7,7 +7,7 @@ import numpy as np
 from .._errors import DataError
 from ..temperature import TemperatureFit
 from ._labels import display_unit, interval_labels, number_label
-from ._style import GRID, INK, MUTED, SERIES, key_text, new_figure, place_legend, style_axes
+from ._style import INK, MUTED, SERIES, key_text, new_figure, place_legend, style_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -70,9 +70,6 @@ def _draw(ax: "Axes", sensor: str | None, fits: dict[str, TemperatureFit], *, ow
     scale_factor = any(fit.model.scale for fit in fits.values())
     what = "Change of scale factor" if scale_factor else f"Change of bias ({unit or 'unit of the record'})"
     style_axes(ax, "Temperature (°C)", what)
-    ax.set_xscale("linear")
-    ax.set_yscale("linear")
-    ax.grid(True, which="major", color=GRID, linewidth=0.8)
     points, lines = [], []
     for i, (name, fit) in enumerate(fits.items()):
         color = SERIES[i % len(SERIES)]

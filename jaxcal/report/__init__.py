@@ -2,6 +2,6 @@
 
 from ._document import noise_document as noise_document
 from ._magnetometer import mag_document as mag_document
-from ._north import north_document as north_document, write_north as write_north
+from ._north import north_document as north_document
 from ._thermal import temperature_document as temperature_document
 from ._write import write as write

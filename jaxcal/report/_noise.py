@@ -32,7 +32,14 @@ _MEANING = {
 }
 
 
-def verdict(results: dict[str, NoiseFit], log: Log | None) -> Markup:
+def noise_body(results: dict[str, NoiseFit], log: Log | None, version: str) -> Markup:
+    """Every section of a report on noise."""
+    sections = [_verdict(results, log), _plots(results), _remarks(results, log)]
+    sections += [recording(log), _meaning(results), _provenance(results, log, version)]
+    return join(sections)
+
+
+def _verdict(results: dict[str, NoiseFit], log: Log | None) -> Markup:
     """What was found, in sentences, then a table for every sensor."""
     tables = []
     warnings = _warnings(results, log)
@@ -118,7 +125,7 @@ def _fit_quality(fit: NoiseFit) -> Iterable[Markup]:
     yield tag("span", f"p = {number_label(float(fit.goodness), 2)}", class_="small")
 
 
-def plots(results: dict[str, NoiseFit]) -> Markup:
+def _plots(results: dict[str, NoiseFit]) -> Markup:
     """The curves of every sensor, then each axis with the lines of its terms and its numbers."""
     parts = []
     for sensor, channels in by_sensor(results).items():
@@ -173,7 +180,7 @@ def _warnings(results: dict[str, NoiseFit], log: Log | None) -> list[str]:
     return [*(() if log is None else log.warnings), *_by_channel({name: fit.warnings for name, fit in results.items()})]
 
 
-def remarks(results: dict[str, NoiseFit], log: Log | None) -> Markup:
+def _remarks(results: dict[str, NoiseFit], log: Log | None) -> Markup:
     """Warnings, notes, and what the fits left out."""
     warnings = tag("ul", each("li", _warnings(results, log) or ["None."]))
     sections = [tag("section", tag("h2", "Warnings", id="warnings"), warnings, aria_labelledby="warnings")]
@@ -210,7 +217,7 @@ def recording(log: Log | None) -> Markup:
     return tag("section", tag("h2", "Recording", id="recording"), summary, *notes, aria_labelledby="recording")
 
 
-def meaning(results: dict[str, NoiseFit]) -> Markup:
+def _meaning(results: dict[str, NoiseFit]) -> Markup:
     """A sentence on every term."""
     sensors = list(by_sensor(results))
     items = []
@@ -221,7 +228,7 @@ def meaning(results: dict[str, NoiseFit]) -> Markup:
     return tag("section", tag("h2", "What the coefficients mean", id="meaning"), tag("dl", *items), aria_labelledby="meaning")
 
 
-def provenance(results: dict[str, NoiseFit], log: Log | None, version: str) -> Markup:
+def _provenance(results: dict[str, NoiseFit], log: Log | None, version: str) -> Markup:
     """Where the numbers come from."""
     first = next(iter(results.values()))
     known: dict[str, Any] = {

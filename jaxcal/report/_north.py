@@ -1,21 +1,18 @@
-"""`write_north`: the alignment of a turntable as one HTML page, and `north_document`, as JSON can say it."""
+"""The alignment of a turntable as sections of a page, and as JSON can say it."""
 
 import importlib.metadata
 import math
-import os
 from typing import Any
 
 import numpy as np
 
 from .._errors import DataError
-from .._files import write_atomically
 from ..alignment import NAMES, AlignmentFit, Readings
 from ..alignment._model import UNITS
 from ..alignment._verdict import word
 from ..plot import north
 from ._document import number
 from ._html import Markup, each, join, tag
-from ._page import page
 from ._svg import inline
 
 SCHEMA = "jaxcal.north/1"
@@ -72,45 +69,20 @@ def north_document(result: AlignmentFit) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def write_north(readings: Readings, result: AlignmentFit, path: str | os.PathLike[str]) -> None:
-    """Write the report of an alignment: one HTML file that needs nothing else.
-
-    Parameters
-    ----------
-    readings : what was fitted.
-    result : the fit.
-    path : file to write; an existing one is replaced in one step.
+def north_page(result: AlignmentFit, readings: Any) -> tuple[str, Markup]:
+    """The line below the title, and the sections.
 
     Raises
     ------
     DataError
-        If the arguments are not readings and their fit.
-    ExportError
-        If the file cannot be written.
-
-    Examples
-    --------
-    >>> import pathlib, tempfile
-    >>> import numpy as np
-    >>> import jaxcal
-    >>> from jaxcal.alignment import Sensor, fit, simulate
-    >>> gyro, accel = Sensor(white=3e-6), Sensor(white=5e-4)
-    >>> angles, attitude = np.deg2rad([0.0, 90.0, 180.0, 270.0]), np.deg2rad([2.0, -1.0, 40.0])
-    >>> readings = simulate(angles, attitude, 0.6, accel=accel, gyro=gyro)
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     path = pathlib.Path(folder, "north.html")
-    ...     jaxcal.report.write_north(readings, fit(readings, 0.6), path)
-    ...     path.read_text()[:15]
-    '<!DOCTYPE html>'
+        If the readings are not given.
     """
-    _check(result)
     if not isinstance(readings, Readings):
-        raise DataError(f"the readings are {type(readings).__name__}; give the Readings that were fitted")
-    version = importlib.metadata.version("jaxcal")
-    count, total = len(readings.positions), float(np.sum(readings.positions.dwell))
-    lead = f"{count} positions, {total:g} s in all"
-    body = join((_found(result), _figure(readings, result), _rows(readings, result), _remarks(result)))
-    write_atomically(path, page("Alignment on a turntable", lead, body, f"Written by jaxcal {version}"))
+        raise DataError(
+            f"log is {type(readings).__name__}; the page of an alignment shows what was read: give the Readings that were fitted"
+        )
+    lead = f"{len(readings.positions)} positions, {float(np.sum(readings.positions.dwell)):g} s in all"
+    return lead, join((_found(result), _figure(readings, result), _rows(readings, result), _remarks(result)))
 
 
 def _check(result: Any) -> None:
