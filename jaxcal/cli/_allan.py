@@ -1,6 +1,6 @@
 """`jaxcal allan`: Allan deviation and its relatives, of every axis."""
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -10,8 +10,8 @@ from cyclopts import Parameter
 from .._files import json_text, write_atomically
 from .._units import factor, si_unit
 from ._cache import keep_compiled
-from ._options import WRITING, CallError, Reading, Running, distinct, read_log, stem
-from ._outputs import staged
+from ._options import WRITING, CallError, Reading, Running, read_log, stem
+from ._outputs import Maker, check_picture, exports, outputs, staged
 from ._screen import Screen, progress, show_log, show_written
 from ._tables import number
 
@@ -20,7 +20,6 @@ Kind = Literal[
 ]  # fmt: skip
 _GRIDS = ("log", "octave", "decade", "all")
 _SENSORS = {"gyro": ("gyroscope", "deg/h"), "accel": ("accelerometer", "ug"), "mag": ("magnetometer", "nT")}
-_PICTURES = (".png", ".svg", ".pdf")
 _ROWS = 50  # of a printed table; files hold every cluster size
 
 
@@ -75,7 +74,7 @@ def allan(
     sizes = _sizes(m)
     if not 0.0 < confidence < 1.0:
         raise CallError(f"--confidence {confidence:g}: expected a level between 0 and 1; 0.95 is 95 %")
-    plan = _plan(log, writing)
+    plan = _outputs(log, writing)
     screen = Screen(running.quiet)
     with staged(plan, inputs=[log]) as places:
         with progress(f"reading {log.name}", running.quiet):
@@ -111,20 +110,10 @@ def _sizes(text: str) -> Any:
         raise CallError(f"--m {text}: expected {', '.join(_GRIDS)}, or numbers of samples such as 1,10,100") from None
 
 
-def _plan(log: Path, writing: Writing) -> dict[Path, Callable[[Path, dict[str, Any], Any], None]]:
-    asked: list[tuple[Path, Callable[[Path, dict[str, Any], Any], None]]] = []
-    if writing.json is not None:
-        asked.append((writing.json, _json))
-    for word in writing.export or ():
-        format, _, file = word.partition("=")
-        if format != "csv":
-            raise CallError(f"--export {word}: unknown format {format!r}; deviations are written as csv")
-        asked.append((Path(file or f"{stem(log)}-allan.csv"), _csv))
-    if writing.plot is not None:
-        if writing.plot.suffix.lower() not in _PICTURES:
-            raise CallError(f"--plot {writing.plot}: expected a name that ends in {', '.join(_PICTURES)}")
-        asked.append((writing.plot, _picture))
-    return distinct(asked)
+def _outputs(log: Path, writing: Writing) -> dict[Path, Maker]:
+    check_picture("--plot", writing.plot)
+    files = exports(writing.export, {"csv": f"{stem(log)}-allan.csv"}, _csv, None)
+    return outputs([(writing.json, _json), *files, (writing.plot, _picture)])[0]
 
 
 def _table(screen: Screen, sensor: str, result: Any) -> None:
@@ -165,7 +154,7 @@ def _channels(found: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _json(place: Path, found: dict[str, Any], log: Any) -> None:
+def _json(place: Path, found: dict[str, Any], log: Any) -> Sequence[str]:
     import jaxcal
 
     names = ("tau", "m", "deviation", "lower", "upper", "edf", "count", "alpha", "bias")
@@ -179,9 +168,10 @@ def _json(place: Path, found: dict[str, Any], log: Any) -> None:
         "rate": log.rate, "duration": log.duration, "channels": channels,
     }  # fmt: skip
     write_atomically(place, json_text(document))
+    return ()
 
 
-def _csv(place: Path, found: dict[str, Any], log: Any) -> None:
+def _csv(place: Path, found: dict[str, Any], log: Any, format: str) -> Sequence[str]:
     lines = ["channel,unit,tau_s,m,deviation,lower,upper,edf"]
     for channel, result in _channels(found).items():
         unit = _unit(channel, result)
@@ -189,9 +179,11 @@ def _csv(place: Path, found: dict[str, Any], log: Any) -> None:
         for row in zip(*map(_known, columns), strict=True):
             lines.append(f"{channel},{unit}," + ",".join("" if value is None else str(value) for value in row))
     write_atomically(place, "\n".join(lines) + "\n")
+    return ()
 
 
-def _picture(place: Path, found: dict[str, Any], log: Any) -> None:
+def _picture(place: Path, found: dict[str, Any], log: Any) -> Sequence[str]:
     import jaxcal
 
     jaxcal.plot.save(jaxcal.plot.allan(_channels(found)), place)
+    return ()

@@ -7,6 +7,7 @@ import os
 import sys
 import textwrap
 import traceback
+from collections.abc import Callable
 
 import cyclopts
 from cyclopts.config import Toml
@@ -29,7 +30,8 @@ from ._simulate_north import simulate_north
 from ._simulate_temperature import simulate_temperature
 from ._temperature import temperature
 
-_COMMANDS = ("demo", "noise", "allan", "psd", "temperature", "imu", "mag", "north", "apply", "simulate")
+_COMMANDS = (demo, noise, allan, psd, temperature, imu, mag, north, apply)
+_SIMULATE = (simulate_noise, simulate_temperature, simulate_imu, simulate_mag, simulate_north)
 DONE, DATA, CALL, FAULT, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 3, 130, 141
 
 _HELP = """Calibrated models of inertial and magnetic sensors, from their logs.
@@ -55,11 +57,11 @@ def _application() -> cyclopts.App:
         config=_configuration, default_parameter=cyclopts.Parameter(negative=()), result_action="return_value",
         suppress_keyboard_interrupt=False,
     )  # fmt: skip
-    for command in (demo, noise, allan, psd, temperature, imu, mag, north, apply):
+    for command in _COMMANDS:
         app.command(command)
     simulate = cyclopts.App(name="simulate", help="Logs of simulated devices, whose truth is known.", help_format="plaintext")
-    for command in (simulate_noise, simulate_temperature, simulate_imu, simulate_mag, simulate_north):
-        simulate.command(command, name=command.__name__.removeprefix("simulate_"))
+    for command in _SIMULATE:
+        simulate.command(command, name=_simulated(command))
     app.command(simulate)
     return app
 
@@ -103,8 +105,13 @@ def _complain(text: str) -> None:
 
 
 def _help_command(argv: list[str]) -> str:
-    words = itertools.takewhile(lambda word: word in _COMMANDS, argv)
+    known = {command.__name__ for command in _COMMANDS} | {"simulate"}
+    words = itertools.takewhile(lambda word: word in known, argv)
     return " ".join(["jaxcal", *words, "--help"])
+
+
+def _simulated(command: Callable[..., None]) -> str:
+    return command.__name__.removeprefix("simulate_")
 
 
 def _discard_output() -> None:

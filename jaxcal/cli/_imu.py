@@ -1,18 +1,18 @@
 """`jaxcal imu`: both triads from a log of still poses and the turns between them."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from cyclopts import Parameter
 
-from .._files import json_text, write_atomically
 from .._units import STANDARD_GRAVITY
 from ._cache import keep_compiled
-from ._options import WRITING, CallError, Reading, Running, distinct, read_log, stem
-from ._outputs import staged
+from ._options import WRITING, CallError, Reading, Running, read_log, stem
+from ._outputs import Maker, Outputs, outputs, save_json, save_picture, save_report, staged
 from ._screen import Screen, progress, show_log, show_written
 from ._tables import number
 
@@ -100,7 +100,7 @@ def imu(
         raise CallError(f"--latitude {latitude:g}: expected degrees between -90 and 90")
     if earth_rate and latitude is None:
         raise CallError("--earth-rate needs --latitude")
-    plan, folder = _plan(log, writing)
+    plan, folder = _outputs(log, writing)
     screen = Screen(running.quiet)
     with staged(plan, inputs=[log], folder=folder) as places:
         with progress(f"reading {log.name}", running.quiet):
@@ -118,13 +118,12 @@ def imu(
             )  # fmt: skip
             if found.verdict == "refused":
                 raise jaxcal.DataError(found.reason)
-            for target, make in plan.items():
-                make(places[target], found, data)
+            said = [sentence for target, make in plan.items() for sentence in make(places[target], found, data)]
         written = [target for target, place in places.items() if place.exists()]
     _tables(screen, found, raw)
     screen.line()
     screen.line(f"{found.verdict}: {found.reason}")
-    screen.sentences("Warnings", [*data.warnings, *notes, *found.warnings])
+    screen.sentences("Warnings", [*data.warnings, *notes, *found.warnings, *said])
     show_written(screen, written)
 
 
@@ -168,76 +167,16 @@ def _cell(found: Any, i: int) -> str:
     return f"{number(value, half)}\n{number(low, half)} to {number(high, half)}"
 
 
-Maker = Callable[[Path, Any, Any], None]
+def _outputs(path: Path, writing: ImuWriting) -> Outputs:
+    names: dict[str, Maker] = {
+        "imu.png": partial(save_picture, draw="imu"), "report.html": save_report, "imu.json": save_json, "calibration.json": _calibration,
+    }  # fmt: skip
+    asked = [(writing.json, save_json), (writing.report, save_report), (writing.calibration, _calibration)]
+    return outputs(asked, names, out=writing.out, default=f"{stem(path)}-imu")
 
 
-def _plan(path: Path, writing: ImuWriting) -> tuple[dict[Path, Maker], Path | None]:
-    """Target -> what makes it, and the folder that may have to be made."""
-    folder = writing.out
-    if writing.json is None and writing.report is None and writing.calibration is None:
-        folder = folder or Path(f"{stem(path)}-imu")
-        names: dict[str, Maker] = {"imu.png": _picture, "report.html": _report, "imu.json": _json, "calibration.json": _calibration}
-        return {folder / name: make for name, make in names.items()}, folder
-    asked: list[tuple[Path, Any]] = []
-    if writing.json is not None:
-        asked.append((writing.json, _json))
-    if writing.report is not None:
-        asked.append((writing.report, _report))
-    if writing.calibration is not None:
-        asked.append((writing.calibration, _calibration))
-    return distinct(asked), folder
-
-
-def _picture(place: Path, found: Any, log: Any) -> None:
-    import jaxcal
-
-    jaxcal.plot.save(jaxcal.plot.imu(found), place)
-
-
-def _report(place: Path, found: Any, log: Any) -> None:
-    import jaxcal
-
-    jaxcal.report.write(found, place, log=log)
-
-
-def _calibration(place: Path, found: Any, log: Any) -> None:
+def _calibration(place: Path, found: Any, log: Any) -> Sequence[str]:
     import jaxcal
 
     jaxcal.Calibration(imu=found, provenance=log.provenance).save(place)
-
-
-def _json(place: Path, found: Any, log: Any) -> None:
-    write_atomically(place, json_text(document(found, log)))
-
-
-def document(found: Any, log: Any) -> dict[str, Any]:
-    """Schema "jaxcal.imu/1"."""
-    import jaxcal
-
-    sensors = {}
-    for sensor, first, last in (("accel", 0, 12), ("gyro", 12, 33)):
-        triad = getattr(found, sensor)
-        if triad is not None:
-            names = [name.removeprefix(f"{sensor}.") for name in found.names[first:last]]
-            limits = _listed(found.interval[first:last])
-            sensors[sensor] = {
-                "matrix": _listed(triad.matrix), "bias": _listed(triad.bias), "g_sensitivity": _listed(triad.g_sensitivity),
-                "intervals": dict(zip(names, limits, strict=True)),
-            }  # fmt: skip
-    return {
-        "schema": "jaxcal.imu/1", "version": jaxcal.__version__, "verdict": found.verdict, "reason": found.reason,
-        "warnings": list(found.warnings), "convention": found.convention, "method": found.method, "gravity": found.gravity,
-        "rate": found.rate, "poses": len(found.residual_norm), "turns": len(found.residual_turn), "sensors": sensors,
-        "residuals": {"norm": _listed(found.residual_norm), "turn": _listed(found.residual_turn), "rest": _listed(found.residual_rest)},
-        "held_out": {"norm": _listed(found.held_out[0]), "turn": _listed(found.held_out[1])},
-        "condition": _listed(found.observability.condition), "temperature": _listed(found.temperature), "provenance": log.provenance,
-    }  # fmt: skip
-
-
-def _listed(value: Any) -> Any:
-    """Numbers as JSON can say them; NaN and infinity are null."""
-    if hasattr(value, "tolist"):
-        value = value.tolist()
-    if isinstance(value, Sequence):
-        return [_listed(item) for item in value]
-    return value if math.isfinite(value) else None
+    return ()

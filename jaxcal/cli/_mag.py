@@ -1,7 +1,7 @@
 """`jaxcal mag`: hard and soft iron of a magnetometer from a log of it in many attitudes."""
 
 import datetime
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -9,10 +9,9 @@ from typing import Any, Literal
 
 from cyclopts import Parameter
 
-from .._files import json_text, write_atomically
 from ._cache import keep_compiled
 from ._options import WRITING, CallError, Reading, Running, distinct, read_log, stem
-from ._outputs import staged
+from ._outputs import Maker, Outputs, outputs, save_json, save_picture, save_report, staged
 from ._screen import Screen, progress, show_log, show_written
 
 Method = Literal["ml", "consistent", "algebraic", "li_griffiths", "constrained", "radial", "axes", "minmax"]
@@ -91,7 +90,7 @@ def mag(
     force
         Write a refused fit too, to look at.
     """
-    plan, folder = _plan(log, writing)
+    plan, folder = _outputs(log, writing)
     screen = Screen(running.quiet)
     earth = _earth(field, inclination, place, date)
     with staged(plan, inputs=[log], folder=folder) as places:
@@ -181,27 +180,20 @@ def _show(screen: Screen, found: Any) -> None:
     screen.sentences("Known", facts)
 
 
-Maker = Callable[[Path, Any, Any], Sequence[str]]
-
-
-def _plan(path: Path, writing: Writing) -> tuple[dict[Path, Maker], Path | None]:
-    folder = writing.out
-    asked: list[tuple[Path, Maker]] = []
-    given = ((writing.json, _json), (writing.report, _report), (writing.calibration, _calibration))
-    if all(target is None for target, _ in given) and (writing.corrected is None or folder is not None):
-        folder = folder or Path(f"{stem(path)}-mag")
-        names: dict[str, Maker] = {
-            "sphere.png": _sphere, "coverage.png": partial(_picture, name="coverage"),
-            "heading_error.png": partial(_picture, name="heading_error"), "report.html": _report, "mag.json": _json,
-            "calibration.json": _calibration,
-        }  # fmt: skip
-        asked += [(folder / name, make) for name, make in names.items()]
-    asked += [(target, make) for target, make in given if target is not None]
-    if writing.corrected is not None:
-        if writing.corrected.suffix not in (".csv", ".npz"):
-            raise CallError(f"--corrected {writing.corrected}: expected a name that ends in .csv or .npz")
-        asked.append((writing.corrected, _corrected))
-    return distinct(asked), folder
+def _outputs(path: Path, writing: Writing) -> Outputs:
+    if writing.corrected is not None and writing.corrected.suffix not in (".csv", ".npz"):
+        raise CallError(f"--corrected {writing.corrected}: expected a name that ends in .csv or .npz")
+    names: dict[str, Maker] = {
+        "sphere.png": _sphere, "coverage.png": partial(save_picture, draw="coverage"),
+        "heading_error.png": partial(save_picture, draw="heading_error"), "report.html": save_report, "mag.json": save_json,
+        "calibration.json": _calibration,
+    }  # fmt: skip
+    asked = [(writing.json, save_json), (writing.report, save_report), (writing.calibration, _calibration)]
+    if writing.corrected is None:
+        return outputs(asked, names, out=writing.out, default=f"{stem(path)}-mag")
+    # a folder that was named is filled beside it
+    plan, folder = outputs(asked, None if writing.out is None else names, out=writing.out)
+    return distinct([*plan.items(), (writing.corrected, _corrected)]), folder
 
 
 def _sphere(place: Path, found: Any, log: Any) -> Sequence[str]:
@@ -210,30 +202,6 @@ def _sphere(place: Path, found: Any, log: Any) -> Sequence[str]:
     import jaxcal
 
     jaxcal.plot.save(jaxcal.plot.sphere(log.mag[np.isfinite(log.mag).all(axis=1)], found)[0], place)
-    return ()
-
-
-def _picture(place: Path, found: Any, log: Any, name: str) -> Sequence[str]:
-    import jaxcal
-
-    try:
-        jaxcal.plot.save(getattr(jaxcal.plot, name)(found), place)
-    except jaxcal.DataError as error:
-        return (f"{place.name} is not written: {error}",)
-    return ()
-
-
-def _report(place: Path, found: Any, log: Any) -> Sequence[str]:
-    import jaxcal
-
-    jaxcal.report.write(found, place, log=log)
-    return ()
-
-
-def _json(place: Path, found: Any, log: Any) -> Sequence[str]:
-    import jaxcal
-
-    write_atomically(place, json_text(jaxcal.report.mag_document(found, log)))
     return ()
 
 

@@ -1,6 +1,6 @@
 """`jaxcal noise`: noise coefficients of every axis of a static log."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -8,11 +8,10 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from .._files import json_text, write_atomically
 from ._apply import corrected
 from ._cache import ahead, keep_compiled
-from ._options import WRITING, CallError, Reading, Running, distinct, read_log, stem
-from ._outputs import staged
+from ._options import WRITING, CallError, Reading, Running, read_log, stem
+from ._outputs import Maker, Outputs, exports, outputs, save_json, save_picture, save_report, staged
 from ._screen import Screen, progress, show_log, show_written
 from ._tables import by_channel, decides, left_out, longer_record, noise_tables
 
@@ -100,7 +99,7 @@ def characterise(
     """Read, fit, write and print; `truth` (sensor -> `Noise`) is compared where a log was simulated. Gives the fits."""
     chosen = _terms(terms)
     _check(confidence, band)
-    plan, folder = _plan(path, writing)
+    plan, folder = _outputs(path, writing)
     screen = Screen(running.quiet)
     with staged(plan, inputs=[path], folder=folder) as places:
         with progress(f"reading {path.name}", running.quiet):
@@ -140,51 +139,13 @@ def _check(confidence: float, band: tuple[float, float] | None) -> None:
         raise CallError(f"--band {band[0]:g} {band[1]:g}: expected the shortest and the longest cluster time in s, the shortest first")
 
 
-Maker = Callable[[Path, dict[str, Any], Any], Sequence[str]]
-
-
-def _plan(path: Path, writing: Writing) -> tuple[dict[Path, Maker], Path | None]:
-    """Target -> what makes it, and the folder that may have to be made."""
-    folder = writing.out
-    if writing.json is None and writing.report is None and not writing.export:
-        folder = folder or Path(f"{stem(path)}-noise")
-        names: dict[str, Maker] = {
-            "allan.png": _picture, "report.html": _report, "noise.json": _json, "calibration.json": _calibration,
-            "imu.yaml": _kalibr_if_possible,
-        }  # fmt: skip
-        return {folder / name: make for name, make in names.items()}, folder
-    asked: list[tuple[Path, Maker]] = []
-    if writing.json is not None:
-        asked.append((writing.json, _json))
-    if writing.report is not None:
-        asked.append((writing.report, _report))
-    for word in writing.export or ():
-        format, _, file = word.partition("=")
-        if format not in _EXPORTS:
-            raise CallError(f"--export {word}: unknown format {format!r}; expected one of {', '.join(_EXPORTS)}")
-        asked.append((Path(file) if file else (folder or Path()) / _EXPORTS[format], partial(_export, format=format)))
-    return distinct(asked), folder
-
-
-def _picture(place: Path, fits: dict[str, Any], log: Any) -> Sequence[str]:
-    import jaxcal
-
-    jaxcal.plot.save(jaxcal.plot.allan(fits), place)
-    return ()
-
-
-def _report(place: Path, fits: dict[str, Any], log: Any) -> Sequence[str]:
-    import jaxcal
-
-    jaxcal.report.write(fits, place, log=log)
-    return ()
-
-
-def _json(place: Path, fits: dict[str, Any], log: Any) -> Sequence[str]:
-    import jaxcal
-
-    write_atomically(place, json_text(jaxcal.report.noise_document(fits, log)))
-    return ()
+def _outputs(path: Path, writing: Writing) -> Outputs:
+    names: dict[str, Maker] = {
+        "allan.png": partial(save_picture, draw="allan"), "report.html": save_report, "noise.json": save_json,
+        "calibration.json": _calibration, "imu.yaml": _kalibr_if_possible,
+    }  # fmt: skip
+    asked = [(writing.json, save_json), (writing.report, save_report), *exports(writing.export, _EXPORTS, _export, writing.out)]
+    return outputs(asked, names, out=writing.out, default=f"{stem(path)}-noise")
 
 
 def _calibration(place: Path, fits: dict[str, Any], log: Any) -> Sequence[str]:

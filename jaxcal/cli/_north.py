@@ -1,22 +1,20 @@
 """`jaxcal north`: roll, pitch and azimuth of a turntable from its readings."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from cyclopts import Parameter
 
-from .._files import json_text, write_atomically
 from ._cache import keep_compiled
-from ._options import WRITING, CallError, Running, distinct
-from ._outputs import staged
+from ._options import WRITING, CallError, Running
+from ._outputs import check_picture, outputs, save_json, save_report, staged
 from ._readings import read_readings
 from ._screen import Screen, progress, show_written
 from ._simulate import noise_from_text
 
-_PICTURES = (".png", ".svg", ".pdf")
 #: parameter -> (name, unit, its size in SI)
 _DEG = math.pi / 180
 _ROWS = {
@@ -95,7 +93,8 @@ def north(
     if latitude is not None and not -90 <= latitude <= 90:
         raise CallError(f"--latitude {latitude:g}: expected degrees from -90 to 90")
     priors = _priors(prior)
-    plan = _plan(writing)
+    check_picture("--plot", writing.plot)
+    plan, _ = outputs([(writing.json, save_json), (writing.report, save_report), (writing.plot, _picture)])
     screen = Screen(running.quiet)
     with staged(plan, inputs=[readings]) as places:
         table, notes = read_readings(readings)
@@ -117,7 +116,7 @@ def north(
                 hint=None if hint is None else np.deg2rad(hint),
             )  # fmt: skip
             for target, make in plan.items():
-                make(places[target], data, found)
+                make(places[target], found, data)
     screen.line(f"{readings.name}: {len(positions)} positions, {float(np.sum(positions.dwell)):g} s in all")
     screen.sentences("How it was read", notes)
     _table(screen, found)
@@ -141,19 +140,6 @@ def _priors(words: tuple[str, ...] | None) -> dict[str, float] | None:
     return priors or None
 
 
-def _plan(writing: Writing) -> dict[Path, Callable[[Path, Any, Any], None]]:
-    asked: list[tuple[Path, Callable[[Path, Any, Any], None]]] = []
-    if writing.json is not None:
-        asked.append((writing.json, _json))
-    if writing.report is not None:
-        asked.append((writing.report, _report))
-    if writing.plot is not None:
-        if writing.plot.suffix.lower() not in _PICTURES:
-            raise CallError(f"--plot {writing.plot}: expected a name that ends in {', '.join(_PICTURES)}")
-        asked.append((writing.plot, _picture))
-    return distinct(asked)
-
-
 def _table(screen: Screen, found: Any) -> None:
     rows = []
     for name, value in found.parameters.items():
@@ -174,19 +160,8 @@ def _fit_note(found: Any) -> list[str]:
     return [f"chi-square {float(found.chi_square):.3g} with {int(found.degrees_of_freedom)} degrees of freedom, p = {found.p_value:.2g}."]
 
 
-def _json(place: Path, data: Any, found: Any) -> None:
-    import jaxcal
-
-    write_atomically(place, json_text(jaxcal.report.north_document(found)))
-
-
-def _report(place: Path, data: Any, found: Any) -> None:
-    import jaxcal
-
-    jaxcal.report.write(found, place, log=data)
-
-
-def _picture(place: Path, data: Any, found: Any) -> None:
+def _picture(place: Path, found: Any, data: Any) -> Sequence[str]:
     import jaxcal
 
     jaxcal.plot.save(jaxcal.plot.north(data, found), place)
+    return ()

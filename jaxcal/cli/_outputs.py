@@ -4,10 +4,77 @@ import contextlib
 import os
 import shutil
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
+from typing import Any
 
-from ._options import CallError
+from .._files import json_text, write_atomically
+from ._options import CallError, distinct
+
+#: (place to write to, results, log) -> sentences to tell
+Maker = Callable[[Path, Any, Any], Sequence[str]]
+#: target -> what makes it, and the folder that may have to be made
+Outputs = tuple[dict[Path, Maker], Path | None]
+PICTURES = (".png", ".svg", ".pdf")
+
+
+def outputs(
+    asked: Iterable[tuple[Path | None, Maker]], names: dict[str, Maker] | None = None, *, out: Path | None = None, default: str = ""
+) -> Outputs:
+    """What was asked for; where nothing was, all `names` in the folder `out`, or `default`."""
+    wanted = [(target, make) for target, make in asked if target is not None]
+    if wanted or names is None:
+        return distinct(wanted), out
+    folder = out or Path(default)
+    return {folder / name: make for name, make in names.items()}, folder
+
+
+def exports(
+    words: Iterable[str] | None, known: dict[str, str], make: Callable[..., Sequence[str]], out: Path | None
+) -> list[tuple[Path, Maker]]:
+    """Targets of --export FORMAT or FORMAT=FILE; `known` has the name of the file where none is given."""
+    asked = []
+    for word in words or ():
+        format, _, file = word.partition("=")
+        if format not in known:
+            raise CallError(f"--export {word}: unknown format {format!r}; expected one of {', '.join(known)}")
+        asked.append((Path(file) if file else (out or Path()) / known[format], partial(make, format=format)))
+    return asked
+
+
+def check_picture(option: str, target: Path | None) -> None:
+    """Raise a `CallError` unless the name of a figure has a known ending."""
+    if target is not None and target.suffix.lower() not in PICTURES:
+        raise CallError(f"{option} {target}: expected a name that ends in {', '.join(PICTURES)}")
+
+
+def save_picture(place: Path, results: Any, log: Any, *, draw: str) -> Sequence[str]:
+    """The figure of `jaxcal.plot` named `draw`; what forbids drawing it is told."""
+    import jaxcal
+
+    try:
+        axes = getattr(jaxcal.plot, draw)(results)
+    except jaxcal.DataError as error:
+        return (f"{place.name} is not written: {error}",)
+    jaxcal.plot.save(axes, place)
+    return ()
+
+
+def save_report(place: Path, results: Any, log: Any) -> Sequence[str]:
+    """The HTML page."""
+    import jaxcal
+
+    jaxcal.report.write(results, place, log=log)
+    return ()
+
+
+def save_json(place: Path, results: Any, log: Any) -> Sequence[str]:
+    """The JSON document."""
+    import jaxcal
+
+    write_atomically(place, json_text(jaxcal.report.document(results, log)))
+    return ()
 
 
 @contextlib.contextmanager

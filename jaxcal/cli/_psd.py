@@ -1,7 +1,7 @@
 """`jaxcal psd`: power spectral density of every axis."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -10,15 +10,14 @@ from cyclopts import Parameter
 
 from .._files import json_text, write_atomically
 from .._units import factor, si_unit
-from ._options import WRITING, CallError, Reading, Running, distinct, read_log, stem
-from ._outputs import staged
+from ._options import WRITING, CallError, Reading, Running, read_log, stem
+from ._outputs import Maker, check_picture, exports, outputs, staged
 from ._screen import Screen, progress, show_log, show_written
 from ._tables import by_channel, number
 
 Method = Literal["periodogram", "welch", "dct"]
 Average = Literal["octave", "log", "none"]
 _SENSORS = {"gyro": ("gyroscope", "deg/h"), "accel": ("accelerometer", "mg"), "mag": ("magnetometer", "nT")}
-_PICTURES = (".png", ".svg", ".pdf")
 _ROWS = 30  # of a printed table; files hold every frequency
 _ARRAYS = ("frequency", "count", "density", "lower", "upper", "edf")
 
@@ -75,7 +74,7 @@ def psd(
     """
     if not 0.0 < confidence < 1.0:
         raise CallError(f"--confidence {confidence:g}: expected a level between 0 and 1; 0.95 is 95 %")
-    plan = _plan(log, writing)
+    plan = _outputs(log, writing)
     screen = Screen(running.quiet)
     with staged(plan, inputs=[log]) as places:
         with progress(f"reading {log.name}", running.quiet):
@@ -121,20 +120,10 @@ def _spectra(recording: Any, **options: Any) -> tuple[dict[str, Any], dict[str, 
     return found, {channel: [f"left out: {sentence}" for sentence in sentences] for channel, sentences in refused.items()}
 
 
-def _plan(log: Path, writing: Writing) -> dict[Path, Callable[[Path, dict[str, Any], Any], None]]:
-    asked: list[tuple[Path, Callable[[Path, dict[str, Any], Any], None]]] = []
-    if writing.json is not None:
-        asked.append((writing.json, _json))
-    for word in writing.export or ():
-        format, _, file = word.partition("=")
-        if format != "csv":
-            raise CallError(f"--export {word}: unknown format {format!r}; spectra are written as csv")
-        asked.append((Path(file or f"{stem(log)}-psd.csv"), _csv))
-    if writing.plot is not None:
-        if writing.plot.suffix.lower() not in _PICTURES:
-            raise CallError(f"--plot {writing.plot}: expected a name that ends in {', '.join(_PICTURES)}")
-        asked.append((writing.plot, _picture))
-    return distinct(asked)
+def _outputs(log: Path, writing: Writing) -> dict[Path, Maker]:
+    check_picture("--plot", writing.plot)
+    files = exports(writing.export, {"csv": f"{stem(log)}-psd.csv"}, _csv, None)
+    return outputs([(writing.json, _json), *files, (writing.plot, _picture)])[0]
 
 
 def _table(screen: Screen, sensor: str, results: dict[str, Any]) -> None:
@@ -173,7 +162,7 @@ def _unit(channel: str) -> str:
     return f"({si_unit(channel.partition('_')[0])})^2/Hz"
 
 
-def _json(place: Path, found: dict[str, Any], log: Any) -> None:
+def _json(place: Path, found: dict[str, Any], log: Any) -> Sequence[str]:
     import jaxcal
 
     first = next(iter(found.values()))
@@ -185,17 +174,20 @@ def _json(place: Path, found: dict[str, Any], log: Any) -> None:
         "confidence": first.confidence, "rate": log.rate, "duration": log.duration, "channels": channels,
     }  # fmt: skip
     write_atomically(place, json_text(document))
+    return ()
 
 
-def _csv(place: Path, found: dict[str, Any], log: Any) -> None:
+def _csv(place: Path, found: dict[str, Any], log: Any, format: str) -> Sequence[str]:
     lines = ["channel,unit,frequency_hz,count,density,lower,upper,edf"]
     for channel, result in found.items():
         columns = (getattr(result, name).tolist() for name in _ARRAYS)
         lines += [f"{channel},{_unit(channel)}," + ",".join(str(v) for v in row) for row in zip(*columns, strict=True)]
     write_atomically(place, "\n".join(lines) + "\n")
+    return ()
 
 
-def _picture(place: Path, found: dict[str, Any], log: Any) -> None:
+def _picture(place: Path, found: dict[str, Any], log: Any) -> Sequence[str]:
     import jaxcal
 
     jaxcal.plot.save(jaxcal.plot.spectrum(found), place)
+    return ()

@@ -1,6 +1,6 @@
 """`jaxcal temperature`: thermal models of every axis of a log of a sensor at rest."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -8,11 +8,10 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from .._files import json_text, write_atomically
 from .._units import noise_factor, noise_units
 from ._cache import keep_compiled
-from ._options import WRITING, CallError, Reading, Running, distinct, read_log, stem
-from ._outputs import staged
+from ._options import WRITING, CallError, Reading, Running, read_log, stem
+from ._outputs import Maker, Outputs, check_picture, exports, outputs, save_json, save_picture, save_report, staged
 from ._screen import Screen, progress, show_log, show_written
 from ._tables import by_channel, number
 
@@ -20,7 +19,6 @@ Model = Literal["auto", "polynomial", "table", "pchip", "spline", "steps"]
 _SENSORS = {"gyro": "gyroscope", "accel": "accelerometer", "mag": "magnetometer"}
 #: format of --export -> name of the file where none is given
 _EXPORTS = {"px4": "px4.params", "ardupilot": "ardupilot.param"}
-_PICTURES = (".png", ".svg", ".pdf")
 
 
 @Parameter(name="*", group=WRITING)
@@ -95,7 +93,7 @@ def temperature(
     options: dict[str, Any] = {
         "model": model, "degree": degree, "confidence": confidence, "lag": _amount("lag", lag), "play": _amount("play", play),
     }  # fmt: skip
-    plan, folder = _plan(log, writing, _ids(writing.ids))
+    plan, folder = _outputs(log, writing)
     screen = Screen(running.quiet)
     with staged(plan, inputs=[log], folder=folder) as places:
         with progress(f"reading {log.name}", running.quiet):
@@ -139,51 +137,17 @@ def _ids(text: str | None) -> dict[str, int]:
     return found
 
 
-Maker = Callable[[Path, dict[str, Any], Any], Sequence[str]]
-
-
-def _plan(log: Path, writing: Writing, ids: dict[str, int]) -> tuple[dict[Path, Maker], Path | None]:
-    """Target -> what makes it, and the folder that may have to be made."""
-    asked: list[tuple[Path, Maker]] = []
-    pairs = ((writing.json, _json), (writing.calibration, _calibration), (writing.report, _report), (writing.plot, _picture))
-    asked += [(target, make) for target, make in pairs if target is not None]
-    if writing.plot is not None and writing.plot.suffix.lower() not in _PICTURES:
-        raise CallError(f"--plot {writing.plot}: expected a name that ends in {', '.join(_PICTURES)}")
-    folder = writing.out
-    if not asked and not writing.export:
-        folder = folder or Path(f"{stem(log)}-temperature")
-        names: dict[str, Maker] = {
-            "temperature.png": _picture, "report.html": _report, "temperature.json": _json, "calibration.json": _calibration,
-        }  # fmt: skip
-        return {folder / name: make for name, make in names.items()}, folder
-    for word in writing.export or ():
-        format, _, file = word.partition("=")
-        if format not in _EXPORTS:
-            raise CallError(f"--export {word}: unknown format {format!r}; expected one of {', '.join(_EXPORTS)}")
-        target = Path(file) if file else (folder or Path()) / _EXPORTS[format]
-        asked.append((target, partial(_export, format=format, ids=ids)))
-    return distinct(asked), folder
-
-
-def _picture(place: Path, fits: dict[str, Any], log: Any) -> Sequence[str]:
-    import jaxcal
-
-    jaxcal.plot.save(jaxcal.plot.temperature(fits), place)
-    return ()
-
-
-def _report(place: Path, fits: dict[str, Any], log: Any) -> Sequence[str]:
-    import jaxcal
-
-    jaxcal.report.write(fits, place, log=log)
-    return ()
-
-
-def _json(place: Path, fits: dict[str, Any], log: Any) -> Sequence[str]:
-    import jaxcal
-
-    write_atomically(place, json_text(jaxcal.report.temperature_document(fits, log)))
-    return ()
+def _outputs(log: Path, writing: Writing) -> Outputs:
+    check_picture("--plot", writing.plot)
+    picture, export = partial(save_picture, draw="temperature"), partial(_export, ids=_ids(writing.ids))
+    names: dict[str, Maker] = {
+        "temperature.png": picture, "report.html": save_report, "temperature.json": save_json, "calibration.json": _calibration,
+    }  # fmt: skip
+    asked = [
+        (writing.json, save_json), (writing.calibration, _calibration), (writing.report, save_report), (writing.plot, picture),
+        *exports(writing.export, _EXPORTS, export, writing.out),
+    ]  # fmt: skip
+    return outputs(asked, names, out=writing.out, default=f"{stem(log)}-temperature")
 
 
 def _calibration(place: Path, fits: dict[str, Any], log: Any) -> Sequence[str]:

@@ -1,4 +1,4 @@
-"""`noise_document`: the noise of every channel as JSON can say it."""
+"""The noise of every channel as JSON can say it."""
 
 import importlib.metadata
 import math
@@ -15,34 +15,7 @@ SCHEMA = "jaxcal.noise/1"
 
 
 def noise_document(results: dict[str, NoiseFit], log: Log | None = None) -> dict[str, Any]:
-    """The noise of every channel as a dictionary for JSON, SI units.
-
-    Parameters
-    ----------
-    results : channel -> `NoiseFit`, as `jaxcal.noise.characterise` returns them.
-    log : the recording, for its provenance, notes and warnings.
-
-    Returns
-    -------
-    Dictionary with `schema` ("jaxcal.noise/1"), `version`, `rate` (Hz), `duration` (s), `provenance`, `notes`, `warnings` (of the
-    log) and `channels`. Each channel holds for every term `value`, `low`, `high`, `upper_limit`, `verdict`, `significance`,
-    `longer_record` (s to reach 10 %), `decides` (s that would decide whether it is there) and `unit`; then `method`, `confidence`,
-    `band` (s), `left_out`, `goodness`, `warnings`, `notes`, `markov` (strength, correlation time in s) and `sinusoid` (amplitude, Hz).
-    What is infinite or not known is None.
-
-    Raises
-    ------
-    DataError
-        If there are no results, or a channel has no known sensor.
-
-    Examples
-    --------
-    >>> import jaxcal
-    >>> y = jaxcal.noise.Noise(N=1e-4).simulate(5000, rate=100.0, seed=0)
-    >>> document = jaxcal.report.noise_document({"gyro_x": jaxcal.noise.fit(y, rate=100.0)})
-    >>> document["channels"]["gyro_x"]["N"]["unit"]
-    'rad/sqrt(s)'
-    """
+    """Noise of every channel as a dictionary for JSON."""
     check_results(results)
     first = next(iter(results.values()))
     return {

@@ -1,6 +1,8 @@
-"""The sections of a report on a multi-position calibration."""
+"""A multi-position calibration as sections of a page, and as JSON can say it."""
 
+import importlib.metadata
 import json
+from typing import Any
 
 import numpy as np
 
@@ -13,7 +15,31 @@ from ._html import Markup, each, join, tag
 from ._noise import recording
 from ._svg import inline
 
+SCHEMA = "jaxcal.imu/1"
 _SENSORS = (("Accelerometer", 0, "m/s²"), ("Gyroscope", 12, "rad/s"))
+
+
+def imu_document(found: ImuFit, log: Log | None = None) -> dict[str, Any]:
+    """A multi-position calibration as a dictionary for JSON."""
+    sensors = {}
+    for sensor, first, last in (("accel", 0, 12), ("gyro", 12, 33)):
+        triad = getattr(found, sensor)
+        if triad is not None:
+            names = [name.removeprefix(f"{sensor}.") for name in found.names[first:last]]
+            limits = plain(found.interval[first:last])
+            sensors[sensor] = {
+                "matrix": plain(triad.matrix), "bias": plain(triad.bias), "g_sensitivity": plain(triad.g_sensitivity),
+                "intervals": dict(zip(names, limits, strict=True)),
+            }  # fmt: skip
+    return {
+        "schema": SCHEMA, "version": importlib.metadata.version("jaxcal"), "verdict": found.verdict, "reason": found.reason,
+        "warnings": list(found.warnings), "convention": found.convention, "method": found.method, "gravity": found.gravity,
+        "rate": found.rate, "poses": len(found.residual_norm), "turns": len(found.residual_turn), "sensors": sensors,
+        "residuals": {"norm": plain(found.residual_norm), "turn": plain(found.residual_turn), "rest": plain(found.residual_rest)},
+        "held_out": {"norm": plain(found.held_out[0]), "turn": plain(found.held_out[1])},
+        "condition": None if found.observability is None else plain(found.observability.condition), "temperature": plain(found.temperature),
+        "provenance": None if log is None else plain(log.provenance),
+    }  # fmt: skip
 
 
 def imu_sections(found: ImuFit, log: Log | None, version: str) -> Markup:

@@ -18,27 +18,7 @@ _METHODS = {"ml": "maximum likelihood (orthogonal distance)", "consistent": "adj
 
 
 def mag_document(found: MagFit, log: Log | None = None) -> dict[str, Any]:
-    """A magnetometer fit as a dictionary for JSON, in the units of its readings (tesla, from a log).
-
-    Parameters
-    ----------
-    found : the fit.
-    log : the recording, for its provenance, notes and warnings.
-
-    Returns
-    -------
-    Dictionary with `schema` ("jaxcal.mag/1"), `version`, `verdict`, `reason`, `method`, `model`, `hard_iron`, `hard_iron_error`,
-    `soft_iron`, `field`, `noise`, `heading_error` (rad, level and at 20 degrees of tilt), `inclination` (rad), `covariance`
-    (`parameters`, `values`), `coverage`, `needed`, `outliers`, `readings`, `alignment`, `warnings`, `provenance` and `notes`. What is
-    infinite or not known is None.
-
-    Examples
-    --------
-    >>> import jaxcal
-    >>> from jaxcal.magnetometer import body_field, scenario
-    >>> jaxcal.report.mag_document(jaxcal.magnetometer.fit(body_field(scenario("all"), 50e-6)))["verdict"]
-    'good'
-    """
+    """A magnetometer fit as a dictionary for JSON."""
     model, cover, turn = found.model, found.coverage, found.alignment
     return {
         "schema": SCHEMA,
@@ -47,39 +27,30 @@ def mag_document(found: MagFit, log: Log | None = None) -> dict[str, Any]:
         "reason": found.reason,
         "method": found.method,
         "model": found.kind,
-        "hard_iron": None if model is None else _plain(model.hard_iron),
-        "hard_iron_error": None if model is None else _plain(found.hard_iron_error),
-        "soft_iron": None if model is None else _plain(model.soft_iron),
-        "field": _plain(found.field),
-        "noise": _plain(found.noise),
-        "heading_error": _plain(found.heading_error),
-        "inclination": _plain(found.inclination),
-        "covariance": {"parameters": list(found.names), "values": _plain(found.covariance)},
+        "hard_iron": None if model is None else plain(model.hard_iron),
+        "hard_iron_error": None if model is None else plain(found.hard_iron_error),
+        "soft_iron": None if model is None else plain(model.soft_iron),
+        "field": plain(found.field),
+        "noise": plain(found.noise),
+        "heading_error": plain(found.heading_error),
+        "inclination": plain(found.inclination),
+        "covariance": {"parameters": list(found.names), "values": plain(found.covariance)},
         "coverage": None
         if cover is None
-        else {name: _plain(getattr(cover, name)) for name in ("gaps", "variance", "wobble", "occupied", "largest_gap")},
-        "needed": _plain(found.needed),
-        "outliers": _plain(found.outliers),
+        else {name: plain(getattr(cover, name)) for name in ("gaps", "variance", "wobble", "occupied", "largest_gap")},
+        "needed": plain(found.needed),
+        "outliers": plain(found.outliers),
         "readings": len(found.residual),
         "alignment": None
         if turn is None
         else {
-            "source": turn.source, "rotation": _plain(turn.rotation), "angle": _plain(turn.angle), "angle_error": _plain(turn.angle_error),
-            "dip": _plain(turn.dip), "verdict": turn.verdict, "reason": turn.reason,
+            "source": turn.source, "rotation": plain(turn.rotation), "angle": plain(turn.angle), "angle_error": plain(turn.angle_error),
+            "dip": plain(turn.dip), "verdict": turn.verdict, "reason": turn.reason,
         },
         "warnings": [*found.warnings, *(() if log is None else log.warnings)],
         "notes": [] if log is None else list(log.notes),
         "provenance": None if log is None else plain(log.provenance),
     }  # fmt: skip
-
-
-def _plain(value: Any) -> Any:
-    """Numbers and lists of them; None for what JSON cannot say."""
-    array = np.asarray(value)
-    if array.ndim:
-        return [_plain(row) for row in array]
-    number = array.item()
-    return number if isinstance(number, int) or np.isfinite(number) else None
 
 
 def mag_body(found: MagFit, log: Log | None) -> Markup:

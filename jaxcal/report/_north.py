@@ -28,30 +28,7 @@ _MEANING = {
 
 
 def north_document(result: AlignmentFit) -> dict[str, Any]:
-    """An alignment as a dictionary for JSON, SI units.
-
-    Parameters
-    ----------
-    result : as `jaxcal.alignment.fit` returns it.
-
-    Returns
-    -------
-    Dictionary with `schema` ("jaxcal.north/1"), `version`, `verdict`, `reason`, `parameters` (name -> `value`, `std`, `low`, `high` at
-    95 %, `unit`), `rank`, `unobservable`, `undetermined`,
-    `chi_square`, `degrees_of_freedom`, `p_value`, `notes`. What is not known is None.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import jaxcal
-    >>> from jaxcal.alignment import Sensor, fit, simulate
-    >>> gyro, accel = Sensor(white=3e-6), Sensor(white=5e-4)
-    >>> angles, attitude = np.deg2rad([0.0, 90.0, 180.0, 270.0]), np.deg2rad([2.0, -1.0, 40.0])
-    >>> found = fit(simulate(angles, attitude, 0.6, accel=accel, gyro=gyro), 0.6)
-    >>> jaxcal.report.north_document(found)["parameters"]["psi"]["unit"]
-    'rad'
-    """
-    _check(result)
+    """An alignment as a dictionary for JSON."""
     parameters = {}
     for name, value in result.parameters.items():
         std = number(result.std[name])
@@ -83,11 +60,6 @@ def north_page(result: AlignmentFit, readings: Any) -> tuple[str, Markup]:
         )
     lead = f"{len(readings.positions)} positions, {float(np.sum(readings.positions.dwell)):g} s in all"
     return lead, join((_found(result), _figure(readings, result), _rows(readings, result), _remarks(result)))
-
-
-def _check(result: Any) -> None:
-    if not isinstance(result, AlignmentFit):
-        raise DataError(f"the result is {type(result).__name__}; give the AlignmentFit that jaxcal.alignment.fit returns")
 
 
 def _shown(name: str) -> tuple[float, str]:

@@ -30,24 +30,7 @@ _MEANING = (
 
 
 def temperature_document(results: dict[str, TemperatureFit], log: Log | None = None) -> dict[str, Any]:
-    """Thermal models of every channel as a dictionary for JSON, SI units and degC.
-
-    Parameters
-    ----------
-    results : channel -> `TemperatureFit`, as `jaxcal.temperature.characterise` returns them.
-    log : the recording, for its provenance, notes and warnings.
-
-    Returns
-    -------
-    Dictionary with `schema` ("jaxcal.temperature/1"), `version`, `provenance`, `notes`, `warnings` and `channels`. Each channel holds
-    `kind`, `degree`, `unit`, `minimum`, `maximum`, `lag`, `play`, `rms`, `worst`, `worst_at`, `coefficients` (of the powers of T) with
-    `coefficient_error`, `steps`, `candidates`, `curve` (temperature, bias, low, high at 101 temperatures), `warnings` and `notes`.
-
-    Raises
-    ------
-    DataError
-        If there are no results, or a channel has no known sensor.
-    """
+    """Thermal models of every channel as a dictionary for JSON."""
     check_thermal(results)
     return {
         "schema": SCHEMA, "version": importlib.metadata.version("jaxcal"), "provenance": None if log is None else plain(log.provenance),

@@ -1,4 +1,4 @@
-"""`write`: results as one HTML page."""
+"""`write`: results as one HTML page; `document`: as JSON can say them."""
 
 import importlib.metadata
 import os
@@ -13,14 +13,14 @@ from ..imu import ImuFit
 from ..magnetometer import MagFit
 from ..plot._labels import duration_label
 from ..temperature import TemperatureFit
-from ._document import check_results
+from ._document import check_results, noise_document
 from ._html import Markup, join
-from ._imu import imu_sections
-from ._magnetometer import mag_body
+from ._imu import imu_document, imu_sections
+from ._magnetometer import mag_body, mag_document
 from ._noise import noise_body, recording
-from ._north import north_page
+from ._north import north_document, north_page
 from ._page import page
-from ._thermal import check_thermal, thermal_body
+from ._thermal import check_thermal, temperature_document, thermal_body
 
 
 def write(results: Any, path: str | os.PathLike[str], *, log: Log | Readings | None = None) -> None:
@@ -61,6 +61,60 @@ def write(results: Any, path: str | os.PathLike[str], *, log: Log | Readings | N
     write_atomically(path, page(title, lead, body, f"Written by jaxcal {version}"))
 
 
+def document(results: Any, log: Any = None) -> dict[str, Any]:
+    """Results as a dictionary for JSON, in SI units and degC. What is infinite or not known is None.
+
+    Parameters
+    ----------
+    results : as for `write`.
+    log : the recording, for its provenance, notes and warnings; the readings of a turntable add nothing.
+
+    Returns
+    -------
+    Dictionary with `schema`, `version`, and by the kind of results:
+
+    - "jaxcal.noise/1": `rate` (Hz), `duration` (s), `provenance`, `notes`, `warnings` (of the log) and `channels`. Each channel holds for
+      every term `value`, `low`, `high`, `upper_limit`, `verdict`, `significance`, `longer_record` (s to reach 10 %), `decides` (s that
+      would decide whether it is there) and `unit`; then `method`, `confidence`, `band` (s), `left_out`, `goodness`, `warnings`, `notes`,
+      `markov` (strength, correlation time in s) and `sinusoid` (amplitude, Hz).
+    - "jaxcal.temperature/1": `provenance`, `notes`, `warnings` and `channels`. Each channel holds `kind`, `degree`, `unit`, `minimum`,
+      `maximum`, `lag`, `play`, `rms`, `worst`, `worst_at`, `coefficients` (of the powers of T) with `coefficient_error`, `steps`,
+      `candidates`, `curve` (temperature, bias, low, high at 101 temperatures), `warnings` and `notes`.
+    - "jaxcal.imu/1": `verdict`, `reason`, `warnings`, `convention`, `method`, `gravity`, `rate`, `poses`, `turns`, `sensors` (each with
+      `matrix`, `bias`, `g_sensitivity`, `intervals`), `residuals`, `held_out`, `condition`, `temperature` and `provenance`.
+    - "jaxcal.mag/1", in the units of the readings: `verdict`, `reason`, `method`, `model`, `hard_iron`, `hard_iron_error`, `soft_iron`,
+      `field`, `noise`, `heading_error` (rad, level and at 20 degrees of tilt), `inclination` (rad), `covariance` (`parameters`, `values`),
+      `coverage`, `needed`, `outliers`, `readings`, `alignment`, `warnings`, `provenance` and `notes`.
+    - "jaxcal.north/1": `verdict`, `reason`, `parameters` (name -> `value`, `std`, `low`, `high` at 95 %, `unit`), `rank`, `unobservable`,
+      `undetermined`, `chi_square`, `degrees_of_freedom`, `p_value` and `notes`.
+
+    Raises
+    ------
+    DataError
+        If there are no results, or a channel has no known sensor.
+
+    Examples
+    --------
+    >>> import jaxcal
+    >>> from jaxcal.magnetometer import body_field, scenario
+    >>> jaxcal.report.document(jaxcal.magnetometer.fit(body_field(scenario("all"), 50e-6)))["verdict"]
+    'good'
+    """
+    if isinstance(results, AlignmentFit):
+        return north_document(results)
+    if isinstance(results, ImuFit):
+        return imu_document(results, log)
+    if isinstance(results, MagFit):
+        return mag_document(results, log)
+    if _thermal(results):
+        return temperature_document(results, log)
+    return noise_document(results, log)
+
+
+def _thermal(results: Any) -> bool:
+    return isinstance(results, dict) and any(isinstance(fit, TemperatureFit) for fit in results.values())
+
+
 def _content(results: Any, log: Any, version: str) -> tuple[str, str, Markup]:
     """Title, line below it, and the sections of a page."""
     if isinstance(results, AlignmentFit):
@@ -72,7 +126,7 @@ def _content(results: Any, log: Any, version: str) -> tuple[str, str, Markup]:
         return _title(log, "Calibration"), lead, imu_sections(results, log, version)
     if isinstance(results, MagFit):
         return _title(log, "Magnetometer"), f"{len(results.residual)} readings: {results.verdict}", mag_body(results, log)
-    if isinstance(results, dict) and any(isinstance(fit, TemperatureFit) for fit in results.values()):
+    if _thermal(results):
         check_thermal(results)
         return _title(log, "Bias and temperature"), _channels(results), join((thermal_body(results, log), recording(log)))
     check_results(results)

@@ -71,7 +71,7 @@ def test_version(call):
         (["allan", "imu.csv", "--kind", "xdev"], '"oadev"'),
         (["allan", "imu.csv", "--m", "1,two"], "numbers of samples such as 1,10,100"),
         (["allan", "imu.csv", "--plot", "a.doc"], ".png"),
-        (["allan", "imu.csv", "--export", "kalibr"], "deviations are written as csv"),
+        (["allan", "imu.csv", "--export", "kalibr"], "expected one of csv"),
         (["simulate", "noise", "--out", "a.csv"], "give the noise of a sensor"),
         (["simulate", "noise", "--out", "a.csv", "--gyro", "N=0.25"], "N has no unit; use one of deg/sqrt(h)"),
         (["simulate", "noise", "--out", "a.csv", "--gyro", "N=0.25deg/h"], "'deg/h' is not a unit of N of a gyro"),

@@ -130,7 +130,7 @@ def test_exact_zeros_are_printed(call, folder):
         (["--average", "decade"], '"octave"'),
         (["--confidence", "95"], "0.95 is 95 %"),
         (["--plot", "a.doc"], ".png"),
-        (["--export", "kalibr"], "spectra are written as csv"),
+        (["--export", "kalibr"], "expected one of csv"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )

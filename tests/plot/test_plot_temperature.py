@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 
 from jaxcal import DataError
 from jaxcal.plot import temperature
-from jaxcal.report import temperature_document, write
+from jaxcal.report import document, write
 from jaxcal.temperature import fit, scale_factor, simulate
 
 
@@ -65,9 +65,9 @@ def test_the_report_says_it_in_words(fits, tmp_path):
     for bad in ({}, {"gyro_x": fits["gyro_x"], "gyro_y": 1}, {"wx": fits["gyro_x"]}):
         with pytest.raises(DataError):
             write(bad, tmp_path / "b.html")
-    document = temperature_document(fits)
-    channel = document["channels"]["gyro_x"]
+    made = document(fits)
+    channel = made["channels"]["gyro_x"]
     assert channel["lag"] == pytest.approx(60.0, abs=5)
     assert len(channel["curve"]["bias"]) == 101
     assert channel["coefficients"] is None
-    assert len(document["channels"]["accel_z"]["coefficients"]) == 4
+    assert len(made["channels"]["accel_z"]["coefficients"]) == 4

@@ -14,7 +14,7 @@ import jaxcal
 from jaxcal import DataError, ExportError, Log
 from jaxcal._files import json_text
 from jaxcal.noise import NoiseFit
-from jaxcal.report import noise_document, write
+from jaxcal.report import document, write
 from jaxcal.report._html import tag
 
 _MADE = runpy.run_path(str(pathlib.Path(__file__).parents[1] / "made_fit.py"))
@@ -193,7 +193,7 @@ def test_a_failed_write_leaves_the_old_file(tmp_path, monkeypatch):
     assert (tmp_path / "a.html").read_text() == "old"
 
 
-@pytest.mark.parametrize("make", [lambda r, path: write(r, path), lambda r, path: noise_document(r)])
+@pytest.mark.parametrize("make", [lambda r, path: write(r, path), lambda r, path: document(r)])
 def test_results_that_cannot_be_reported(tmp_path, make):
     with pytest.raises(DataError, match="there are no results; give the dictionary channel -> NoiseFit"):
         make({}, tmp_path / "a.html")
@@ -224,13 +224,13 @@ def test_elements_escape_text_and_attributes():
 
 
 def test_noise_document(log):
-    document = noise_document(made_results(), log)
-    assert document["schema"] == "jaxcal.noise/1"
-    assert document["version"] == jaxcal.__version__
-    assert document["rate"] == 200.0
-    assert document["duration"] == log.duration
-    assert list(document["channels"]) == ["gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z"]
-    gyro, accel = document["channels"]["gyro_y"], document["channels"]["accel_x"]
+    made = document(made_results(), log)
+    assert made["schema"] == "jaxcal.noise/1"
+    assert made["version"] == jaxcal.__version__
+    assert made["rate"] == 200.0
+    assert made["duration"] == log.duration
+    assert list(made["channels"]) == ["gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z"]
+    gyro, accel = made["channels"]["gyro_y"], made["channels"]["accel_x"]
     fit = made_fit(2.0)
     assert gyro["N"] == {
         "value": 2e-4, "low": fit.interval["N"][0], "high": fit.interval["N"][1], "upper_limit": 2.1e-4, "verdict": "present",
@@ -240,13 +240,13 @@ def test_noise_document(log):
     assert [accel[term]["unit"] for term in "QNBK"] == ["m/s", "m/s^2/sqrt(Hz)", "m/s^2", "m/s^2/sqrt(s)"]
     assert (gyro["method"], gyro["confidence"], gyro["goodness"]) == ("edf", 0.95, 0.5)
     assert gyro["band"] == [fit.band[0], fit.band[1]]
-    assert document["warnings"] == list(log.warnings)
-    assert json.loads(json_text(document)) == document
+    assert made["warnings"] == list(log.warnings)
+    assert json.loads(json_text(made)) == made
 
 
 def test_noise_document_without_what_is_not_known():
     fit = made_fit(goodness=math.nan, upper_limit=dict.fromkeys("QNBK", math.inf), warnings=("short record",))
-    channel = noise_document({"gyro_x": fit})["channels"]["gyro_x"]
+    channel = document({"gyro_x": fit})["channels"]["gyro_x"]
     assert channel["goodness"] is None
     assert channel["N"]["upper_limit"] is None
     assert channel["warnings"] == ["short record"]
@@ -262,7 +262,7 @@ def test_from_a_recording_to_every_file(tmp_path):
     assert all(isinstance(fit, NoiseFit) for fit in fits.values())
     page = Page(written(fits, tmp_path / "a.html", log))
     assert "K (rate random walk): found on every axis." in page.text
-    assert json.loads(json_text(noise_document(fits, log)))["channels"]["gyro_x"]["K"]["verdict"] == "present"
+    assert json.loads(json_text(document(fits, log)))["channels"]["gyro_x"]["K"]["verdict"] == "present"
     device = jaxcal.Calibration(noise=fits, provenance=log.provenance)
     device.save(tmp_path / "a.json")
     jaxcal.Calibration.load(tmp_path / "a.json").save(tmp_path / "b.json")
