@@ -16,7 +16,7 @@ from .._precision import host_float64, is_traced
 from .._record import checked_rate, checked_record
 from .._types import Any, Int
 from ._bias import bias_factors
-from ._edf import TABLE, interval_factors, tabulated_factors
+from ._edf import interval_factors, tabulated_factors
 from ._edf_total import degrees_of_freedom
 from ._identify import identify, types_for_intervals
 from ._kinds import Kind, cluster_sizes, find_kind
@@ -249,9 +249,7 @@ def _uncertainty(noise, share, sizes, statistic: Kind, samples, confidence: floa
     edf = _by_noise_type(functools.partial(degrees_of_freedom, kind=statistic, samples=samples), sizes, noise, statistic, xp)
     edf = xp.maximum(edf if statistic.contiguous else edf * share, 1.0)
     if xp is np:
-        if edf.size <= TABLE:
-            return edf, *interval_factors(edf, confidence)
-        return edf, *tabulated_factors(edf, float(np.max(edf)), confidence)
+        return edf, *interval_factors(edf, confidence)
     return edf, *tabulated_factors(edf, 2.0 * samples, confidence, jnp)
 
 

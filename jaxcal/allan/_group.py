@@ -1,25 +1,20 @@
 """Deviations of several records at once: what takes a step of Python for each of them takes one for all."""
 
-import threading
-
+import equinox as eqx
 import jax
 import numpy as np
 
 from .._types import Any, Float, Int
 from ._edf import degrees_of_freedom, interval_factors
-from ._identify import types_for_intervals
+from ._identify import types_for_intervals, types_of_rates
 from ._kinds import Kind
-from ._noise_types import noise_types
-from ._phase import integrate, padded_length, scratch
+from ._phase import aligned, integrate
 from ._result import Deviation
 from ._routes import filled
 from ._sums import stacked_block_sums
 
 _SAMPLES = 1 << 20  # of all records of a group: 8 MB, which stay in the third-level cache
 _LARGEST = 16  # records of a group
-# held by the one thread that is at many short NumPy steps: two at once wait for the interpreter at each of them, and both take
-# longer than one after the other; meanwhile another is in the kernel
-_short_steps = threading.Lock()
 _VALUES = 1000  # degrees of freedom found together; of more some are interpolated
 
 
@@ -28,23 +23,39 @@ def group_size(padded: int) -> int:
     return min(max(_SAMPLES // padded, 1), _LARGEST)
 
 
-def group_deviations(
-    records: list[Float[np.ndarray, " _"]], rates: list[float], statistic: Kind, sizes: list[Int[np.ndarray, " _"]], rows: int,
-    confidence: float, alpha: Any,
-) -> list[Deviation | None]:  # fmt: skip
-    """`deviation` of records from one bucket of lengths, none of them longer than the others' bucket; None for one that is not finite.
+def room(padded: int) -> Float[np.ndarray, "records padded"]:
+    """A place for the phases of a group."""
+    records = group_size(padded)
+    return aligned(records * padded).reshape(records, padded)
+
+
+class Group(eqx.Module):
+    """Records of one bucket of lengths whose sums are being formed."""
+
+    records: list[Float[np.ndarray, " _"]]
+    sizes: list[Int[np.ndarray, " _"]]
+    orders: list[Int[np.ndarray, " _"]]
+    finite: list[int]
+    theta: Float[np.ndarray, "records padded"]
+    m: Int[np.ndarray, "records clusters"]
+    number: Int[np.ndarray, "records clusters"]
+    sums: Any
+
+
+def begin(
+    records: list[Float[np.ndarray, " _"]], statistic: Kind, sizes: list[Int[np.ndarray, " _"]], rows: int,
+    theta: Float[np.ndarray, "records padded"],
+) -> Group:  # fmt: skip
+    """Hand records from one bucket of lengths to the kernel, without waiting for it.
 
     Parameters
     ----------
     records : rate samples in float64, at most `group_size` records.
-    rates : sampling rates in Hz.
     statistic : one of differences of the record as it is.
     sizes : cluster sizes for each record, checked.
     rows : number of cluster sizes that the program is made for.
-    confidence, alpha : as for `deviation`.
+    theta : where their phases go; in use until `finish` has returned.
     """
-    padded = padded_length(len(records[0]))
-    theta = scratch(group_size(padded), padded)
     m, number = np.ones((len(theta), rows), np.int64), np.zeros((len(theta), rows), np.int64)
     finite, orders = [], []
     for i, (y, chosen) in enumerate(zip(records, sizes, strict=True)):
@@ -54,35 +65,48 @@ def group_deviations(
             ascending = chosen[orders[i]]
             m[i], number[i] = filled(ascending, Kind.count(statistic, len(y), ascending), rows)
     kernel = {"order": statistic.difference, "strided": not statistic.overlapped, "modified": statistic.modified}
-    found: list[Deviation | None] = [None] * len(records)
-    # the kernel runs beside what follows, which does not need its sums
     with jax.enable_x64(True):  # thread-local
-        running = stacked_block_sums(jax.device_put(theta, may_alias=True), m, number, **kernel)
-    with _short_steps:
-        each = []
-        for i in finite:
-            back, samples, n = np.argsort(orders[i], kind="stable"), len(records[i]), len(sizes[i])
-            if alpha is None:
-                noise = noise_types(theta[i, : samples + 1], None, m[i, :n], statistic.plain, samples, "rate")[back]
-            else:
-                noise = np.full(n, float(alpha))
-            types = types_for_intervals(noise[:, None], sizes[i], samples, "rate")[:, 0]
-            factor = Kind.scale(statistic, sizes[i], rates[i]) / number[i, :n][back]
-            tau = Kind.tau(statistic, sizes[i], rates[i])
-            each.append((sizes[i], np.full(n, samples), types, tau, factor, number[i, :n][back], noise))
-        step = max(_VALUES // rows, 1)
-        parts = [_intervals(each[start : start + step], statistic, confidence) for start in range(0, len(finite), step)]
-    sums = np.asarray(running)
-    with _short_steps:
-        for j, i in enumerate(finite):
-            chosen, _, _, tau, factor, count, noise = each[j]
-            edf, low, high = (values[j % step] for values in parts[j // step])
-            deviation = np.sqrt(sums[i, : len(chosen)][np.argsort(orders[i], kind="stable")] * factor)
-            found[i] = Deviation(
-                tau=tau, m=chosen, deviation=deviation, lower=deviation * low, upper=deviation * high, edf=edf, count=count,
-                alpha=noise.astype(np.int64), skipped=np.zeros_like(count), bias=np.ones(len(chosen)),
-                kind=statistic.name, rate=rates[i], confidence=confidence,
-            )  # fmt: skip
+        sums = stacked_block_sums(jax.device_put(theta, may_alias=True), m, number, **kernel)
+    return Group(records, sizes, orders, finite, theta, m, number, sums)
+
+
+def finish(group: Group, rates: list[float], statistic: Kind, confidence: float, alpha: Any) -> list[Deviation | None]:
+    """`deviation` of the records of a group, None for one that is not finite; what does not need the sums is done before they are there.
+
+    Parameters
+    ----------
+    group : as `begin` gave it.
+    rates : sampling rates in Hz.
+    statistic : that of `begin`.
+    confidence, alpha : as for `deviation`.
+    """
+    if alpha is None:
+        thetas = [group.theta[i, : len(group.records[i]) + 1] for i in group.finite]
+        identified = types_of_rates(thetas, [group.m[i, : len(group.sizes[i])] for i in group.finite], statistic.plain)
+    else:
+        identified = [np.full(len(group.sizes[i]), float(alpha)) for i in group.finite]
+    each = []
+    for i, noise in zip(group.finite, identified, strict=True):
+        chosen, samples = group.sizes[i], len(group.records[i])
+        n, back = len(chosen), np.argsort(group.orders[i], kind="stable")
+        noise = noise[back]
+        types = types_for_intervals(noise[:, None], chosen, samples, "rate")[:, 0]
+        factor = Kind.scale(statistic, chosen, rates[i]) / group.number[i, :n][back]
+        tau = Kind.tau(statistic, chosen, rates[i])
+        each.append((chosen, np.full(n, samples), types, tau, factor, group.number[i, :n][back], noise, back))
+    step = max(_VALUES // group.m.shape[1], 1)
+    parts = [_intervals(each[start : start + step], statistic, confidence) for start in range(0, len(each), step)]
+    sums = np.asarray(group.sums)
+    found: list[Deviation | None] = [None] * len(group.records)
+    for j, i in enumerate(group.finite):
+        chosen, _, _, tau, factor, count, noise, back = each[j]
+        edf, low, high = (values[j % step] for values in parts[j // step])
+        deviation = np.sqrt(sums[i, : len(chosen)][back] * factor)
+        found[i] = Deviation(
+            tau=tau, m=chosen, deviation=deviation, lower=deviation * low, upper=deviation * high, edf=edf, count=count,
+            alpha=noise.astype(np.int64), skipped=np.zeros_like(count), bias=np.ones(len(chosen)),
+            kind=statistic.name, rate=rates[i], confidence=confidence,
+        )  # fmt: skip
     return found
 
 

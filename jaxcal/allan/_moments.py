@@ -23,6 +23,12 @@ def moments_of(z: Float[np.ndarray, " points"], series: Segments) -> Float[np.nd
     return np.stack([sums, series.sums(index * z) - middle * sums, series.sums(z * z), products, *ends], axis=1)
 
 
+def moments_of_rows(z: Float[np.ndarray, "series points"]) -> Float[np.ndarray, "series 6"]:
+    """The same of series of one length, a row each."""
+    time = np.arange(float(z.shape[1])) - (z.shape[1] - 1) / 2.0
+    return np.stack([z.sum(axis=1), z @ time, np.vecdot(z, z), np.vecdot(z[:, 1:], z[:, :-1]), z[:, 0], z[:, -1]], axis=1)
+
+
 def lag_one(moments: Float[np.ndarray, "series 6"], count: Any) -> tuple[np.ndarray, np.ndarray]:
     """The autocorrelation of each series of `count` points, and where it has lost its digits."""
     total, slope, square, product, first, last = moments.T

@@ -1,7 +1,6 @@
 """Phase of a record and its running sum, without loss, and the buckets of length that all kernels share."""
 
 import itertools
-import threading
 from collections.abc import Callable
 
 import jax
@@ -124,14 +123,3 @@ def aligned(length: int, dtype=np.float64) -> np.ndarray:
     item = np.dtype(dtype).itemsize
     raw = np.empty(length + 64 // item, dtype)
     return raw[(-raw.ctypes.data // item) % (64 // item) :][:length]
-
-
-_kept = threading.local()
-
-
-def scratch(records: int, length: int) -> np.ndarray:
-    """An `aligned` array of float64 that belongs to this thread, until it asks again: many records then cost no fresh memory."""
-    held = getattr(_kept, "array", None)
-    if held is None or len(held) != records * length:
-        held = _kept.array = aligned(records * length)
-    return held.reshape(records, length)

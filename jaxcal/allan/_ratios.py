@@ -101,7 +101,7 @@ def carried_on(low, high, carried, xp: ModuleType):
     return xp.asarray(found, dtype=low.dtype) if xp is np else xp.stack(found)
 
 
-def bounds_of_ratios(averages, weight, series: Segments, m, kind: Kind, samples: int, sums: Callable[[], Any] | None, xp: ModuleType):
+def bounds_of_ratios(averages, weight, series: Segments, m, kind: Kind, samples: Any, sums: Callable[[int], Any] | None, xp: ModuleType):
     """Noise types from B1 and, where that cannot tell, R(n), as bounds on the type of the next smaller cluster size.
 
     They are equal where the type is found, and infinite where it cannot be.
@@ -111,10 +111,10 @@ def bounds_of_ratios(averages, weight, series: Segments, m, kind: Kind, samples:
     averages : the averages of the rate over m samples, of one cluster size after another.
     weight : 1 where they are free of gaps, 0 elsewhere; None where all are.
     series : which averages belong to which cluster size.
-    m : (clusters,) cluster sizes, ascending.
-    kind, samples : statistic, number of rate samples.
-    sums : gives what `thinned_sums` returns; called only where it is needed. None: not known; phase noise is then taken as flicker
-        phase noise, unless the type before is white phase noise.
+    m : (clusters,) cluster sizes.
+    kind, samples : statistic, number of rate samples (one, or for each cluster size that of its record).
+    sums : gives what `thinned_sums` returns for the record of the i-th cluster size; called only where it is needed. None: not
+        known; phase noise is then taken as flicker phase noise, unless the type before is white phase noise.
     xp : numpy, or jax.numpy where the averages are traced.
     """
     points, one_less = series.points.astype(averages.dtype), series.shorter()
@@ -144,7 +144,7 @@ def bounds_of_ratios(averages, weight, series: Segments, m, kind: Kind, samples:
         low, high = xp.where(phase, 1.0, low), xp.where(phase, np.inf, high)
     elif xp is not np or phase.any():
         # a traced record has no way to leave out those not needed
-        both = [bounds_of_phase(sums(), size, xp) if xp is not np or phase[i] else (0.0, 0.0) for i, size in enumerate(m.tolist())]
+        both = [bounds_of_phase(sums(i), size, xp) if xp is not np or phase[i] else (0.0, 0.0) for i, size in enumerate(m.tolist())]
         low, high = (xp.where(phase, xp.stack(v), there) for v, there in zip(zip(*both, strict=True), (low, high), strict=True))
     dtype = averages.dtype
     return xp.where(some, low, -np.inf).astype(dtype), xp.where(some, high, np.inf).astype(dtype)
@@ -157,5 +157,6 @@ def noise_type_of_ratios(averages, valid, sums: Callable[[], Any] | None, m: int
     """
     weight = None if valid is None else valid.astype(averages.dtype)
     series = Segments(np.array([averages.shape[0]]), xp)
-    low, high = bounds_of_ratios(averages, weight, series, np.array([m]), kind, samples, sums, xp)
+    chosen = None if sums is None else lambda _: sums()
+    low, high = bounds_of_ratios(averages, weight, series, np.array([m]), kind, samples, chosen, xp)
     return carried_on(low, high, carried, xp)[0]

@@ -4,6 +4,7 @@ import dataclasses
 import functools
 import os
 import pathlib
+from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -16,7 +17,7 @@ from .._errors import DataError
 from .._record import checked_rate, checked_record
 from ..allan import Accumulator, Deviation, deviation as _deviation
 from ..allan._deviation import checked_confidence, deviation_at, empty_channels
-from ..allan._group import group_deviations, group_size
+from ..allan._group import Group, begin, finish, group_size, room
 from ..allan._kinds import Kind, cluster_sizes, find_kind
 from ..allan._phase import padded_length
 from ..allan._routes import MANY
@@ -45,7 +46,8 @@ def deviation(
         does not begin with time, timestamp, stamp or t.
     chunk : samples in memory at a time.
     exact : cluster size up to which every overlapped difference of a longer record is taken; mdev and tdev end there.
-    workers : threads for a list of logs; by default one more than there are cores.
+    workers : threads for the logs of a list that are longer than `chunk`, have several channels, or take a statistic of the whole record;
+        by default as many as Python's pool has. The others go through a single one.
 
     Returns
     -------
@@ -103,29 +105,41 @@ def deviation(
     plain = {i: sizes for i, record in enumerate(records) if (sizes := named(i, _grouped, record, statistic, m, int(chunk))) is not None}
     rates = [named(i, checked_rate, each) for i, each in enumerate(rates)]
 
-    def together(group: list[int]) -> list[Deviation]:
-        if group[0] not in plain:
-            return [named(group[0], _one, records[group[0]], rates[group[0]], int(chunk), exact, options)]
+    found: dict[int, Deviation] = {}
+
+    def alone(i: int) -> Deviation:
+        return named(i, _one, records[i], rates[i], int(chunk), exact, options)
+
+    def begun(group: list[int], theta: np.ndarray) -> Group:
         logs = [np.asarray(records[i].read(0, records[i].samples)[:, 0], dtype=np.float64) for i in group]
         sizes = [plain[i] for i in group]
         # as many cluster sizes as the longest record of its bucket has
-        rows = _most_sizes(m, kind, padded_length(len(logs[0]))) if isinstance(m, str) else len(sizes[0])
-        found = group_deviations(logs, [rates[i] for i in group], statistic, sizes, rows, confidence, alpha)
-        # one with a gap, or with an infinite value, by itself
-        return [
-            named(i, _one, records[i], rates[i], int(chunk), exact, options) if d is None else d for i, d in zip(group, found, strict=True)
-        ]
+        rows = _most_sizes(m, kind, theta.shape[1]) if isinstance(m, str) else len(sizes[0])
+        return begin(logs, statistic, sizes, rows, theta)
 
-    buckets: dict[Any, list[int]] = {}
-    for i, record in enumerate(records):
-        buckets.setdefault((i in plain, padded_length(record.samples)), []).append(i)
-    groups = [_cut(bucket, group_size(padded) if together else 1) for (together, padded), bucket in buckets.items()]
-    found: dict[int, Deviation] = {}
-    with ThreadPoolExecutor(workers or (os.cpu_count() or 1) + 1) as pool:  # one more: each waits for its kernel some of the time
+    def finished(group: list[int], state: Group) -> None:
+        each = finish(state, [rates[i] for i in group], statistic, confidence, alpha)
+        # one with a gap, or with an infinite value, by itself
+        found.update((i, alone(i) if d is None else d) for i, d in zip(group, each, strict=True))
+
+    buckets: dict[int, list[int]] = {}
+    for i in plain:
+        buckets.setdefault(padded_length(records[i].samples), []).append(i)
+    # one thread, one group ahead of the kernel: several at short NumPy steps only wait for the interpreter and for one another
+    for padded, bucket in buckets.items():
+        rooms, pending = [room(padded) for _ in range(2)], deque[tuple[list[int], Group]]()
+        for turn, group in enumerate(_cut(bucket, group_size(padded))):
+            pending.append((group, begun(group, rooms[turn % len(rooms)])))
+            if len(pending) == len(rooms):
+                finished(*pending.popleft())
+        while pending:
+            finished(*pending.popleft())
+    others = [i for i in range(len(records)) if i not in plain]
+    first = list({padded_length(records[i].samples): i for i in reversed(others)}.values())
+    with ThreadPoolExecutor(workers) as pool:
         # the first of each bucket of lengths before the others: two threads would compile the same program twice
-        for turn in ([each[0] for each in groups], [group for each in groups for group in each[1:]]):
-            for group, each in zip(turn, pool.map(together, turn), strict=True):
-                found |= zip(group, each, strict=True)
+        for turn in (first, [i for i in others if i not in first]):
+            found.update(zip(turn, pool.map(alone, turn), strict=True))
     return [found[i] for i in range(len(records))]
 
 
