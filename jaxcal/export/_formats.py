@@ -1,0 +1,83 @@
+"""The formats: who writes them, what they hold, and how their files are called."""
+
+import pathlib
+from collections.abc import Callable
+
+import equinox as eqx
+
+from .._errors import ExportError
+from ._ardupilot import ardupilot
+from ._c import header
+from ._csv import table
+from ._filters import gtsam, orbslam3, vins
+from ._imu_tk import SUFFIXES, imu_tk
+from ._kalibr import kalibr
+from ._motioncal import motioncal
+from ._openvins import openvins
+from ._options import Product
+from ._px4 import px4
+from ._ros import ros
+
+
+class Format(eqx.Module):
+    """One format.
+
+    Attributes
+    ----------
+    make : function of (calibration, options); of a list of calibrations where there are `many`.
+    file : name of the file where none is given.
+    sections : of the calibration that it uses.
+    options : names of the options that mean something to it.
+    mark : of its comments; "" where it has no place for them.
+    after : number of lines before the first comment.
+    many : whether it holds several instances of a sensor.
+    """
+
+    make: Callable[..., Product]
+    file: str
+    sections: tuple[str, ...]
+    options: tuple[str, ...] = ()
+    mark: str = "#"
+    after: int = 0
+    many: bool = False
+
+
+_NOISE = ("axis", "inflate", "density", "random_walk")
+_FIELDS = ("imu", "magnetometer", "temperature")
+FORMATS: dict[str, Format] = {
+    "kalibr": Format(kalibr, "imu.yaml", ("noise",), (*_NOISE, "topic", "rate")),
+    "openvins": Format(openvins, "kalibr_imu_chain.yaml", ("noise", "imu"), (*_NOISE, "topic", "rate", "model"), after=1),
+    "vins": Format(vins, "vins.yaml", ("noise",), (*_NOISE, "topic", "rate", "gravity", "convention")),
+    "orbslam3": Format(orbslam3, "orbslam3.yaml", ("noise",), (*_NOISE, "rate")),
+    "gtsam": Format(gtsam, "gtsam_imu.py", ("noise",), (*_NOISE[1:], "gravity", "frame")),
+    "px4": Format(px4, "px4.params", _FIELDS, ("instance",), many=True),
+    "ardupilot": Format(ardupilot, "ardupilot.param", _FIELDS, ("instance", "gyro_bias"), many=True),
+    "ros": Format(ros, "calibration.yaml", ("noise", *_FIELDS), ("flavour", "inflate", "rate")),
+    "imu_tk": Format(imu_tk, "imu.calib", ("imu",), mark=""),
+    "motioncal": Format(motioncal, "motioncal.bin", ("magnetometer",), mark=""),
+    "c": Format(header, "calibration.h", _FIELDS, ("prefix", "accumulator"), mark="//"),
+    "csv": Format(table, "calibration.csv", ("noise", *_FIELDS), mark=""),
+}
+
+
+def format_of(name: str) -> Format:
+    """The format of that name.
+
+    Raises
+    ------
+    ExportError
+        If there is none.
+    """
+    if name not in FORMATS:
+        raise ExportError(f"unknown format {name!r}; expected one of {', '.join(FORMATS)}")
+    return FORMATS[name]
+
+
+def files_of(path: pathlib.Path, name: str) -> dict[str, pathlib.Path]:
+    """Suffix of the name -> file, for the files that a format may write at `path`; most write `path` itself, under ""."""
+    if name != "imu_tk":
+        return {"": path}
+    stem = path.stem if path.suffix == ".calib" else path.name
+    for suffix in SUFFIXES.values():
+        stem = stem.removesuffix(suffix)
+    return {suffix: path.with_name(f"{stem}{suffix}.calib") for suffix in SUFFIXES.values()}
