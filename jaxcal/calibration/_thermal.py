@@ -126,7 +126,8 @@ def _check_channel(channel: dict[str, Any], path: str) -> None:
 def _check_numbers(values: AnyArray, path: str, most: int) -> None:
     if not np.all(np.abs(values) < _LARGEST):
         raise wrong(values.tolist(), f"finite numbers below {_LARGEST:g}", path)
-    if not 0 < max(values.shape) <= most or (values.ndim == 2 and not 0 < values.shape[1] <= _MOST_POWERS):
+    jumps = path.endswith((".height", ".centre", ".width"))
+    if not (0 if jumps else 1) <= max(values.shape) <= most or (values.ndim == 2 and not 0 < values.shape[1] <= _MOST_POWERS):
         raise DataError(f"{path} has {values.shape} numbers; expected at least one and at most {most} in a row")
 
 

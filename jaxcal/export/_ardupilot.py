@@ -95,7 +95,7 @@ def _rows(calibration: Calibration, i: int, options: Options, warnings: list[str
 def _where_it_holds(calibration: Calibration, thermal) -> tuple[float, dict[str, AnyArray]]:
     """Temperature for CALTEMP, which the firmware clips to the range, and how far the biases move from the reference to it."""
     section = calibration.temperature
-    moved = dict.fromkeys(thermal, np.zeros(3))
+    moved: dict[str, AnyArray] = dict.fromkeys(thermal, np.zeros(3))
     if section is None:
         return _REFERENCE, moved
     holds = min(max(section["reference"], section["minimum"]), section["maximum"])

@@ -42,14 +42,16 @@ def _noise(noise: DeviceNoise | None) -> Iterator[Row]:
     yield ("noise", "", noise.rate, np.nan, np.nan, "Hz", "rate")
     for sensor in ("gyro", "accel", "mag"):
         held = getattr(noise, sensor)
-        for term, kind in TERMS.items() if held is not None else ():
+        if held is None:
+            continue
+        for term, kind in TERMS.items():
             values = getattr(held, term)
             low, high = ((limits or {}).get(term, np.full(3, np.nan)) for limits in (held.low, held.high))
             unit = UNITS.get(kind, {}).get(sensor, noise_units(term, sensor)[-1])
             for i, axis in enumerate(AXES):
                 if values is not None and np.isfinite(values[i]):
-                    limits = [limit if np.isfinite(limit) else np.nan for limit in (low[i], high[i])]
-                    yield (sensor, axis, values[i], *limits, unit, kind)
+                    least, most = (float(limit) if np.isfinite(limit) else np.nan for limit in (low[i], high[i]))
+                    yield (sensor, axis, float(values[i]), least, most, unit, kind)
 
 
 def _imu(calibration: Calibration) -> Iterator[Row]:

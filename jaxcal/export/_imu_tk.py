@@ -5,11 +5,12 @@ import numpy as np
 from .._errors import ExportError
 from .._types import AnyArray
 from ..calibration import Calibration
-from ._matrices import correction, dropped_g_sensitivity, rounded, triads
+from ._matrices import correction, dropped_g_sensitivity, triads
 from ._options import Options, Product
 from ._text import plain
 
 _DIGITS = 12
+_DECIMALS = 13  # of T, whose diagonal is 1; what is beyond is rounding
 #: sensor -> end of the name of its file
 SUFFIXES = {"accel": "_acc", "gyro": "_gyro"}
 
@@ -24,11 +25,12 @@ def imu_tk(calibration: Calibration, options: Options) -> Product:
 
 
 def _text(part: dict) -> str:
-    full = correction(part["matrix"])
+    correction(part["matrix"])  # refuses what has no inverse; its rounding would be seen in the twelfth digit of T
+    full = np.linalg.inv(part["matrix"])
     scale = np.diag(full)
     if not np.all(scale):
         raise ExportError("an axis has no scale factor of its own, so that imu_tk's T and K cannot be told apart; look at the mounting")
-    return "".join(_block(rows) for rows in (rounded(full / scale), np.diag(scale), part["bias"][:, None]))
+    return "".join(_block(rows) for rows in (np.round(full / scale, _DECIMALS), np.diag(scale), part["bias"][:, None]))
 
 
 def _block(rows: AnyArray) -> str:

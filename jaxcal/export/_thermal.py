@@ -49,9 +49,9 @@ def cubics(calibration: Calibration, sensor: str, reference: float | None, warni
     width = section["maximum"] - section["minimum"]
     if width < _NARROW:
         warnings.append(f"{name}: the thermal model covers {width:.3g} degC; outside it the flight controller keeps the value at the end")
-    if not section["minimum"] <= about <= section["maximum"]:
+    if not section["minimum"] <= section["reference"] <= section["maximum"]:
         warnings.append(
-            f"{name}: {about:g} degC, at which the bias holds, is outside the thermal model ({section['minimum']:g} to "
+            f"{name}: {section['reference']:g} degC, at which the bias holds, is outside the thermal model ({section['minimum']:g} to "
             f"{section['maximum']:g} degC)"
         )
     reach = np.abs(np.array([section["minimum"], section["maximum"]]) - about).max() ** np.arange(1, DEGREE + 1)
