@@ -13,6 +13,7 @@ from .._log import Log
 from ..imu import ImuFit
 from ..magnetometer import MagFit
 from . import _thermal
+from ._compose import composed, inverted
 from ._correct import corrected
 from ._form import from_json, to_json
 from ._imu import imu_section
@@ -114,6 +115,56 @@ class Calibration(eqx.Module):
         True
         """
         return corrected(self, log)
+
+    def compose(self, other: "Calibration") -> "Calibration":
+        r"""The calibration of raw readings that does at once what `other` and then this one do.
+
+        For a calibration fitted to readings that the device had corrected already (`other`):
+
+        .. math:: C = C_\mathrm{self} C_\mathrm{other}, \quad b = b_\mathrm{other} + C_\mathrm{other}^{-1} b_\mathrm{self}
+
+        The numbers of `other` are those that were applied, so that the covariance is this one's, carried to the raw readings.
+
+        Parameters
+        ----------
+        other : what was applied to the readings first.
+
+        Returns
+        -------
+        Calibration, with the device of this one, or else of `other`.
+
+        Raises
+        ------
+        DataError
+            If both have thermal models that do not add up.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import jaxcal
+        >>> def scaled(s, b):
+        ...     part = {"unit": "m/s^2", "matrix": s * np.eye(3), "bias": b * np.ones(3), "covariance": None}
+        ...     return jaxcal.Calibration(imu={"accel": part})
+        >>> both = scaled(1.01, 0.1).compose(scaled(2.0, 0.5))
+        >>> both.imu["accel"]["matrix"][0, 0], both.imu["accel"]["bias"]
+        (np.float64(2.02), array([0.7, 0.7, 0.7]))
+        """
+        steps = {"first": other.provenance, "then": self.provenance}
+        return Calibration(**composed(self, other), device=self.device or other.device, provenance={"composed": steps})
+
+    def inverse(self) -> "Calibration":
+        """The calibration that makes corrected readings raw again.
+
+        Returns
+        -------
+        Calibration without noise and covariances; composed with this one it does nothing.
+
+        Raises
+        ------
+        DataError
+            If the thermal model has jumps, splines or hysteresis.
+        """
+        return Calibration(**inverted(self), device=self.device, provenance={"inverse_of": self.provenance})
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the calibration as JSON, schema "jaxcal.calibration/1".
