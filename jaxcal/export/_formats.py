@@ -14,7 +14,7 @@ from ._imu_tk import SUFFIXES, imu_tk
 from ._kalibr import kalibr
 from ._motioncal import motioncal
 from ._openvins import openvins
-from ._options import Product
+from ._options import Options, Product
 from ._px4 import px4
 from ._ros import ros
 
@@ -43,6 +43,8 @@ class Format(eqx.Module):
 
 
 _NOISE = ("axis", "inflate", "density", "random_walk")
+#: accepted by every format, for callers that pass them to all
+_ALWAYS = ("density", "random_walk")
 _FIELDS = ("imu", "magnetometer", "temperature")
 FORMATS: dict[str, Format] = {
     "kalibr": Format(kalibr, "imu.yaml", ("noise",), (*_NOISE, "topic", "rate")),
@@ -71,6 +73,21 @@ def format_of(name: str) -> Format:
     if name not in FORMATS:
         raise ExportError(f"unknown format {name!r}; expected one of {', '.join(FORMATS)}")
     return FORMATS[name]
+
+
+def check_options(name: str, options: Options) -> None:
+    """Refuse options that mean nothing to a format.
+
+    Raises
+    ------
+    ExportError
+        Naming the formats for which the option is.
+    """
+    kind = format_of(name)
+    for option in options.chosen():
+        if option not in (*kind.options, *_ALWAYS):
+            known = [other for other, one in FORMATS.items() if option in one.options]
+            raise ExportError(f"{option}={getattr(options, option)!r} means nothing to {name}; it is for {', '.join(known)}")
 
 
 def files_of(path: pathlib.Path, name: str) -> dict[str, pathlib.Path]:

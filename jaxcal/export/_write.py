@@ -10,12 +10,9 @@ from .._errors import ExportError
 from .._files import write_atomically
 from .._units import STANDARD_GRAVITY
 from ..calibration import Calibration
-from ._formats import FORMATS, Format, files_of, format_of
+from ._formats import FORMATS, Format, check_options, files_of, format_of
 from ._options import Options
 from ._text import comment
-
-#: accepted by every format, for callers that pass them to all
-_ALWAYS = ("density", "random_walk")
 
 
 def write(
@@ -102,7 +99,7 @@ def write(
         convention=convention, model=model, frame=frame, flavour=flavour, instance=instance, gyro_bias=gyro_bias, prefix=prefix,
         accumulator=accumulator,
     )  # fmt: skip
-    _check(kind, format, options)
+    check_options(format, options)
     devices = _devices(calibration, kind, format)
     warnings = [sentence for device in devices for sentence in (*_doubts(device, kind, force), *_left_out(device, kind, format))]
     made = kind.make(devices if kind.many else devices[0], options)
@@ -115,13 +112,6 @@ def write(
             content = "".join((*existing[: kind.after], *lines, *existing[kind.after :]))
         write_atomically(files[suffix], content)
     return warnings
-
-
-def _check(kind: Format, format: str, options: Options) -> None:
-    for name in options.chosen():
-        if name not in (*kind.options, *_ALWAYS):
-            known = [other for other, one in FORMATS.items() if name in one.options]
-            raise ExportError(f"{name}={getattr(options, name)!r} means nothing to {format}; it is for {', '.join(known)}")
 
 
 def _devices(calibration: Any, kind: Format, format: str) -> list[Calibration]:
