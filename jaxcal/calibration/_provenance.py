@@ -24,7 +24,8 @@ def provenance(log: Log, command: str, options: Mapping[str, Any] | None = None,
 
     Returns
     -------
-    Dictionary for JSON: that of the log, "rate" ("given" or "estimated"), "command", "options", "version" and "versions".
+    Dictionary for JSON: that of the log, "applied" (sentences) where the device had corrected the readings already,
+    "rate" ("given" or "estimated"), "command", "options", "version" and "versions".
 
     Examples
     --------
@@ -35,9 +36,14 @@ def provenance(log: Log, command: str, options: Mapping[str, Any] | None = None,
     >>> found["file"], found["rate"], found["options"]
     ('a.csv', 'given', {'band': [1.0, 9.0]})
     """
+    held = _said(log.provenance)
+    # what readers of flight logs say of corrections that the device made before it logged
+    applied = [sentence for sentence in log.warnings if "already calibrated" in sentence or "already corrected" in sentence]
+    if applied and "applied" not in held:
+        held["applied"] = applied
     versions = {name: importlib.metadata.version(name) for name in _PACKAGES}
     return {
-        **_said(log.provenance),
+        **held,
         "rate": "given" if rate_given else "estimated",
         "command": command,
         "options": _said(dict(options or {})),

@@ -10,6 +10,12 @@ from ._outputs import staged
 from ._screen import Screen, show_written
 
 Format = Literal["kalibr", "openvins", "vins", "orbslam3", "gtsam", "px4", "ardupilot", "ros", "imu_tk", "motioncal", "c", "csv"]
+#: format -> name of its file where none is given
+FILES = {
+    "kalibr": "imu.yaml", "openvins": "kalibr_imu_chain.yaml", "vins": "vins.yaml", "orbslam3": "orbslam3.yaml", "gtsam": "gtsam_imu.py",
+    "px4": "px4.params", "ardupilot": "ardupilot.param", "ros": "calibration.yaml", "imu_tk": "imu.calib", "motioncal": "motioncal.bin",
+    "c": "calibration.h", "csv": "calibration.csv",
+}  # fmt: skip
 _NOISE = Group("Noise", sort_key=5)
 _FORMAT = Group("Of single formats", sort_key=6)
 _IDS = {"px4": ("accel", "gyro", "mag"), "ardupilot": ("accel", "compass")}
@@ -109,7 +115,7 @@ def export(
         raise CallError(f"--to {to}: {error}") from error
     if len(calibration) > 1 and not FORMATS[to].many:
         raise CallError(f"--to {to} takes one calibration")
-    target = out or Path(FORMATS[to].file)
+    target = out or Path(FILES[to])
     targets = files_of(target, to)
     screen = Screen(running.quiet)
     with staged(distinct([(path, None) for path in targets.values()]), inputs=calibration) as places:

@@ -13,6 +13,7 @@ from .._units import STANDARD_GRAVITY
 from ._cache import keep_compiled
 from ._options import WRITING, CallError, Reading, Running, distinct, read_log, stem
 from ._outputs import staged
+from ._provenance import signed
 from ._screen import Screen, progress, show_log, show_written
 from ._tables import number
 
@@ -104,7 +105,12 @@ def imu(
     screen = Screen(running.quiet)
     with staged(plan, inputs=[log], folder=folder) as places:
         with progress(f"reading {log.name}", running.quiet):
-            data = read_log(log, reading)
+            options = {
+                "gravity": gravity, "latitude": latitude, "height": height, "earth_rate": earth_rate, "convention": convention,
+                "method": method, "raw": raw, "initial": initial, "without_rest": without_rest,
+                "without_g_sensitivity": without_g_sensitivity,
+            }  # fmt: skip
+            data = signed(read_log(log, reading), "jaxcal imu", reading, options)
         show_log(screen, data)
         with progress("fitting", running.quiet):
             keep_compiled()

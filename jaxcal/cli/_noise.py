@@ -11,14 +11,16 @@ from cyclopts import Parameter
 from .._files import json_text, write_atomically
 from ._apply import corrected
 from ._cache import ahead, keep_compiled
+from ._export import FILES
 from ._options import WRITING, CallError, Reading, Running, distinct, read_log, stem
 from ._outputs import staged
+from ._provenance import signed
 from ._screen import Screen, progress, show_log, show_written
 from ._tables import by_channel, decides, left_out, longer_record, noise_tables
 
 _METHODS = ("whittle", "gls", "edf", "wavelet")
 #: format of --export -> name of the file where none is given
-_EXPORTS = {"kalibr": "imu.yaml"}
+_EXPORTS = {name: FILES[name] for name in ("kalibr", "openvins", "vins", "orbslam3", "gtsam", "ros", "csv")}
 
 
 @Parameter(name="*", group=WRITING)
@@ -35,7 +37,7 @@ class Writing:
     report
         Report as one HTML file.
     export
-        File for another tool: kalibr, or kalibr=FILE. Repeatable.
+        File for another tool: kalibr, openvins, vins, orbslam3, gtsam, ros or csv, or kalibr=FILE. Repeatable.
     """
 
     out: Path | None = None
@@ -106,6 +108,8 @@ def characterise(
         with progress(f"reading {path.name}", running.quiet):
             log = read_log(path, reading)
             log = log if calibration is None else corrected(calibration, log)
+            options = {"terms": terms, "confidence": confidence, "band": band, "method": method, "calibration": calibration}
+            log = signed(log, "jaxcal noise", reading, options)
         show_log(screen, log)
         with progress("fitting", running.quiet) as move:
             keep_compiled()

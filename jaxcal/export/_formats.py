@@ -25,7 +25,6 @@ class Format(eqx.Module):
     Attributes
     ----------
     make : function of (calibration, options); of a list of calibrations where there are `many`.
-    file : name of the file where none is given.
     sections : of the calibration that it uses.
     options : names of the options that mean something to it.
     mark : of its comments; "" where it has no place for them.
@@ -34,7 +33,6 @@ class Format(eqx.Module):
     """
 
     make: Callable[..., Product]
-    file: str
     sections: tuple[str, ...]
     options: tuple[str, ...] = ()
     mark: str = "#"
@@ -47,18 +45,18 @@ _NOISE = ("axis", "inflate", "density", "random_walk")
 _ALWAYS = ("density", "random_walk")
 _FIELDS = ("imu", "magnetometer", "temperature")
 FORMATS: dict[str, Format] = {
-    "kalibr": Format(kalibr, "imu.yaml", ("noise",), (*_NOISE, "topic", "rate")),
-    "openvins": Format(openvins, "kalibr_imu_chain.yaml", ("noise", "imu"), (*_NOISE, "topic", "rate", "model"), after=1),
-    "vins": Format(vins, "vins.yaml", ("noise",), (*_NOISE, "topic", "rate", "gravity", "convention")),
-    "orbslam3": Format(orbslam3, "orbslam3.yaml", ("noise",), (*_NOISE, "rate")),
-    "gtsam": Format(gtsam, "gtsam_imu.py", ("noise",), (*_NOISE[1:], "gravity", "frame")),
-    "px4": Format(px4, "px4.params", _FIELDS, ("instance",), many=True),
-    "ardupilot": Format(ardupilot, "ardupilot.param", _FIELDS, ("instance", "gyro_bias"), many=True),
-    "ros": Format(ros, "calibration.yaml", ("noise", *_FIELDS), ("flavour", "inflate", "rate")),
-    "imu_tk": Format(imu_tk, "imu.calib", ("imu",), mark=""),
-    "motioncal": Format(motioncal, "motioncal.bin", ("magnetometer",), mark=""),
-    "c": Format(header, "calibration.h", _FIELDS, ("prefix", "accumulator"), mark="//"),
-    "csv": Format(table, "calibration.csv", ("noise", *_FIELDS), mark=""),
+    "kalibr": Format(kalibr, ("noise",), (*_NOISE, "topic", "rate")),
+    "openvins": Format(openvins, ("noise", "imu"), (*_NOISE, "topic", "rate", "model"), after=1),
+    "vins": Format(vins, ("noise",), (*_NOISE, "topic", "rate", "gravity", "convention")),
+    "orbslam3": Format(orbslam3, ("noise",), (*_NOISE, "rate")),
+    "gtsam": Format(gtsam, ("noise",), (*_NOISE[1:], "gravity", "frame")),
+    "px4": Format(px4, _FIELDS, ("instance",), many=True),
+    "ardupilot": Format(ardupilot, _FIELDS, ("instance", "gyro_bias"), many=True),
+    "ros": Format(ros, ("noise", *_FIELDS), ("flavour", "inflate", "rate")),
+    "imu_tk": Format(imu_tk, ("imu",), mark=""),
+    "motioncal": Format(motioncal, ("magnetometer",), mark=""),
+    "c": Format(header, _FIELDS, ("prefix", "accumulator"), mark="//"),
+    "csv": Format(table, ("noise", *_FIELDS), mark=""),
 }
 
 

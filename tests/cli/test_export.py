@@ -1,14 +1,18 @@
 """`jaxcal export` and `jaxcal diff`."""
 
+import hashlib
 import json
 import pathlib
+import runpy
 import shutil
 
 import numpy as np
 import pytest
 
 from jaxcal import Calibration
+from jaxcal.cli._export import FILES
 from jaxcal.export import read
+from jaxcal.export._formats import FORMATS
 
 GOLDEN = pathlib.Path(__file__).parents[1] / "export"
 
@@ -34,6 +38,37 @@ def test_every_format_under_its_usual_name(call, folder, device, format):
     for name in DEFAULTS[format]:
         assert f"wrote {name}" in found.out
         assert (folder / name).stat().st_size > 50
+
+
+def test_commands_name_every_format_as_the_writer_does():
+    assert list(FILES) == list(FORMATS)
+
+
+@pytest.mark.parametrize("format", ["openvins", "vins", "orbslam3", "gtsam", "ros", "csv"])
+def test_the_noise_command_knows_the_formats(call, folder, log, monkeypatch, format):
+    """With a fit made by hand, for the fit is not what is tested."""
+    made = runpy.run_path(str(pathlib.Path(__file__).parents[1] / "made_fit.py"))["made_results"]()
+    monkeypatch.setattr("jaxcal.noise.characterise", lambda *args, **options: made)
+    found = call("noise", log, "--export", f"{format}=out", "--rate", 100)
+    assert found.status == 0
+    text = (folder / "out").read_text()
+    assert "estimated from its stamps" not in text
+    if format != "csv":
+        assert "recording: " in text
+        assert "upper limit" in text
+
+
+def test_calibrations_say_how_they_were_made(call, folder, log, monkeypatch):
+    made = runpy.run_path(str(pathlib.Path(__file__).parents[1] / "made_fit.py"))["made_results"]()
+    monkeypatch.setattr("jaxcal.noise.characterise", lambda *args, **options: made)
+    assert call("noise", log, "--terms", "QNBK", "--units", "gyro=rad/s").status == 0
+    found = Calibration.load(folder / "imu-noise" / "calibration.json").provenance
+    assert found["sha256"] == hashlib.sha256(log.read_bytes()).hexdigest()
+    assert found["command"] == "jaxcal noise"
+    assert found["options"] == {"terms": "QNBK", "confidence": 0.95, "band": None, "method": "whittle", "calibration": None,
+                                "units": ["gyro=rad/s"]}  # fmt: skip
+    assert found["rate"] == "estimated"
+    assert set(found["versions"]) == {"python", "jax", "numpy", "scipy"}
 
 
 def test_golden_lines_and_losses(call, folder, device):
