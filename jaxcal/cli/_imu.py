@@ -13,7 +13,6 @@ from .._units import STANDARD_GRAVITY
 from ._cache import keep_compiled
 from ._options import WRITING, CallError, Reading, Running, distinct, read_log, stem
 from ._outputs import staged
-from ._provenance import signed
 from ._screen import Screen, progress, show_log, show_written
 from ._tables import number
 
@@ -110,6 +109,8 @@ def imu(
                 "method": method, "raw": raw, "initial": initial, "without_rest": without_rest,
                 "without_g_sensitivity": without_g_sensitivity,
             }  # fmt: skip
+            from ._provenance import signed
+
             data = signed(read_log(log, reading), "jaxcal imu", reading, options)
         show_log(screen, data)
         with progress("fitting", running.quiet):

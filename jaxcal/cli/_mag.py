@@ -13,7 +13,6 @@ from .._files import json_text, write_atomically
 from ._cache import keep_compiled
 from ._options import WRITING, CallError, Reading, Running, distinct, read_log, stem
 from ._outputs import staged
-from ._provenance import signed
 from ._screen import Screen, progress, show_log, show_written
 
 Method = Literal["ml", "consistent", "algebraic", "li_griffiths", "constrained", "radial", "axes", "minmax"]
@@ -101,6 +100,8 @@ def mag(
                 "method": method, "model": model, "field": field, "inclination": inclination, "place": place, "date": date, "loss": loss,
                 "align": align,
             }  # fmt: skip
+            from ._provenance import signed
+
             recording = signed(read_log(log, reading), "jaxcal mag", reading, options)
         show_log(screen, recording)
         with progress("fitting", running.quiet):

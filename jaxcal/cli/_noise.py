@@ -14,7 +14,6 @@ from ._cache import ahead, keep_compiled
 from ._export import FILES
 from ._options import WRITING, CallError, Reading, Running, distinct, read_log, stem
 from ._outputs import staged
-from ._provenance import signed
 from ._screen import Screen, progress, show_log, show_written
 from ._tables import by_channel, decides, left_out, longer_record, noise_tables
 
@@ -109,6 +108,8 @@ def characterise(
             log = read_log(path, reading)
             log = log if calibration is None else corrected(calibration, log)
             options = {"terms": terms, "confidence": confidence, "band": band, "method": method, "calibration": calibration}
+            from ._provenance import signed
+
             log = signed(log, "jaxcal noise", reading, options)
         show_log(screen, log)
         with progress("fitting", running.quiet) as move:

@@ -14,7 +14,6 @@ from ._cache import keep_compiled
 from ._export import FILES
 from ._options import WRITING, CallError, Reading, Running, distinct, read_log, stem
 from ._outputs import staged
-from ._provenance import signed
 from ._screen import Screen, progress, show_log, show_written
 from ._tables import by_channel, number
 
@@ -101,6 +100,8 @@ def temperature(
     screen = Screen(running.quiet)
     with staged(plan, inputs=[log], folder=folder) as places:
         with progress(f"reading {log.name}", running.quiet):
+            from ._provenance import signed
+
             recording = signed(read_log(log, reading), "jaxcal temperature", reading, options)
         show_log(screen, recording)
         with progress("fitting", running.quiet) as move:
