@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from jaxcal import Calibration, DataError, JaxcalError
 from jaxcal.export import read, write
 from jaxcal.export._motioncal import checksum
-from jaxcal.export._read_filters import exact_rotation
+from jaxcal.export._rounded import exact_rotation
 from jaxcal.export._text import plain
 from jaxcal.export._yaml import parse
 
