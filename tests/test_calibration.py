@@ -236,6 +236,7 @@ def test_a_magnetometer_fit_corrects_a_log(tmp_path):
     jaxcal.Calibration(magnetometer=found).save(tmp_path / "device.json")
     loaded = jaxcal.Calibration.load(tmp_path / "device.json")
     np.testing.assert_array_equal(loaded.magnetometer["covariance"]["values"], found.covariance)
+    assert (loaded.magnetometer["verdict"], loaded.magnetometer["verdict_reason"]) == (found.verdict, found.reason)
     log = jaxcal.Log(None, mag=np.vstack([true.measure(field), [[np.nan] * 3]]), gyro=np.arange(1083.0).reshape(361, 3), rate=10.0)
     fixed = loaded.correct(log)
     np.testing.assert_allclose(fixed.mag[:-1], field, atol=1e-12)

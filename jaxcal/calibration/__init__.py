@@ -1,4 +1,6 @@
 """Everything known about one device."""
 
 from ._calibration import Calibration as Calibration
+from ._difference import PartDifference as PartDifference, difference as difference
 from ._noise import DeviceNoise as DeviceNoise, SensorNoise as SensorNoise
+from ._provenance import provenance as provenance

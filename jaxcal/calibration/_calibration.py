@@ -1,10 +1,8 @@
 """`Calibration`: one device in one object, and one file."""
 
 import importlib.metadata
-import json
 import os
 import pathlib
-import re
 from typing import Any
 
 import equinox as eqx
@@ -12,35 +10,19 @@ import equinox as eqx
 from .._errors import DataError
 from .._files import json_text, write_atomically
 from .._log import Log
-from .._units import si_unit
 from ..imu import ImuFit
 from ..magnetometer import MagFit
 from . import _thermal
+from ._compose import composed, inverted
 from ._correct import corrected
-from ._form import Nullable, checked, free, from_json, to_json, wrong
+from ._form import from_json, to_json
 from ._imu import imu_section
 from ._magnetometer import magnetometer_section
 from ._noise import DeviceNoise, device_noise
+from ._schema import SCHEMA, current, read_document
+from ._sections import free_section, section
 
-_MAJOR = 1
-_SCHEMA = f"jaxcal.calibration/{_MAJOR}"
 _SECTIONS = ("noise", "imu", "magnetometer", "temperature")
-
-_COVARIANCE = Nullable({"parameters": [str], "values": (None, None)})
-_FORMS: dict[str, dict[str, Any]] = {
-    "imu": {
-        "accel?": {"unit": si_unit("accel"), "matrix": (3, 3), "bias": (3,), "covariance": _COVARIANCE},
-        "gyro?": {"unit": si_unit("gyro"), "matrix": (3, 3), "bias": (3,), "g_sensitivity": (3, 3), "covariance": _COVARIANCE},
-    },
-    "magnetometer": {
-        "unit": si_unit("mag"),
-        "soft_iron": (3, 3),
-        "hard_iron": (3,),
-        "field": Nullable(float),
-        "covariance": _COVARIANCE,
-    },
-    "temperature": _thermal.FORM,
-}
 
 
 class Calibration(eqx.Module):
@@ -92,13 +74,12 @@ class Calibration(eqx.Module):
 
     def __init__(self, *, noise=None, imu=None, magnetometer=None, temperature=None, device=None, provenance=None):
         self.noise = noise if noise is None or isinstance(noise, DeviceNoise) else device_noise(noise)
-        self.imu = _section(imu_section(imu) if isinstance(imu, ImuFit) else imu, "imu")
+        self.imu = section(imu_section(imu) if isinstance(imu, ImuFit) else imu, "imu")
         magnetometer = magnetometer_section(magnetometer) if isinstance(magnetometer, MagFit) else magnetometer
-        self.magnetometer = _section(magnetometer, "magnetometer")
-        thermal = _section(_thermal.stored(temperature), "temperature")
-        self.temperature = None if thermal is None else _thermal.check(thermal)
-        self.device = _free_section({"name": device} if isinstance(device, str) else device, "device")
-        provenance = _free_section(provenance, "provenance")
+        self.magnetometer = section(magnetometer, "magnetometer")
+        self.temperature = section(_thermal.stored(temperature), "temperature")
+        self.device = free_section({"name": device} if isinstance(device, str) else device, "device")
+        provenance = free_section(provenance, "provenance")
         if provenance is not None and "version" not in provenance:
             provenance["version"] = importlib.metadata.version("jaxcal")
         self.provenance = provenance
@@ -135,6 +116,56 @@ class Calibration(eqx.Module):
         """
         return corrected(self, log)
 
+    def compose(self, other: "Calibration") -> "Calibration":
+        r"""The calibration of raw readings that does at once what `other` and then this one do.
+
+        For a calibration fitted to readings that the device had corrected already (`other`):
+
+        .. math:: C = C_\mathrm{self} C_\mathrm{other}, \quad b = b_\mathrm{other} + C_\mathrm{other}^{-1} b_\mathrm{self}
+
+        The numbers of `other` are those that were applied, so that the covariance is this one's, carried to the raw readings.
+
+        Parameters
+        ----------
+        other : what was applied to the readings first.
+
+        Returns
+        -------
+        Calibration, with the device of this one, or else of `other`.
+
+        Raises
+        ------
+        DataError
+            If both have thermal models that do not add up.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import jaxcal
+        >>> def scaled(s, b):
+        ...     part = {"unit": "m/s^2", "matrix": s * np.eye(3), "bias": b * np.ones(3), "covariance": None}
+        ...     return jaxcal.Calibration(imu={"accel": part})
+        >>> both = scaled(1.01, 0.1).compose(scaled(2.0, 0.5))
+        >>> both.imu["accel"]["matrix"][0, 0], both.imu["accel"]["bias"]
+        (np.float64(2.02), array([0.7, 0.7, 0.7]))
+        """
+        steps = {"first": other.provenance, "then": self.provenance}
+        return Calibration(**composed(self, other), device=self.device or other.device, provenance={"composed": steps})
+
+    def inverse(self) -> "Calibration":
+        """The calibration that makes corrected readings raw again.
+
+        Returns
+        -------
+        Calibration without noise and covariances; composed with this one it does nothing.
+
+        Raises
+        ------
+        DataError
+            If the thermal model has jumps, splines or hysteresis.
+        """
+        return Calibration(**inverted(self), device=self.device, provenance={"inverse_of": self.provenance})
+
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the calibration as JSON, schema "jaxcal.calibration/1".
 
@@ -150,7 +181,7 @@ class Calibration(eqx.Module):
         ExportError
             If the file cannot be written.
         """
-        document = {"schema": _SCHEMA, "device": self.device, "provenance": self.provenance}
+        document = {"schema": SCHEMA, "device": self.device, "provenance": self.provenance}
         held = {name: getattr(self, name) for name in _SECTIONS}
         write_atomically(path, json_text(document | {name: to_json(section) for name, section in held.items() if section is not None}))
 
@@ -168,14 +199,9 @@ class Calibration(eqx.Module):
             If the file is not such a calibration; the message names the key at fault.
         """
         path = pathlib.Path(path)
+        document = read_document(path)
         try:
-            document = json.loads(path.read_text(encoding="utf-8"))
-        except OSError as error:
-            raise DataError(f"cannot read {path}: {(error.strerror or str(error)).lower()}") from error
-        except ValueError as error:
-            raise DataError(f"{path} is not JSON ({error}); expected a file written by Calibration.save") from error
-        try:
-            _check_schema(document)
+            document = current(document)
             provenance = document.get("provenance")
             if isinstance(provenance, dict):
                 provenance.setdefault("version", None)  # it is not for this version to sign
@@ -183,22 +209,3 @@ class Calibration(eqx.Module):
             return cls(**sections, device=document.get("device"), provenance=provenance)
         except DataError as error:
             raise DataError(f"{path}: {error}") from error
-
-
-def _section(value: Any, name: str) -> dict[str, Any] | None:
-    return None if value is None else checked(value, _FORMS[name], name)
-
-
-def _free_section(value: Any, name: str) -> dict[str, Any] | None:
-    if value is not None and not isinstance(value, dict):
-        raise wrong(value, "a dictionary", name)
-    return free(value, name)
-
-
-def _check_schema(document: Any) -> None:
-    schema = document.get("schema") if isinstance(document, dict) else None
-    found = re.fullmatch(r"jaxcal\.calibration/(\d+)(\.\d+)*", schema) if isinstance(schema, str) else None
-    if found is None:
-        raise DataError(f"schema is {schema!r}; expected {_SCHEMA!r}, as Calibration.save writes it")
-    if int(found[1]) != _MAJOR:
-        raise DataError(f"schema is {schema!r}, but this version of jaxcal reads {_SCHEMA!r}; install the version that wrote the file")

@@ -14,6 +14,8 @@ import numpy as np
 
 from .._errors import DataError
 
+_LARGEST_INTEGER = 2**63
+
 
 class Nullable(eqx.Module):
     """A form, or None."""
@@ -43,6 +45,7 @@ def checked(value: Any, form: Any, path: str) -> Any:
         return float(_numbers(value, (), path))
     if not isinstance(value, str):
         raise wrong(value, "text", path)
+    _check_text(value, path)
     if form is not str and value != form:
         raise wrong(value, f"{form!r}, because jaxcal holds SI", path)
     return value
@@ -64,12 +67,18 @@ def _checked_keys(value: Any, form: dict[str, Any], path: str) -> dict[str, Any]
 
 
 def _numbers(value: Any, shape: tuple[int | None, ...], path: str) -> np.ndarray:
-    raw = np.array(value, dtype=object)
+    try:
+        raw = np.array(value, dtype=object)
+    except ValueError:  # lists within lists beyond what an array can have
+        raise wrong(value, "numbers", path) from None
     fits = raw.ndim == len(shape) and all(want in (None, got) for want, got in zip(shape, raw.shape, strict=True))
     if not fits or not all(x is None or (isinstance(x, (int, float, np.number)) and not isinstance(x, bool)) for x in raw.flat):
         size = " x ".join("any" if length is None else str(length) for length in shape)
         raise wrong(value, f"{size} numbers" if shape else "a number", path)
-    return np.array([math.nan if x is None else x for x in raw.flat], dtype=np.float64).reshape(raw.shape)
+    try:
+        return np.array([math.nan if x is None else float(x) for x in raw.flat], dtype=np.float64).reshape(raw.shape)
+    except OverflowError:  # an integer of hundreds of digits
+        raise wrong(value, "numbers that a float can hold", path) from None
 
 
 def free(value: Any, path: str) -> Any:
@@ -88,14 +97,29 @@ def free(value: Any, path: str) -> Any:
         return {key: free(item, f"{path}.{key}") for key, item in value.items()}
     if isinstance(value, (list, tuple)):
         return [free(item, f"{path}[{i}]") for i, item in enumerate(value)]
-    if value is None or isinstance(value, (str, bool, int)) or (isinstance(value, float) and math.isfinite(value)):
+    if isinstance(value, str):
+        _check_text(value, path)
+        return value
+    if isinstance(value, int) and not abs(value) < _LARGEST_INTEGER:
+        raise wrong(value, f"a whole number below {_LARGEST_INTEGER:g}", path)
+    if value is None or isinstance(value, (bool, int)) or (isinstance(value, float) and math.isfinite(value)):
         return value
     raise wrong(value, "text, a finite number, true, false, None, or lists and dictionaries of these", path)
 
 
+def _check_text(value: str, path: str) -> None:
+    try:
+        value.encode()
+    except UnicodeEncodeError:
+        raise wrong(value, "text of whole characters", path) from None
+
+
 def wrong(value: Any, expected: str, path: str) -> DataError:
     """The error that says what stands at `path` and what should."""
-    text = repr(value)
+    try:
+        text = repr(value)
+    except ValueError:  # an integer of thousands of digits
+        text = f"a {type(value).__name__}"
     return DataError(f"{path} is {text if len(text) <= 80 else text[:77] + '...'}; expected {expected}")
 
 
@@ -139,6 +163,6 @@ def from_json(section: Any) -> Any:
             return {key: walk(item, f"{path}.{key}" if path else key) for key, item in value.items()}
         if isinstance(value, list):
             return [walk(item, f"{path}[{i}]") for i, item in enumerate(value)]
-        return _REASONS.get(reason[path], math.nan) if value is None and path in reason else value
+        return _REASONS.get(str(reason[path]), math.nan) if value is None and path in reason else value
 
     return walk(section, "")

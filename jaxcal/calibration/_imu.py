@@ -27,7 +27,8 @@ def imu_section(fit: ImuFit) -> dict[str, Any]:
             found[sensor] = {
                 "unit": si_unit(sensor), "matrix": triad.matrix, "bias": triad.bias,
                 "covariance": {"parameters": names, "values": values} if np.isfinite(values).all() else None,
+                "interval": {"low": np.asarray(fit.interval)[part, 0], "high": np.asarray(fit.interval)[part, 1]},
             }  # fmt: skip
     if "gyro" in found and fit.gyro is not None:
         found["gyro"]["g_sensitivity"] = fit.gyro.g_sensitivity
-    return found
+    return found | {"verdict": fit.verdict, "verdict_reason": fit.reason}

@@ -23,4 +23,6 @@ def magnetometer_section(found: MagFit) -> dict[str, Any]:
         "hard_iron": np.asarray(found.model.hard_iron),
         "field": found.field,
         "covariance": {"parameters": found.names, "values": np.asarray(found.covariance)},
+        "verdict": found.verdict,
+        "verdict_reason": found.reason,
     }

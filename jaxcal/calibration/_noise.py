@@ -15,6 +15,7 @@ from ._form import Nullable, checked, wrong
 TERMS = ("Q", "N", "B", "K", "R")
 AXES = ("x", "y", "z")
 SENSORS = ("gyro", "accel", "mag")
+_FASTEST, _LARGEST = 1e12, 1e15  # Hz, any unit
 
 
 class SensorNoise(eqx.Module):
@@ -86,8 +87,13 @@ def device_noise(noise: Any) -> DeviceNoise:
     if isinstance(noise, dict) and noise and all(isinstance(fit, NoiseFit) for fit in noise.values()):
         noise = _stored_form(noise)
     found = checked(noise, {"rate": float, **{f"{sensor}?": _form(sensor) for sensor in SENSORS}}, "noise")
-    if not (math.isfinite(found["rate"]) and found["rate"] > 0):
+    if not 0 < found["rate"] < _FASTEST:
         raise wrong(found["rate"], "the sampling rate in Hz", "noise.rate")
+    for sensor in SENSORS:
+        for term in TERMS if sensor in found else ():
+            values = found[sensor][term]
+            if values is not None and np.any((values < 0) | (values > _LARGEST)):
+                raise wrong(values.tolist(), f"coefficients from 0 to {_LARGEST:g}, or None", f"noise.{sensor}.{term}")
     sensors = {sensor: SensorNoise(**found[sensor]) for sensor in SENSORS if sensor in found}
     return DeviceNoise(rate=found["rate"], **sensors)
 

@@ -9,6 +9,7 @@ from .._errors import DataError
 from .._types import AnyArray
 from .._units import si_unit
 from ..temperature import Chebyshev, Piecewise, Steps, TemperatureFit, ThermalModel
+from ._form import wrong
 
 AXES = ("x", "y", "z")
 _SENSORS = ("gyro", "accel", "mag")
@@ -18,6 +19,8 @@ _CHANNEL: dict[str, Any] = {
     "curve": str, "minimum": float, "maximum": float, "lag": float, "play": float,
     **{f"{name}?": (None,) for name in _NUMBERS}, "pieces?": (None, None),
 }  # fmt: skip
+_HOTTEST, _LONGEST, _LARGEST = 1e4, 1e6, 1e15  # degC, s, any unit: beyond them is damage
+_MOST_POWERS, _MOST_NODES = 64, 4096
 FORM: dict[str, Any] = {
     "unit": si_unit("temperature"),
     "reference": float,
@@ -78,6 +81,12 @@ def check(section: dict[str, Any]) -> dict[str, Any]:
     DataError
         If a channel lacks what its curve needs, or the range is empty.
     """
+    for key in ("reference", "minimum", "maximum"):
+        if not abs(section[key]) < _HOTTEST:
+            raise wrong(section[key], "a temperature in degC", f"temperature.{key}")
+    for sensor in _SENSORS[:2]:
+        if sensor in section:
+            _check_numbers(section[sensor], f"temperature.{sensor}", _MOST_POWERS)
     if not section["minimum"] < section["maximum"]:
         raise DataError(f"temperature.minimum is {section['minimum']:g} and maximum {section['maximum']:g}; expected the smaller first")
     needs = {"chebyshev": ("coefficients",), "steps": ("coefficients", "height", "centre", "width"), "piecewise": ("nodes", "pieces")}
@@ -87,9 +96,39 @@ def check(section: dict[str, Any]) -> dict[str, Any]:
         for key in needs[channel["curve"]]:
             if key not in channel:
                 raise DataError(f"temperature.channels.{name}.{key} is missing; curve {channel['curve']!r} needs it")
+        _check_channel(channel, f"temperature.channels.{name}")
         if channel["curve"] == "piecewise" and len(channel["pieces"]) != len(channel["nodes"]) - 1:
             raise DataError(f"temperature.channels.{name}.pieces has {len(channel['pieces'])} rows for {len(channel['nodes'])} nodes")
     return section
+
+
+def _check_channel(channel: dict[str, Any], path: str) -> None:
+    for key in ("minimum", "maximum"):
+        if not abs(channel[key]) < _HOTTEST:
+            raise wrong(channel[key], "a temperature in degC", f"{path}.{key}")
+    if not channel["minimum"] < channel["maximum"]:
+        raise DataError(f"{path}.minimum is {channel['minimum']:g} and maximum {channel['maximum']:g}; expected the smaller first")
+    for key in ("lag", "play"):
+        if not 0 <= channel[key] < _LONGEST:
+            raise wrong(channel[key], "a number from 0", f"{path}.{key}")
+    for key in (*_NUMBERS, "pieces"):
+        if key in channel:
+            _check_numbers(channel[key], f"{path}.{key}", _MOST_POWERS if key == "coefficients" else _MOST_NODES)
+    if channel["curve"] == "steps":
+        if len({len(channel[key]) for key in ("height", "centre", "width")}) > 1:
+            raise DataError(f"{path}: height, centre and width have different lengths; expected one of each for every jump")
+        if not np.all(channel["width"] > 0):
+            raise wrong(channel["width"].tolist(), "widths above 0 in degC", f"{path}.width")
+    if channel["curve"] == "piecewise" and (len(channel["nodes"]) < 2 or not np.all(np.diff(channel["nodes"]) > 0)):
+        raise wrong(channel["nodes"].tolist(), "two rising temperatures or more", f"{path}.nodes")
+
+
+def _check_numbers(values: AnyArray, path: str, most: int) -> None:
+    if not np.all(np.abs(values) < _LARGEST):
+        raise wrong(values.tolist(), f"finite numbers below {_LARGEST:g}", path)
+    jumps = path.endswith((".height", ".centre", ".width"))
+    if not (0 if jumps else 1) <= max(values.shape) <= most or (values.ndim == 2 and not 0 < values.shape[1] <= _MOST_POWERS):
+        raise DataError(f"{path} has {values.shape} numbers; expected at least one and at most {most} in a row")
 
 
 def model_of(channel: dict[str, Any]) -> ThermalModel:

@@ -17,6 +17,8 @@ import jaxcal
 from ._allan import allan
 from ._apply import apply
 from ._demo import demo
+from ._diff import diff
+from ._export import export
 from ._imu import imu
 from ._mag import mag
 from ._noise import noise
@@ -30,7 +32,7 @@ from ._simulate_north import simulate_north
 from ._simulate_temperature import simulate_temperature
 from ._temperature import temperature
 
-_COMMANDS = (demo, noise, allan, psd, temperature, imu, mag, north, apply)
+_COMMANDS = (demo, noise, allan, psd, temperature, imu, mag, north, apply, export, diff)
 _SIMULATE = (simulate_noise, simulate_temperature, simulate_imu, simulate_mag, simulate_north)
 DONE, DATA, CALL, FAULT, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 3, 130, 141
 

@@ -104,7 +104,14 @@ def imu(
     screen = Screen(running.quiet)
     with staged(plan, inputs=[log], folder=folder) as places:
         with progress(f"reading {log.name}", running.quiet):
-            data = read_log(log, reading)
+            options = {
+                "gravity": gravity, "latitude": latitude, "height": height, "earth_rate": earth_rate, "convention": convention,
+                "method": method, "raw": raw, "initial": initial, "without_rest": without_rest,
+                "without_g_sensitivity": without_g_sensitivity,
+            }  # fmt: skip
+            from ._provenance import signed
+
+            data = signed(read_log(log, reading), "jaxcal imu", reading, options)
         show_log(screen, data)
         with progress("fitting", running.quiet):
             keep_compiled()

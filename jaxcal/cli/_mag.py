@@ -95,7 +95,13 @@ def mag(
     earth = _earth(field, inclination, place, date)
     with staged(plan, inputs=[log], folder=folder) as places:
         with progress(f"reading {log.name}", running.quiet):
-            recording = read_log(log, reading)
+            options = {
+                "method": method, "model": model, "field": field, "inclination": inclination, "place": place, "date": date, "loss": loss,
+                "align": align,
+            }  # fmt: skip
+            from ._provenance import signed
+
+            recording = signed(read_log(log, reading), "jaxcal mag", reading, options)
         show_log(screen, recording)
         with progress("fitting", running.quiet):
             keep_compiled()

@@ -10,6 +10,7 @@ from cyclopts import Parameter
 
 from ._apply import corrected
 from ._cache import ahead, keep_compiled
+from ._export import FILES
 from ._options import WRITING, CallError, Reading, Running, read_log, stem
 from ._outputs import Maker, Outputs, exports, outputs, save_json, save_picture, save_report, staged
 from ._screen import Screen, progress, show_log, show_written
@@ -17,7 +18,7 @@ from ._tables import by_channel, decides, left_out, longer_record, noise_tables
 
 _METHODS = ("whittle", "gls", "edf", "wavelet")
 #: format of --export -> name of the file where none is given
-_EXPORTS = {"kalibr": "imu.yaml"}
+_EXPORTS = {name: FILES[name] for name in ("kalibr", "openvins", "vins", "orbslam3", "gtsam", "ros", "csv")}
 
 
 @Parameter(name="*", group=WRITING)
@@ -34,7 +35,7 @@ class Writing:
     report
         Report as one HTML file.
     export
-        File for another tool: kalibr, or kalibr=FILE. Repeatable.
+        File for another tool: kalibr, openvins, vins, orbslam3, gtsam, ros or csv, or kalibr=FILE. Repeatable.
     """
 
     out: Path | None = None
@@ -105,6 +106,10 @@ def characterise(
         with progress(f"reading {path.name}", running.quiet):
             log = read_log(path, reading)
             log = log if calibration is None else corrected(calibration, log)
+            options = {"terms": terms, "confidence": confidence, "band": band, "method": method, "calibration": calibration}
+            from ._provenance import signed
+
+            log = signed(log, "jaxcal noise", reading, options)
         show_log(screen, log)
         with progress("fitting", running.quiet) as move:
             keep_compiled()

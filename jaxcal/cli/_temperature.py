@@ -10,6 +10,7 @@ from cyclopts import Parameter
 
 from .._units import noise_factor, noise_units
 from ._cache import keep_compiled
+from ._export import FILES
 from ._options import WRITING, CallError, Reading, Running, read_log, stem
 from ._outputs import Maker, Outputs, check_picture, exports, outputs, save_json, save_picture, save_report, staged
 from ._screen import Screen, progress, show_log, show_written
@@ -18,7 +19,7 @@ from ._tables import by_channel, number
 Model = Literal["auto", "polynomial", "table", "pchip", "spline", "steps"]
 _SENSORS = {"gyro": "gyroscope", "accel": "accelerometer", "mag": "magnetometer"}
 #: format of --export -> name of the file where none is given
-_EXPORTS = {"px4": "px4.params", "ardupilot": "ardupilot.param"}
+_EXPORTS = {name: FILES[name] for name in ("px4", "ardupilot", "c", "csv")}
 
 
 @Parameter(name="*", group=WRITING)
@@ -39,7 +40,7 @@ class Writing:
     plot
         Picture: FILE.png, FILE.svg or FILE.pdf.
     export
-        File for a flight controller: px4 or ardupilot, or px4=FILE. Repeatable.
+        File for another tool: px4, ardupilot, c or csv, or px4=FILE. Repeatable.
     ids
         Ids by which it finds the sensors, as gyro=1310988,accel=1310988.
     """
@@ -97,7 +98,9 @@ def temperature(
     screen = Screen(running.quiet)
     with staged(plan, inputs=[log], folder=folder) as places:
         with progress(f"reading {log.name}", running.quiet):
-            recording = read_log(log, reading)
+            from ._provenance import signed
+
+            recording = signed(read_log(log, reading), "jaxcal temperature", reading, options)
         show_log(screen, recording)
         with progress("fitting", running.quiet) as move:
             keep_compiled()
@@ -160,7 +163,9 @@ def _calibration(place: Path, fits: dict[str, Any], log: Any) -> Sequence[str]:
 def _export(place: Path, fits: dict[str, Any], log: Any, format: str, ids: dict[str, int]) -> Sequence[str]:
     import jaxcal
 
-    device = jaxcal.Calibration(temperature=fits, device={"name": stem(Path(log.provenance.get("file", "log"))), format: ids})
+    device = jaxcal.Calibration(
+        temperature=fits, device={"name": stem(Path(log.provenance.get("file", "log"))), format: ids}, provenance=log.provenance
+    )
     return [f"{place.name}: {sentence}" for sentence in jaxcal.export.write(device, place, format=format)]
 
 

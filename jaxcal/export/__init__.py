@@ -1,3 +1,4 @@
 """Files for other tools."""
 
+from ._read import read as read
 from ._write import write as write

@@ -1,20 +1,19 @@
-"""A magnetometer calibration as a C header that needs nothing else."""
+"""A calibration as a C header that needs nothing else: C99, float32, SI, no dynamic memory."""
 
 import numpy as np
 
 from .._errors import ExportError
+from .._types import AnyArray
 from ..calibration import Calibration
 from ..magnetometer import Moments
-from ._options import Options
-from ._text import number
+from ._matrices import correction, triads, unknown_field
+from ._options import Options, Product
+from ._text import number, numbers
+from ._thermal import Cubics, cubics, gyro_bias
 
-_APPLY = """
-/* y = M (m - b): corrected field in the axes of the sensor, in tesla like the reading m. */
-static inline void mag_apply(const float m[3], float y[3])
-{
-    const float d[3] = {m[0] - MAG_B[0], m[1] - MAG_B[1], m[2] - MAG_B[2]};
-    for (int i = 0; i < 3; i++)
-        y[i] = MAG_M[i][0] * d[0] + MAG_M[i][1] * d[1] + MAG_M[i][2] * d[2];
+_APPLY = """static inline void %sapply(const float m[3][3], const float b[3], const float y[3], float x[3]) {
+  for (int i = 0; i < 3; ++i)
+    x[i] = m[i][0] * (y[0] - b[0]) + m[i][1] * (y[1] - b[1]) + m[i][2] * (y[2] - b[2]);
 }
 """
 
@@ -29,7 +28,7 @@ typedef struct {
 static const unsigned char mag_exponents[MAG_MOMENTS][3] = {
 %s};
 
-/* Start anew about a centre (such as the first reading, or MAG_B) and a scale (such as MAG_H). */
+/* Start anew about a centre (such as the first reading, or the bias) and a scale (such as the field). */
 static inline void mag_moments_clear(mag_moments *s, const double c0[3], double s0)
 {
     for (int i = 0; i < 3; i++)
@@ -54,36 +53,100 @@ static inline void mag_moments_add(mag_moments *s, const float m[3])
 """
 
 
-def header(calibration: Calibration, options: Options) -> tuple[str, tuple[str, ...]]:
-    """Text of the header, and what it leaves out."""
-    section = calibration.magnetometer
-    if section is None:
-        raise ExportError("a C header needs a magnetometer calibration; this one has none")
-    matrix, offset = np.linalg.inv(section["soft_iron"]), section["hard_iron"]
-    lines = ["#ifndef JAXCAL_MAG_H", "#define JAXCAL_MAG_H", ""]
-    covariance = section["covariance"]
-    if covariance is not None and "b_x" in covariance["parameters"]:
-        first = covariance["parameters"].index("b_x")
-        spread = np.sqrt(np.diag(covariance["values"])[first : first + 3])
-        lines.append(f"/* standard deviation of MAG_B: {', '.join(f'{s:.2g}' for s in spread)} T */")
-    lines += [
-        f"static const float MAG_B[3] = {_row(offset)}; /* hard iron, T */",
-        "static const float MAG_M[3][3] = {",
-        *(f"    {_row(row)}," for row in matrix),
-        "}; /* inverse of the soft iron, row by row */",
-    ]
-    if section["field"] is not None:
-        lines.append(f"static const float MAG_H = {_number(section['field'])}; /* norm of the corrected field, T */")
-    exponents = Moments(np.zeros(3), 1.0).exponents
-    rows = ["    " + " ".join(f"{{{a}, {b}, {c}}}," for a, b, c in exponents[i : i + 7]) + "\n" for i in range(0, len(exponents), 7)]
-    text = "\n".join(lines) + "\n" + _APPLY + _MOMENTS % "".join(rows) + "\n#endif\n"
-    left_out = tuple(f"{name} is not in the file" for name in ("noise", "imu", "temperature") if getattr(calibration, name) is not None)
-    return text, left_out
+_HEAD = {
+    "accel": " * accel: x = matrix * (y - bias)                     m/s^2",
+    "gyro": " * gyro:  x = matrix * (y - bias - g_sensitivity * a) rad/s, a = corrected accel",
+    "mag": " * mag:   x = matrix * (y - bias)                     tesla",
+}
+_THERMAL = """ * bias is at %sTEMPERATURE_REFERENCE_C; add coeff[0]*d + coeff[1]*d^2 + coeff[2]*d^3,
+ * d = temperature - reference, temperature clipped to the valid range."""
+
+
+def header(calibration: Calibration, options: Options) -> Product:
+    """Constants of every sensor that the calibration holds, and the function that applies them."""
+    warnings: list[str] = []
+    parts, p = triads(calibration), options.prefix
+    thermal = {sensor: cubics(calibration, sensor, None, warnings) for sensor in ("accel", "gyro")}
+    names, body = [], []
+    for sensor in ("accel", "gyro"):
+        lines = _inertial(calibration, sensor, parts.get(sensor), thermal[sensor], p, warnings)
+        if lines:
+            names.append(sensor)
+            body += lines
+    if calibration.magnetometer is not None:
+        names.append("mag")
+        body += _magnetic(calibration, options, warnings)
+    elif options.accumulator:
+        raise ExportError("accumulator=True is for the magnetometer, and the calibration holds none")
+    if not names:
+        raise ExportError("a C header needs an imu, magnetometer or temperature section; this calibration has none")
+    head = ["/* Sensor calibration written by jaxcal. SI units, sensor frame.", *(_HEAD[name] for name in names)]
+    ranges = []
+    if any(thermal.values()) and calibration.temperature is not None:
+        head.append(_THERMAL % p)
+        section = calibration.temperature
+        for name, key in (("REFERENCE", "reference"), ("MIN", "minimum"), ("MAX", "maximum")):
+            ranges.append(f"#define {p}TEMPERATURE_{name}_C {_number(section[key])}")
+        ranges.append("")
+    guard = f"{p}CALIBRATION_H"
+    lines = [*head, " */", f"#ifndef {guard}", f"#define {guard}", "", *ranges, *body, ""]
+    text = "\n".join(lines) + "\n" + _APPLY % p.lower()
+    if options.accumulator:
+        exponents = Moments(np.zeros(3), 1.0).exponents
+        rows = ["    " + " ".join(f"{{{a}, {b}, {c}}}," for a, b, c in exponents[i : i + 7]) + "\n" for i in range(0, len(exponents), 7)]
+        text += _MOMENTS % "".join(rows)
+    return Product(text + "\n#endif\n", tuple(warnings), _spread(calibration))
+
+
+def _inertial(
+    calibration: Calibration, sensor: str, part: dict | None, thermal: Cubics | None, prefix: str, warnings: list[str]
+) -> list[str]:
+    if part is None:
+        bias = gyro_bias(calibration) if sensor == "gyro" else None
+        if thermal is None and bias is None:
+            return []
+        if bias is None:
+            bias = np.zeros(3)
+            warnings.append(f"{sensor}: no bias is known to go with the thermal model; zero is written")
+        part = {"matrix": np.eye(3), "bias": bias, "g_sensitivity": np.zeros((3, 3))}
+    start = f"static const float {prefix}{sensor.upper()}"
+    lines = [f"{start}_MATRIX[3][3] = {_table(correction(part['matrix']))};", f"{start}_BIAS[3] = {_row(part['bias'])};"]
+    if thermal is not None:
+        remark = " /* [axis][power-1] */" if sensor == "accel" else ""
+        lines.append(f"{start}_BIAS_TEMPERATURE[3][3] = {_table(thermal.powers)};{remark}")
+    if sensor == "gyro":
+        lines.append(f"{start}_G_SENSITIVITY[3][3] = {_table(part['g_sensitivity'])};")
+    return lines
+
+
+def _magnetic(calibration: Calibration, options: Options, warnings: list[str]) -> list[str]:
+    section = calibration.magnetometer or {}
+    start = f"static const float {options.prefix}MAG"
+    lines = [f"{start}_MATRIX[3][3] = {_table(correction(section['soft_iron']))};", f"{start}_BIAS[3] = {_row(section['hard_iron'])};"]
+    unknown_field(calibration, warnings)
+    if options.accumulator:
+        if section["field"] is None:
+            raise ExportError("accumulator=True needs the field's strength as a scale; the calibration has none")
+        lines.append(f"{start}_FIELD = {_number(section['field'])}; /* norm of the corrected field, T */")
+    return lines
+
+
+def _spread(calibration: Calibration) -> tuple[str, ...]:
+    covariance = (calibration.magnetometer or {}).get("covariance")
+    if covariance is None or "b_x" not in covariance["parameters"]:
+        return ()
+    first = covariance["parameters"].index("b_x")
+    spread = np.sqrt(np.diag(covariance["values"])[first : first + 3])
+    return (f"standard deviation of the magnetometer's bias: {', '.join(f'{s:.2g}' for s in spread)} T",)
 
 
 def _number(value: float) -> str:
     return f"{number(value)}f"
 
 
-def _row(values: np.ndarray) -> str:
-    return "{" + ", ".join(_number(float(v)) for v in values) + "}"
+def _row(values: AnyArray) -> str:
+    return "{" + ", ".join(f"{text}f" for text in numbers(values).split(", ")) + "}"
+
+
+def _table(rows: AnyArray) -> str:
+    return "{" + ", ".join(_row(row) for row in rows) + "}"

@@ -6,6 +6,7 @@ import equinox as eqx
 import numpy as np
 
 from .._errors import ExportError
+from .._types import AnyArray
 from ..calibration import Calibration, DeviceNoise, SensorNoise
 from ._options import UNITS, Options, is_positive
 from ._text import number, numbers
@@ -42,17 +43,28 @@ def isotropic(noise: DeviceNoise, sensor: str, options: Options) -> Isotropic:
         If the noise of the sensor is not known, or if its density or random walk was not found on an axis and the options do not
         say what to write instead.
     """
+    n, k, about, warnings = per_axis(noise, sensor, options)
+    combine = np.max if options.axis == "worst" else lambda values: np.sqrt(np.mean(values**2))
+    return Isotropic(float(combine(n)), float(combine(k)), f"{options.axis} axis; {about}", warnings)
+
+
+def per_axis(noise: DeviceNoise, sensor: str, options: Options) -> tuple[AnyArray, AnyArray, str, tuple[str, ...]]:
+    """N and K of the three axes of a sensor after `inflate`, how they came about, and warnings."""
     n, n_source, n_warnings = _axes(noise, sensor, "density", options)
     k, k_source, k_warnings = _axes(noise, sensor, "random_walk", options)
-    about = f"{options.axis} axis; per axis N = {numbers(n)}{n_source}; K = {numbers(k)}{k_source}"
+    about = f"per axis N = {numbers(n)}{n_source}; K = {numbers(k)}{k_source}"
     about += f"; multiplied by {number(options.inflate)}" if options.inflate != 1 else ""
-    combine = np.max if options.axis == "worst" else lambda values: np.sqrt(np.mean(values**2))
-    return Isotropic(
-        density=float(combine(n) * options.inflate),
-        random_walk=float(combine(k) * options.inflate),
-        about=about,
-        warnings=(*n_warnings, *k_warnings, *_dropped(_measured(noise, sensor), sensor)),
-    )
+    warnings = (*n_warnings, *k_warnings, *_dropped(_measured(noise, sensor), sensor))
+    return n * options.inflate, k * options.inflate, about, warnings
+
+
+def rate_of(noise: DeviceNoise, calibration: Calibration, options: Options, why: str) -> tuple[float, list[str]]:
+    """Sampling rate to write in Hz, and a warning where nobody gave it; `why` says what depends on it."""
+    if options.rate is not None:
+        return float(options.rate), []
+    if (calibration.provenance or {}).get("rate") == "given":
+        return noise.rate, []
+    return noise.rate, [f"the rate {number(noise.rate)} Hz is that of the log, estimated from its stamps; {why}: give rate= if you know it"]
 
 
 def _measured(noise: DeviceNoise, sensor: str) -> SensorNoise:

@@ -1,11 +1,13 @@
 """What a user may choose about a file."""
 
+import dataclasses
 import math
 from typing import Any
 
 import equinox as eqx
 
 from .._errors import ExportError
+from .._units import STANDARD_GRAVITY
 
 #: what filters call a term of the noise -> sensor -> its SI unit there
 UNITS = {
@@ -13,22 +15,53 @@ UNITS = {
     "random_walk": {"gyro": "rad/s^2/sqrt(Hz)", "accel": "m/s^3/sqrt(Hz)"},
 }
 SENSORS = ("gyro", "accel")
+_CHOICES = {
+    "axis": {"worst": "the largest of the three axes", "rms": "their root mean square"},
+    "convention": {"midpoint": "N sqrt(2 rate)", "per_sample": "N sqrt(rate)"},
+    "model": {"kalibr": "lower triangles", "rpng": "upper triangles"},
+    "frame": {"up": "z up", "down": "z down"},
+    "flavour": {
+        "ros2": "parameters of a ROS 2 node", "imu_calib": "dpkoch/imu_calib", "dlio": "direct_lidar_inertial_odometry",
+        "madgwick": "imu_filter_madgwick",
+    },
+}  # fmt: skip
 
 
 class Options(eqx.Module):
     """Choices that the formats share; see `jaxcal.export.write`."""
 
-    topic: str
-    axis: str
-    inflate: float | int
-    density: Any
-    random_walk: Any
+    topic: str = "/imu0"
+    axis: str = "worst"
+    inflate: float | int = 1.0
+    density: Any = None
+    random_walk: Any = None
+    rate: Any = None
+    gravity: float | int = STANDARD_GRAVITY
+    convention: str = "midpoint"
+    model: str = "kalibr"
+    frame: str = "up"
+    flavour: str = "ros2"
+    instance: int = 0
+    gyro_bias: bool = False
+    prefix: str = "JAXCAL_"
+    accumulator: bool = False
 
     def __check_init__(self):
-        if self.axis not in ("worst", "rms"):
-            raise ExportError(f'axis={self.axis!r}: expected "worst" (the largest of the three axes) or "rms" (their root mean square)')
+        for name, known in _CHOICES.items():
+            value = getattr(self, name)
+            if value not in known:
+                words = " or ".join(f'"{key}" ({text})' for key, text in known.items())
+                raise ExportError(f"{name}={value!r}: expected {words}")
         if not is_positive(self.inflate):
             raise ExportError(f"inflate={self.inflate!r}: expected a number above 0 by which the noise is multiplied")
+        if self.rate is not None and not is_positive(self.rate):
+            raise ExportError(f"rate={self.rate!r}: expected the true sampling rate of the sensor in Hz")
+        if not is_positive(self.gravity):
+            raise ExportError(f"gravity={self.gravity!r}: expected the local gravity in m/s^2")
+        if isinstance(self.instance, bool) or not 0 <= self.instance <= 4:
+            raise ExportError(f"instance={self.instance!r}: expected the number of the sensor on its vehicle, from 0")
+        if not (self.prefix.isascii() and self.prefix.isidentifier()):
+            raise ExportError(f'prefix={self.prefix!r}: expected the beginning of a name in C, such as "JAXCAL_"')
         for quantity in UNITS:
             asked = getattr(self, quantity)
             for sensor, value in (asked if isinstance(asked, dict) else dict.fromkeys(SENSORS, asked)).items():
@@ -39,6 +72,18 @@ class Options(eqx.Module):
                         f'{quantity}={value!r}: expected "upper_limit", a number above 0, or one of these for each sensor as '
                         '{"gyro": ..., "accel": ...}'
                     )
+
+    def chosen(self) -> list[str]:
+        """Names of the options that differ from their defaults."""
+        return [field.name for field in dataclasses.fields(self) if getattr(self, field.name) != field.default]
+
+
+class Product(eqx.Module):
+    """What a writer makes: the text (or bytes, or suffix of the file's name -> text), warnings, and facts for the comments."""
+
+    content: Any
+    warnings: tuple[str, ...] = ()
+    facts: tuple[str, ...] = ()
 
 
 def is_positive(value: Any) -> bool:

@@ -10,9 +10,11 @@ from .._types import AnyArray
 from .._units import si_unit
 from ..calibration import Calibration
 from ..calibration._thermal import AXES, at_reference, powers
+from ._matrices import triads
 
 DEGREE = 3
 _NARROW = 10.0  # degC
+_ROUNDING = 1e-13  # of the largest term; what is smaller is left by the change of the reference
 
 
 class Cubics(eqx.Module):
@@ -47,6 +49,14 @@ def cubics(calibration: Calibration, sensor: str, reference: float | None, warni
     width = section["maximum"] - section["minimum"]
     if width < _NARROW:
         warnings.append(f"{name}: the thermal model covers {width:.3g} degC; outside it the flight controller keeps the value at the end")
+    if not section["minimum"] <= section["reference"] <= section["maximum"]:
+        warnings.append(
+            f"{name}: {section['reference']:g} degC, at which the bias holds, is outside the thermal model ({section['minimum']:g} to "
+            f"{section['maximum']:g} degC)"
+        )
+    reach = np.abs(np.array([section["minimum"], section["maximum"]]) - about).max() ** np.arange(1, DEGREE + 1)
+    share = np.abs(coefficients) * reach
+    coefficients = np.where(share > _ROUNDING * share.max(initial=0.0), coefficients, 0.0)
     return Cubics(coefficients, float(about), section["minimum"], section["maximum"])
 
 
@@ -58,9 +68,9 @@ def _without_hysteresis(section: dict[str, Any], sensor: str, axis: str, name: s
 
 def gyro_bias(calibration: Calibration) -> AnyArray | None:
     """Bias of the gyroscope at the reference temperature, rad/s: of the imu section, or else of the thermal model."""
-    imu, section = calibration.imu or {}, calibration.temperature
-    if "gyro" in imu:
-        return imu["gyro"]["bias"]
+    parts, section = triads(calibration), calibration.temperature
+    if "gyro" in parts:
+        return parts["gyro"]["bias"]
     names = [f"gyro_{axis}" for axis in AXES]
     if section is None or not all(name in section.get("channels", {}) for name in names):
         return None
@@ -77,7 +87,7 @@ def device_id(calibration: Calibration, tool: str, name: str) -> int:
     """
     ids = (calibration.device or {}).get(tool)
     value = ids.get(name) if isinstance(ids, dict) else None
-    if not isinstance(value, int) or isinstance(value, bool) or value <= 0:
+    if not isinstance(value, int) or isinstance(value, bool) or not 0 < value < 2**31:
         raise ExportError(
             f"the {name} of the sensor is not known, and the flight controller finds its parameters by it; give it as "
             f'Calibration(device={{"name": ..., "{tool}": {{"{name}": ID}}}}), with the number that the parameter list of the vehicle shows'

@@ -2,30 +2,21 @@
 
 import importlib.metadata
 import os
-from collections.abc import Callable
+import pathlib
+from collections.abc import Sequence
 from typing import Any
 
 from .._errors import ExportError
 from .._files import write_atomically
+from .._units import STANDARD_GRAVITY
 from ..calibration import Calibration
-from ._ardupilot import ardupilot
-from ._c import header
-from ._kalibr import kalibr
+from ._formats import FORMATS, Format, check_options, files_of, format_of
 from ._options import Options
-from ._px4 import px4
 from ._text import comment
-
-#: format -> (function that gives its text and warnings, its comment mark)
-_FORMATS: dict[str, tuple[Callable[[Calibration, Options], tuple[str, tuple[str, ...]]], str]] = {
-    "kalibr": (kalibr, "#"),
-    "px4": (px4, "#"),
-    "ardupilot": (ardupilot, "#"),
-    "c": (header, "//"),
-}
 
 
 def write(
-    calibration: Calibration,
+    calibration: Calibration | Sequence[Calibration],
     path: str | os.PathLike[str],
     *,
     format: str = "kalibr",
@@ -34,28 +25,50 @@ def write(
     inflate: float | int = 1.0,
     density: Any = None,
     random_walk: Any = None,
+    rate: float | int | None = None,
+    gravity: float | int = STANDARD_GRAVITY,
+    convention: str = "midpoint",
+    model: str = "kalibr",
+    frame: str = "up",
+    flavour: str = "ros2",
+    instance: int = 0,
+    gyro_bias: bool = False,
+    prefix: str = "JAXCAL_",
+    accumulator: bool = False,
+    force: bool = False,
     provenance: bool = True,
 ) -> tuple[str, ...]:
     """Write a calibration as a file that another tool reads.
 
-    The noise of three axes becomes one number: N the noise density, K the random walk, both continuous in time. Bias instability
-    B is never written as a random walk.
+    Noise N becomes the noise density and K the random walk; bias instability B is never written as a random walk. Where a tool
+    takes one number for three axes, `axis` chooses it.
 
     Parameters
     ----------
-    calibration : the `Calibration` to write.
-    path : file to write; an existing one is replaced in one step.
-    format : "kalibr" (`imu.yaml`: rad/s/sqrt(Hz), rad/s^2/sqrt(Hz), m/s^2/sqrt(Hz), m/s^3/sqrt(Hz)); "px4" (`.params`) and
-        "ardupilot" (`.param`): biases, scale factors, magnetometer and thermal model, found by the ids in `calibration.device`. Any
-        thermal model becomes a cubic there; what that loses is said. "c" is a C header with the magnetometer's correction and an
-        accumulator for the next calibration; the options below are not for it.
+    calibration : the `Calibration` to write; for "px4" and "ardupilot" also a list of them, one for each instance of the sensors.
+    path : file to write; an existing one is replaced in one step. "imu_tk" writes two: NAME_acc.calib and NAME_gyro.calib.
+    format : "kalibr" (`imu.yaml`), "openvins" (`kalibr_imu_chain.yaml`, with its matrices), "vins" (lines for VINS-Mono and
+        VINS-Fusion), "orbslam3" (lines), "gtsam" (Python), "px4" (`.params`), "ardupilot" (`.param`), "ros" (YAML), "imu_tk"
+        (`.calib`), "motioncal" (68 bytes), "c" (header of C99), "csv" (a row for every number). All but the last three write the
+        units beside the numbers or among the comments.
     topic : ROS topic of the sensor.
     axis : "worst", the largest of the three axes, or "rms", their root mean square. The file lists the three in a comment.
     inflate : factor on all noise; the file says so.
     density : what to write where a fit did not find N: "upper_limit", a number (rad/s/sqrt(Hz) or m/s^2/sqrt(Hz)) for the one
         sensor that lacks it, or {"gyro": ..., "accel": ...}, which also replaces an N that was found. The file says so.
     random_walk : the same for K, in rad/s^2/sqrt(Hz) or m/s^3/sqrt(Hz).
-    provenance : whether to begin with comments on origin and on what was left out.
+    rate : true sampling rate in Hz; by default that of the log, with a warning.
+    gravity : m/s^2, for "vins" and "gtsam".
+    convention : "midpoint", N sqrt(2 rate), or "per_sample", N sqrt(rate), of "vins"; the file states the other too.
+    model : "kalibr" (lower triangles) or "rpng" (upper) of "openvins".
+    frame : "up" or "down", the z axis of "gtsam".
+    flavour : "ros2", "imu_calib", "dlio" or "madgwick" of "ros".
+    instance : number of the sensors on the vehicle, from 0.
+    gyro_bias : whether "ardupilot" gets the gyroscope's bias, which it learns anew at every start.
+    prefix : of the names in C.
+    accumulator : whether the header has the accumulator for the next magnetometer calibration; see `jaxcal.magnetometer.Moments`.
+    force : write a calibration whose verdict is "weak" or "refused" too.
+    provenance : whether to begin with comments on origin, units and on what was left out. imu_tk, motioncal and csv have no comments.
 
     Returns
     -------
@@ -64,7 +77,8 @@ def write(
     Raises
     ------
     ExportError
-        If the calibration lacks something that the format needs, an option is wrong, or the file cannot be written.
+        If the calibration lacks something that the format needs, its verdict is "weak" or "refused" without `force`, an option is
+        wrong or means nothing to the format, or the file cannot be written.
 
     Examples
     --------
@@ -79,23 +93,78 @@ def write(
     ...     print(path.read_text().splitlines()[-1])
     update_rate: 200.0   # Hz
     """
-    if format not in _FORMATS:
-        raise ExportError(f"unknown format {format!r}; expected one of {', '.join(_FORMATS)}")
-    make, mark = _FORMATS[format]
-    options = Options(topic=topic, axis=axis, inflate=inflate, density=density, random_walk=random_walk)
-    text, warnings = make(calibration, options)
-    if provenance:
-        text = "".join(comment(line, mark) + "\n" for line in (*_origin(calibration, format), *warnings)) + text
-    write_atomically(path, text)
+    kind = format_of(format)
+    options = Options(
+        topic=topic, axis=axis, inflate=inflate, density=density, random_walk=random_walk, rate=rate, gravity=gravity,
+        convention=convention, model=model, frame=frame, flavour=flavour, instance=instance, gyro_bias=gyro_bias, prefix=prefix,
+        accumulator=accumulator,
+    )  # fmt: skip
+    check_options(format, options)
+    devices = _devices(calibration, kind, format)
+    warnings = [sentence for device in devices for sentence in (*_doubts(device, kind, force), *_left_out(device, kind, format))]
+    made = kind.make(devices if kind.many else devices[0], options)
+    warnings = tuple(dict.fromkeys([*warnings, *made.warnings]))
+    files = files_of(pathlib.Path(path), format)
+    for suffix, content in (made.content if isinstance(made.content, dict) else {"": made.content}).items():
+        if provenance and kind.mark:
+            lines = [comment(line, kind.mark) + "\n" for line in (*_origin(devices, format), *made.facts, *warnings)]
+            existing = content.splitlines(keepends=True)
+            content = "".join((*existing[: kind.after], *lines, *existing[kind.after :]))
+        write_atomically(files[suffix], content)
     return warnings
 
 
-def _origin(calibration: Calibration, format: str) -> list[str]:
+def _devices(calibration: Any, kind: Format, format: str) -> list[Calibration]:
+    devices = [calibration] if isinstance(calibration, Calibration) else list(calibration)
+    if not devices or not all(isinstance(device, Calibration) for device in devices):
+        raise ExportError("expected a Calibration, or a list of them")
+    if len(devices) > 1 and not kind.many:
+        several = [name for name, one in FORMATS.items() if one.many]
+        raise ExportError(f"{format} holds one device, not {len(devices)}; several go into {' and '.join(several)}")
+    return devices
+
+
+def _doubts(calibration: Calibration, kind: Format, force: bool) -> list[str]:
+    """What makes the calibration itself doubtful, whatever the format."""
+    said = []
+    for name in ("imu", "magnetometer"):
+        section = getattr(calibration, name)
+        if name not in kind.sections or section is None:
+            continue
+        verdict = section.get("verdict")
+        if verdict in ("weak", "refused"):
+            reason = f" ({section['verdict_reason']})" if section.get("verdict_reason") else ""
+            sentence = f"the verdict on the {name} calibration is {verdict!r}{reason}"
+            if not force:
+                raise ExportError(f"{sentence}; force=True (--force) writes it all the same")
+            said.append(f"{sentence}, and it was forced")
+    applied = (calibration.provenance or {}).get("applied")
+    if applied and set(kind.sections) & {"imu", "magnetometer", "temperature"}:
+        held = ", ".join(applied) if isinstance(applied, (list, dict)) else str(applied)
+        said.append(
+            f"the readings behind this calibration had the device's own corrections in them already ({held}): it would be applied twice "
+            "beside them; compose it with the device's present calibration first (Calibration.compose)"
+        )
+    return said
+
+
+def _left_out(calibration: Calibration, kind: Format, format: str) -> list[str]:
+    """Sections for which the format has no place at all."""
+    left = [name for name in ("noise", "imu", "magnetometer", "temperature") if getattr(calibration, name) is not None]
+    left = [name for name in left if name not in kind.sections]
+    if not left:
+        return []
+    mend = "" if left == ["noise"] else ": correct the data with this calibration before the tool gets them (jaxcal apply)"
+    return [f"not written, for {format} has no place for it: {', '.join(left)}{mend}"]
+
+
+def _origin(devices: Sequence[Calibration], format: str) -> list[str]:
     lines = [f"{format} file written by jaxcal {importlib.metadata.version('jaxcal')}"]
-    name = (calibration.device or {}).get("name")
-    if name:
-        lines.append(f"device: {name}")
-    origin = calibration.provenance or {}
-    if origin.get("file"):
-        lines.append(f"recording: {origin['file']}" + (f", SHA-256 {origin['sha256']}" if origin.get("sha256") else ""))
+    for calibration in devices:
+        name = (calibration.device or {}).get("name")
+        if name:
+            lines.append(f"device: {name}")
+        origin = calibration.provenance or {}
+        if origin.get("file"):
+            lines.append(f"recording: {origin['file']}" + (f", SHA-256 {origin['sha256']}" if origin.get("sha256") else ""))
     return lines

@@ -31,17 +31,9 @@ def parameters(path, separator):
     return {row[-3] if len(row) == 5 else row[0]: float(row[-2] if len(row) == 5 else row[1]) for row in rows}
 
 
-@pytest.mark.parametrize(("format", "file", "separator"), [("px4", "golden.params", "\t"), ("ardupilot", "golden.param", ",")])
-def test_golden_files(golden, tmp_path, format, file, separator):
-    said = write(golden, tmp_path / file, format=format, provenance=False)
-    lines = [line.split(separator) for line in (tmp_path / file).read_text().splitlines() if not line.startswith("#")]
-    expected = [line.split(separator) for line in (FOLDER / file).read_text().splitlines() if not line.startswith("#")]
-    assert [line[:-1] if format == "ardupilot" else [*line[:3], line[4]] for line in lines] == [
-        line[:-1] if format == "ardupilot" else [*line[:3], line[4]] for line in expected
-    ]
-    found, wanted = parameters(tmp_path / file, separator), parameters(FOLDER / file, separator)
-    for name, value in wanted.items():
-        assert found[name] == pytest.approx(value, rel=1e-7, abs=1e-9), name
+@pytest.mark.parametrize("format", ["px4", "ardupilot"])
+def test_losses_are_told_as_numbers(golden, tmp_path, format):
+    said = write(golden, tmp_path / "a", format=format)
     assert any("0.002643 (0.02592 m/s^2 at 1 g)" in sentence for sentence in said)
     assert any("0.01099" in sentence for sentence in said)
     assert any("g-sensitivity" in sentence for sentence in said)

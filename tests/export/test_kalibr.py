@@ -47,14 +47,14 @@ def without_walk(calibration, sensor, limit=(1e-5, 2e-5, 9e-5)):
 
 def test_golden_file(golden, path):
     write(golden, path, provenance=False)
-    assert path.read_text() == (FOLDER / "golden_imu.yaml").read_text()
+    assert path.read_text() == (FOLDER / "golden/imu.yaml").read_text()
 
 
 def test_provenance_adds_comments_alone(golden, path):
     signed = Calibration(noise=golden.noise, device="unit 7\nB: 1", provenance={"file": "a.csv", "sha256": "ab", "version": "0"})
     warnings = write(signed, path)
     lines = path.read_text().splitlines()
-    data = [line for line in (FOLDER / "golden_imu.yaml").read_text().splitlines() if not line.startswith("#")]
+    data = [line for line in (FOLDER / "golden/imu.yaml").read_text().splitlines() if not line.startswith("#")]
     assert [line for line in lines if not line.startswith("#")] == data
     assert lines[0] == f"# kalibr file written by jaxcal {jaxcal.__version__}"
     assert "# device: unit 7 B: 1" in lines  # a line break does not get out of the comment

@@ -1,0 +1,252 @@
+"""`difference`: what changed between two calibrations of one device, and whether it is more than their uncertainty."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+from numpy.polynomial import polynomial
+from scipy.linalg import polar, solve_sylvester
+from scipy.stats import chi2
+
+from .._precision import host_float64
+from .._types import AnyArray
+from .._units import noise_units, si_unit
+from ._calibration import Calibration
+from ._compose import QUADRIC
+from ._thermal import model_of
+
+_RANK = 1e-9  # of the largest eigenvalue of the correlations
+_AXES = "xyz"
+
+
+class PartDifference(eqx.Module):
+    """One part of a calibration, such as the accelerometer.
+
+    Attributes
+    ----------
+    name : "accel", "gyro", "magnetometer", "noise gyro_x" or "temperature gyro".
+    parameters, units : of each row.
+    first, second : (p,) values of the two calibrations.
+    standard_error : (p,) of second - first; NaN where neither covariance is known, 0 for what a convention fixes.
+    chi_square, degrees_of_freedom : of all differences together under both covariances; NaN and 0 without covariances.
+    probability : of so large a chi-square where nothing changed.
+    notes : sentences.
+    """
+
+    name: str
+    parameters: tuple[str, ...]
+    units: tuple[str, ...]
+    first: AnyArray
+    second: AnyArray
+    standard_error: AnyArray
+    chi_square: float
+    degrees_of_freedom: int
+    probability: float
+    notes: tuple[str, ...]
+
+    @property
+    def change(self) -> AnyArray:
+        """(p,) second - first."""
+        return self.second - self.first
+
+
+@host_float64
+def difference(a: Calibration, b: Calibration) -> tuple[PartDifference, ...]:
+    r"""What changed from one calibration to another, part by part, with its significance.
+
+    .. math:: \chi^2 = (\theta_b - \theta_a)^T (P_a + P_b)^{+} (\theta_b - \theta_a)
+
+    Parameters
+    ----------
+    a, b : two calibrations of one device, from recordings that have nothing in common. The parts are those that both hold.
+
+    Returns
+    -------
+    One `PartDifference` for each part. The magnetometer is compared by its symmetric correction, with the field of `a` for both, and by
+    its hard iron; noise by the squares of its coefficients; thermal models by their largest departure, without a covariance.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> def device(bias):
+    ...     names = [f"matrix[{i},{j}]" for i in range(3) for j in range(3)] + [f"bias[{i}]" for i in range(3)]
+    ...     covariance = {"parameters": names, "values": 1e-4 * np.eye(12)}
+    ...     part = {"unit": "m/s^2", "matrix": np.eye(3), "bias": np.array([bias, 0, 0]), "covariance": covariance}
+    ...     return jaxcal.Calibration(imu={"accel": part})
+    >>> (accel,) = jaxcal.calibration.difference(device(0.1), device(0.15))
+    >>> round(accel.chi_square, 3), accel.degrees_of_freedom, round(accel.probability, 3)
+    (12.5, 12, 0.406)
+
+    References
+    ----------
+    Chi-square of a difference of independent estimates: any text on statistics, e.g. C. R. Rao, Linear Statistical Inference, 6a.
+    """
+    shared = _same_recording(a, b)
+    found = []
+    for sensor in ("accel", "gyro"):
+        if sensor in (a.imu or {}) and sensor in (b.imu or {}):
+            found.append(_triad(sensor, (a.imu or {})[sensor], (b.imu or {})[sensor], shared))
+    if a.magnetometer is not None and b.magnetometer is not None:
+        found.append(_magnetometer(a.magnetometer, b.magnetometer, shared))
+    if a.noise is not None and b.noise is not None:
+        for sensor in ("gyro", "accel", "mag"):
+            one, other = getattr(a.noise, sensor), getattr(b.noise, sensor)
+            if one is not None and other is not None:
+                found += [part for i in range(3) if (part := _noise(sensor, i, one, other, shared)) is not None]
+    if a.temperature is not None and b.temperature is not None:
+        found += [part for sensor in ("gyro", "accel") if (part := _temperature(sensor, a.temperature, b.temperature)) is not None]
+    return tuple(found)
+
+
+def _triad(sensor: str, a: dict[str, Any], b: dict[str, Any], notes: Sequence[str]) -> PartDifference:
+    names = [f"matrix[{i},{j}]" for i in range(3) for j in range(3)] + [f"bias[{i}]" for i in range(3)]
+    units = ["1"] * 9 + [si_unit(sensor)] * 3
+    keys = ["matrix", "bias"]
+    if sensor == "gyro":
+        names += [f"g_sensitivity[{i},{j}]" for i in range(3) for j in range(3)]
+        units += ["rad/s per m/s^2"] * 9
+        keys.append("g_sensitivity")
+    first, second = (np.concatenate([np.ravel(part[key]) for key in keys]) for part in (a, b))
+    spread, said = _sum([_ordered(part["covariance"], names) for part in (a, b)])
+    return _part(sensor, names, units, first, second, spread, (*notes, *said))
+
+
+def _magnetometer(a: dict[str, Any], b: dict[str, Any], notes: Sequence[str]) -> PartDifference:
+    """The root W of the ellipsoid's matrix A = W W, times the field of `a`; dA = W dW + dW W gives the covariance."""
+    said = list(notes)
+    field = 1.0 if a["field"] is None or b["field"] is None or not np.isfinite(a["field"] * b["field"]) else a["field"]
+    if field == 1.0:
+        said.append("the field's strength is not known in one of the two, so that its changes count as none")
+    names = ["correction " + _AXES[i] + _AXES[j] for i, j in QUADRIC] + [f"hard iron {axis}" for axis in _AXES]
+    values, spreads, turns = [], [], []
+    for part in (a, b):
+        turn, shape = polar(np.linalg.inv(part["soft_iron"]))
+        scale = 1.0 if field == 1.0 else field / part["field"]
+        turns.append(turn)
+        values.append(np.concatenate([[scale * shape[i, j] for i, j in QUADRIC], part["hard_iron"]]))
+        known = _ordered(part["covariance"], [*(f"A_{_AXES[i]}{_AXES[j]}" for i, j in QUADRIC), "b_x", "b_y", "b_z"])
+        strength = part["field"] if part["field"] else np.nan
+        spreads.append(None if known is None or not np.isfinite(strength) else _of_root(known, shape / strength, scale * strength))
+    turned = turns[1] @ turns[0].T
+    angle = np.degrees(np.arccos(np.clip((np.trace(turned) - 1) / 2, -1.0, 1.0)))
+    if angle > 1e-3:
+        said.append(f"beside it the axes turned by {angle:.3g} degrees, which the covariances of norms do not know")
+    spread, more = _sum(spreads)
+    return _part("magnetometer", names, ["1"] * 6 + ["T"] * 3, values[0], values[1], spread, (*said, *more))
+
+
+def _of_root(spread: AnyArray, root: AnyArray, scale: float) -> AnyArray:
+    """Covariance of scale W and of the hard iron, from that of A = W W and of the hard iron."""
+    slope = np.eye(9)
+    for k, (i, j) in enumerate(QUADRIC):
+        unit = np.zeros((3, 3))
+        unit[i, j] = unit[j, i] = 1.0
+        moved = solve_sylvester(root, root, unit)
+        slope[:6, k] = [scale * moved[p, q] for p, q in QUADRIC]
+    return slope @ spread @ slope.T
+
+
+def _noise(sensor: str, i: int, a: Any, b: Any, notes: Sequence[str]) -> PartDifference | None:
+    terms = [t for t in "QNBKR" if all(getattr(one, t) is not None and np.isfinite(getattr(one, t)[i]) for one in (a, b))]
+    if not terms:
+        return None
+    first, second = (np.array([getattr(one, term)[i] for term in terms]) for one in (a, b))
+    squares = []
+    for one in (a, b):
+        held = one.covariance
+        axis = None if held is None else {"parameters": held["parameters"], "values": held["values"][i]}
+        squares.append(_ordered(axis, [f"{term}^2" for term in terms]))
+    spread, said = _sum(squares)
+    part = _part("", terms, [""] * len(terms), first**2, second**2, spread, (*notes, *said))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        # to first order, of each coefficient from its square
+        error = np.sqrt(sum(np.diag(s) / (4 * value**2) for s, value in zip(squares, (first, second), strict=True) if s is not None))
+    error = np.where(np.isfinite(error), error, np.nan) * np.ones(len(terms))
+    units = tuple(noise_units(term, sensor)[-1] for term in terms)
+    return PartDifference(f"noise {sensor}_{_AXES[i]}", tuple(terms), units, first, second, error,
+                          part.chi_square, part.degrees_of_freedom, part.probability, part.notes)  # fmt: skip
+
+
+def _temperature(sensor: str, a: dict[str, Any], b: dict[str, Any]) -> PartDifference | None:
+    low, high = max(a["minimum"], b["minimum"]), min(a["maximum"], b["maximum"])
+    if not low < high:
+        return None
+    t = np.linspace(low, high, 201)
+    curves = [_curve(section, sensor, t) for section in (a, b)]
+    if any(curve is None for curve in curves):
+        return None
+    where = np.argmax(np.abs(curves[1] - curves[0]), axis=1)
+    first, second = (curve[np.arange(3), where] for curve in curves)
+    names = [f"{sensor}_{axis} at {t[k]:.4g} degC" for axis, k in zip(_AXES, where, strict=True)]
+    note = f"largest departure between {low:g} and {high:g} degC of the change since the middle; no covariance is stored of it"
+    return _part(f"temperature {sensor}", names, [si_unit(sensor)] * 3, first, second, None, (note,))
+
+
+def _curve(section: dict[str, Any], sensor: str, t: AnyArray) -> Any:
+    """Change of the bias of the three axes since the middle of `t`, (3, n); None where an axis has no model."""
+    rows = []
+    for i, axis in enumerate(_AXES):
+        channel = section.get("channels", {}).get(f"{sensor}_{axis}")
+        if channel is not None:
+            model = model_of(channel)
+            rows.append(np.asarray(model.curve.value(np.clip(t, model.low, model.high))))
+        elif sensor in section:
+            d = np.clip(t, section["minimum"], section["maximum"]) - section["reference"]
+            rows.append(polynomial.polyval(d, np.concatenate([[0.0], section[sensor][i]])))
+        else:
+            return None
+    found = np.stack(rows)
+    return found - found[:, [len(t) // 2]]
+
+
+def _ordered(covariance: dict[str, Any] | None, names: Sequence[str]) -> AnyArray | None:
+    """The covariance of the named parameters in their order; None where some are not in it."""
+    if covariance is None or not np.isfinite(covariance["values"]).all():
+        return None
+    held = list(covariance["parameters"])
+    if any(name not in held for name in names):
+        return None
+    where = [held.index(name) for name in names]
+    return covariance["values"][np.ix_(where, where)]
+
+
+def _sum(spreads: Sequence[AnyArray | None]) -> tuple[AnyArray | None, list[str]]:
+    known = [spread for spread in spreads if spread is not None]
+    if not known:
+        return None, ["neither calibration has a covariance: nothing can be said about significance"]
+    missing = [name for name, spread in zip(("first", "second"), spreads, strict=True) if spread is None]
+    said = [f"the {missing[0]} calibration has no covariance and counts as exact; the significance is too high"] if missing else []
+    return sum(known[1:], start=known[0]), said
+
+
+def _part(
+    name: str, names: Sequence[str], units: Sequence[str], first: AnyArray, second: AnyArray, spread: AnyArray | None, notes: Sequence[str]
+) -> PartDifference:
+    """The chi-square in the space that the covariance spans; what a convention fixes is not counted."""
+    error, chi, freedom, probability, said = np.full(len(names), np.nan), np.nan, 0, np.nan, list(notes)
+    if spread is not None:
+        error = np.sqrt(np.maximum(np.diag(spread), 0.0))
+        free = error > 0
+        change = (second - first)[free] / error[free]
+        fixed = np.abs(second - first)[~free]
+        if np.any(fixed > 1e-9 * np.maximum(np.abs(first[~free]), 1.0)):
+            said.append("parameters that a convention fixes differ: the two were fitted with different conventions or options")
+        if free.any():
+            size, ways = np.linalg.eigh(spread[np.ix_(free, free)] / np.outer(error[free], error[free]))
+            kept = size > _RANK * size[-1]
+            along = ways.T @ change
+            chi, freedom = float(np.sum(along[kept] ** 2 / size[kept])), int(kept.sum())
+            probability = float(chi2.sf(chi, freedom))
+            if np.any(np.abs(along[~kept]) > 1e-2):
+                said.append("part of the change is in directions that neither calibration leaves open")
+    return PartDifference(name, tuple(names), tuple(units), np.asarray(first), np.asarray(second), error, chi, freedom, probability,
+                          tuple(said))  # fmt: skip
+
+
+def _same_recording(a: Calibration, b: Calibration) -> list[str]:
+    known = [(one.provenance or {}).get("sha256") for one in (a, b)]
+    if known[0] is None or known[0] != known[1]:
+        return []
+    return ["both calibrations come from the same recording, so that their errors are the same: the significance is too low"]

@@ -1,0 +1,65 @@
+"""Where the numbers of a calibration come from: the recording, the versions, and the options of the command."""
+
+import importlib.metadata
+import platform
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from .._log import Log
+
+_PACKAGES = ("jax", "numpy", "scipy")
+
+
+def provenance(log: Log, command: str, options: Mapping[str, Any] | None = None, *, rate_given: bool = False) -> dict[str, Any]:
+    """Provenance of a calibration made from a log; `Calibration(provenance=...)` takes it.
+
+    Parameters
+    ----------
+    log : recording; its own provenance (file, size, SHA-256, format) is kept.
+    command : what made the calibration, such as "jaxcal imu".
+    options : as the command had them; what JSON cannot say becomes text.
+    rate_given : whether the sampling rate was given by the user. Otherwise exports warn that it is an estimate.
+
+    Returns
+    -------
+    Dictionary for JSON: that of the log, "applied" (sentences) where the device had corrected the readings already,
+    "rate" ("given" or "estimated"), "command", "options", "version" and "versions".
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> log = jaxcal.Log(None, gyro=np.zeros((4, 3)) + np.arange(4.0)[:, None], rate=10.0, provenance={"file": "a.csv"})
+    >>> found = jaxcal.calibration.provenance(log, "jaxcal noise", {"band": (1.0, 9.0)}, rate_given=True)
+    >>> found["file"], found["rate"], found["options"]
+    ('a.csv', 'given', {'band': [1.0, 9.0]})
+    """
+    held = _said(log.provenance)
+    # what readers of flight logs say of corrections that the device made before it logged
+    applied = [sentence for sentence in log.warnings if "already calibrated" in sentence or "already corrected" in sentence]
+    if applied and "applied" not in held:
+        held["applied"] = applied
+    versions = {name: importlib.metadata.version(name) for name in _PACKAGES}
+    return {
+        **held,
+        "rate": "given" if rate_given else "estimated",
+        "command": command,
+        "options": _said(dict(options or {})),
+        "version": importlib.metadata.version("jaxcal"),
+        "versions": {"python": platform.python_version(), **versions},
+    }
+
+
+def _said(value: Any) -> Any:
+    """A value as JSON can say it."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {str(key): _said(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_said(item) for item in value]
+    if value is None or isinstance(value, bool | int | str) or (isinstance(value, float) and np.isfinite(value)):
+        return value
+    return str(value)

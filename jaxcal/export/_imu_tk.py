@@ -1,0 +1,37 @@
+"""imu_tk's `.calib` files: T (3, 3), K (3, 3) and B (3), applied as T K (raw - B)."""
+
+import numpy as np
+
+from .._errors import ExportError
+from .._types import AnyArray
+from ..calibration import Calibration
+from ._matrices import correction, dropped_g_sensitivity, triads
+from ._options import Options, Product
+from ._text import plain
+
+_DIGITS = 12
+_DECIMALS = 13  # of T, whose diagonal is 1; what is beyond is rounding
+#: sensor -> end of the name of its file
+SUFFIXES = {"accel": "_acc", "gyro": "_gyro"}
+
+
+def imu_tk(calibration: Calibration, options: Options) -> Product:
+    """One text for each sensor that the calibration holds."""
+    parts = triads(calibration)
+    if not parts:
+        raise ExportError("the calibration holds no imu, of which imu_tk's files could be made")
+    warnings = dropped_g_sensitivity(calibration)
+    return Product({SUFFIXES[name]: _text(part) for name, part in parts.items()}, tuple(warnings))
+
+
+def _text(part: dict) -> str:
+    correction(part["matrix"])  # refuses what has no inverse; its rounding would be seen in the twelfth digit of T
+    full = np.linalg.inv(part["matrix"])
+    scale = np.diag(full)
+    if not np.all(scale):
+        raise ExportError("an axis has no scale factor of its own, so that imu_tk's T and K cannot be told apart; look at the mounting")
+    return "".join(_block(rows) for rows in (np.round(full / scale, _DECIMALS), np.diag(scale), part["bias"][:, None]))
+
+
+def _block(rows: AnyArray) -> str:
+    return "".join(" ".join(plain(float(value), _DIGITS) for value in row) + "\n" for row in rows) + "\n"

@@ -1,0 +1,112 @@
+"""`read`: what another tool's file says about a device."""
+
+import os
+import pathlib
+from collections.abc import Callable
+from typing import Any
+
+from .._errors import DataError
+from ..calibration import Calibration
+from . import _read_filters, _read_others, _read_params
+from ._formats import files_of
+from ._imu_tk import SUFFIXES
+from ._options import is_positive
+
+_TEXTS: dict[str, Callable[[str, dict[str, Any]], Calibration]] = {
+    "kalibr": _read_filters.kalibr,
+    "openvins": _read_filters.openvins,
+    "vins": _read_filters.vins,
+    "orbslam3": _read_filters.orbslam3,
+    "px4": _read_params.px4,
+    "ardupilot": _read_params.ardupilot,
+    "ros": _read_filters.ros,
+    "csv": lambda text, options: _read_others.table(text),
+}
+READABLE = (*_TEXTS, "imu_tk", "motioncal")
+_LARGEST = 16 * 2**20  # bytes
+
+
+def read(
+    path: str | os.PathLike[str],
+    *,
+    format: str,
+    rate: float | int | None = None,
+    convention: str | None = None,
+    instance: int = 0,
+) -> Calibration:
+    """Read back a file that `write`, or the tool itself, wrote.
+
+    Numbers are those of the file: what the format cannot hold is not there, and one number for three axes stands for each of them.
+
+    Parameters
+    ----------
+    path : the file; for "imu_tk" the name given to `write`, or one of its two files.
+    format : "kalibr" (`imu.yaml`, or the result of its calibration with matrices), "openvins", "vins", "orbslam3", "px4", "ardupilot",
+        "ros" (all flavours), "imu_tk", "motioncal" (68 or 52 bytes) or "csv".
+    rate : sampling rate in Hz; needed for "vins" and the covariances of "ros" where the file does not say it.
+    convention : "midpoint" or "per_sample" of "vins"; by default as the file says, else "midpoint".
+    instance : number of the sensors on the vehicle, from 0, for "px4" and "ardupilot".
+
+    Returns
+    -------
+    `Calibration` with the sections that the file allows.
+
+    Raises
+    ------
+    DataError
+        If the file cannot be read, is not of this format, or holds numbers that no calibration can have.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import jaxcal
+    >>> mag = {"unit": "T", "soft_iron": [[1.1, 0, 0], [0, 1, 0], [0, 0, 1]], "hard_iron": [1e-5, 0, 0], "field": 5e-5, "covariance": None}
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "a.csv")
+    ...     warnings = jaxcal.export.write(jaxcal.Calibration(magnetometer=mag), path, format="csv")
+    ...     print(jaxcal.export.read(path, format="csv").magnetometer["hard_iron"])
+    [1.e-05 0.e+00 0.e+00]
+    """
+    if format not in READABLE:
+        raise DataError(f"format={format!r} cannot be read back; expected one of {', '.join(READABLE)}")
+    if rate is not None and not is_positive(rate):
+        raise DataError(f"rate={rate!r}: expected a number of Hz above 0")
+    if isinstance(instance, bool) or not 0 <= instance <= 4:
+        raise DataError(f"instance={instance!r}: expected the number of the sensor on its vehicle, from 0")
+    path = pathlib.Path(path)
+    try:
+        if format == "imu_tk":
+            return _read_others.imu_tk(_imu_tk_texts(path))
+        data = _bytes(path)
+        if format == "motioncal":
+            return _read_others.motioncal(data)
+        return _TEXTS[format](_text(data), {"rate": rate, "convention": convention, "instance": instance})
+    except DataError as error:
+        raise DataError(f"{path}: {error}") from error
+
+
+def _imu_tk_texts(path: pathlib.Path) -> dict[str, str]:
+    for sensor, suffix in SUFFIXES.items():
+        if path.stem.endswith(suffix) and path.is_file():
+            return {sensor: _text(_bytes(path))}
+    files = files_of(path, "imu_tk")
+    found = {sensor: _text(_bytes(files[suffix])) for sensor, suffix in SUFFIXES.items() if files[suffix].is_file()}
+    if not found:
+        raise DataError(f"neither {' nor '.join(str(file) for file in files.values())} is there")
+    return found
+
+
+def _bytes(path: pathlib.Path) -> bytes:
+    try:
+        if path.stat().st_size > _LARGEST:
+            raise DataError("the file is far larger than any calibration")
+        return path.read_bytes()
+    except OSError as error:
+        raise DataError(f"cannot be read: {(error.strerror or str(error)).lower()}") from error
+
+
+def _text(data: bytes) -> str:
+    try:
+        return data.decode()
+    except UnicodeDecodeError as error:
+        raise DataError("the file is no text") from error

@@ -1,0 +1,155 @@
+"""Readers of imu_tk's files, MotionCal's packets, and the table."""
+
+import csv
+import io
+import struct
+from typing import Any
+
+import numpy as np
+
+from .._errors import DataError
+from .._types import AnyArray
+from .._units import si_unit
+from ..calibration import Calibration
+from ._csv import AXES, HEADER, TERMS
+from ._motioncal import MICROTESLA, SIGNATURE, checksum
+from ._read_filters import inverse
+
+_NUMBERS = 21  # T, K and B
+_LARGEST = 1e15
+
+
+def imu_tk(texts: dict[str, str]) -> Calibration:
+    """One or both of the files, by sensor."""
+    imu = {}
+    for sensor, text in texts.items():
+        words = text.split()
+        if len(words) != _NUMBERS:
+            raise DataError(f"the file of the {sensor} has {len(words)} numbers; expected {_NUMBERS}: T, K and B")
+        values = np.array([_number(word) for word in words])
+        matrix = inverse(values[:9].reshape(3, 3) @ values[9:18].reshape(3, 3))
+        imu[sensor] = {"unit": si_unit(sensor), "matrix": matrix, "bias": values[18:], "covariance": None}
+        if sensor == "gyro":
+            imu[sensor]["g_sensitivity"] = np.zeros((3, 3))
+    return Calibration(imu=imu)
+
+
+def motioncal(data: bytes) -> Calibration:
+    """A packet of 68 bytes, or of 52 as older programs sent it, in which the field's strength is not known."""
+    if data[:2] != SIGNATURE or len(data) not in (52, 68):
+        raise DataError(f"the file has {len(data)} bytes and begins with {data[:2].hex(' ')}; expected 68 or 52 that begin with 75 54")
+    sent, found = struct.unpack("<H", data[-2:])[0], checksum(data[:-2])
+    if sent != found:
+        raise DataError(f"the checksum of the packet is {sent:04x}, and its bytes give {found:04x}; receive it again")
+    values = np.array(struct.unpack(f"<{(len(data) - 4) // 4}f", data[2:-2]), dtype=np.float64)
+    if not np.isfinite(values).all():
+        raise DataError("the packet holds numbers that are not finite")
+    if len(data) == 52:
+        hard, correction, field = values[:3], values[3:].reshape(3, 3), None
+    else:
+        hard, field = values[6:9], float(values[9]) * MICROTESLA
+        xx, yy, zz, xy, xz, yz = values[10:]
+        correction = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    soft = inverse(correction)
+    section = {"unit": "T", "soft_iron": soft, "hard_iron": hard * MICROTESLA, "field": field, "covariance": None}
+    return Calibration(magnetometer=section)
+
+
+def table(text: str) -> Calibration:
+    """The table of `write`: forward models and noise; covariances and the limits of matrices are not in it."""
+    rows = list(csv.reader(io.StringIO(text)))
+    if not rows or ",".join(rows[0]) != HEADER:
+        raise DataError(f"the first line is not {HEADER}")
+    found: dict[tuple[str, str], dict[str, AnyArray]] = {}
+    for row in rows[1:]:
+        if len(row) != 7:
+            raise DataError(f"the row {','.join(row)!r:.80} has {len(row)} cells; expected 7")
+        limits = [_number(cell) if cell else np.nan for cell in row[3:5]]
+        found.setdefault((row[0], row[6]), {})[row[1]] = np.array([_number(row[2]), *limits])
+    return Calibration(noise=_noise(found), imu=_imu(found), magnetometer=_mag(found), temperature=_temperature(found))
+
+
+Cells = dict[tuple[str, str], dict[str, AnyArray]]
+
+
+def _noise(found: Cells) -> dict[str, Any] | None:
+    if ("noise", "rate") not in found:
+        return None
+    noise: dict[str, Any] = {"rate": float(found["noise", "rate"].get("", [np.nan])[0])}
+    for sensor in ("gyro", "accel", "mag"):
+        cells = {term: found[sensor, kind] for term, kind in TERMS.items() if (sensor, kind) in found}
+        if not cells:
+            continue
+        part: dict[str, Any] = {"unit": si_unit(sensor), **dict.fromkeys(TERMS)}
+        limits: dict[str, Any] = {"low": {}, "high": {}}
+        for term, values in cells.items():
+            rows = np.array([values.get(axis, np.full(3, np.nan)) for axis in AXES])
+            part[term] = rows[:, 0]
+            for i, name in enumerate(("low", "high"), 1):
+                if np.isfinite(rows[:, i]).any():
+                    limits[name][term] = rows[:, i]
+        noise[sensor] = part | {name: values for name, values in limits.items() if values}
+    return noise
+
+
+def _imu(found: Cells) -> dict[str, Any] | None:
+    imu = {}
+    for sensor in ("accel", "gyro"):
+        if (sensor, "matrix") in found:
+            imu[sensor] = {
+                "unit": si_unit(sensor), "matrix": _square(found, sensor, "matrix"), "bias": _three(found, sensor, "bias"),
+                "covariance": None,
+            }  # fmt: skip
+            if sensor == "gyro":
+                imu[sensor]["g_sensitivity"] = _square(found, sensor, "g_sensitivity")
+    return imu or None
+
+
+def _mag(found: Cells) -> dict[str, Any] | None:
+    if ("mag", "matrix") not in found:
+        return None
+    field = found.get(("mag", "field"), {}).get("")
+    return {
+        "unit": si_unit("mag"), "soft_iron": _square(found, "mag", "matrix"), "hard_iron": _three(found, "mag", "bias"),
+        "field": None if field is None else float(field[0]), "covariance": None,
+    }  # fmt: skip
+
+
+def _temperature(found: Cells) -> dict[str, Any] | None:
+    if ("temperature", "reference") not in found:
+        return None
+    section: dict[str, Any] = {"unit": "degC"}
+    for key in ("reference", "minimum", "maximum"):
+        section[key] = float(_cell(found, "temperature", key, "")[0])
+    for sensor in ("accel", "gyro"):
+        powers = []
+        while (sensor, f"bias_temperature_{len(powers) + 1}") in found:
+            powers.append(_three(found, sensor, f"bias_temperature_{len(powers) + 1}"))
+        if powers:
+            section[sensor] = np.stack(powers, axis=1)
+    return section
+
+
+def _square(found: Cells, quantity: str, kind: str) -> AnyArray:
+    return np.array([[_cell(found, quantity, kind, a + b)[0] for b in AXES] for a in AXES])
+
+
+def _three(found: Cells, quantity: str, kind: str) -> AnyArray:
+    return np.array([_cell(found, quantity, kind, axis)[0] for axis in AXES])
+
+
+def _cell(found: Cells, quantity: str, kind: str, axis: str) -> AnyArray:
+    cells = found.get((quantity, kind), {})
+    if axis not in cells:
+        raise DataError(f"the row of {quantity}, axis {axis or '(none)'}, kind {kind} is missing")
+    return cells[axis]
+
+
+def _number(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = np.nan
+    if not abs(value) < _LARGEST:
+        raise DataError(f"{text!r:.80} stands where a number should")
+    return value

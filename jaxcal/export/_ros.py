@@ -1,0 +1,116 @@
+"""Calibrations as YAML for ROS nodes; there is no standard, so that a flavour is chosen."""
+
+import numpy as np
+
+from .._errors import ExportError
+from ..calibration import Calibration
+from ._isotropic import rate_of
+from ._matrices import correction, dropped_g_sensitivity, dropped_of_gyro, triads, unknown_field
+from ._options import Options, Product
+from ._text import listed, number
+from ._thermal import gyro_bias
+
+
+def ros(calibration: Calibration, options: Options) -> Product:
+    """The flavour that is asked for."""
+    make = {"ros2": _ros2, "imu_calib": _imu_calib, "dlio": _dlio, "madgwick": _madgwick}[options.flavour]
+    lines, warnings = make(calibration, options)
+    if calibration.temperature is not None:
+        warnings.append("thermal models are not written, for there is no place for them; the biases hold at the reference temperature")
+    return Product("\n".join(lines) + "\n", tuple(warnings))
+
+
+def _ros2(calibration: Calibration, options: Options) -> tuple[list[str], list[str]]:
+    parts, warnings, lines = triads(calibration), [], []
+    remark = "   # row-major; x = accel_matrix (y - accel_bias)"
+    if "accel" in parts:
+        lines += [f"accel_matrix: {_flat(correction(parts['accel']['matrix']))}{remark}"]
+        lines += [f"accel_bias: {listed(parts['accel']['bias'])}   # m/s^2"]
+    if "gyro" in parts:
+        gyro = parts["gyro"]
+        lines += [f"gyro_matrix: {_flat(correction(gyro['matrix']))}", f"gyro_bias: {listed(gyro['bias'])}   # rad/s"]
+        lines += [f"gyro_g_sensitivity: {_flat(gyro['g_sensitivity'])}   # (rad/s)/(m/s^2)"]
+    if calibration.magnetometer is not None:
+        unknown_field(calibration, warnings)
+        mag = calibration.magnetometer
+        lines += [f"mag_matrix: {_flat(correction(mag['soft_iron']))}", f"mag_bias: {listed(mag['hard_iron'])}   # T"]
+    lines += _covariances(calibration, options, warnings)
+    if not lines:
+        raise ExportError("the calibration holds no imu, magnetometer or noise, of which parameters could be made")
+    return ["/**:", "  ros__parameters:", *(f"    {line}" for line in lines)], warnings
+
+
+def _covariances(calibration: Calibration, options: Options, warnings: list[str]) -> list[str]:
+    noise, lines = calibration.noise, []
+    if noise is None:
+        return []
+    rate, said = rate_of(noise, calibration, options, "the covariances are per sample at this rate")
+    for sensor, name, unit, at in (
+        ("gyro", "angular_velocity_covariance", "(rad/s)^2 per sample", f" at {number(rate)} Hz"),
+        ("accel", "linear_acceleration_covariance", "(m/s^2)^2 per sample", ""),
+    ):
+        held = getattr(noise, sensor)
+        if held is None or held.N is None or not np.all(np.isfinite(held.N) & (held.N > 0)):
+            if held is not None:
+                warnings.append(f"{name} is not written: no N was found on some axis of {sensor}")
+            continue
+        lines.append(f"{name}: {_flat(np.diag((held.N * options.inflate) ** 2 * rate))}   # {unit}{at if not lines else ''}")
+        if any(values is not None and np.any(values > 0) for values in (held.K, held.B)):
+            warnings.append(f"{name}: K and B are not written; a covariance holds white noise alone")
+    if options.inflate != 1 and lines:
+        warnings.append(f"the standard deviations behind the covariances are multiplied by {number(options.inflate)}")
+    warnings.extend(said if lines else [])
+    return lines
+
+
+def _imu_calib(calibration: Calibration, options: Options) -> tuple[list[str], list[str]]:
+    parts = triads(calibration)
+    if "accel" not in parts:
+        raise ExportError("the calibration holds no accelerometer, for which alone imu_calib has a place")
+    matrix = correction(parts["accel"]["matrix"])
+    warnings = _left_out(calibration, "imu_calib", ("gyro", "magnetometer", "noise"))
+    return [f"SM: {_flat(matrix)}", f"bias: {listed(matrix @ parts['accel']['bias'])}"], warnings
+
+
+def _dlio(calibration: Calibration, options: Options) -> tuple[list[str], list[str]]:
+    parts = triads(calibration)
+    if "accel" not in parts:
+        raise ExportError("the calibration holds no accelerometer; DLIO reads its intrinsics together with the gyroscope's")
+    matrix = correction(parts["accel"]["matrix"])
+    bias, warnings = gyro_bias(calibration), dropped_of_gyro(calibration)
+    if bias is None:
+        bias = np.zeros(3)
+        warnings.append("the calibration holds no gyroscope: its bias is written as zero")
+    lines = [
+        "dlio:",
+        "  imu:",
+        "    calibration: false   # true ignores the values below",
+        "    intrinsics:",
+        "      accel:",
+        f"        bias: {listed(matrix @ parts['accel']['bias'])}   # m/s^2, subtracted after sm",
+        f"        sm: {_flat(matrix)}   # row-major",
+        "      gyro:",
+        f"        bias: {listed(bias)}   # rad/s",
+    ]
+    return lines, warnings + _left_out(calibration, "DLIO", ("magnetometer", "noise"))
+
+
+def _madgwick(calibration: Calibration, options: Options) -> tuple[list[str], list[str]]:
+    mag = calibration.magnetometer
+    if mag is None:
+        raise ExportError("the calibration holds no magnetometer, for which alone imu_filter_madgwick has a place")
+    lost = np.linalg.norm(correction(mag["soft_iron"]) - np.eye(3), 2)
+    warnings = [f"magnetometer: soft iron not written, for there is no place for it: {lost:.4g}"] if lost > 0 else []
+    lines = [f"mag_bias_{axis}: {number(float(value))}   # T" for axis, value in zip("xyz", mag["hard_iron"], strict=True)]
+    return lines, warnings + _left_out(calibration, "imu_filter_madgwick", ("accel", "gyro", "noise"))
+
+
+def _left_out(calibration: Calibration, tool: str, names: tuple[str, ...]) -> list[str]:
+    held = {**triads(calibration), "magnetometer": calibration.magnetometer, "noise": calibration.noise}
+    missing = [name for name in names if held.get(name) is not None]
+    said = [f"{tool} has no place for {', '.join(missing)}, which the calibration holds"] if missing else []
+    return said + (dropped_g_sensitivity(calibration) if "gyro" in missing else [])
+
+
+def _flat(matrix) -> str:
+    return listed(np.ravel(matrix))

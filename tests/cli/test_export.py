@@ -1,0 +1,187 @@
+"""`jaxcal export` and `jaxcal diff`."""
+
+import hashlib
+import json
+import pathlib
+import runpy
+import shutil
+
+import numpy as np
+import pytest
+
+from jaxcal import Calibration
+from jaxcal.cli._export import FILES
+from jaxcal.export import read
+from jaxcal.export._formats import FORMATS
+
+GOLDEN = pathlib.Path(__file__).parents[1] / "export"
+
+
+@pytest.fixture
+def device(folder):
+    shutil.copy(GOLDEN / "golden.json", folder / "device.json")
+    return "device.json"
+
+
+DEFAULTS = {
+    "kalibr": ["imu.yaml"], "openvins": ["kalibr_imu_chain.yaml"], "vins": ["vins.yaml"], "orbslam3": ["orbslam3.yaml"],
+    "gtsam": ["gtsam_imu.py"], "px4": ["px4.params"], "ardupilot": ["ardupilot.param"], "ros": ["calibration.yaml"],
+    "imu_tk": ["imu_acc.calib", "imu_gyro.calib"], "motioncal": ["motioncal.bin"], "c": ["calibration.h"], "csv": ["calibration.csv"],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("format", DEFAULTS)
+def test_every_format_under_its_usual_name(call, folder, device, format):
+    found = call("export", device, "--to", format)
+    assert found.status == 0
+    assert sorted(path.name for path in folder.iterdir()) == sorted([*DEFAULTS[format], device])
+    for name in DEFAULTS[format]:
+        assert f"wrote {name}" in found.out
+        assert (folder / name).stat().st_size > 50
+
+
+def test_commands_name_every_format_as_the_writer_does():
+    assert list(FILES) == list(FORMATS)
+
+
+@pytest.mark.parametrize("format", ["openvins", "vins", "orbslam3", "gtsam", "ros", "csv"])
+def test_the_noise_command_knows_the_formats(call, folder, log, monkeypatch, format):
+    """With a fit made by hand, for the fit is not what is tested."""
+    made = runpy.run_path(str(pathlib.Path(__file__).parents[1] / "made_fit.py"))["made_results"]()
+    monkeypatch.setattr("jaxcal.noise.characterise", lambda *args, **options: made)
+    found = call("noise", log, "--export", f"{format}=out", "--rate", 100)
+    assert found.status == 0
+    text = (folder / "out").read_text()
+    assert "estimated from its stamps" not in text
+    if format != "csv":
+        assert "recording: " in text
+        assert format == "ros" or "upper limit" in text
+
+
+def test_calibrations_say_how_they_were_made(call, folder, log, monkeypatch):
+    made = runpy.run_path(str(pathlib.Path(__file__).parents[1] / "made_fit.py"))["made_results"]()
+    monkeypatch.setattr("jaxcal.noise.characterise", lambda *args, **options: made)
+    assert call("noise", log, "--terms", "QNBK", "--units", "gyro=rad/s").status == 0
+    found = Calibration.load(folder / "imu-noise" / "calibration.json").provenance
+    assert found["sha256"] == hashlib.sha256(log.read_bytes()).hexdigest()
+    assert found["command"] == "jaxcal noise"
+    assert found["options"] == {"terms": "QNBK", "confidence": 0.95, "band": None, "method": "whittle", "calibration": None,
+                                "units": ["gyro=rad/s"]}  # fmt: skip
+    assert found["rate"] == "estimated"
+    assert set(found["versions"]) == {"python", "jax", "numpy", "scipy"}
+
+
+def test_golden_lines_and_losses(call, folder, device):
+    found = call("export", device, "--to", "px4", "--out", "a.params")
+    lines = [line for line in (folder / "a.params").read_text().splitlines() if not line.startswith("#")]
+    golden = [line for line in (GOLDEN / "golden" / "px4.params").read_text().splitlines() if not line.startswith("#")]
+    assert lines == golden
+    assert "0.002643 (0.02592 m/s^2 at 1 g)" in " ".join(found.out.split())
+    assert call("export", device, "--to", "px4", "--quiet").out == ""
+
+
+def test_options_reach_the_writer(call, folder, device):
+    words = ["--rate", 400, "--random-walk", "gyro=1e-5", "--density", "upper_limit", "--inflate", 2, "--axis", "rms", "--topic", "/a"]
+    assert call("export", device, "--to", "kalibr", *words).status == 0
+    noise = read(folder / "imu.yaml", format="kalibr").noise
+    assert noise.rate == 400
+    assert noise.gyro.K[0] == pytest.approx(2e-5)
+    assert noise.gyro.N[0] == pytest.approx(2 * np.sqrt(np.mean(np.array([1.6e-4, 1.7e-4, 1.8e-4]) ** 2)))
+    assert "rostopic: /a" in (folder / "imu.yaml").read_text()
+    assert call("export", device, "--to", "vins", "--convention", "per_sample", "--gravity", 9.81).status == 0
+    assert "g_norm: 9.81" in (folder / "vins.yaml").read_text()
+    assert call("export", device, "--to", "gtsam", "--frame", "down").status == 0
+    assert "MakeSharedD" in (folder / "gtsam_imu.py").read_text()
+    assert call("export", device, "--to", "openvins", "--model", "rpng").status == 0
+    assert call("export", device, "--to", "ros", "--flavour", "dlio").status == 0
+    assert "dlio:" in (folder / "calibration.yaml").read_text()
+    assert call("export", device, "--to", "c", "--prefix", "UNIT_", "--accumulator").status == 0
+    assert "UNIT_MAG_FIELD" in (folder / "calibration.h").read_text()
+
+
+def test_several_devices_and_ids(call, folder, device):
+    golden = Calibration.load(folder / device)
+    Calibration(imu={"accel": golden.imu["accel"]}).save(folder / "second.json")
+    found = call("export", device, "second.json", "--to", "px4")
+    assert found.status == 1
+    assert "the accel_id of the sensor is not known" in found.reason
+    assert call("export", device, "second.json", "--to", "px4", "--ids", "accel=7").status == 0
+    text = (folder / "px4.params").read_text()
+    assert "CAL_ACC0_ID\t7\t" in text
+    assert "CAL_ACC1_ID\t7\t" in text
+    assert "CAL_GYRO0_ID\t1310988\t" in text
+    assert call("export", "second.json", "--to", "ardupilot", "--ids", "accel=7", "--instance", 2, "--gyro-bias").status == 0
+    assert "INS_ACC3OFFS_X,0.12" in (folder / "ardupilot.param").read_text()
+
+
+def test_a_weak_calibration_is_forced(call, folder, device):
+    golden = Calibration.load(folder / device)
+    Calibration(imu={**golden.imu, "verdict": "weak", "verdict_reason": "few poses"}).save(folder / "weak.json")
+    found = call("export", "weak.json", "--to", "c")
+    assert found.status == 1
+    assert "'weak' (few poses); force=True (--force)" in found.reason
+    assert not (folder / "calibration.h").exists()
+    assert call("export", "weak.json", "--to", "c", "--force").status == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "status", "reason"),
+    [
+        (["nowhere.json", "--to", "c"], 2, "nowhere.json does not exist"),
+        (["device.json", "--to", "latex"], 2, "latex"),
+        (["device.json"], 2, "--to"),
+        (["device.json", "--to", "c", "--topic", "/a"], 2, "means nothing to c"),
+        (["device.json", "--to", "kalibr", "--inflate", "0"], 2, "inflate=0.0: expected"),
+        (["device.json", "--to", "kalibr", "--density", "much"], 2, "--density much: expected upper_limit"),
+        (["device.json", "--to", "kalibr", "--ids", "accel=7"], 2, "only px4 and ardupilot"),
+        (["device.json", "--to", "px4", "--ids", "accel=x"], 2, "expected accel=NUMBER"),
+        (["device.json", "device.json", "--to", "kalibr"], 2, "takes one calibration"),
+        (["device.json", "--to", "c", "--out", "device.json"], 2, "would be overwritten"),
+        (["empty.json", "--to", "c"], 1, "not JSON"),
+    ],
+)
+def test_wrong_calls(call, folder, device, words, status, reason):
+    (folder / "empty.json").touch()
+    found = call("export", *words)
+    assert found.status == status
+    assert reason in found.reason
+    assert sorted(path.name for path in folder.iterdir()) == [device, "empty.json"]
+
+
+NAMES = [f"matrix[{i},{j}]" for i in range(3) for j in range(3)] + [f"bias[{i}]" for i in range(3)]
+
+
+def accel(bias):
+    covariance = {"parameters": NAMES, "values": np.diag([1e-8] * 9 + [1e-4] * 3)}
+    part = {"unit": "m/s^2", "matrix": np.eye(3), "bias": [bias, 0.0, 0.0], "covariance": covariance}
+    return Calibration(imu={"accel": part})
+
+
+def test_diff(call, folder):
+    for name, bias in (("a", 0.1), ("b", 0.11), ("c", 0.5)):
+        accel(bias).save(folder / f"{name}.json")
+    found = call("diff", "a.json", "b.json", "--json", "d.json")
+    assert found.status == 0
+    assert "accel: no change beyond chance; chi-square 0.5 of 12, probability 1" in found.out
+    assert "no change beyond chance was found" in found.out
+    row = next(line for line in found.out.splitlines() if line.startswith("bias[0]")).split()
+    assert row == ["bias[0]", "0.1", "0.11", "0.01", "0.014", "+0.7"]
+    part = json.loads((folder / "d.json").read_text())["parts"][0]
+    assert part["chi_square"] == pytest.approx(0.5)
+    assert part["degrees_of_freedom"] == 12
+    found = call("diff", "a.json", "c.json")
+    assert "accel: changed; chi-square 800 of 12" in found.out
+    assert "changed: accel" in found.out
+
+
+def test_diff_of_what_cannot_be_compared(call, folder, device):
+    accel(0.1).save(folder / "a.json")
+    Calibration(device="b").save(folder / "b.json")
+    found = call("diff", "a.json", "b.json")
+    assert (found.status, "no part in common" in found.reason) == (1, True)
+    assert call("diff", "a.json", "nowhere.json").status == 2
+    assert call("diff", "a.json", "a.json", "--significance", "2").status == 2
+    found = call("diff", device, device)
+    assert found.status == 0
+    assert "significance not known" in found.out
+    assert max(len(line) for line in found.out.splitlines()) <= 80

@@ -1,0 +1,181 @@
+"""Signs, orders and units: each tool's own formula, applied to raw readings with the numbers of its file.
+
+The formulas are those of the tools' sources as formats.md, table 2.1, lists them; the expected values are the check vectors of section
+2.2, and, where nothing is lost, what `Calibration.correct` makes of the readings.
+"""
+
+import pathlib
+
+import numpy as np
+import pytest
+import yaml
+
+from jaxcal import Calibration, Log
+from jaxcal.export import write
+
+FOLDER = pathlib.Path(__file__).parent
+ACCEL, GYRO, MAG = np.array([1.0, 2.0, 9.5]), np.array([0.3, -0.2, 0.1]), np.array([20.0, 10.0, -35.0])
+TOLERANCE = 1e-6
+AXES = "XYZ"
+
+
+@pytest.fixture(scope="module")
+def golden():
+    return Calibration.load(FOLDER / "golden.json")
+
+
+@pytest.fixture(scope="module")
+def right(golden):
+    """(accel, gyro, mag) as Python corrects them, at 35 and at 50 degC."""
+
+    def at(t):
+        raw = {"accel": ACCEL, "gyro": GYRO, "mag": 1e-6 * MAG}
+        found = golden.correct(Log(None, **{name: np.tile(y, (3, 1)) for name, y in raw.items()}, temperature=np.full(3, t), rate=10.0))
+        return found.accel[0], found.gyro[0], 1e6 * found.mag[0]
+
+    return {t: at(t) for t in (35.0, 50.0)}
+
+
+def close(found, expected, scale=1.0):
+    np.testing.assert_allclose(found, expected, rtol=0, atol=TOLERANCE * scale)
+
+
+def params(path, column):
+    rows = [line.replace(",", "\t").split("\t") for line in path.read_text().splitlines() if not line.startswith("#")]
+    return {row[column]: float(row[column + 1]) for row in rows}
+
+
+def three(p, pattern):
+    return np.array([p[pattern.format(axis)] for axis in AXES])
+
+
+def test_the_check_vectors_are_what_python_corrects(right):
+    close(right[35.0][0], [0.89827666, 2.06189563, 9.29625])
+    close(right[50.0][0], [0.884314169, 2.07169181, 9.25245712])
+    close(right[35.0][1], [0.292519705, -0.178092638, 0.0952735111])
+    close(right[35.0][2], [8.87, 14.9325, -64.5575], scale=10)
+
+
+def test_px4(golden, tmp_path):
+    """Accelerometer (raw - thermal - OFF) SCALE; gyroscope raw - thermal - OFF; magnetometer S (raw - OFF), gauss."""
+    write(golden, tmp_path / "a", format="px4")
+    p = params(tmp_path / "a", 2)
+
+    def thermal(letter, t):
+        d = np.clip(t, p[f"TC_{letter}0_TMIN"], p[f"TC_{letter}0_TMAX"]) - p[f"TC_{letter}0_TREF"]
+        return np.array([sum(p[f"TC_{letter}0_X{i}_{k}"] * d**i for i in range(4)) for k in range(3)])
+
+    for t, expected in ((35.0, [0.88176, 2.07584, 9.29625]), (50.0, [0.867894825, 2.0855705, 9.25245712])):
+        close((ACCEL - thermal("A", t) - three(p, "CAL_ACC0_{}OFF")) * three(p, "CAL_ACC0_{}SCALE"), expected)
+    close(thermal("A", 50.0), [0.0138375, -0.00975, 0.043575])
+    close(GYRO - thermal("G", 35.0) - three(p, "CAL_GYRO0_{}OFF"), [0.29, -0.18, 0.095])
+    (xs, ys, zs), (xo, yo, zo) = three(p, "CAL_MAG0_{}SCALE"), three(p, "CAL_MAG0_{}ODIAG")
+    s = np.array([[xs, xo, yo], [xo, ys, zo], [yo, zo, zs]])
+    close(100 * s @ (0.01 * MAG - three(p, "CAL_MAG0_{}OFF")), [8.87, 14.9325, -64.5575], scale=10)
+
+
+def test_ardupilot(golden, tmp_path):
+    """Accelerometer (raw - thermal - OFFS) SCAL; compass D scale (raw + OFS), milligauss."""
+    write(golden, tmp_path / "a", format="ardupilot", gyro_bias=True)
+    p = params(tmp_path / "a", 0)
+
+    def thermal(sensor, t, holds):
+        low, high = p["INS_TCAL1_TMIN"], p["INS_TCAL1_TMAX"]
+
+        def series(t):
+            return sum(1e-6 * three(p, f"INS_TCAL1_{sensor}{i}_{{}}") * (np.clip(t, low, high) - 35.0) ** i for i in (1, 2, 3))
+
+        return series(t) - series(holds)
+
+    for t, expected in ((35.0, [0.88176, 2.07584, 9.29625]), (50.0, [0.867894825, 2.0855705, 9.25245712])):
+        raw = ACCEL - thermal("ACC", t, p["INS_ACC1_CALTEMP"])
+        close((raw - three(p, "INS_ACCOFFS_{}")) * three(p, "INS_ACCSCAL_{}"), expected)
+    close(GYRO - thermal("GYR", 35.0, p["INS_GYR1_CALTEMP"]) - three(p, "INS_GYROFFS_{}"), [0.29, -0.18, 0.095])
+    (dx, dy, dz), (ox, oy, oz) = three(p, "COMPASS_DIA_{}"), three(p, "COMPASS_ODI_{}")
+    d = np.array([[dx, ox, oy], [ox, dy, oz], [oy, oz, dz]])
+    close(0.1 * d @ (p["COMPASS_SCALE"] * (10 * MAG + three(p, "COMPASS_OFS_{}"))), [8.87, 14.9325, -64.5575], scale=10)
+
+
+def test_ardupilot_where_the_reference_is_outside_its_range(golden, tmp_path):
+    """CALTEMP is clipped by the firmware: the offset must be that of the clipped temperature."""
+    device = Calibration(imu=golden.imu, temperature={**golden.temperature, "reference": 5.0}, device=golden.device)
+    said = write(device, tmp_path / "a", format="ardupilot")
+    p = params(tmp_path / "a", 0)
+    assert p["INS_ACC1_CALTEMP"] == 10.0
+    assert any("5 degC, at which the bias holds, is outside the thermal model (10 to 60 degC)" in sentence for sentence in said)
+    c = golden.temperature["accel"]
+    expected = golden.imu["accel"]["bias"] + c @ np.array([5.0, 25.0, 125.0])
+    close(three(p, "INS_ACCOFFS_{}"), expected)
+
+
+def test_imu_tk(golden, right, tmp_path):
+    """T K (raw - B)."""
+    write(golden, tmp_path / "a.calib", format="imu_tk")
+    for name, raw, expected in (("acc", ACCEL, right[35.0][0]), ("gyro", GYRO, [0.29261016, -0.17819445, 0.09545963])):
+        values = np.loadtxt((tmp_path / f"a_{name}.calib").read_text().split())
+        close(values[:9].reshape(3, 3) @ values[9:18].reshape(3, 3) @ (raw - values[18:]), expected)
+
+
+def test_imu_calib_and_dlio(golden, right, tmp_path):
+    """SM raw - bias, the matrix first; DLIO's gyroscope raw - bias."""
+    write(golden, tmp_path / "a", format="ros", flavour="imu_calib")
+    p = yaml.safe_load((tmp_path / "a").read_text())
+    close(np.reshape(p["SM"], (3, 3)) @ ACCEL - p["bias"], right[35.0][0])
+    write(golden, tmp_path / "a", format="ros", flavour="dlio")
+    p = yaml.safe_load((tmp_path / "a").read_text())["dlio"]["imu"]
+    assert p["calibration"] is False
+    close(np.reshape(p["intrinsics"]["accel"]["sm"], (3, 3)) @ ACCEL - p["intrinsics"]["accel"]["bias"], right[35.0][0])
+    close(GYRO - p["intrinsics"]["gyro"]["bias"], [0.29, -0.18, 0.095])
+
+
+def test_ros2(golden, right, tmp_path):
+    write(golden, tmp_path / "a", format="ros")
+    p = yaml.safe_load((tmp_path / "a").read_text())["/**"]["ros__parameters"]
+    accel, gyro, mag = (np.reshape(p[f"{name}_matrix"], (3, 3)) for name in ("accel", "gyro", "mag"))
+    felt = accel @ (ACCEL - p["accel_bias"])
+    close(felt, right[35.0][0])
+    close(gyro @ (GYRO - p["gyro_bias"] - np.reshape(p["gyro_g_sensitivity"], (3, 3)) @ felt), right[35.0][1])
+    close(mag @ (MAG - 1e6 * np.array(p["mag_bias"])), right[35.0][2], scale=10)
+    np.testing.assert_allclose(np.diag(np.reshape(p["angular_velocity_covariance"], (3, 3))), 200 * np.array([1.6e-4, 1.7e-4, 1.8e-4]) ** 2)
+
+
+def test_motioncal(golden, tmp_path):
+    """invW (raw - V)."""
+    write(golden, tmp_path / "a", format="motioncal")
+    values = np.frombuffer((tmp_path / "a").read_bytes()[2:66], dtype="<f4").astype(float)
+    v, b, (xx, yy, zz, xy, xz, yz) = values[6:9], values[9], values[10:]
+    w = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    # float32 numbers of a field of 65 uT
+    np.testing.assert_allclose(w @ (MAG - v), [8.82016591, 14.8486051, -64.1947983], rtol=0, atol=65 * 2**-24 * 4)
+    assert np.linalg.det(w) == pytest.approx(1, abs=3e-7)
+    assert b == pytest.approx(47.73032, rel=1e-6)
+
+
+@pytest.mark.parametrize("model", ["kalibr", "rpng"])
+def test_openvins(golden, right, tmp_path, model):
+    """Its update: accel = R_ACC' inv(Ta) (raw - b); gyro = R_GYRO' inv(Tw) (raw - b - Tg accel), in the file's IMU frame.
+
+    The loader keeps one triangle of Ta and Tw, lower for "kalibr", upper for "rpng"; the other is dropped here too.
+    """
+    said = write(golden, tmp_path / "a", format="openvins", model=model, provenance=False)
+    p = yaml.safe_load((tmp_path / "a").read_text().removeprefix("%YAML:1.0\n"))["imu0"]
+    keep = np.tril if model == "kalibr" else np.triu
+    ta, tw = keep(p["Ta"]), keep(p["Tw"])
+    accel = np.transpose(p["R_IMUtoACC"]) @ np.linalg.solve(ta, ACCEL - golden.imu["accel"]["bias"])
+    gyro = np.transpose(p["R_IMUtoGYRO"]) @ np.linalg.solve(tw, GYRO - golden.imu["gyro"]["bias"] - np.array(p["Tg"]) @ accel)
+    if model == "kalibr":
+        close(accel, [0.881757798, 2.07495958, 9.29492466])
+        close(gyro, [0.292150479, -0.17824089, 0.0961253891])
+    told = next(sentence for sentence in said if "is turned by" in sentence).split(" = ")[-1].split("; the")[0]
+    turn = np.array([[float(word) for word in row.strip("[]").split(", ")] for row in told.split("; ")])
+    close(accel, turn @ right[35.0][0])
+    close(gyro, turn @ right[35.0][1])
+
+
+def test_kalibr_and_orbslam3_make_the_noise_discrete_as_the_fit_had_it(golden, tmp_path):
+    """ORB-SLAM3 multiplies noise by sqrt(Frequency) and divides walks by it."""
+    write(golden, tmp_path / "a", format="orbslam3")
+    p = yaml.safe_load((tmp_path / "a").read_text())
+    rate = p["IMU.Frequency"]
+    assert (p["IMU.NoiseGyro"] * np.sqrt(rate)) ** 2 == pytest.approx(1.8e-4**2 * 200)
+    assert (p["IMU.AccWalk"] / np.sqrt(rate)) ** 2 == pytest.approx(3.2e-5**2 / 200)

@@ -1,0 +1,285 @@
+"""Every format against its golden file, and its output read by a real parser or compiler."""
+
+import pathlib
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+import yaml
+
+from jaxcal import Calibration, ExportError, Log
+from jaxcal.export import write
+
+FOLDER = pathlib.Path(__file__).parent
+GOLDEN = FOLDER / "golden"
+CASES = [
+    ("kalibr", {}, "imu.yaml"),
+    ("openvins", {}, "kalibr_imu_chain.yaml"),
+    ("vins", {}, "vins.yaml"),
+    ("orbslam3", {}, "orbslam3.yaml"),
+    ("gtsam", {}, "gtsam.py.txt"),
+    ("px4", {}, "px4.params"),
+    ("ardupilot", {}, "ardupilot.param"),
+    ("ros", {}, "ros_ros2.yaml"),
+    ("ros", {"flavour": "dlio"}, "ros_dlio.yaml"),
+    ("ros", {"flavour": "imu_calib"}, "ros_imu_calib.yaml"),
+    ("c", {}, "calibration.h"),
+]
+MARKS = {"c": "//"}
+RAW = {"gyro": np.array([0.3, -0.2, 0.1]), "accel": np.array([1.0, 2.0, 9.5]), "mag": np.array([20e-6, 10e-6, -35e-6])}
+
+
+@pytest.fixture(scope="module")
+def golden():
+    return Calibration.load(FOLDER / "golden.json")
+
+
+def yaml_of(path):
+    """PyYAML's reading; OpenCV's directive `%YAML:1.0` is not YAML, and is taken off before."""
+    return yaml.safe_load(path.read_text().removeprefix("%YAML:1.0\n"))
+
+
+@pytest.mark.parametrize(("format", "options", "file"), CASES)
+def test_golden_file(golden, tmp_path, format, options, file):
+    write(golden, tmp_path / file, format=format, provenance=False, **options)
+    assert (tmp_path / file).read_bytes() == (GOLDEN / file).read_bytes()
+
+
+@pytest.mark.parametrize(("format", "options", "file"), CASES)
+def test_provenance_adds_comments_alone(golden, tmp_path, format, options, file):
+    signed = Calibration(
+        noise=golden.noise, imu=golden.imu, magnetometer=golden.magnetometer, temperature=golden.temperature,
+        device={**golden.device, "name": "unit 7\nB: 1"}, provenance={"file": "a.csv", "sha256": "ab", "version": "0"},
+    )  # fmt: skip
+    said = write(signed, tmp_path / file, format=format, **options)
+    mark = MARKS.get(format, "#")
+    lines, expected = (path.read_text().splitlines() for path in (tmp_path / file, GOLDEN / file))
+    added = [line for line in lines if line not in expected]
+    assert all(line.startswith(f"{mark} ") for line in added)
+    assert [line for line in lines if line not in added] == expected
+    assert f"{mark} device: unit 7 B: 1" in added
+    assert f"{mark} recording: a.csv, SHA-256 ab" in added
+    assert all(f"{mark} {sentence}" in added for sentence in said)
+
+
+def test_golden_files_of_imu_tk(golden, tmp_path):
+    write(golden, tmp_path / "golden.calib", format="imu_tk")
+    for name in ("golden_acc.calib", "golden_gyro.calib"):
+        assert (tmp_path / name).read_bytes() == (GOLDEN / name).read_bytes()
+    write(Calibration(imu={"gyro": golden.imu["gyro"]}), tmp_path / "other", format="imu_tk")
+    assert (tmp_path / "other_gyro.calib").exists()
+    assert not (tmp_path / "other_acc.calib").exists()
+
+
+def test_golden_packet_of_motioncal(golden, tmp_path):
+    write(golden, tmp_path / "a.bin", format="motioncal")
+    assert (tmp_path / "a.bin").read_bytes() == bytes.fromhex((GOLDEN / "motioncal.hex").read_text())
+
+
+@pytest.mark.parametrize(("format", "options", "file"), [case for case in CASES if case[2].endswith(".yaml")])
+def test_pyyaml_reads_numbers_and_no_words(golden, tmp_path, format, options, file):
+    write(golden, tmp_path / file, format=format, **options)
+
+    def leaves(value):
+        if isinstance(value, (dict, list)):
+            for item in value.values() if isinstance(value, dict) else value:
+                yield from leaves(item)
+        else:
+            yield value
+
+    words = {value for value in leaves(yaml_of(tmp_path / file)) if not isinstance(value, (float, bool))}
+    assert words <= {"/imu0", "kalibr"}
+
+
+def test_an_opencv_reader_needs_its_directive_first(golden, tmp_path):
+    write(golden, tmp_path / "a.yaml", format="openvins")
+    lines = (tmp_path / "a.yaml").read_text().splitlines()
+    assert lines[0] == "%YAML:1.0"
+    assert lines[1].startswith("# openvins file written by jaxcal")
+
+
+@pytest.mark.parametrize("frame", ["up", "down"])
+def test_the_snippet_of_gtsam_runs(golden, tmp_path, frame, monkeypatch):
+    """Against a stand-in that keeps what it is told; the names are those of GTSAM's documentation."""
+    values = np.diag([4e-6, 5e-6, 6e-6]), np.diag([7e-8, 8e-8, 9e-8])
+    imu = {
+        name: {**golden.imu[name], "covariance": {"parameters": tuple(f"bias[{i}]" for i in range(3)), "values": value}}
+        for name, value in zip(("accel", "gyro"), values, strict=True)
+    }
+    write(Calibration(noise=golden.noise, imu=imu), tmp_path / "a.py", format="gtsam", frame=frame, inflate=2.0)
+    kept = {}
+
+    class Parameters:
+        def __getattr__(self, name):
+            if name == "setBiasAccOmegaInit":
+                raise AttributeError(name)
+            return lambda value: kept.__setitem__(name, value)
+
+    class Gtsam:
+        class PreintegrationCombinedParams:
+            MakeSharedU = staticmethod(lambda g: kept.__setitem__("up", g) or Parameters())
+            MakeSharedD = staticmethod(lambda g: kept.__setitem__("down", g) or Parameters())
+
+    monkeypatch.setitem(__import__("sys").modules, "gtsam", Gtsam)
+    text = (tmp_path / "a.py").read_text()
+    exec(compile(text, "a.py", "exec"), {})
+    assert kept[frame] == 9.80665
+    np.testing.assert_allclose(kept["setAccelerometerCovariance"], np.diag([1.9e-3, 2e-3, 2.1e-3]) ** 2 * 4, rtol=1e-8)
+    np.testing.assert_allclose(kept["setBiasOmegaCovariance"], np.diag([2e-6, 2.2e-6, 2.4e-6]) ** 2 * 4, rtol=1e-8)
+    np.testing.assert_allclose(kept["setBiasAccOmegaInt"], np.diag([4e-6, 5e-6, 6e-6, 7e-8, 8e-8, 9e-8]), rtol=1e-8)
+
+
+PROGRAM = r"""
+#include <stdio.h>
+#include "calibration.h"
+int main(void)
+{
+    const float y[3][3] = {{1.0f, 2.0f, 9.5f}, {0.3f, -0.2f, 0.1f}, {20e-6f, 10e-6f, -35e-6f}};
+    float d = 50.0f - JAXCAL_TEMPERATURE_REFERENCE_C, b[2][3], x[3][3], felt;
+    for (int i = 0; i < 3; i++) {
+        const float *a = JAXCAL_ACCEL_BIAS_TEMPERATURE[i], *g = JAXCAL_GYRO_BIAS_TEMPERATURE[i];
+        b[0][i] = JAXCAL_ACCEL_BIAS[i] + a[0] * d + a[1] * d * d + a[2] * d * d * d;
+        b[1][i] = JAXCAL_GYRO_BIAS[i] + g[0] * d + g[1] * d * d + g[2] * d * d * d;
+    }
+    jaxcal_apply(JAXCAL_ACCEL_MATRIX, b[0], y[0], x[0]);
+    for (int i = 0; i < 3; i++) {
+        felt = 0.0f;
+        for (int j = 0; j < 3; j++)
+            felt += JAXCAL_GYRO_G_SENSITIVITY[i][j] * x[0][j];
+        b[1][i] += felt;
+    }
+    jaxcal_apply(JAXCAL_GYRO_MATRIX, b[1], y[1], x[1]);
+    jaxcal_apply(JAXCAL_MAG_MATRIX, JAXCAL_MAG_BIAS, y[2], x[2]);
+    for (int i = 0; i < 9; i++)
+        printf("%.9g ", x[i / 3][i % 3]);
+    return 0;
+}
+"""
+
+
+def compiled(folder, program, name="main"):
+    compiler = shutil.which("gcc") or shutil.which("cc")
+    if compiler is None:
+        pytest.skip("no C compiler")
+    (folder / f"{name}.c").write_text(program)
+    command = [compiler, "-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", f"{name}.c", "-o", name]
+    subprocess.run(command, cwd=folder, check=True, capture_output=True)
+    return subprocess.run([str(folder / name)], text=True, capture_output=True, check=True).stdout
+
+
+def test_the_c_header_corrects_as_python_does(golden, tmp_path):
+    write(golden, tmp_path / "calibration.h", format="c")
+    found = np.array(compiled(tmp_path, PROGRAM).split(), dtype=float).reshape(3, 3)
+    log = Log(None, **{name: np.tile(y, (3, 1)) for name, y in RAW.items()}, temperature=np.full(3, 50.0), rate=10.0)
+    right = golden.correct(log)
+    np.testing.assert_allclose(found[0], right.accel[0], rtol=2e-7)
+    np.testing.assert_allclose(found[1], right.gyro[0], rtol=4e-7)
+    np.testing.assert_allclose(found[2], right.mag[0], rtol=4e-7)
+
+
+def test_a_c_header_of_one_sensor_and_another_prefix(golden, tmp_path):
+    write(Calibration(magnetometer=golden.magnetometer), tmp_path / "calibration.h", format="c", prefix="UNIT7_", accumulator=True)
+    text = (tmp_path / "calibration.h").read_text()
+    assert "JAXCAL" not in text
+    assert "TEMPERATURE" not in text
+    program = (
+        '#include "calibration.h"\nint main(void) { mag_moments s; mag_moments_clear(&s, (double[3]){0}, UNIT7_MAG_FIELD); return 0; }'
+    )
+    assert compiled(tmp_path, program) == ""
+
+
+def test_vins_states_both_readings_of_its_convention(golden, tmp_path):
+    write(golden, tmp_path / "a", format="vins")
+    write(golden, tmp_path / "b", format="vins", convention="per_sample", gravity=9.81)
+    a, b = (yaml.safe_load((tmp_path / name).read_text()) for name in "ab")
+    assert b["g_norm"] == 9.81
+    for key in ("acc_n", "gyr_n"):
+        assert a[key] == pytest.approx(np.sqrt(2) * b[key], rel=1e-8)
+    assert (a["acc_w"], a["gyr_w"]) == (b["acc_w"], b["gyr_w"])
+    dt = 1 / 200
+    # the covariance that integration_base.h adds each step
+    assert 2 * 0.5**2 * a["acc_n"] ** 2 * dt**2 == pytest.approx(2.1e-3**2 * dt, rel=1e-8)
+    assert (a["gyr_w"] * dt) ** 2 == pytest.approx(2.4e-6**2 * dt, rel=1e-8)
+    assert "mid-point covariance equal N^2*dt: acc 0.042, gyr 0.0036" in (tmp_path / "b").read_text()
+
+
+def test_openvins_turns_the_frame_and_says_so(golden, tmp_path):
+    said = write(golden, tmp_path / "a.yaml", format="openvins")
+    assert any("turned by 0.1542 degrees" in sentence and "0.999997503, 0.000999997503" in sentence for sentence in said)
+    found = yaml_of(tmp_path / "a.yaml")["imu0"]
+    turn = np.array(found["R_IMUtoGYRO"])
+    assert np.degrees(np.arccos((np.trace(turn) - 1) / 2)) == pytest.approx(0.2705, abs=1e-4)
+
+
+def test_rate_given_is_no_guess(golden, tmp_path):
+    for format in ("kalibr", "openvins", "vins", "orbslam3", "ros"):
+        assert any("estimated from its stamps" in s for s in write(golden, tmp_path / "a", format=format))
+        assert not any("estimated from its stamps" in s for s in write(golden, tmp_path / "a", format=format, rate=250))
+        signed = Calibration(noise=golden.noise, provenance={"rate": "given"})
+        assert not any("estimated from its stamps" in s for s in write(signed, tmp_path / "a", format=format))
+    write(golden, tmp_path / "a", format="orbslam3", rate=250)
+    assert yaml.safe_load((tmp_path / "a").read_text())["IMU.Frequency"] == 250.0
+
+
+@pytest.mark.parametrize("verdict", ["weak", "refused"])
+@pytest.mark.parametrize("format", ["px4", "c", "imu_tk", "csv"])
+def test_a_weak_verdict_needs_force(golden, tmp_path, verdict, format):
+    doubtful = Calibration(imu={**golden.imu, "verdict": verdict, "verdict_reason": "three poses"}, device=golden.device)
+    with pytest.raises(ExportError, match=rf"'{verdict}' \(three poses\); force=True"):
+        write(doubtful, tmp_path / "a", format=format)
+    assert list(tmp_path.iterdir()) == []
+    assert any("it was forced" in sentence for sentence in write(doubtful, tmp_path / "a", format=format, force=True))
+
+
+def test_other_warnings(golden, tmp_path):
+    applied = Calibration(imu=golden.imu, device=golden.device, provenance={"applied": ["accel"]})
+    assert any("applied twice" in sentence and "(accel)" in sentence for sentence in write(applied, tmp_path / "a", format="px4"))
+    unknown = Calibration(magnetometer={**golden.magnetometer, "field": None}, device=golden.device)
+    guessed = Calibration(magnetometer=golden.magnetometer, device=golden.device, provenance={"options": {"field": None, "place": None}})
+    for device in (unknown, guessed):
+        for format in ("px4", "ardupilot", "c", "motioncal", "ros"):
+            assert any("strength was not known" in sentence for sentence in write(device, tmp_path / "a", format=format)), format
+    turn = np.array([[np.cos(0.02), -np.sin(0.02), 0], [np.sin(0.02), np.cos(0.02), 0], [0, 0, 1]])
+    soft = golden.magnetometer["soft_iron"] @ turn.T  # A = turn inv(soft)
+    turned = Calibration(magnetometer={**golden.magnetometer, "soft_iron": soft}, device=golden.device)
+    for format, name in (("px4", "CAL_MAG0_ROT"), ("ardupilot", "COMPASS_ORIENT")):
+        assert f"magnetometer: a rotation of {np.degrees(0.02):.3g} degrees not written; {name} could hold it" in write(
+            turned, tmp_path / "a", format=format
+        )
+        write(golden, tmp_path / "b", format=format, provenance=False)
+    said = write(golden, tmp_path / "a", format="ros", flavour="madgwick")
+    assert any("soft iron not written" in sentence for sentence in said)
+    assert yaml.safe_load((tmp_path / "a").read_text()) == {"mag_bias_x": 1.25e-5, "mag_bias_y": -7.25e-6, "mag_bias_z": 3e-5}
+    for format in ("kalibr", "vins", "gtsam"):
+        assert any(
+            "imu, magnetometer, temperature: correct the data" in sentence for sentence in write(golden, tmp_path / "a", format=format)
+        )
+
+
+@pytest.mark.parametrize(
+    ("format", "options", "message"),
+    [
+        ("kalibr", {"flavour": "dlio"}, "flavour='dlio' means nothing to kalibr; it is for ros"),
+        ("ros", {"flavour": "ros9"}, "flavour='ros9': expected \"ros2\""),
+        ("vins", {"convention": "x"}, "convention='x': expected"),
+        ("gtsam", {"gravity": 0}, "gravity=0: expected"),
+        ("orbslam3", {"rate": -1.0}, "rate=-1.0: expected the true sampling rate"),
+        ("px4", {"instance": 9}, "instance=9: expected"),
+        ("px4", {"instance": 4}, "instances 0 to 3"),
+        ("ardupilot", {"instance": 3}, "compasses 1 to 3"),
+        ("c", {"prefix": "7-"}, "prefix='7-': expected"),
+    ],
+)
+def test_options_that_mean_nothing(golden, tmp_path, format, options, message):
+    with pytest.raises(ExportError, match=message):
+        write(golden, tmp_path / "a", format=format, **options)
+
+
+@pytest.mark.parametrize(
+    "format", ["kalibr", "openvins", "vins", "orbslam3", "gtsam", "px4", "ardupilot", "ros", "imu_tk", "motioncal", "c", "csv"]
+)
+def test_nothing_to_write(tmp_path, format):
+    with pytest.raises(ExportError, match=r"the calibration holds no|this calibration has none"):
+        write(Calibration(device="a"), tmp_path / "a", format=format)
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,306 @@
+"""What is written comes back: the same bytes again, the values that were printed, and damage refused."""
+
+import pathlib
+import struct
+
+import numpy as np
+import pytest
+import yaml
+from scipy.spatial.transform import Rotation
+
+from jaxcal import Calibration, DataError, JaxcalError
+from jaxcal.export import read, write
+from jaxcal.export._motioncal import checksum
+from jaxcal.export._rounded import exact_rotation
+from jaxcal.export._text import plain
+from jaxcal.export._yaml import parse
+
+FOLDER = pathlib.Path(__file__).parent
+GOLDEN = FOLDER / "golden"
+PAIRS = [
+    ("kalibr", {}),
+    ("openvins", {}),
+    ("openvins", {"model": "rpng"}),
+    ("vins", {}),
+    ("vins", {"convention": "per_sample"}),
+    ("orbslam3", {}),
+    ("px4", {}),
+    ("px4", {"instance": 3}),
+    ("ardupilot", {}),
+    ("ardupilot", {"instance": 2, "gyro_bias": True}),
+    ("ros", {}),
+    ("ros", {"flavour": "dlio"}),
+    ("ros", {"flavour": "imu_calib"}),
+    ("ros", {"flavour": "madgwick"}),
+    ("motioncal", {}),
+    ("csv", {}),
+]
+
+
+@pytest.fixture(scope="module")
+def golden():
+    return Calibration.load(FOLDER / "golden.json")
+
+
+def made(seed):
+    """A device of a chance."""
+    draw = np.random.default_rng(seed)
+    noise = {"rate": float(draw.uniform(20, 2000))}
+    for sensor, unit, n in (("gyro", "rad/s", 1e-4), ("accel", "m/s^2", 1e-3)):
+        noise[sensor] = {
+            "unit": unit,
+            "Q": None,
+            "N": n * draw.uniform(1, 2, 3),
+            "B": None,
+            "K": n * draw.uniform(0.01, 0.02, 3),
+            "R": None,
+        }
+    accel, gyro = (np.eye(3) + 0.02 * draw.standard_normal((3, 3)) for _ in range(2))
+    soft = np.eye(3) + 0.1 * draw.standard_normal((3, 3))
+    imu = {
+        "accel": {"unit": "m/s^2", "matrix": accel, "bias": 0.3 * draw.standard_normal(3), "covariance": None},
+        "gyro": {
+            "unit": "rad/s", "matrix": gyro, "bias": 0.02 * draw.standard_normal(3), "g_sensitivity": 1e-4 * draw.standard_normal((3, 3)),
+            "covariance": None,
+        },
+    }  # fmt: skip
+    mag = {"unit": "T", "soft_iron": soft, "hard_iron": 3e-5 * draw.standard_normal(3), "field": 5e-5, "covariance": None}
+    powers = np.array([1e-3, 1e-5, 1e-7])
+    temperature = {
+        "unit": "degC", "reference": 27.5, "minimum": -10.0, "maximum": 61.25, "accel": powers * draw.standard_normal((3, 3)),
+        "gyro": 0.01 * powers * draw.standard_normal((3, 3)),
+    }  # fmt: skip
+    ids = {"px4": {"accel_id": 7, "gyro_id": 8, "mag_id": 9}, "ardupilot": {"accel_id": 10, "compass_id": 11}}
+    return Calibration(noise=noise, imu=imu, magnetometer=mag, temperature=temperature, device={"name": "made", **ids})
+
+
+def data_lines(path, binary):
+    """The file without comments."""
+    if binary:
+        return path.read_bytes()
+    return [line for line in path.read_text().splitlines() if not line.startswith("#")]
+
+
+@pytest.mark.parametrize("seed", [None, 1, 2, 3])
+@pytest.mark.parametrize(("format", "options"), PAIRS)
+def test_write_read_write_gives_the_same_bytes(golden, tmp_path, format, options, seed):
+    device = golden if seed is None else made(seed)
+    first, second, third = (tmp_path / name for name in "abc")
+    write(device, first, format=format, **options)
+    where = {"instance": options["instance"]} if "instance" in options else {}
+    again = read(first, format=format, **where)
+    write(again, second, format=format, **options)
+    assert data_lines(first, format == "motioncal") == data_lines(second, format == "motioncal")
+    write(read(second, format=format, **where), third, format=format, **options)
+    assert second.read_bytes() == third.read_bytes()  # comments too
+
+
+@pytest.mark.parametrize("seed", [None, 1, 2, 3])
+def test_imu_tk_comes_back(golden, tmp_path, seed):
+    device = golden if seed is None else made(seed)
+    write(device, tmp_path / "a.calib", format="imu_tk")
+    again = read(tmp_path / "a.calib", format="imu_tk")
+    write(again, tmp_path / "b.calib", format="imu_tk")
+    for sensor, suffix in (("accel", "acc"), ("gyro", "gyro")):
+        assert (tmp_path / f"a_{suffix}.calib").read_bytes() == (tmp_path / f"b_{suffix}.calib").read_bytes()
+        np.testing.assert_allclose(again.imu[sensor]["matrix"], device.imu[sensor]["matrix"], rtol=0, atol=1e-11)
+        assert list(read(tmp_path / f"a_{suffix}.calib", format="imu_tk").imu) == [sensor]
+
+
+def test_values_are_those_that_were_printed(golden, tmp_path):
+    device = made(4)
+    for format in ("csv", "ros"):
+        write(device, tmp_path / "a", format=format)
+        found = read(tmp_path / "a", format=format)
+        for sensor in ("accel", "gyro"):
+            for name in ("matrix", "bias"):
+                np.testing.assert_allclose(found.imu[sensor][name], device.imu[sensor][name], rtol=2e-8, atol=1e-10)
+            np.testing.assert_allclose(getattr(found.noise, sensor).N, getattr(device.noise, sensor).N, rtol=1e-8)
+        np.testing.assert_allclose(found.magnetometer["soft_iron"], device.magnetometer["soft_iron"], rtol=0, atol=5e-9)
+    write(device, tmp_path / "a", format="csv")
+    found = read(tmp_path / "a", format="csv")
+    np.testing.assert_allclose(found.temperature["gyro"], device.temperature["gyro"], rtol=1e-8)
+    assert found.temperature["reference"] == 27.5
+    for format in ("kalibr", "vins", "orbslam3", "openvins"):
+        write(golden, tmp_path / "a", format=format)
+        noise = read(tmp_path / "a", format=format).noise
+        assert noise.rate == 200.0
+        np.testing.assert_allclose([noise.gyro.N, noise.gyro.K, noise.accel.N, noise.accel.K],
+                                   np.outer([1.8e-4, 2.4e-6, 2.1e-3, 3.2e-5], np.ones(3)), rtol=1e-8)  # fmt: skip
+    write(device, tmp_path / "a", format="px4")
+    assert read(tmp_path / "a", format="px4").device == {"px4": {"accel_id": 7, "gyro_id": 8, "mag_id": 9}}
+
+
+def test_several_instances_in_one_file(golden, tmp_path):
+    devices = [made(1), made(2)]
+    for format in ("px4", "ardupilot"):
+        write(devices, tmp_path / "a", format=format)
+        for i, device in enumerate(devices):
+            found = read(tmp_path / "a", format=format, instance=i)
+            np.testing.assert_allclose(found.magnetometer["hard_iron"], device.magnetometer["hard_iron"], rtol=1e-8)
+            reach = found.temperature["reference"] - 27.5
+            assert reach == 0
+            np.testing.assert_allclose(found.temperature["accel"], device.temperature["accel"], rtol=1e-6)
+    with pytest.raises(JaxcalError, match="kalibr holds one device, not 2"):
+        write(devices, tmp_path / "a", format="kalibr")
+    lines = (tmp_path / "a").read_text()
+    for name in (
+        "COMPASS_OFS2_X",
+        "COMPASS_DEV_ID2",
+        "INS_ACC2OFFS_X",
+        "INS_ACC2SCAL_Z",
+        "INS_ACC2_CALTEMP",
+        "INS_ACC2_ID",
+        "INS_TCAL2_TMIN",
+    ):
+        assert f"\n{name}," in lines
+    assert all(len(line.split(",")[0]) <= 16 for line in lines.splitlines() if not line.startswith("#"))
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_rotation_behind_nine_digits(seed):
+    turn = Rotation.from_rotvec(0.02 * np.random.default_rng(seed).standard_normal(3)).as_matrix()
+    printed = np.array([[float(plain(float(value))) for value in row] for row in turn])
+    found = exact_rotation(printed)
+    np.testing.assert_allclose(found @ found.T, np.eye(3), rtol=0, atol=4e-15)
+    assert [plain(float(value)) for value in found.ravel()] == [plain(float(value)) for value in printed.ravel()]
+    about_z = Rotation.from_rotvec([0, 0, 0.01 * seed]).as_matrix()
+    printed = np.array([[float(plain(float(value))) for value in row] for row in about_z])
+    np.testing.assert_allclose(exact_rotation(printed), about_z, rtol=0, atol=1e-9)
+
+
+def test_the_result_of_kalibr(tmp_path):
+    """Written by hand in the form of its results, which PyYAML's writer gives; accel = M_a a, gyro = M_g C w + A C a."""
+    turn = Rotation.from_rotvec([0.01, -0.02, 0.03]).as_matrix()
+    ma, mg, a = np.tril(np.full((3, 3), 0.01)) + np.eye(3), np.eye(3) - np.tril(np.full((3, 3), 0.02)), np.full((3, 3), 1e-4)
+    document = {"imu0": {
+        "T_i_b": np.eye(4).tolist(), "accelerometer_noise_density": 0.01, "accelerometer_random_walk": 1e-4,
+        "accelerometers": {"M": ma.tolist()}, "gyroscope_noise_density": 0.02, "gyroscope_random_walk": 2e-4,
+        "gyroscopes": {"A": a.tolist(), "C_gyro_i": turn.tolist(), "M": mg.tolist()}, "model": "scale-misalignment",
+        "rostopic": "/imu0", "time_offset": 0.0, "update_rate": 200.0,
+    }}  # fmt: skip
+    (tmp_path / "a.yaml").write_text(yaml.safe_dump(document, default_flow_style=None).replace("1.0e-4", "0.0001"))
+    found = read(tmp_path / "a.yaml", format="kalibr")
+    np.testing.assert_allclose(found.imu["accel"]["matrix"], ma)
+    np.testing.assert_allclose(found.imu["gyro"]["matrix"], mg @ turn)
+    np.testing.assert_allclose(found.imu["gyro"]["g_sensitivity"], a @ turn)
+    assert found.noise.gyro.N[0] == 0.02
+
+
+def test_what_imu_utils_writes_is_no_random_walk(tmp_path):
+    (tmp_path / "a.yaml").write_text('%YAML:1.0\n---\ntype: IMU\nname: a\nGyr:\n   unit: " rad/s"\n   avg-axis:\n      gyr_n: 1.0e-3\n')
+    with pytest.raises(DataError, match="imu_utils, whose acc_w and gyr_w are the lowest point"):
+        read(tmp_path / "a.yaml", format="vins")
+    (tmp_path / "b.yaml").write_text("acc_n: 0.1\ngyr_n: 0.01\nacc_w: 0.001\ngyr_w: 0.0001\n")
+    with pytest.raises(DataError, match="does not say of which rate"):
+        read(tmp_path / "b.yaml", format="vins")
+    found = read(tmp_path / "b.yaml", format="vins", rate=200, convention="per_sample").noise
+    assert found.accel.N[0] == pytest.approx(0.1 / np.sqrt(200))
+    assert found.gyro.K[2] == pytest.approx(1e-4 / np.sqrt(200))
+
+
+def test_thermal_constants_of_px4_go_to_the_bias(golden, tmp_path):
+    write(golden, tmp_path / "a", format="px4")
+    text = (tmp_path / "a").read_text()
+    (tmp_path / "a").write_text(text.replace("TC_A0_X0_1\t0\t9", "TC_A0_X0_1\t0.5\t9"))
+    assert read(tmp_path / "a", format="px4").imu["accel"]["bias"][1] == pytest.approx(0.42)
+    (tmp_path / "a").write_text(text.replace("TC_A_ENABLE\t1", "TC_A_ENABLE\t0"))
+    assert "accel" not in read(tmp_path / "a", format="px4").temperature
+
+
+def test_the_scale_of_a_compass_multiplies(golden, tmp_path):
+    write(golden, tmp_path / "a", format="ardupilot")
+    text = (tmp_path / "a").read_text().replace("COMPASS_SCALE,1", "COMPASS_SCALE,2")
+    (tmp_path / "a").write_text(text.replace(",", " "))  # as MAVProxy has it
+    found = read(tmp_path / "a", format="ardupilot").magnetometer
+    np.testing.assert_allclose(np.linalg.inv(found["soft_iron"]), 2 * np.linalg.inv(golden.magnetometer["soft_iron"]), rtol=1e-8, atol=1e-9)
+
+
+def test_packets_of_motioncal(golden, tmp_path):
+    packet = bytes.fromhex((GOLDEN / "motioncal.hex").read_text())
+    (tmp_path / "a").write_bytes(packet)
+    found = read(tmp_path / "a", format="motioncal").magnetometer
+    np.testing.assert_allclose(np.linalg.inv(found["soft_iron"]) @ ([20, 10, -35] - found["hard_iron"] * 1e6),
+                               [8.82016591, 14.8486051, -64.1947983], atol=2e-5)  # float32 of an offset of 65 uT  # fmt: skip
+    assert found["field"] == pytest.approx(47.73032e-6, rel=1e-6)
+    correction = np.linalg.inv(found["soft_iron"])
+    old = b"\x75\x54" + struct.pack("<12f", *found["hard_iron"] * 1e6, *correction.ravel())
+    (tmp_path / "b").write_bytes(old + struct.pack("<H", checksum(old)))
+    older = read(tmp_path / "b", format="motioncal").magnetometer
+    np.testing.assert_allclose(older["soft_iron"], found["soft_iron"], rtol=1e-6, atol=1e-7)
+    assert older["field"] is None
+    for i in range(len(packet)):
+        (tmp_path / "c").write_bytes(packet[:i] + bytes([packet[i] ^ 1]) + packet[i + 1 :])
+        with pytest.raises(DataError, match=r"checksum|begin with 75 54"):
+            read(tmp_path / "c", format="motioncal")
+
+
+@pytest.mark.parametrize("text", [
+    "a: 1\nb: -2.5e-3\nc: word\nd: \"# no comment\"  # one\ne: [1.0, -2.0]\nf: true\ng: null\n",
+    "a:\n  b:\n    - [1.0, 2.0]\n    - [3.0,\n       4.0]\n  c: 5.0\nd:\n- 6.0\n- 7.0\n",
+    "/**:\n  ros__parameters:\n    x: [1.0]\n",
+])  # fmt: skip
+def test_yaml_is_read_as_pyyaml_reads_it(text):
+    assert parse(text) == yaml.safe_load(text)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "a", "- 1\n- 2", "a: {b: 1}", "a: &x 1", "a: 1\n   b: 2", "\ta: 1", "a: [1, [2]]", "a: [1", "a: 1\na: 2", "a: |\n  text"]
+)
+def test_yaml_beyond_calibrations_is_refused(text):
+    with pytest.raises(DataError):
+        parse(text)
+
+
+FILES = {
+    "kalibr": "imu.yaml", "openvins": "kalibr_imu_chain.yaml", "vins": "vins.yaml", "orbslam3": "orbslam3.yaml", "px4": "px4.params",
+    "ardupilot": "ardupilot.param", "ros": "ros_ros2.yaml", "imu_tk": "golden_acc.calib",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("format", [*FILES, "csv"])
+def test_damage_never_gets_through(golden, tmp_path, format):
+    """Letters changed, lost and doubled at random: the file is refused, or its numbers are finite."""
+    if format == "csv":
+        write(golden, tmp_path / "a", format="csv")
+        data = (tmp_path / "a").read_bytes()
+    else:
+        data = (GOLDEN / FILES[format]).read_bytes()
+    draw = np.random.default_rng(5)
+    refused = 0
+    path = tmp_path / "x_acc.calib"
+    for _ in range(150):
+        letters = bytearray(data)
+        for _ in range(draw.integers(1, 4)):
+            i, kind = draw.integers(len(letters)), draw.integers(3)
+            if kind == 0:
+                letters[i] = draw.choice(list(b"0123456789-.e ,\t\n[]:#x\xff"))
+            elif kind == 1:
+                del letters[i : i + int(draw.integers(1, 20))]
+            else:
+                letters[i:i] = letters[i : i + int(draw.integers(1, 20))]
+        path.write_bytes(bytes(letters))
+        try:
+            found = read(path, format=format)
+        except JaxcalError:
+            refused += 1
+            continue
+        for part in (found.imu or {}).values():
+            assert np.isfinite(part["matrix"]).all()
+    assert refused > 15
+
+
+def test_what_cannot_be_read(tmp_path):
+    for format in ("gtsam", "c", "json"):
+        with pytest.raises(DataError, match="cannot be read back; expected one of kalibr"):
+            read(tmp_path / "a", format=format)
+    with pytest.raises(DataError, match="no such file"):
+        read(tmp_path / "a", format="kalibr")
+    with pytest.raises(DataError, match="is there"):
+        read(tmp_path / "a", format="imu_tk")
+    (tmp_path / "a").write_bytes(b"\xff\xfe")
+    with pytest.raises(DataError, match="is no text"):
+        read(tmp_path / "a", format="px4")
+    for options in ({"rate": -1}, {"instance": 7}):
+        with pytest.raises(DataError, match=r"rate=-1|instance=7"):
+            read(tmp_path / "a", format="px4", **options)

@@ -1,0 +1,374 @@
+"""Two calibrations: one after the other, backwards, and what changed between them."""
+
+import contextlib
+import copy
+import json
+import pathlib
+from functools import partial
+
+import numpy as np
+import pytest
+from scipy.stats import kstest
+
+import jaxcal
+from jaxcal import Calibration, DataError, JaxcalError, Log
+from jaxcal.calibration import _schema, difference, provenance
+from jaxcal.magnetometer import MagModel
+
+GOLDEN = pathlib.Path(__file__).parent / "export" / "golden.json"
+NAMES = [f"matrix[{i},{j}]" for i in range(3) for j in range(3)] + [f"bias[{i}]" for i in range(3)]
+GYRO_NAMES = NAMES + [f"g_sensitivity[{i},{j}]" for i in range(3) for j in range(3)]
+MAG_NAMES = ["A_xx", "A_xy", "A_yy", "A_xz", "A_yz", "A_zz", "b_x", "b_y", "b_z"]
+
+
+@pytest.fixture(scope="module")
+def golden():
+    return Calibration.load(GOLDEN)
+
+
+def other(seed, **sections):
+    """A calibration with all that mixes axes."""
+    draw = np.random.default_rng(seed)
+
+    def near(size):
+        return np.eye(3) + size * draw.standard_normal((3, 3))
+
+    imu = {
+        "accel": {"unit": "m/s^2", "matrix": near(0.05), "bias": draw.standard_normal(3), "covariance": None},
+        "gyro": {"unit": "rad/s", "matrix": near(0.05), "bias": 0.1 * draw.standard_normal(3), "covariance": None,
+                 "g_sensitivity": 1e-2 * draw.standard_normal((3, 3))},
+    }  # fmt: skip
+    mag = {"unit": "T", "soft_iron": near(0.1), "hard_iron": 1e-5 * draw.standard_normal(3), "field": 4.8e-5, "covariance": None}
+    powers = np.array([1e-3, 1e-5])
+    temperature = {"unit": "degC", "reference": 35.0, "minimum": 0.0, "maximum": 60.0, "accel": powers * draw.standard_normal((3, 2)),
+                   "gyro": powers * draw.standard_normal((3, 2))}  # fmt: skip
+    return Calibration(**({"imu": imu, "magnetometer": mag, "temperature": temperature} | sections))
+
+
+@pytest.fixture(scope="module")
+def log():
+    draw = np.random.default_rng(0)
+    raw = {"gyro": draw.standard_normal((50, 3)), "accel": 9.8 * draw.standard_normal((50, 3)), "mag": 5e-5 * draw.standard_normal((50, 3))}
+    return Log(None, **raw, temperature=np.linspace(12, 58, 50), rate=10.0)
+
+
+def same(a, b):
+    for sensor, size in (("gyro", 1.0), ("accel", 10.0), ("mag", 5e-5)):
+        np.testing.assert_allclose(getattr(a, sensor), getattr(b, sensor), rtol=0, atol=1e-12 * size)
+
+
+@pytest.mark.parametrize(
+    "left_out",
+    [{}, {"imu": None}, {"temperature": None}, {"magnetometer": None}, {"imu": {"accel": other(3).imu["accel"]}},
+     {"imu": {"gyro": other(3).imu["gyro"]}}],
+)  # fmt: skip
+@pytest.mark.parametrize("which", ["new", "old"])
+def test_composed_is_one_after_the_other(golden, log, left_out, which):
+    old, new = (golden, other(1, **left_out)) if which == "new" else (other(1, **left_out), golden)
+    if "accel" not in (old.imu or {"accel": 0}) or "accel" not in (new.imu or {"accel": 0}):
+        pass  # g-sensitivity then takes the accelerometer as it is
+    if old.imu is None and old.temperature is not None:
+        # without an imu section thermal powers are taken off all the same
+        assert old.correct(log).gyro is not None
+    same(new.compose(old).correct(log), new.correct(old.correct(log)))
+
+
+def test_composed_matrices(golden):
+    """Section 2.15 of formats.md: C_new C_old, and the bias mapped back, written out."""
+    new, old = other(2), golden
+    both = new.compose(old).imu["accel"]
+    c_new, c_old = (np.linalg.inv(one.imu["accel"]["matrix"]) for one in (new, old))
+    np.testing.assert_allclose(np.linalg.inv(both["matrix"]), c_new @ c_old, rtol=1e-13)
+    np.testing.assert_allclose(both["bias"], old.imu["accel"]["bias"] + np.linalg.inv(c_old) @ new.imu["accel"]["bias"], rtol=1e-13)
+    assert new.compose(old).provenance["composed"] == {"first": None, "then": None}
+
+
+def test_inverse_makes_raw_again(golden, log):
+    for device in (golden, other(4), other(4, imu={"gyro": other(4).imu["gyro"]}, temperature=None), other(4, temperature=None)):
+        same(device.inverse().correct(device.correct(log)), log)
+        nothing = device.compose(device.inverse())
+        for part in nothing.imu.values():
+            np.testing.assert_allclose(part["matrix"], np.eye(3), rtol=0, atol=1e-13)
+            np.testing.assert_allclose(part["bias"], 0, rtol=0, atol=1e-13)
+
+
+def test_the_covariance_is_carried_to_the_raw_readings():
+    """Against the spread of compositions of drawn calibrations."""
+    draw = np.random.default_rng(7)
+    size = 1e-3
+    root = size * np.tril(draw.standard_normal((21, 21)) / 5 + np.eye(21))
+    new, old = other(5), other(6)
+
+    def drawn(step, covariance=None):
+        gyro = dict(new.imu["gyro"])
+        gyro["matrix"], gyro["bias"] = gyro["matrix"] + step[:9].reshape(3, 3), gyro["bias"] + step[9:12]
+        gyro["g_sensitivity"] = gyro["g_sensitivity"] + step[12:].reshape(3, 3)
+        return Calibration(imu={"gyro": gyro | {"covariance": covariance}})
+
+    def flat(calibration):
+        gyro = calibration.imu["gyro"]
+        return np.concatenate([gyro["matrix"].ravel(), gyro["bias"], gyro["g_sensitivity"].ravel()])
+
+    whole = drawn(np.zeros(21), {"parameters": GYRO_NAMES, "values": root @ root.T}).compose(old)
+    middle = flat(drawn(np.zeros(21)).compose(old))
+    # the composition is linear in the new numbers, so that unit steps give it exactly
+    columns = np.stack([flat(drawn(root[:, k]).compose(old)) - middle for k in range(21)], axis=1)
+    np.testing.assert_allclose(whole.imu["gyro"]["covariance"]["values"], columns @ columns.T, rtol=0, atol=1e-12)
+
+
+def test_the_covariance_of_a_magnetometer_is_carried():
+    new, old = other(5).magnetometer, other(6).magnetometer
+    draw = np.random.default_rng(1)
+    root = 1e-6 * np.tril(draw.standard_normal((9, 9)))
+
+    def shape(section):
+        w = np.linalg.inv(section["soft_iron"]) / section["field"]
+        return (w.T @ w) * 1e-9  # the scale keeps A and b of one size
+
+    entries = [(0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)]
+    covariance = {"parameters": MAG_NAMES, "values": root @ root.T}
+    found = Calibration(magnetometer=new | {"covariance": covariance}).compose(Calibration(magnetometer=old)).magnetometer
+    c = np.linalg.inv(old["soft_iron"])
+    columns = []
+    for step in root.T:
+        moved = np.zeros((3, 3))
+        for value, (i, j) in zip(step[:6], entries, strict=True):
+            moved[i, j] = moved[j, i] = value
+        raw = c.T @ moved @ c
+        columns.append([*(raw[i, j] for i, j in entries), *(old["soft_iron"] @ step[6:])])
+    columns = np.array(columns).T
+    np.testing.assert_allclose(found["covariance"]["values"], columns @ columns.T, rtol=1e-10, atol=1e-30)
+    np.testing.assert_allclose(shape(found), c.T @ shape(new) @ c, rtol=1e-12, atol=1e-14)
+
+
+def test_thermal_models_that_do_not_add_up(golden):
+    made = jaxcal.temperature.simulate(seed=1)
+    fit = jaxcal.temperature.characterise(Log(None, gyro=made.bias[:, None], temperature=made.temperature, rate=1.0), model="steps")
+    jump = Calibration(temperature=fit)
+    with pytest.raises(DataError, match="jumps, splines or hysteresis are of single axes"):
+        jump.compose(golden)
+    with pytest.raises(DataError, match="its inverse mixes axes"):
+        jump.inverse()
+    assert Calibration(imu=golden.imu).compose(jump).temperature["channels"].keys() == {"gyro_x"}
+    moved = Calibration(temperature={**golden.temperature, "reference": 30.0})
+    with pytest.raises(DataError, match="about 35 and 30 degC"):
+        moved.compose(golden)
+
+
+def drawn_pair(draw, change):
+    """Two fits of an accelerometer whose third bias changed, fixed matrix entries below the diagonal as a convention has them."""
+    root = 1e-3 * np.tril(np.random.default_rng(3).standard_normal((12, 12)))
+    fixed = [3, 6, 7]
+    root[fixed] = 0.0
+    devices = []
+    for shift in (0.0, change):
+        step = root @ draw.standard_normal(12)
+        accel = {"unit": "m/s^2", "matrix": np.eye(3) + step[:9].reshape(3, 3), "bias": step[9:] + np.array([0, 0, shift]),
+                 "covariance": {"parameters": NAMES, "values": root @ root.T}}  # fmt: skip
+        devices.append(Calibration(imu={"accel": accel}))
+    return difference(*devices)[0]
+
+
+def test_significance_is_that_of_chance():
+    draw = np.random.default_rng(11)
+    parts = [drawn_pair(draw, 0.0) for _ in range(200)]
+    assert {part.degrees_of_freedom for part in parts} == {9}
+    assert kstest([part.probability for part in parts], "uniform").pvalue > 0.01
+    assert not any(part.notes for part in parts)
+    found = drawn_pair(draw, 0.05)
+    assert found.probability < 1e-4
+    assert found.change[11] == pytest.approx(0.05, abs=5 * found.standard_error[11])
+    assert found.standard_error[3] == 0.0
+
+
+def test_conventions_and_missing_covariances_are_told(golden):
+    known = golden.imu["accel"] | {"covariance": {"parameters": NAMES, "values": np.diag([1e-6] * 3 + [0.0] * 6 + [1e-6] * 3)}}
+    a, b = Calibration(imu={"accel": known}), Calibration(imu={"accel": known | {"matrix": np.eye(3)}})
+    (part,) = difference(a, b)
+    assert any("a convention fixes differ" in note for note in part.notes)
+    (part,) = difference(a, Calibration(imu={"accel": golden.imu["accel"]}))
+    assert part.notes == ("the second calibration has no covariance and counts as exact; the significance is too high",)
+    assert part.chi_square == 0.0
+    parts = difference(golden, golden)
+    assert [part.name for part in parts] == [
+        "accel", "gyro", "magnetometer", *(f"noise {s}_{axis}" for s in ("gyro", "accel") for axis in "xyz"), "temperature gyro",
+        "temperature accel",
+    ]  # fmt: skip
+    assert all(np.isnan(part.probability) and not part.change.any() for part in parts)
+    signed = Calibration(imu={"accel": known}, provenance={"sha256": "a"})
+    assert any("from the same recording" in note for note in difference(signed, signed)[0].notes)
+
+
+def test_a_magnetometer_that_changed():
+    """Fits of two simulated recordings: the same device, and with another hard iron."""
+    field = jaxcal.magnetometer.body_field(jaxcal.magnetometer.scenario("all"), 50e-6)
+    soft, hard = np.array([[1.1, 0.05, 0.0], [0.05, 0.95, 0.0], [0.0, 0.0, 1.0]]), np.array([2e-5, -1e-5, 3e-5])
+
+    def device(seed, shift=0.0):
+        noise = 3e-7 * np.random.default_rng(seed).standard_normal(field.shape)
+        readings = MagModel(soft, hard + np.array([shift, 0, 0])).measure(field) + noise
+        return Calibration(magnetometer=jaxcal.magnetometer.fit(readings, field=50e-6))
+
+    one = device(1)
+    (same_device,) = difference(one, device(2))
+    assert same_device.probability > 1e-3
+    assert same_device.degrees_of_freedom == 9
+    assert np.all(np.abs(same_device.change) < 4.5 * same_device.standard_error)
+    (changed,) = difference(one, device(3, 1e-6))
+    assert changed.probability < 1e-6
+    assert changed.change[6] == pytest.approx(1e-6, abs=4.5 * changed.standard_error[6])
+    assert np.argmax(np.abs(changed.change / changed.standard_error)) == 6
+
+
+def test_thermal_models_that_changed(golden):
+    moved = {**golden.temperature, "accel": golden.temperature["accel"] + np.array([[1e-4, 0, 0], [0, 0, 0], [0, 0, 0]])}
+    (gyro, accel) = difference(Calibration(temperature=golden.temperature), Calibration(temperature=moved))
+    assert not gyro.change.any()
+    np.testing.assert_allclose(np.abs(accel.change), [2.5e-3, 0, 0], atol=1e-15)
+
+
+def test_provenance_of_a_command():
+    log = Log(None, gyro=np.arange(12.0).reshape(4, 3), rate=10.0, provenance={"file": "a.csv", "sha256": "ab"})
+    found = provenance(log, "jaxcal imu", {"gravity": np.float64(9.8), "band": (1.0, np.inf), "path": pathlib.Path("x")}, rate_given=True)
+    assert Calibration(provenance=found).provenance == found
+    assert found["options"] == {"gravity": 9.8, "band": [1.0, "inf"], "path": "x"}
+    assert set(found["versions"]) == {"python", "jax", "numpy", "scipy"}
+    assert (found["command"], found["rate"], found["version"]) == ("jaxcal imu", "given", jaxcal.__version__)
+
+
+# the file: versions and damage
+
+
+def test_versions(golden, tmp_path, monkeypatch):
+    path = tmp_path / "a.json"
+    document = json.loads(GOLDEN.read_text())
+    path.write_text(json.dumps(document | {"schema": "jaxcal.calibration/1.7", "unheard_of": {"a": [1]}}))
+    newer = Calibration.load(path)
+    newer.save(tmp_path / "b.json")
+    assert (tmp_path / "b.json").read_bytes() == GOLDEN.read_bytes()
+    for schema in ("jaxcal.calibration/2", "jaxcal.calibration/2.1", "jaxcal.calibration/0.9"):
+        path.write_text(json.dumps(document | {"schema": schema}))
+        with pytest.raises(DataError, match="install the version that wrote the file"):
+            Calibration.load(path)
+    # a version 1.2 that renames keys, and brings 1.0 and 1.1 up to date
+    steps = {0: lambda one: {("later" if key == "imu" else key): value for key, value in one.items()},
+             1: lambda one: {("imu" if key == "latest" else key): value for key, value in one.items()}}  # fmt: skip
+    monkeypatch.setattr(_schema, "_STEPS", steps)
+    path.write_text(json.dumps({("latest" if key == "imu" else key): value for key, value in document.items()}
+                               | {"schema": "jaxcal.calibration/1.1"}))  # fmt: skip
+    assert Calibration.load(path).imu["accel"]["bias"][0] == 0.12
+    path.write_text(json.dumps(document))
+    assert Calibration.load(path).imu is None  # both steps were taken, and there is no "latest" in it
+
+
+def places(value, path=()):
+    yield path
+    for key, item in value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ():
+        yield from places(item, (*path, key))
+
+
+ROUNDS = 300
+FORMATS = ("px4", "ardupilot", "c", "ros", "csv", "kalibr", "openvins", "vins", "gtsam", "motioncal")
+JUNK = [
+    None,
+    True,
+    -1,
+    0,
+    1e308,
+    10**400,
+    "text",
+    "\ud800",
+    [],
+    {},
+    [[]],
+    [[[1.0]]],
+    {"a": 1},
+    float("nan"),
+    float("inf"),
+    "x" * 10_000,
+    [0.0] * 9,
+]
+
+
+def test_a_mutated_file_ends_in_a_sentence(golden, log, tmp_path):
+    """Values replaced, lost, and copied elsewhere at random: the file is refused, or everything made of it is finite."""
+    full = other(1)
+    document = json.loads(GOLDEN.read_text())
+    document["imu"]["accel"]["covariance"] = {"parameters": NAMES, "values": np.eye(12).tolist()}
+    document["imu"] |= {"verdict": "good", "verdict_reason": "well"}
+    document["temperature"]["channels"] = {
+        "mag_x": {"curve": "steps", "minimum": 0.0, "maximum": 50.0, "lag": 1.0, "play": 0.1, "coefficients": [1e-6, 1e-7],
+                  "height": [1e-6], "centre": [20.0], "width": [0.1]},
+        "mag_y": {"curve": "piecewise", "minimum": 0.0, "maximum": 50.0, "lag": 0.0, "play": 0.0, "nodes": [0.0, 25.0, 50.0],
+                  "pieces": [[0.0, 1e-7], [1e-6, 0.0]]},
+        "mag_z": {"curve": "chebyshev", "minimum": 0.0, "maximum": 50.0, "lag": 0.0, "play": 0.0, "coefficients": [1e-6]},
+    }  # fmt: skip
+    document["noise"]["reason"] = {"gyro.Q[0]": "infinite"}
+    everywhere = [path for path in places(document) if path]
+    draw = np.random.default_rng(0)
+    path, refused = tmp_path / "a.json", 0
+    for _ in range(ROUNDS):
+        damaged = copy.deepcopy(document)
+        for _ in range(draw.integers(1, 3)):
+            *parents, last = everywhere[draw.integers(len(everywhere))]
+            place = damaged
+            try:
+                for key in parents:
+                    place = place[key]
+                kind = draw.integers(4)
+                if kind == 0:
+                    del place[last]
+                elif kind == 1 and isinstance(place[last], float):
+                    place[last] = -place[last] * 10.0 ** draw.integers(-5, 20)
+                else:
+                    place[last] = copy.deepcopy(JUNK[draw.integers(len(JUNK))])
+            except (KeyError, IndexError, TypeError):
+                continue
+        path.write_text(json.dumps(damaged))
+        try:
+            found = Calibration.load(path)
+        except JaxcalError:
+            refused += 1
+            continue
+        found.save(tmp_path / "b.json")
+        actions = [partial(full.compose, found), found.inverse, partial(difference, found, full)]
+        actions += [partial(jaxcal.export.write, found, tmp_path / "out", format=format) for format in FORMATS]
+        for action in actions:
+            with contextlib.suppress(JaxcalError):
+                action()
+        with contextlib.suppress(JaxcalError):
+            fixed = found.correct(log)
+            assert all(np.isfinite(getattr(fixed, sensor)).all() for sensor in ("gyro", "accel", "mag"))
+    assert 40 < refused < ROUNDS - 40
+
+
+@pytest.mark.parametrize(
+    "text", ["[" * 100_000, '{"schema": ' + "[" * 5000 + "]" * 5000 + "}", "NaN", '{"a": 1' + "0" * 5000 + "}", '"\\ud800"', "\ufeff{}"]
+)
+def test_texts_that_are_no_calibration(tmp_path, text):
+    (tmp_path / "a.json").write_text(text)
+    with pytest.raises(DataError):
+        Calibration.load(tmp_path / "a.json")
+
+
+def test_letters_changed_in_a_file(tmp_path):
+    data, path = GOLDEN.read_bytes(), tmp_path / "a.json"
+    draw = np.random.default_rng(2)
+    loaded = 0
+    for _ in range(300):
+        letters = bytearray(data)
+        letters[draw.integers(len(letters))] = draw.integers(256)
+        path.write_bytes(bytes(letters))
+        try:
+            Calibration.load(path)
+            loaded += 1
+        except DataError:
+            pass
+    assert 0 < loaded < 300
+
+
+def test_a_log_is_no_calibration(tmp_path):
+    with open(tmp_path / "log.json", "wb") as file:
+        file.truncate(200 * 2**20)
+    with pytest.raises(DataError, match="200 MiB; a calibration has some KiB"):
+        Calibration.load(tmp_path / "log.json")
