@@ -5,20 +5,23 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
 from .._units import STANDARD_GRAVITY
 from ._cache import keep_compiled
+from ._export import FILES
 from ._options import WRITING, CallError, Reading, Running, read_log, stem
-from ._outputs import Maker, Outputs, outputs, save_json, save_picture, save_report, staged
+from ._outputs import Maker, Outputs, exports, outputs, save_json, save_picture, save_report, staged
 from ._screen import Screen, progress, show_log, show_written
 from ._tables import number
 
 _CONVENTIONS = ("upper", "lower", "full")
 _METHODS = ("joint", "imu_tk")
 _AXES = "xyz"
+#: format of --export -> name of the file where none is given
+_EXPORTS = {name: FILES[name] for name in ("c", "csv")}
 
 
 @Parameter(name="*", group=WRITING)
@@ -36,12 +39,15 @@ class ImuWriting:
         Report as one HTML file.
     calibration
         Calibration file, for jaxcal apply and jaxcal export.
+    export
+        File for another tool: c, csv, or such as c=FILE. Repeatable; jaxcal export writes the other formats.
     """
 
     out: Path | None = None
     json: Path | None = None
     report: Path | None = None
     calibration: Path | None = None
+    export: Annotated[tuple[str, ...] | None, Parameter(name="--export")] = None
 
 
 def imu(
@@ -178,8 +184,20 @@ def _outputs(path: Path, writing: ImuWriting) -> Outputs:
     names: dict[str, Maker] = {
         "imu.png": partial(save_picture, draw="imu"), "report.html": save_report, "imu.json": save_json, "calibration.json": _calibration,
     }  # fmt: skip
-    asked = [(writing.json, save_json), (writing.report, save_report), (writing.calibration, _calibration)]
+    asked = [
+        (writing.json, save_json), (writing.report, save_report), (writing.calibration, _calibration),
+        *exports(writing.export, _EXPORTS, _export, writing.out),
+    ]  # fmt: skip
     return outputs(asked, names, out=writing.out, default=f"{stem(path)}-imu")
+
+
+def _export(place: Path, found: Any, log: Any, format: str) -> Sequence[str]:
+    import jaxcal
+
+    return [
+        f"{place.name}: {sentence}"
+        for sentence in jaxcal.export.write(jaxcal.Calibration(imu=found, provenance=log.provenance), place, format=format)
+    ]
 
 
 def _calibration(place: Path, found: Any, log: Any) -> Sequence[str]:

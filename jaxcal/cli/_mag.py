@@ -5,18 +5,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
 from ._cache import keep_compiled
+from ._export import FILES
 from ._options import WRITING, CallError, Reading, Running, distinct, read_log, stem
-from ._outputs import Maker, Outputs, outputs, save_json, save_picture, save_report, staged
+from ._outputs import Maker, Outputs, exports, outputs, save_json, save_picture, save_report, staged
 from ._screen import Screen, progress, show_log, show_written
 
 Method = Literal["ml", "consistent", "algebraic", "li_griffiths", "constrained", "radial", "axes", "minmax"]
 Model = Literal["auto", "sphere", "diagonal", "symmetric", "planar"]
 _MICRO = 1e-6
+#: format of --export -> name of the file where none is given
+_EXPORTS = {name: FILES[name] for name in ("motioncal", "c", "csv")}
 
 
 @Parameter(name="*", group=WRITING)
@@ -36,6 +39,8 @@ class Writing:
         Calibration of the device as JSON, for jaxcal.Calibration.load.
     corrected
         Corrected log: FILE.csv or FILE.npz.
+    export
+        File for another tool: motioncal, c, csv, or such as c=FILE. Repeatable; jaxcal export writes the other formats.
     """
 
     out: Path | None = None
@@ -43,6 +48,7 @@ class Writing:
     report: Path | None = None
     calibration: Path | None = None
     corrected: Path | None = None
+    export: Annotated[tuple[str, ...] | None, Parameter(name="--export")] = None
 
 
 def mag(
@@ -194,7 +200,10 @@ def _outputs(path: Path, writing: Writing) -> Outputs:
         "heading_error.png": partial(save_picture, draw="heading_error"), "report.html": save_report, "mag.json": save_json,
         "calibration.json": _calibration,
     }  # fmt: skip
-    asked = [(writing.json, save_json), (writing.report, save_report), (writing.calibration, _calibration)]
+    asked = [
+        (writing.json, save_json), (writing.report, save_report), (writing.calibration, _calibration),
+        *exports(writing.export, _EXPORTS, _export, writing.out),
+    ]  # fmt: skip
     if writing.corrected is None:
         return outputs(asked, names, out=writing.out, default=f"{stem(path)}-mag")
     # a folder that was named is filled beside it
@@ -209,6 +218,12 @@ def _sphere(place: Path, found: Any, log: Any) -> Sequence[str]:
 
     jaxcal.plot.save(jaxcal.plot.sphere(log.mag[np.isfinite(log.mag).all(axis=1)], found)[0], place)
     return ()
+
+
+def _export(place: Path, found: Any, log: Any, format: str) -> Sequence[str]:
+    import jaxcal
+
+    return [f"{place.name}: {sentence}" for sentence in jaxcal.export.write(_device(found, log), place, format=format)]
 
 
 def _calibration(place: Path, found: Any, log: Any) -> Sequence[str]:

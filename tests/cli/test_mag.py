@@ -112,6 +112,21 @@ def test_the_field_of_a_place_scales_the_result(simulated, folder):
     assert np.rad2deg(document["inclination"]) == pytest.approx(59, abs=2)
 
 
+def test_exports_hold_what_the_calibration_says(simulated, folder):
+    call, _ = simulated
+    found = call("mag", "tumble.csv", "--calibration", "device.json", "--export", "c", "--export", "csv=mag.csv", "--export", "motioncal")
+    assert found.status == 0
+    assert "field's strength was not known" in " ".join(found.out.split())
+    hard = jaxcal.Calibration.load(folder / "device.json").magnetometer["hard_iron"]
+    for name, given in (("mag.csv", "csv"), ("motioncal.bin", "motioncal")):
+        read = jaxcal.export.read(folder / name, format=given).magnetometer
+        np.testing.assert_allclose(read["hard_iron"], hard, rtol=1e-6)
+    assert "JAXCAL_MAG_BIAS" in (folder / "calibration.h").read_text()
+    refused = call("mag", "tumble.csv", "--export", "kalibr")
+    assert refused.status == 2
+    assert "expected one of motioncal, c, csv" in refused.reason
+
+
 def test_a_log_without_a_magnetometer(call, log):
     found = call("mag", "imu.csv")
     assert found.status == 1
