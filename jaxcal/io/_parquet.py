@@ -5,6 +5,7 @@ import pathlib
 import numpy as np
 
 from .._errors import DataError
+from ._saved import parse_saved
 from ._table import Table
 
 
@@ -26,4 +27,5 @@ def read_parquet(path: pathlib.Path) -> Table:
         columns.append(series.to_numpy())
         if kind.is_integer():
             integer.add(j)
-    return Table(columns, frame.columns, integer)
+    about = pl.read_parquet_metadata(path).get("jaxcal")
+    return Table(columns, frame.columns, integer, saved=None if about is None else parse_saved(about))

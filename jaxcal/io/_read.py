@@ -12,6 +12,7 @@ from typing import Any
 
 from .._errors import DataError, JaxcalError
 from .._log import Log
+from .._units import si_unit
 from ._ardupilot import read_ardupilot
 from ._csv import read_csv
 from ._detect import FORMATS
@@ -19,16 +20,18 @@ from ._folder import find
 from ._hdf5 import read_hdf5
 from ._mat import read_mat
 from ._numpy import read_npy, read_npz
-from ._options import Columns, parse_columns, parse_topics, parse_units
+from ._options import SENSORS, Columns, parse_columns, parse_topics, parse_units
 from ._parquet import read_parquet
 from ._px4 import read_px4
 from ._ros import read_ros
+from ._saved import restore
 from ._table import Signals, Table, interpret
 
 #: tables, of which columns= chooses; trees of arrays, of which topics= names the group; logs, of which topics= chooses
 _TABLES = {"csv": read_csv, "npy": read_npy, "npz": read_npz, "parquet": read_parquet}
 _TREES = {"mat": read_mat, "hdf5": read_hdf5}
 _LOGS = {"ulog": read_px4, "dataflash": read_ardupilot}
+_SI = {name: si_unit(name) for name in (*SENSORS, "temperature")}
 _NAMES = {
     "csv": "a text table",
     "npy": "a NumPy array",
@@ -142,6 +145,10 @@ def _read(
         digest = pool.submit(_fingerprint, sources)
         found = _parse(kind, sources, topics, units, raw)
         size, sha256 = digest.result()
+    if isinstance(found, Table) and found.saved is not None and not columns and not units and rate is None:
+        where = {"file": path.name, "size": size, "sha256": sha256, "format": kind}
+        signals = interpret(found, {"time": None}, _SI, found.saved.rate)
+        return restore(found.saved, signals.sensors, where)
     if isinstance(found, Signals):
         signals = found
         signals.rate = rate

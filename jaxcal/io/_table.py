@@ -13,11 +13,14 @@ from .._units import si_unit
 from . import _guess
 from ._columns import bracketed_unit, by_name, increasing, is_counter, listing, parse_name, resolve, unit_of
 from ._options import SENSORS, Columns, scale
+from ._saved import Saved
 
 
 @dataclasses.dataclass
 class Table:
-    """Columns as a reader found them: `names` are empty strings where there are none; `integer` are those without decimals."""
+    """Columns as a reader found them: `names` are empty strings where there are none; `integer` are those without decimals;
+    `saved` is what `convert` wrote.
+    """
 
     columns: list[np.ndarray]
     names: list[str]
@@ -25,6 +28,7 @@ class Table:
     rate: float | int | None = None
     notes: list[str] = dataclasses.field(default_factory=list)
     warnings: list[str] = dataclasses.field(default_factory=list)
+    saved: Saved | None = None
 
 
 @dataclasses.dataclass
