@@ -1,56 +1,30 @@
-"""MATLAB files of the versions 4 to 7 through scipy; 7.3 is HDF5, see `_hdf5`."""
+"""MATLAB files of the versions 4 to 7 through scipy, in a process of its own (see `_apart`); 7.3 is HDF5, see `_hdf5`."""
 
 import pathlib
 import struct
-import warnings
 import zlib
-from typing import Any
-
-import numpy as np
 
 from .._errors import DataError
+from ._apart import apart
 from ._bounds import check_declared
 from ._table import Table
 from ._tree import table_of_tree
 
-_COMPRESSED, _DEEPEST = 15, 32
+_COMPRESSED = 15
 _ORDER = {b"IM": "<", b"MI": ">"}
 
 
 def read_mat(path: pathlib.Path, topics: list[str] | None) -> Table:
     """Variables of a MATLAB file by name, and the fields of structs."""
-    import scipy.io
-
     _check(path)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # on names that occur twice, and on objects, which are told of below
-        variables = scipy.io.loadmat(path, simplify_cells=True, appendmat=False, verify_compressed_data_integrity=True)
-    arrays: dict[str, np.ndarray] = {}
-    opaque: list[str] = []
-    for name, value in variables.items():
-        if not name.startswith("__"):
-            _collect(name, value, arrays, opaque, 0)
-    if not arrays and (opaque or "__function_workspace__" in variables or "None" in variables):
+    about, arrays = apart.read("mat", str(path))
+    named = {name: array.astype(array.dtype.newbyteorder("=")) for name, array in zip(about["names"], arrays, strict=True)}
+    if not named and about["opaque"]:
         raise DataError(
             "it holds MATLAB objects (table, timetable), whose layout is not public; save arrays, or a struct of them "
             "(S = table2struct(T, 'ToScalar', true); save log.mat -struct S)"
         )
-    return table_of_tree(arrays, topics, "variable")
-
-
-def _collect(path: str, value: Any, arrays: dict[str, np.ndarray], opaque: list[str], depth: int) -> None:
-    import scipy.io.matlab
-
-    if isinstance(value, dict):
-        for name, inner in value.items():
-            if depth < _DEEPEST and not name.startswith("_"):
-                _collect(f"{path}/{name}", inner, arrays, opaque, depth + 1)
-    elif isinstance(value, scipy.io.matlab.MatlabOpaque | scipy.io.matlab.MatlabFunction):
-        opaque.append(path)
-    elif isinstance(value, np.ndarray | float | int | np.number):
-        array = np.asarray(value)
-        if array.dtype.kind in "iufb":
-            arrays[path] = array.astype(array.dtype.newbyteorder("="))
+    return table_of_tree(named, topics, "variable")
 
 
 def _check(path: pathlib.Path) -> None:

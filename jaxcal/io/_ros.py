@@ -9,12 +9,14 @@ import collections
 import contextlib
 import dataclasses
 import pathlib
+import sqlite3
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
 from .._errors import DataError
+from ._bounds import BoundedPath
 from ._guess import median_norm
 from ._join import Part, join
 from ._table import Signals
@@ -81,12 +83,22 @@ def _open(path: pathlib.Path, version: int) -> Iterator[Any]:
         from rosbags.rosbag2 import Reader as Reader2, ReaderError as Error2
     except ImportError as error:
         raise DataError('reading ROS recordings needs rosbags: pip install "jaxcal[ros]"') from error
+    _check_database(path)
     try:
-        with (Reader1 if version == 1 else Reader2)(path) as reader:
+        with (Reader1 if version == 1 else Reader2)(BoundedPath(path)) as reader:
             yield reader
     except (Error1, Error2) as error:
         mend = "; run `rosbag reindex` on a copy" if version == 1 else "; run `ros2 bag reindex` on a copy"
         raise DataError(f"the recording cannot be read ({error}): it may be cut off or damaged{mend}, or copy it again") from error
+
+
+def _check_database(path: pathlib.Path) -> None:
+    """Refuse views in the place of tables: a view is a program, which may run without end."""
+    for file in [path] if path.suffix == ".db3" else path.glob("*.db3") if path.is_dir() else []:
+        with contextlib.closing(sqlite3.connect(f"{file.absolute().as_uri()}?mode=ro&immutable=1", uri=True)) as database:
+            odd = database.execute("select name from sqlite_master where type not in ('table', 'index') limit 1").fetchone()
+        if odd:
+            raise DataError(f"the database holds {odd[0]!r}, which is no table; it is no ROS 2 recording, or was changed")
 
 
 def _choose(found: list[Any], topics: list[str] | None, present: str, notes: list[str]) -> list[str]:

@@ -42,10 +42,11 @@ def parse_saved(text: str) -> Saved:
         raise damaged
     if isinstance(about.get("schema"), int) and about["schema"] > SCHEMA:
         raise DataError("it was written by a later version of jaxcal; update jaxcal, or convert the log again")
-    rate, sentences, provenance = about.get("rate"), [about.get("notes"), about.get("warnings")], about.get("provenance")
+    rate, provenance = about.get("rate"), about.get("provenance")
+    notes, warnings = _sentences(about.get("notes")), _sentences(about.get("warnings"))
     if not (isinstance(rate, float | int) and not isinstance(rate, bool) and 0 < rate < math.inf and isinstance(provenance, dict)):
         raise damaged
-    if any(not isinstance(words, list) or not all(isinstance(word, str) for word in words) for words in sentences):
+    if notes is None or warnings is None:
         raise damaged
     epoch = provenance.get("epoch_ns")
     if about.get("schema") != SCHEMA or not isinstance(epoch, int) or isinstance(epoch, bool):
@@ -53,7 +54,11 @@ def parse_saved(text: str) -> Saved:
     selected = provenance.get("selected")
     if isinstance(selected, list):
         provenance["selected"] = tuple(selected)
-    return Saved(float(rate), tuple(sentences[0]), tuple(sentences[1]), provenance)
+    return Saved(float(rate), notes, warnings, provenance)
+
+
+def _sentences(value: Any) -> tuple[str, ...] | None:
+    return tuple(value) if isinstance(value, list) and all(isinstance(word, str) for word in value) else None
 
 
 def restore(saved: Saved, sensors: dict[str, Any], where: dict[str, Any]) -> Log:

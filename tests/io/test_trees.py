@@ -53,7 +53,7 @@ def test_matlab_without_numbers(content, tmp_path):
 
 
 def test_matlab_bombs_are_refused(tmp_path):
-    scipy.io.savemat(tmp_path / "log.mat", {"gyro": np.zeros((3_000_000, 3))}, do_compression=True)
+    scipy.io.savemat(tmp_path / "log.mat", {"gyro": np.zeros((5_000_000, 3))}, do_compression=True)
     with pytest.raises(DataError, match="packed beyond what a log can be"):
         read(tmp_path / "log.mat", quiet=True)
 
