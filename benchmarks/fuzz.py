@@ -501,7 +501,8 @@ def watch(place):
             seen.append("exec")
         elif event == "open" and isinstance(arguments[1], str) and set(arguments[1]) & set("wax+"):
             path = os.path.abspath(arguments[0]) if isinstance(arguments[0], str | bytes | os.PathLike) else str(place)
-            if not str(path).startswith(str(place)):
+            # what the reading process says on its standard error goes to a file without a name
+            if not str(path).startswith(str(place)) and path != tempfile.gettempdir():
                 seen.append(f"open {path}")
 
     sys.addaudithook(hook)

@@ -19,13 +19,13 @@ def test_one_command_makes_the_report(quiet_cache, make, write_bag, tmp_path, ca
     from jaxcal.cli import main
 
     assert all(importlib.util.find_spec(name) is None for name in ("rclpy", "rospy", "rosbag2_py"))
-    still = make(n=4000)
-    stamps = 1_700_000_000_000_000_000 + np.arange(4000) * 10_000_000
+    still = make(n=8000)
+    stamps = 1_700_000_000_000_000_000 + np.arange(8000) * 10_000_000
     bag = write_bag("mcap", {"/imu/data_raw": ("Imu", stamps, np.column_stack([still.gyro, still.accel]))})
     monkeypatch.chdir(tmp_path)
     assert main(["noise", str(bag), "--report", "report.html"]) == 0
     out = capsys.readouterr().out
-    assert "4000 samples at 100 Hz, 40 s, no gaps" in out
+    assert "8000 samples at 100 Hz, 1 min 20 s, no gaps" in out
     assert "wrote report.html" in out
     page = (tmp_path / "report.html").read_text()
     assert page.startswith("<!DOCTYPE html>")
