@@ -71,7 +71,9 @@ def interpret(table: Table, columns: Columns, units: dict[str, str], rate: float
     if "time" in chosen:
         _read_time(table, chosen["time"], units.get("time"), told.get("time"), "time" in guessed, rate, signals)
         signals.nominal = table.rate
-        if signals.time is not None and signals.time.dtype.kind == "f" and len(signals.time) > 1:
+        # only the unit of a gyroscope is guessed with the help of the rate
+        asked = "gyro" in chosen and "gyro" not in units and "gyro" not in told
+        if asked and signals.time is not None and signals.time.dtype.kind == "f" and len(signals.time) > 1:
             step = float(np.nanmedian(np.diff(signals.time))) or None
     elif rate is None:
         signals.rate = table.rate
