@@ -29,9 +29,11 @@ class Reading:
     rate
         Sampling rate in Hz, where the log has no time stamps.
     topics
-        Topics of a ROS bag to read: /imu0,/mag. Repeatable.
+        Topics to read: /imu0,/mag of a ROS bag, sensor_gyro:1 of a ULog, IMU:1 of a DataFlash log. Repeatable.
+    raw
+        Undo the calibration that a flight controller applied before logging, with the parameters in the log.
     format
-        Format of the file, where its content does not tell: csv, npy, npz, parquet, rosbag1, rosbag2.
+        Format of the file, where its content does not tell: csv, npy, npz, parquet, rosbag1, rosbag2, mat, hdf5, ulog, dataflash.
     start
         Leave out what comes before this time, in s after the first sample.
     stop
@@ -42,6 +44,7 @@ class Reading:
     units: tuple[str, ...] | None = None
     rate: float | None = None
     topics: tuple[str, ...] | None = None
+    raw: bool = False
     format: str | None = None
     start: float | None = None
     stop: float | None = None
@@ -93,7 +96,8 @@ def read_log(path: Path, options: Reading) -> Any:
     if options.rate is not None and not 0.0 < options.rate < float("inf"):
         raise CallError(f"--rate {options.rate:g}: expected a positive number of Hz")
     log = jaxcal.read(
-        path, format=options.format, columns=columns or None, units=units or None, rate=options.rate, topics=topics, quiet=True,
+        path, format=options.format, columns=columns or None, units=units or None, rate=options.rate, topics=topics, raw=options.raw,
+        quiet=True,
     )  # fmt: skip
     if options.start is None and options.stop is None:
         return log

@@ -1,3 +1,4 @@
 """Readers: logs in, `Log` out."""
 
+from ._convert import convert as convert
 from ._read import read as read

@@ -1,6 +1,12 @@
-"""Records chunk by chunk, from files that need not fit into memory: NumPy .npy (memory-mapped) and Parquet (by row groups)."""
+"""Records chunk by chunk, from files that need not fit into memory.
 
+NumPy .npy and .npz that is not compressed are memory-mapped; Parquet is read by row groups, HDF5 by slices. Every other log is
+converted once (`jaxcal.io.convert`).
+"""
+
+import math
 import pathlib
+import zipfile
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
@@ -33,7 +39,7 @@ def open_chunks(path: pathlib.Path, columns: Sequence[Any] | None) -> Chunks:
     Parameters
     ----------
     path : file.
-    columns : channels by number (.npy) or name (Parquet); all by default, of Parquet all that hold numbers and no time.
+    columns : channels by number (.npy) or name (Parquet), arrays by name (.npz, HDF5); by default all that hold numbers and no time.
 
     Raises
     ------
@@ -45,7 +51,11 @@ def open_chunks(path: pathlib.Path, columns: Sequence[Any] | None) -> Chunks:
         return array_chunks(np.load(path, mmap_mode="r", allow_pickle=False), columns)
     if kind == "parquet":
         return _parquet_chunks(path, columns)
-    raise DataError(f"this is {kind}, which is not read in chunks; save it as .npy or Parquet, or read it whole with jaxcal.read")
+    if kind == "npz":
+        return _joined(_mapped(path), columns)
+    if kind == "hdf5":
+        return _joined(_datasets(path), columns)
+    raise DataError(f"this is {kind}, which is not read in chunks; convert it once with `jaxcal convert LOG LOG.npz`")
 
 
 def array_chunks(array: np.ndarray, columns: Sequence[Any] | None) -> Chunks:
@@ -59,6 +69,70 @@ def array_chunks(array: np.ndarray, columns: Sequence[Any] | None) -> Chunks:
     if chosen.dtype.kind not in "iu" or chosen.size == 0 or np.any((chosen < 0) | (chosen >= width)):
         raise DataError(f"columns={columns!r}: the array has columns 0 .. {width - 1}; choose among these numbers")
     return Chunks(len(array), len(chosen), array.ndim == 1, lambda start, stop: array[start:stop].reshape(-1, width)[:, chosen])
+
+
+def _joined(arrays: dict[str, Any], columns: Sequence[Any] | None) -> Chunks:
+    """Arrays of one length side by side."""
+    usable = {name: array for name, array in arrays.items() if array.ndim in (1, 2) and array.dtype.kind in "iuf" and len(array) > 1}
+    if columns is None:
+        names = [name for name in usable if name.rpartition("/")[2].lower().split("_")[0] not in _TIME]
+    else:
+        names = [columns] if isinstance(columns, str) else [str(name) for name in columns]
+    wrong = [name for name in names if name not in usable]
+    if wrong or not names:
+        raise DataError(
+            f"columns {', '.join(wrong) or 'for a record'}: not in the file; arrays of numbers are {', '.join(usable) or 'none'}"
+        )
+    chosen = [usable[name] for name in names]
+    if len({len(array) for array in chosen}) > 1:
+        lengths = ", ".join(f"{name} {array.shape}" for name, array in zip(names, chosen, strict=True))
+        raise DataError(f"the arrays have different lengths ({lengths}); name those of one length with columns=")
+
+    def read(start: int, stop: int) -> np.ndarray:
+        return np.concatenate([np.asarray(array[start:stop], np.float64).reshape(stop - start, -1) for array in chosen], axis=1)
+
+    width = sum(1 if array.ndim == 1 else array.shape[1] for array in chosen)
+    return Chunks(len(chosen[0]), width, len(chosen) == 1 and chosen[0].ndim == 1, read)
+
+
+def _mapped(path: pathlib.Path) -> dict[str, np.ndarray]:
+    """Arrays of an .npz where they stand in the file."""
+    found = {}
+    size = path.stat().st_size
+    with zipfile.ZipFile(path) as archive, path.open("rb") as file:
+        for member in archive.infolist():
+            if member.compress_type != zipfile.ZIP_STORED:
+                raise DataError("the arrays are compressed, so that they cannot be read in chunks; save them with numpy.savez")
+            file.seek(member.header_offset + 26)
+            lengths = file.read(4)
+            file.seek(member.header_offset + 30 + int.from_bytes(lengths[:2], "little") + int.from_bytes(lengths[2:], "little"))
+            read_header = _HEADERS.get(np.lib.format.read_magic(file))
+            if read_header is None:
+                raise DataError(f"{member.filename} has a layout of NumPy's that is not known here; save it again")
+            shape, fortran, dtype = read_header(file)
+            if dtype.kind in "iuf" and file.tell() + math.prod(shape) * dtype.itemsize <= size:
+                order = "F" if fortran else "C"
+                found[member.filename.removesuffix(".npy")] = np.memmap(path, dtype, "r", file.tell(), shape, order)
+    return found
+
+
+_HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+
+
+def _datasets(path: pathlib.Path) -> dict[str, Any]:
+    """Data sets of an HDF5 file, each opened where it stands; the file stays open as long as they are used."""
+    try:
+        import h5py
+    except ImportError as error:
+        raise DataError('reading HDF5 and MATLAB 7.3 needs h5py: pip install "jaxcal[hdf5]"') from error
+    found: dict[str, Any] = {}
+
+    def take(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset) and item.shape and not item.external and not item.is_virtual:
+            found[name] = item
+
+    h5py.File(path, "r", locking="best-effort").visititems(take)
+    return found
 
 
 def _parquet_chunks(path: pathlib.Path, columns: Sequence[Any] | None) -> Chunks:

@@ -40,7 +40,7 @@ def time_unit(stamps: np.ndarray, integer: bool, rate: float | int | None) -> Gu
     'ns'
     """
     steps = np.diff(stamps)
-    steps = steps[steps > 0]
+    steps = steps[(steps > 0) & np.isfinite(steps)]
     if not len(steps):
         raise DataError("the time column never rises; name another one with columns={'time': ...} (--columns time=...), or give rate=")
     step = float(np.median(steps))
@@ -101,7 +101,7 @@ def gyro_unit(values: np.ndarray, accel: np.ndarray | None, rate: float | int | 
     largest = float(np.nanmax(np.abs(values)))
     if largest > 35:
         return Guess("deg/s", f"reaches {largest:.3g}; 35 rad/s would be 2005 deg/s", "rad/s")
-    if accel is not None and rate and accel.shape[1] == values.shape[1] == 3:
+    if accel is not None and rate and np.isfinite(rate) and accel.shape[1] == values.shape[1] == 3:
         ratio = _turn_ratio(values, accel, rate)
         if ratio is not None:
             # a turn is at least as long as the angle between its ends, and seldom many times longer
@@ -202,7 +202,7 @@ def _field(values: np.ndarray) -> tuple[float, str]:
         middle = seen.mean(axis=0)
         centred = seen - middle
         size = np.sqrt(np.mean(np.sum(centred**2, axis=1)))
-        if size > 0 and np.linalg.svd(centred / size, compute_uv=False)[-1] > 0.1 * np.sqrt(len(seen)):
+        if 0 < size < np.inf and np.linalg.svd(centred / size, compute_uv=False)[-1] > 0.1 * np.sqrt(len(seen)):
             # |v|^2 = 2 c.v + r^2 - |c|^2, linear in c and the constant
             unknowns, *_ = np.linalg.lstsq(
                 np.column_stack([2 * centred / size, np.ones(len(seen))]), np.sum((centred / size) ** 2, axis=1), rcond=None

@@ -6,6 +6,7 @@ import numpy as np
 
 from .._errors import DataError
 from ._options import AXES
+from ._saved import parse_saved
 from ._table import Table
 
 _RATE = {"rate", "fs", "samplerate", "samplingrate", "freq", "frequency"}
@@ -15,7 +16,7 @@ def read_npy(path: pathlib.Path) -> Table:
     """Columns of a 2-D array (memory-mapped), or the fields of a structured one."""
     array = np.load(path, mmap_mode="r", allow_pickle=False)
     if array.dtype.names:
-        return _table({name: array[name] for name in array.dtype.names})
+        return table_of_arrays({name: array[name] for name in array.dtype.names})
     if array.ndim == 1:
         array = array[:, None]
     if array.ndim != 2 or array.dtype.kind not in "iufb":
@@ -30,10 +31,15 @@ def read_npy(path: pathlib.Path) -> Table:
 def read_npz(path: pathlib.Path) -> Table:
     """Arrays of an .npz by name: vectors such as gyro (n, 3), single channels such as gyro_x (n,), and a scalar rate."""
     with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-        return _table({name: archive[name] for name in archive.files})
+        arrays = {name: archive[name] for name in archive.files}
+    saved = arrays.pop("jaxcal", None)
+    table = table_of_arrays(arrays)
+    if saved is not None and saved.dtype.kind == "U" and saved.size == 1:
+        table.saved = parse_saved(str(saved.reshape(())))
+    return table
 
 
-def _table(arrays: dict[str, np.ndarray]) -> Table:
+def table_of_arrays(arrays: dict[str, np.ndarray]) -> Table:
     columns: list[np.ndarray] = []
     names: list[str] = []
     table = Table(columns, names)

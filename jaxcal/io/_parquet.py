@@ -1,29 +1,32 @@
-"""Parquet through polars; columns are named as in a text table."""
+"""Parquet through polars, in a process of its own (see `_apart`); columns are named as in a text table."""
 
+import importlib.util
 import pathlib
 
 import numpy as np
 
 from .._errors import DataError
+from ._apart import apart
+from ._bounds import allowed, check_declared
+from ._saved import parse_saved
 from ._table import Table
 
 
 def read_parquet(path: pathlib.Path) -> Table:
     """Columns of a Parquet file; dates and times become datetime64[ns]."""
-    try:
-        import polars as pl
-    except ImportError as error:
-        raise DataError('reading Parquet needs polars: pip install "jaxcal[parquet]"') from error
-
-    frame = pl.read_parquet(path, glob=False)
-    columns: list[np.ndarray] = []
-    integer = set()
-    for j, (series, kind) in enumerate(zip(frame.iter_columns(), frame.dtypes, strict=True)):
-        if kind.is_temporal():
-            series = series.dt.total_nanoseconds() if kind == pl.Duration else series.cast(pl.Datetime("ns"))
-        elif kind.is_decimal():
-            series = series.cast(pl.Float64)
-        columns.append(series.to_numpy())
-        if kind.is_integer():
-            integer.add(j)
-    return Table(columns, frame.columns, integer)
+    if importlib.util.find_spec("polars") is None:
+        raise DataError('reading Parquet needs polars: pip install "jaxcal[parquet]"')
+    size = path.stat().st_size
+    about, arrays = apart.read("parquet", str(path), allowed=allowed(size))
+    if "declared" in about:
+        check_declared(about["declared"], size, "the table")
+    columns = []
+    for form, array in zip(about["columns"], arrays, strict=True):
+        if form["dates"]:
+            array = array.view("datetime64[ns]")
+        elif array.dtype.kind == "U":
+            array = np.full(about["rows"], array[0], dtype=object)
+        columns.append(array)
+    integer = {j for j, form in enumerate(about["columns"]) if form["integer"]}
+    saved = about["saved"]
+    return Table(columns, [form["name"] for form in about["columns"]], integer, saved=None if saved is None else parse_saved(saved))

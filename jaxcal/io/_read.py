@@ -12,15 +12,26 @@ from typing import Any
 
 from .._errors import DataError, JaxcalError
 from .._log import Log
+from .._units import si_unit
+from ._ardupilot import read_ardupilot
 from ._csv import read_csv
-from ._detect import FORMATS, detect
+from ._detect import FORMATS
+from ._folder import find
+from ._hdf5 import read_hdf5
+from ._mat import read_mat
 from ._numpy import read_npy, read_npz
-from ._options import Columns, parse_columns, parse_topics, parse_units
+from ._options import SENSORS, Columns, parse_columns, parse_topics, parse_units
 from ._parquet import read_parquet
+from ._px4 import read_px4
 from ._ros import read_ros
-from ._table import Signals, interpret
+from ._saved import restore
+from ._table import Signals, Table, interpret
 
+#: tables, of which columns= chooses; trees of arrays, of which topics= names the group; logs, of which topics= chooses
 _TABLES = {"csv": read_csv, "npy": read_npy, "npz": read_npz, "parquet": read_parquet}
+_TREES = {"mat": read_mat, "hdf5": read_hdf5}
+_LOGS = {"ulog": read_px4, "dataflash": read_ardupilot}
+_SI = {name: si_unit(name) for name in (*SENSORS, "temperature")}
 _NAMES = {
     "csv": "a text table",
     "npy": "a NumPy array",
@@ -28,6 +39,10 @@ _NAMES = {
     "parquet": "Parquet",
     "rosbag1": "a ROS 1 bag",
     "rosbag2": "a ROS 2 recording",
+    "mat": "a MATLAB file",
+    "hdf5": "HDF5",
+    "ulog": "a PX4 ULog",
+    "dataflash": "an ArduPilot DataFlash log",
 }
 
 
@@ -39,27 +54,32 @@ def read(
     units: Mapping[str, Any] | str | None = None,
     rate: float | int | None = None,
     topics: Sequence[str] | str | None = None,
+    raw: bool = False,
     quiet: bool = False,
 ) -> Log:
     r"""Read a recording of an inertial or magnetic sensor into a `Log`, in SI and on a uniform time grid.
 
-    Text tables (any delimiter, with or without header, plain or gzipped), NumPy .npy and .npz, Parquet, ROS 1 bags and ROS 2
-    recordings (sqlite3 or MCAP) are told apart by their content. What the file does not say is guessed: columns from their names
+    Text tables (any delimiter, with or without header, plain or gzipped), NumPy .npy and .npz, Parquet, MATLAB files, HDF5, ROS 1
+    bags, ROS 2 recordings (sqlite3 or MCAP), PX4 ULog and ArduPilot DataFlash are told apart by their content. What the file does
+    not say is guessed: columns from their names
     (or, without names, from their values), the unit of time from the size of the steps, units of sensors from gravity, the
     Earth's field and the size of the rates. Every guess is one sentence in `Log.notes` with its reason and the option that
     overrides it.
 
     Parameters
     ----------
-    path : file, or folder of a ROS 2 recording.
-    format : "csv", "npy", "npz", "parquet", "rosbag1" or "rosbag2"; by default told from the first bytes.
+    path : file, or folder: of a ROS 2 recording, of the numbered parts of a split one, or with one log in it.
+    format : "csv", "npy", "npz", "parquet", "rosbag1", "rosbag2", "mat", "hdf5", "ulog" or "dataflash"; by default told from the
+        first bytes.
     columns : which column holds what, by number (from 0) or name: ``{"time": 0, "gyro": [1, 2, 3]}``, ``{"gyro_x": "wx", ...}``,
         or as a string, ``"time=0,gyro=1:3"``, in which ``1:3`` means columns 1 to 3. Sensors not named are left out;
         ``{"time": None}`` ignores the stamps (give `rate`).
     units : unit of each quantity, ``{"gyro": "deg/s", "accel": "g", "time": "us"}`` or ``"gyro=deg/s,accel=g"``. A number before
         the unit is the size of one count: ``{"gyro": "0.05 deg/s"}``.
     rate : sampling rate, Hz. Needed where there are no stamps; with stamps, a contradiction of more than 0.5 % is an error.
-    topics : ROS topics to read, where there are several of one type.
+    topics : what to read where there are several sensors of a kind: ROS topics, ULog topics with their instance
+        (``"sensor_gyro:1,sensor_accel:1"``), DataFlash records with theirs (``"IMU:1"``), or the group of a MATLAB or HDF5 file.
+    raw : undo the calibration that a flight controller applied before logging, with the parameters in the log (ULog, DataFlash).
     quiet : do not print notes and warnings on stderr.
 
     Returns
@@ -91,7 +111,7 @@ def read(
     """
     path = pathlib.Path(path)
     with _named(path):
-        log = _read(path, format, parse_columns(columns), parse_units(units), rate, parse_topics(topics))
+        log = _read(path, format, parse_columns(columns), parse_units(units), rate, parse_topics(topics), raw)
     if not quiet:
         for sentence in log.notes:
             print(f"note: {sentence}", file=sys.stderr)
@@ -101,22 +121,34 @@ def read(
 
 
 def _read(
-    path: pathlib.Path, format: str | None, columns: Columns, units: dict[str, str], rate: float | int | None, topics: list[str] | None
+    path: pathlib.Path,
+    format: str | None,
+    columns: Columns,
+    units: dict[str, str],
+    rate: float | int | None,
+    topics: list[str] | None,
+    raw: bool,
 ) -> Log:
     if format is not None and format not in FORMATS:
         raise DataError(f"format={format!r} is unknown; use one of {', '.join(FORMATS)}")
     with _faults("a recording"):
-        kind, source = detect(path)
+        kind, sources = find(path)
     kind = format or kind
     if kind in _TABLES and topics:
         raise DataError(f"this is {_NAMES[kind]}, and topics= belongs to ROS recordings; choose with columns= (--columns)")
-    if kind not in _TABLES and columns:
+    if kind not in _TABLES and kind not in _TREES and columns:
         raise DataError(f"this is {_NAMES[kind]}, and columns= belongs to tables; choose with topics= (--topics)")
+    if raw and kind not in _LOGS:
+        raise DataError(f"this is {_NAMES[kind]}, and raw=True (--raw) belongs to logs of flight controllers; leave it out")
     with _faults(_NAMES[kind]), concurrent.futures.ThreadPoolExecutor(1) as pool:
         # hashing lets go of the interpreter, so it costs nothing beside the parsing
-        digest = pool.submit(_fingerprint, source)
-        found = _TABLES[kind](source) if kind in _TABLES else read_ros(source, 1 if kind == "rosbag1" else 2, topics, units)
+        digest = pool.submit(_fingerprint, sources)
+        found = _parse(kind, sources, topics, units, raw)
         size, sha256 = digest.result()
+    if isinstance(found, Table) and found.saved is not None and not columns and not units and rate is None:
+        where = {"file": path.name, "size": size, "sha256": sha256, "format": kind}
+        signals = interpret(found, {"time": None}, _SI, found.saved.rate)
+        return restore(found.saved, signals.sensors, where)
     if isinstance(found, Signals):
         signals = found
         signals.rate = rate
@@ -135,6 +167,17 @@ def _read(
     return _build(signals, provenance)
 
 
+def _parse(kind: str, sources: list[pathlib.Path], topics: list[str] | None, units: dict[str, str], raw: bool) -> Table | Signals:
+    source = sources[0]
+    if kind in _TABLES:
+        return _TABLES[kind](source)
+    if kind in _TREES:
+        return _TREES[kind](source, topics)
+    if kind in _LOGS:
+        return _LOGS[kind](source, topics, units, raw)
+    return read_ros(sources, 1 if kind == "rosbag1" else 2, topics, units)
+
+
 def _build(signals: Signals, provenance: dict[str, Any]) -> Log:
     def log(warnings: list[str]) -> Log:
         return Log(signals.time, **signals.sensors, rate=signals.rate, notes=signals.notes, warnings=warnings, provenance=provenance)
@@ -146,14 +189,15 @@ def _build(signals: Signals, provenance: dict[str, Any]) -> Log:
     return log([*signals.warnings, stated])
 
 
-def _fingerprint(path: pathlib.Path) -> tuple[int, str]:
-    """Size and sha256 of a file, or of the files of a folder in the order of their names."""
-    if path.is_file():
-        with path.open("rb") as file:
-            return path.stat().st_size, hashlib.file_digest(file, "sha256").hexdigest()
+def _fingerprint(sources: list[pathlib.Path]) -> tuple[int, str]:
+    """Size and sha256 of a file, or of several and those of a folder in the order of their names."""
+    if len(sources) == 1 and sources[0].is_file():
+        with sources[0].open("rb") as file:
+            return sources[0].stat().st_size, hashlib.file_digest(file, "sha256").hexdigest()
+    files = sources if len(sources) > 1 else sorted(file for file in sources[0].iterdir() if file.is_file())
     total, digest = 0, hashlib.sha256()
-    for file in sorted(file for file in path.iterdir() if file.is_file()):
-        size, inner = _fingerprint(file)
+    for file in files:
+        size, inner = _fingerprint([file])
         total += size
         digest.update(f"{file.name} {inner}\n".encode())
     return total, digest.hexdigest()

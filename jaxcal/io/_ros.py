@@ -5,23 +5,27 @@ arrays, about five times faster than message by message. The type definitions st
 Python code, are not looked at.
 """
 
+import collections
 import contextlib
 import dataclasses
 import pathlib
+import sqlite3
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
 from .._errors import DataError
+from ._bounds import BoundedPath
 from ._guess import median_norm
-from ._options import scale
+from ._join import Part, join
 from ._table import Signals
 
 #: message type -> number of float64 after the header
 _TYPES = {"sensor_msgs/msg/Imu": 37, "sensor_msgs/msg/MagneticField": 12, "sensor_msgs/msg/Temperature": 2}
 #: places of the vectors, and of the covariances whose first element is -1 where there is no measurement, in an Imu message
 _IMU = {"gyro": (slice(13, 16), 16), "accel": (slice(25, 28), 28)}
+_UNITS = {"gyro": "rad/s", "accel": "m/s^2", "mag": "T", "temperature": "degC"}
 _CHUNK = 4096
 _ODD = "the recording is damaged, or the type is not ROS's own: convert it to CSV"
 
@@ -36,33 +40,38 @@ class Stream:
     values: np.ndarray
 
 
-def read_ros(path: pathlib.Path, version: int, topics: list[str] | None, units: dict[str, str]) -> Signals:
-    """Stamps and sensors of the inertial, magnetic and temperature topics of a recording.
+def read_ros(paths: list[pathlib.Path], version: int, topics: list[str] | None, units: dict[str, str]) -> Signals:
+    """Stamps and sensors of the inertial, magnetic and temperature topics of a recording, of its parts in order.
 
     Raises
     ------
     DataError
         If no topic, or more than one of a type, could be meant; the message lists them.
     """
-    with _open(path, version) as reader:
-        found = [c for c in reader.connections if c.msgtype in _TYPES]
-        counts = {topic: info.msgcount for topic, info in reader.topics.items()}
-        duration = max(reader.duration * 1e-9, 1e-9)
+    signals = Signals(None, {})
+    with contextlib.ExitStack() as stack:
+        readers = [stack.enter_context(_open(path, version)) for path in paths]
+        found = [c for reader in readers for c in reader.connections if c.msgtype in _TYPES]
+        counts: collections.Counter[str] = collections.Counter()
+        for reader in readers:
+            counts.update({topic: info.msgcount for topic, info in reader.topics.items()})
+        duration = max((max(r.end_time for r in readers) - min(r.start_time for r in readers)) * 1e-9, 1e-9)
         present = "; ".join(
             f"{topic} ({', '.join(sorted({c.msgtype.split('/')[-1] for c in found if c.topic == topic}))}, {counts[topic]} messages, "
             f"{(counts[topic] - 1) / duration:.4g} Hz)"
             for topic in dict.fromkeys(c.topic for c in found)
         )
         if not found:
-            others = ", ".join(sorted({f"{c.topic} ({c.msgtype})" for c in reader.connections})) or "none"
+            others = ", ".join(sorted({f"{c.topic} ({c.msgtype})" for r in readers for c in r.connections})) or "none"
             raise DataError(f"no topic of type sensor_msgs Imu, MagneticField or Temperature; the topics are: {others}")
-        signals = Signals(None, {})
         chosen = _choose(found, topics, present, signals.notes)
-        streams = [_stream(reader, [c for c in found if c.topic == topic], version, signals.warnings) for topic in chosen]
+        streams = [_stream(readers, topic, version, signals.warnings) for topic in chosen]
+    if len(paths) > 1:
+        signals.notes.append(f"recording: {len(paths)} parts joined, {paths[0].name} to {paths[-1].name}")
     streams = [stream for stream in streams if len(stream.stamps)]
     if not streams:
         raise DataError(f"there are no messages on {', '.join(chosen)}; the topics are: {present}")
-    _join(streams, units, signals)
+    join(_parts(streams, units, signals), units, signals)
     signals.columns = {"topics": chosen}
     return signals
 
@@ -74,12 +83,22 @@ def _open(path: pathlib.Path, version: int) -> Iterator[Any]:
         from rosbags.rosbag2 import Reader as Reader2, ReaderError as Error2
     except ImportError as error:
         raise DataError('reading ROS recordings needs rosbags: pip install "jaxcal[ros]"') from error
+    _check_database(path)
     try:
-        with (Reader1 if version == 1 else Reader2)(path) as reader:
+        with (Reader1 if version == 1 else Reader2)(BoundedPath(path)) as reader:
             yield reader
     except (Error1, Error2) as error:
         mend = "; run `rosbag reindex` on a copy" if version == 1 else "; run `ros2 bag reindex` on a copy"
         raise DataError(f"the recording cannot be read ({error}): it may be cut off or damaged{mend}, or copy it again") from error
+
+
+def _check_database(path: pathlib.Path) -> None:
+    """Refuse views in the place of tables: a view is a program, which may run without end."""
+    for file in [path] if path.suffix == ".db3" else path.glob("*.db3") if path.is_dir() else []:
+        with contextlib.closing(sqlite3.connect(f"{file.absolute().as_uri()}?mode=ro&immutable=1", uri=True)) as database:
+            odd = database.execute("select name from sqlite_master where type not in ('table', 'index') limit 1").fetchone()
+        if odd:
+            raise DataError(f"the database holds {odd[0]!r}, which is no table; it is no ROS 2 recording, or was changed")
 
 
 def _choose(found: list[Any], topics: list[str] | None, present: str, notes: list[str]) -> list[str]:
@@ -104,9 +123,10 @@ def _choose(found: list[Any], topics: list[str] | None, present: str, notes: lis
     return chosen
 
 
-def _stream(reader: Any, connections: list[Any], version: int, warnings: list[str]) -> Stream:
+def _stream(readers: list[Any], topic: str, version: int, warnings: list[str]) -> Stream:
     """All messages of one topic, decoded some thousand at a time."""
-    topic, kind = connections[0].topic, connections[0].msgtype
+    connections = [[c for c in reader.connections if c.topic == topic and c.msgtype in _TYPES] for reader in readers]
+    kind = next(c.msgtype for found in connections for c in found)
     numbers = _TYPES[kind]
     headers, received, values = [], [], []
     raws: list[bytes] = []
@@ -120,17 +140,18 @@ def _stream(reader: Any, connections: list[Any], version: int, warnings: list[st
         raws.clear()
         stamps.clear()
 
-    for _, stamp, raw in reader.messages(connections=connections):
-        raws.append(raw)
-        stamps.append(stamp)
-        if len(raws) == _CHUNK:
-            decode()
+    for reader, own in zip(readers, connections, strict=True):
+        for _, stamp, raw in reader.messages(connections=own) if own else ():
+            raws.append(raw)
+            stamps.append(stamp)
+            if len(raws) == _CHUNK:
+                decode()
     if raws:
         decode()
     if not values:
         return Stream(topic, kind, np.zeros(0, np.int64), np.zeros((0, numbers)))
     header, block = np.concatenate(headers), np.concatenate(values)
-    expected = sum(connection.msgcount for connection in connections)
+    expected = sum(connection.msgcount for own in connections for connection in own)
     if len(header) != expected:
         warnings.append(f"{topic}: the recording's index lists {expected} messages, but {len(header)} are there; it may be cut off")
     if len(header) > 1 and np.all(header == header[0]):
@@ -163,38 +184,17 @@ def _decode(raws: list[bytes], numbers: int, version: int, topic: str) -> tuple[
     return stamps, values
 
 
-def _join(streams: list[Stream], units: dict[str, str], signals: Signals) -> None:
-    """Put the sensors of all topics on the stamps of the fastest."""
-    parts: list[tuple[str, Stream, np.ndarray]] = []
+def _parts(streams: list[Stream], units: dict[str, str], signals: Signals) -> list[Part]:
+    """The sensors of all topics, with a warning where their size is not that of ROS's unit."""
+    parts: list[Part] = []
     for stream in streams:
-        parts += [(name, stream, values) for name, values in _sensors(stream, signals).items()]
-    names = [name for name, _, _ in parts]
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        where = ", ".join(f"{stream.topic} ({name})" for name, stream, _ in parts if name in twice)
-        raise DataError(f"{' and '.join(twice)} in more than one of the topics: {where}; read them one by one with topics= (--topics)")
+        for name, values in _sensors(stream, signals).items():
+            if name not in units:
+                _doubt(name, stream.topic, values, signals.warnings)
+            parts.append(Part(name, stream.topic, stream.stamps, values, _UNITS[name]))
     if not parts:
         raise DataError(f"{', '.join(stream.topic for stream in streams)}: no measurement in them ({'; '.join(signals.notes)})")
-    main = max([stream for name, stream, _ in parts if name != "temperature"] or streams, key=lambda stream: len(stream.stamps))
-    signals.epoch_ns = int(main.stamps[0])
-    time = signals.time = (main.stamps - main.stamps[0]) * 1e-9
-    for name, stream, values in parts:
-        unit = units.get(name)
-        if unit is None:
-            unit = {"gyro": "rad/s", "accel": "m/s^2", "mag": "T", "temperature": "degC"}[name]
-            _doubt(name, stream.topic, values, signals.warnings)
-        factor, offset = scale(unit, name)
-        values = np.asfortranarray(values) * factor + offset
-        signals.units[name] = unit
-        if stream is main:
-            signals.sensors[name] = values
-        elif name == "temperature":
-            order = np.argsort(stream.stamps, kind="stable")
-            since = (stream.stamps[order] - main.stamps[0]) * 1e-9
-            signals.sensors[name] = np.interp(time, since, values[order, 0])
-            signals.notes.append(f"temperature: {stream.topic}, interpolated onto the stamps of {main.topic}")
-        else:
-            signals.sensors[name] = _nearest(main, stream, values, name, signals.notes)
+    return parts
 
 
 def _sensors(stream: Stream, signals: Signals) -> dict[str, np.ndarray]:
@@ -238,19 +238,3 @@ def _doubt(name: str, topic: str, values: np.ndarray, warnings: list[str]) -> No
             f"{topic}: {name} looks like {seems} (size {norm:.3g}), not ROS's unit; if so, read it with units={{'{name}': '{seems}'}} "
             f"(--units {name}={seems})"
         )
-
-
-def _nearest(main: Stream, stream: Stream, values: np.ndarray, name: str, notes: list[str]) -> np.ndarray:
-    """Samples of a slower topic at the nearest stamps of the main one; NaN in between."""
-    order = np.argsort(main.stamps, kind="stable")
-    stamps = main.stamps[order]
-    right = np.clip(np.searchsorted(stamps, stream.stamps), 1, len(stamps) - 1)
-    nearest = np.where(stream.stamps - stamps[right - 1] < stamps[right] - stream.stamps, right - 1, right)
-    far = np.abs(stamps[nearest] - stream.stamps) > np.median(np.diff(stamps))
-    nearest, values = nearest[~far], values[~far]
-    out = np.full((values.shape[1], len(stamps)), np.nan).T
-    out[order[nearest]] = values
-    note = f"{name}: {stream.topic}, put on the nearest stamps of {main.topic} (read it alone with --topics {stream.topic} for its noise)"
-    lost = len(stream.stamps) - len(np.unique(nearest))
-    notes.append(note + (f"; {lost} samples have no place of their own and are left out" if lost else ""))
-    return out

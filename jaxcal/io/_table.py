@@ -13,11 +13,14 @@ from .._units import si_unit
 from . import _guess
 from ._columns import bracketed_unit, by_name, increasing, is_counter, listing, parse_name, resolve, unit_of
 from ._options import SENSORS, Columns, scale
+from ._saved import Saved
 
 
 @dataclasses.dataclass
 class Table:
-    """Columns as a reader found them: `names` are empty strings where there are none; `integer` are those without decimals."""
+    """Columns as a reader found them: `names` are empty strings where there are none; `integer` are those without decimals;
+    `saved` is what `convert` wrote.
+    """
 
     columns: list[np.ndarray]
     names: list[str]
@@ -25,6 +28,7 @@ class Table:
     rate: float | int | None = None
     notes: list[str] = dataclasses.field(default_factory=list)
     warnings: list[str] = dataclasses.field(default_factory=list)
+    saved: Saved | None = None
 
 
 @dataclasses.dataclass
@@ -67,12 +71,15 @@ def interpret(table: Table, columns: Columns, units: dict[str, str], rate: float
     if "time" in chosen:
         _read_time(table, chosen["time"], units.get("time"), told.get("time"), "time" in guessed, rate, signals)
         signals.nominal = table.rate
-        if signals.time is not None and signals.time.dtype.kind == "f" and len(signals.time) > 1:
+        # only the unit of a gyroscope is guessed with the help of the rate
+        asked = "gyro" in chosen and "gyro" not in units and "gyro" not in told
+        if asked and signals.time is not None and signals.time.dtype.kind == "f" and len(signals.time) > 1:
             step = float(np.nanmedian(np.diff(signals.time))) or None
     elif rate is None:
         signals.rate = table.rate
 
     raw = {name: [_numbers(table, i) for i in chosen[name]] for name in (*SENSORS, "temperature") if name in chosen}
+    scales = {}
     for name, values in raw.items():
         unit, reason, other = units.get(name), "", ""
         if unit is None and name in told:
@@ -81,11 +88,15 @@ def interpret(table: Table, columns: Columns, units: dict[str, str], rate: float
             _refuse_unknown_unit(name, table.names[chosen[name][0]])
             guess = _unit(name, values, raw.get("accel"), None if not step else 1.0 / abs(step))
             unit, reason, other = guess.unit, guess.reason, guess.other
-        factor, offset = scale(unit, name)
-        signals.sensors[name] = _convert(values, factor, offset)
+        scales[name] = scale(unit, name)
         signals.units[name] = unit
         if name in guessed or reason:
             signals.notes.append(_note(name, chosen[name], table.names, unit, reason, other))
+    for name, (factor, offset) in scales.items():
+        signals.sensors[name] = _convert(raw.pop(name), factor, offset)
+        # of a table that fills the memory there is no room for two
+        for i in chosen[name]:
+            table.columns[i] = table.columns[i][:0]
     unused = [table.names[i] or str(i) for i in range(len(table.columns)) if i not in {j for js in chosen.values() for j in js}]
     if unused and guessed:
         signals.notes.append(f"columns not used: {', '.join(unused[:12])}{' ...' if len(unused) > 12 else ''}")
@@ -149,8 +160,13 @@ def _is_number(table: Table, index: int) -> bool:
     return table.columns[index].dtype.kind in "iufbM"
 
 
-def _numbers(table: Table, index: int) -> np.ndarray:
+def _numbers(table: Table, index: int, kinds: str = "iufb") -> np.ndarray:
     column = table.columns[index]
+    if column.dtype.kind == "M" and "M" not in kinds:
+        raise DataError(
+            f"column {index} ({table.names[index] or 'no name'}) holds dates, where numbers are expected; name other columns with "
+            "columns= (--columns)"
+        )
     if not _is_number(table, index):
         first = next((str(v) for v in column if v is not None), "")
         raise DataError(
@@ -164,7 +180,10 @@ def _convert(columns: list[np.ndarray], factor: float, offset: float) -> np.ndar
     """Columns as (n, k) in SI, each channel contiguous."""
     out = np.empty((len(columns), len(columns[0])))
     for row, column in zip(out, columns, strict=True):
-        np.multiply(column, factor, out=row, casting="unsafe")
+        if factor == 1.0:
+            row[:] = column
+        else:
+            np.multiply(column, factor, out=row, casting="unsafe")
     if offset:
         out += offset
     return out.T
@@ -200,7 +219,7 @@ def _read_time(
     table: Table, indices: list[int], given: str | None, told: str | None, guessed: bool, rate: float | int | None, signals: Signals
 ) -> None:
     """Stamps in s: dates as they are, whole numbers relative to the first so that no digit is lost, decimals as they are."""
-    column = _numbers(table, indices[0])
+    column = _numbers(table, indices[0], "iufbM")
     if column.dtype.kind == "M":
         signals.time, signals.units["time"] = column, "date"
         if guessed:

@@ -1,0 +1,625 @@
+"""Mutated logs before every reader: each is read or refused with a JaxcalError, in bounded time and memory.
+
+    python benchmarks/fuzz.py                     100,000 inputs, counts printed for every reader and outcome
+    python benchmarks/fuzz.py --each 200          200 inputs for each reader
+    python benchmarks/fuzz.py --only ulog --seed 17 --each 1 --keep out     one input again, kept as a file
+
+Inputs follow from the name of the reader and a number alone. They are made and read in a process of their own, with a limit on
+its memory and on the time of each input, and with a hook that sees files opened for writing, programs started, code run and
+pickles loaded. Exit status 1: something crashed; the lines say with which number.
+"""
+
+import argparse
+import collections
+import contextlib
+import gzip
+import io
+import json
+import os
+import pathlib
+import random
+import resource
+import select
+import sqlite3
+import struct
+import subprocess
+import sys
+import tempfile
+import time
+import warnings
+import zipfile
+import zlib
+
+ROOT = pathlib.Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(ROOT), str(ROOT / "tests"), str(ROOT / "tests" / "io")]
+
+#: s for one input, and bytes beyond what the process holds when it begins
+LIMIT_S, LIMIT_BYTES = 20.0, 1 << 30
+SAMPLES = 80
+SUFFIX = {
+    "csv": ".csv", "npy": ".npy", "npz": ".npz", "parquet": ".parquet", "bag1": ".bag", "sqlite3": ".db3", "mcap": ".mcap",
+    "ulog": ".ulg", "dataflash": ".bin", "mat5": ".mat", "hdf5": ".h5", "mat73": ".mat", "calibration": ".json",
+}  # fmt: skip
+#: share of the inputs, by what a reader's inputs cost and how much of it is ours
+SHARE = {
+    "csv": 14, "npy": 8, "npz": 10, "parquet": 6, "bag1": 6, "sqlite3": 6, "mcap": 8, "ulog": 14, "dataflash": 14, "mat5": 6,
+    "hdf5": 4, "mat73": 2, "calibration": 6,
+}  # fmt: skip
+
+
+# seeds: small logs that are read
+
+
+def signals():
+    import numpy as np
+
+    random_numbers = np.random.default_rng(0)
+    gyro = random_numbers.normal(scale=0.01, size=(SAMPLES, 3))
+    accel = random_numbers.normal(scale=0.02, size=(SAMPLES, 3)) + np.array([0.0, 0.0, 9.8])
+    mag = random_numbers.normal(scale=2e-7, size=(SAMPLES, 3)) + np.array([2e-5, 0.0, -4e-5])
+    return np.arange(SAMPLES) / 100.0, gyro, accel, mag
+
+
+def seeds(folder):
+    """Valid inputs by reader."""
+    import flightlogs
+    import h5py
+    import numpy as np
+    import polars as pl
+    import scipy.io
+
+    import jaxcal
+
+    t, gyro, accel, mag = signals()
+    table = np.column_stack([t, gyro, accel])
+    arrays = {"time": t, "gyro": gyro, "accel": accel, "mag": mag, "temperature": 25 + t}
+    found = collections.defaultdict(list)
+
+    def add(name, path):
+        found[name].append(path.read_bytes())
+
+    rows = "".join(",".join(f"{v:.6g}" for v in row) + "\n" for row in table)
+    found["csv"] += [
+        b"time [s],gyro_x,gyro_y,gyro_z,accel_x [g],accel_y [g],accel_z [g]\n" + rows.encode(),
+        rows.encode(),
+        b"# made in a test\nt;gx;gy;gz\n" + "".join(";".join(f"{v:.4f}" for v in r[:4]) + "\n" for r in table).replace(".", ",").encode(),
+        b'"date","gx","gy","gz"\n' + "".join(f'"2024-01-01T00:00:{i / 2:09.6f}",{i % 7}.5,1,2\n' for i in range(SAMPLES)).encode(),
+        gzip.compress(b"t,gx,gy,gz\n" + rows.encode(), mtime=0),
+        ("t,gx\n" + "1,2\n" * 40).encode("utf-16"),
+    ]
+    for i, array in enumerate((table, table.astype("f4"), table[:, :4].astype(np.int16))):
+        np.save(folder / f"a{i}.npy", array)
+        add("npy", folder / f"a{i}.npy")
+    np.save(folder / "b.npy", np.rec.fromarrays(table.T[:4], names="t,gx,gy,gz"))
+    add("npy", folder / "b.npy")
+    np.savez(folder / "a.npz", **arrays, rate=100.0)
+    np.savez_compressed(folder / "b.npz", **arrays)
+    jaxcal.io.convert(folder / "a.npz", folder / "c.npz", quiet=True)
+    jaxcal.io.convert(folder / "a.npz", folder / "c.parquet", quiet=True)
+    frame = pl.DataFrame({"t": t, "gx": gyro[:, 0], "gy": gyro[:, 1], "gz": gyro[:, 2], "n": np.arange(SAMPLES)})
+    frame.write_parquet(folder / "a.parquet")
+    frame.write_parquet(folder / "b.parquet", compression="uncompressed", statistics=False)
+    for name in ("a", "b", "c"):
+        add("npz", folder / f"{name}.npz")
+        add("parquet", folder / f"{name}.parquet")
+    for name, storage in (("bag1", None), ("sqlite3", "SQLITE3"), ("mcap", "MCAP")):
+        found[name] += bags(folder, storage, gyro, accel, mag)
+    stamps = 5_000_000 + np.arange(SAMPLES) * 10_000
+    found["ulog"] += [flightlogs.ulog_with_imu(stamps, gyro, accel, mag * 1e4).content, ulog_combined(stamps, gyro, accel)]
+    log = flightlogs.dataflash_with_imu(stamps, gyro, accel)
+    found["dataflash"] += [log.content, dataflash_batches(gyro, accel)]
+    for options in ({}, {"do_compression": True}, {"format": "4"}):
+        scipy.io.savemat(folder / "a.mat", arrays, **options)
+        add("mat5", folder / "a.mat")
+    scipy.io.savemat(folder / "a.mat", {"log": {"imu": arrays, "name": "x"}, "cell": np.array([1, "a"], dtype=object)})
+    add("mat5", folder / "a.mat")
+    for i, options in enumerate(({}, {"compression": "gzip", "chunks": True, "shuffle": True})):
+        with h5py.File(folder / f"{i}.h5", "w", libver="latest" if i else None) as file:
+            for name, value in arrays.items():
+                file.create_dataset(f"imu/{name}", data=value, **options)
+                file[f"imu/{name}"].attrs["units"] = {"time": "s", "gyro": "rad/s"}.get(name, "")
+        add("hdf5", folder / f"{i}.h5")
+    with h5py.File(folder / "b.mat", "w", userblock_size=512) as file:
+        for name, value in arrays.items():
+            file[name] = np.atleast_2d(value.T)
+            file[name].attrs["MATLAB_class"] = np.bytes_("double")
+    content = bytearray((folder / "b.mat").read_bytes())
+    content[:128] = b"MATLAB 7.3 MAT-file".ljust(124) + b"\0\x02IM"
+    found["mat73"].append(bytes(content))
+    found["calibration"] += calibrations(folder)
+    return dict(found)
+
+
+def bags(folder, storage, gyro, accel, mag):
+    import numpy as np
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC if storage is None else Stores.ROS2_HUMBLE)
+    kinds = store.types
+    vector = lambda v: kinds["geometry_msgs/msg/Vector3"](*map(float, v))  # noqa: E731
+    zeros = np.zeros(9)
+    if storage is None:
+        from rosbags.rosbag1 import Writer
+
+        path, options = folder / "a.bag", {}
+    else:
+        from rosbags.rosbag2 import StoragePlugin, Writer
+
+        path, options = folder / storage.lower(), {"version": 9, "storage_plugin": StoragePlugin[storage]}
+    with Writer(path, **options) as writer:
+        imu = writer.add_connection("/imu", "sensor_msgs/msg/Imu", typestore=store)
+        field = writer.add_connection("/mag", "sensor_msgs/msg/MagneticField", typestore=store)
+        for i in range(SAMPLES):
+            ns = 1_700_000_000_000_000_000 + i * 10_000_000
+            stamp = kinds["builtin_interfaces/msg/Time"](ns // 10**9, ns % 10**9)
+            extra = {"seq": i} if storage is None else {}
+            header = kinds["std_msgs/msg/Header"](stamp=stamp, frame_id="imu", **extra)
+            message = kinds["sensor_msgs/msg/Imu"](
+                header, kinds["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0), zeros, vector(gyro[i]), zeros, vector(accel[i]), zeros
+            )
+            serialize = store.serialize_ros1 if storage is None else store.serialize_cdr
+            writer.write(imu, ns, serialize(message, "sensor_msgs/msg/Imu"))
+            if i % 10 == 0:
+                message = kinds["sensor_msgs/msg/MagneticField"](header, vector(mag[i]), zeros)
+                writer.write(field, ns, serialize(message, "sensor_msgs/msg/MagneticField"))
+    if storage is None:
+        return [path.read_bytes()]
+    return [next(file for file in path.iterdir() if file.suffix in (".db3", ".mcap")).read_bytes()]
+
+
+def ulog_combined(stamps, gyro, accel):
+    import flightlogs as f
+    import numpy as np
+
+    fields = ["uint64_t timestamp", "float[3] gyro_rad", "int32_t accelerometer_timestamp_relative", "float[3] accelerometer_m_s2",
+              "uint8_t accel_calibration_count", "uint8_t[3] _padding0"]  # fmt: skip
+    log = f.ULogWriter()
+    log.format("sensor_combined", fields)
+    log.parameter("CAL_ACC0_ID", 5)
+    log.subscribe("sensor_combined")
+    rows = np.zeros(len(stamps), f.dtype_of(fields))
+    rows["timestamp"], rows["gyro_rad"], rows["accelerometer_m_s2"] = stamps, gyro, accel
+    log.data("sensor_combined", 0, rows[:40], 3)
+    log.dropout(20)
+    log.sync()
+    log.data("sensor_combined", 0, rows[40:], 3)
+    return log.content
+
+
+def dataflash_batches(gyro, accel):
+    import flightlogs as f
+    import numpy as np
+
+    f.DATAFLASH_CODES["a"] = "64s"
+    log = f.DataFlashWriter()
+    log.describe(30, "ISBH", "QHBBHHQf", "TimeUS,N,type,instance,mul,smp_cnt,SampleUS,smp_rate")
+    log.describe(31, "ISBD", "QHHaaa", "TimeUS,N,seqno,x,y,z")
+    log.describe(40, "MAG", "QBccc", "TimeUS,I,MagX,MagY,MagZ")
+    log.describe(50, "FMTU", "QBNN", "TimeUS,FmtType,UnitIds,MultIds")
+    log.describe(51, "UNIT", "QbZ", "TimeUS,Id,Label")
+    log.describe(52, "MULT", "Qbd", "TimeUS,Id,Mult")
+    log.describe(64, "PARM", "QNf", "TimeUS,Name,Value")
+    log.write("UNIT", 0, ord("G"), "Gauss")
+    log.write("MULT", 0, ord("C"), 1e-3)
+    log.write("FMTU", 0, 40, "s#GGG", "F-CCC")
+    log.write("PARM", 0, "COMPASS_DIA_X", 1.0)
+    for n, values in enumerate((gyro * 1e4, accel * 100, gyro * 1e4)):
+        start = 1_000_000 + n * 64_000
+        log.write("ISBH", start, n, (n + 1) % 2, 0, 100, 64, start, 1000.0)
+        for k in range(2):
+            log.write("ISBD", start, n, k, *(column.astype("<i2").tobytes() for column in values[32 * k : 32 * k + 32].T))
+        log.write("MAG", start, 0, 200, -300, 400)
+    assert np.isfinite(gyro).all()
+    return log.content
+
+
+def calibrations(folder):
+    """JSON files: the golden one of the exports, and a fit of noise."""
+    import made_fit
+
+    import jaxcal
+
+    jaxcal.Calibration(noise={"gyro_x": made_fit.made_fit(), "accel_z": made_fit.made_fit(2.0)}).save(folder / "a.json")
+    return [(ROOT / "tests" / "export" / "golden.json").read_bytes(), (folder / "a.json").read_bytes()]
+
+
+# mutations
+
+ODD = [
+    0, 1, 2, 3, 7, 8, 0x7F, 0x80, 0xFF, 0x100, 0x7FFF, 0x8000, 0xFFFF, 0x10000, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF, 1 << 40,
+    (1 << 63) - 1, 1 << 63, (1 << 64) - 1,
+]  # fmt: skip
+WORDS = [
+    "nan", "inf", "-inf", "1e400", "-1e-400", "", " ", "0x10", "1e5", "9" * 30, "1_000", "\u00e9", "\u22121", "null", "None",
+    "2024-01-01", "\0", '"', "'", ",", ";", "\t", "\r", "#", "//", "\ufeff", "-9223372036854775808", "18446744073709551616",
+    "1.7976931348623157e308",
+]  # fmt: skip
+
+
+def bytewise(draw, content, others):
+    """One to eight blows anywhere, or all near one place."""
+    content = bytearray(content)
+    near = draw.randrange(len(content) + 1) if draw.random() < 0.3 else None
+    for _ in range(draw.choice([1, 1, 1, 2, 3, 5, 8])):
+        if not content:
+            break
+        at = draw.randrange(len(content)) if near is None else min(len(content) - 1, max(0, near + draw.randrange(-64, 64)))
+        if draw.random() < 0.25:
+            at = min(at, draw.randrange(1, 257)) if draw.random() < 0.5 else max(at, len(content) - draw.randrange(1, 257))
+            at = min(max(at, 0), len(content) - 1)
+        kind = draw.randrange(10)
+        length = draw.choice([1, 2, 4, 8, 16, 64, 300])
+        if kind == 0:
+            content[at] ^= 1 << draw.randrange(8)
+        elif kind == 1:
+            content[at] = draw.randrange(256)
+        elif kind in (2, 3):
+            width, order = draw.choice([(1, "B"), (2, "H"), (4, "I"), (8, "Q")])
+            word = struct.pack(draw.choice("<>") + order, draw.choice(ODD) & ((1 << 8 * width) - 1))
+            content[at : at + width] = word
+        elif kind == 4:
+            del content[at : at + length]
+        elif kind == 5:
+            content[at:at] = content[at : at + length] * draw.choice([1, 1, 2, 20])
+        elif kind == 6:
+            content[at:at] = draw.randbytes(length)
+        elif kind == 7:
+            content[at : at + length] = bytes([draw.choice([0, 0xFF, 0x20, 0x41])]) * min(length, len(content) - at)
+        elif kind == 8:
+            other = draw.choice(others)
+            start = draw.randrange(len(other))
+            content[at : at + length] = other[start : start + length]
+        elif draw.random() < 0.5:
+            del content[at:]
+        else:
+            length = draw.randrange(1, 9)
+            step = draw.choice([-1, 1, 255])
+            content[at : at + length] = bytes((byte + step) & 255 for byte in content[at : at + length])
+    return bytes(content)
+
+
+def textwise(draw, content, others):
+    """Fields and lines changed, for text."""
+    encoding = "utf-16" if content.startswith((b"\xff\xfe", b"\xfe\xff")) else "latin-1"
+    lines = content.decode(encoding).splitlines(keepends=True)
+    for _ in range(draw.choice([1, 2, 4])):
+        at = draw.randrange(len(lines))
+        kind = draw.randrange(8)
+        mark = next((mark for mark in ";\t," if mark in lines[at]), " ")
+        fields = lines[at].rstrip("\n").split(mark)
+        if kind <= 2:
+            fields[draw.randrange(len(fields))] = draw.choice(WORDS)
+            lines[at] = mark.join(fields) + "\n"
+        elif kind == 3:
+            del fields[draw.randrange(len(fields)) :]
+            lines[at] = mark.join(fields) + "\n"
+        elif kind == 4:
+            lines[at:at] = [draw.choice(lines)] * draw.choice([1, 2, 60])
+        elif kind == 5:
+            lines = lines[: at + 1] if draw.random() < 0.5 else lines[at:]
+        elif kind == 6:
+            old, new = mark, draw.choice([",", ";", "\t", " ", "  ", ", "])
+            lines = [line.replace(old, new) for line in lines]
+        else:
+            column, word = draw.randrange(len(fields)), draw.choice(WORDS)
+            lines = [mark.join([*line.split(mark)[:column], word, *line.split(mark)[column + 1 :]]) for line in lines]
+    return "".join(lines).encode(encoding if encoding == "utf-16" else "utf-8", errors="replace")
+
+
+def zipped(draw, content, others):
+    """Members of an .npz changed, and the archive made whole again."""
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    name = draw.choice(list(members))
+    members[name] = bytewise(draw, members[name], others)
+    if draw.random() < 0.2:
+        members[draw.choice(["../out.npy", "/tmp/out.npy", "gyro", "x" * 300, "rate.npy"])] = members[name]
+    out = io.BytesIO()
+    with (
+        warnings.catch_warnings(),
+        zipfile.ZipFile(out, "w", draw.choice([zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2])) as archive,
+    ):
+        warnings.simplefilter("ignore")
+        for name, member in members.items():
+            archive.writestr(name, member)
+    return out.getvalue()
+
+
+def unpacked_mat(draw, content, others):
+    """The inside of one packed variable of a MATLAB file changed, and packed again."""
+    at, places = 128, []
+    while at + 8 <= len(content):
+        kind, length = struct.unpack_from("<II", content, at)
+        places.append((at, kind, length))
+        at += 8 + length
+    packed = [place for place in places if place[1] == 15]
+    if not packed:
+        return bytewise(draw, content, others)
+    at, _, length = draw.choice(packed)
+    inside = zlib.compress(bytewise(draw, zlib.decompress(content[at + 8 : at + 8 + length]), others))
+    return content[:at] + struct.pack("<II", 15, len(inside)) + inside + content[at + 8 + length :]
+
+
+def in_database(draw, content, others):
+    """Messages and tables of an sqlite3 recording changed."""
+    database = sqlite3.connect(":memory:")
+    database.deserialize(content)
+    ids = [row[0] for row in database.execute("select id from messages")]
+    for _ in range(draw.choice([1, 2, 5])):
+        kind = draw.randrange(5)
+        which = draw.choice(ids)
+        if kind <= 1:
+            row = database.execute("select data from messages where id = ?", (which,)).fetchone()
+            if row and isinstance(row[0], bytes) and row[0]:
+                database.execute("update messages set data = ? where id = ?", (bytewise(draw, row[0], others), which))
+        elif kind == 2:
+            odd = draw.choice([None, "text", -1, 2**62, 1.5, b"\0"])
+            column = draw.choice(["timestamp", "topic_id", "data"])
+            with contextlib.suppress(sqlite3.IntegrityError):
+                database.execute(f"update messages set {column} = ? where id = ?", (odd, which))
+        elif kind == 3:
+            column = draw.choice(["name", "type", "serialization_format", "offered_qos_profiles"])
+            word = draw.choice([*WORDS, "sensor_msgs/msg/Imu", "- history: [", "&a [*a]"])
+            with contextlib.suppress(sqlite3.Error):
+                database.execute(f"update topics set {column} = ?", (word,))
+        else:
+            database.execute("delete from messages where id >= ?", (which,))
+    database.commit()
+    return database.serialize()
+
+
+def in_json(draw, content, others):
+    """Values of a JSON file replaced by others of any type, keys renamed or dropped."""
+    document = json.loads(content)
+    for _ in range(draw.choice([1, 1, 2, 4])):
+        places = [(document, key) for key in document] if isinstance(document, dict) else []
+        for holder, key in places:
+            inner = holder[key]
+            if isinstance(inner, dict):
+                places += [(inner, name) for name in inner]
+            elif isinstance(inner, list):
+                places += [(inner, i) for i in range(len(inner))]
+        if not places:
+            return content
+        holder, key = draw.choice(places)
+        kind = draw.randrange(5)
+        if kind <= 2:
+            holder[key] = draw.choice(
+                [None, True, -1, 0, 1e308, "x", "", [], {}, [[]], [None] * 3, {"a": 1}, "1e400", float("nan"), float("inf"), 2**70]
+            )
+        elif kind == 3:
+            del holder[key]
+        elif isinstance(holder, dict):
+            holder[draw.choice(["x", "__class__", "type", key + "_"])] = holder.pop(key)
+        else:
+            holder.insert(key, holder[key])
+    text = json.dumps(document)
+    if draw.random() < 0.02:
+        text = "[" * 100_000 + text
+    return text.encode()
+
+
+def mutate(reader, number, found):
+    """The input of a number."""
+    draw = random.Random(f"{reader} {number}")
+    content = draw.choice(found[reader])
+    others = found[reader]
+    if draw.random() < 0.03:
+        return content[: draw.choice([4, 8, 16, 40])] + draw.randbytes(draw.randrange(400))
+    own = draw.random() < 0.5
+    if reader == "csv":
+        if content.startswith(b"\x1f\x8b"):
+            return gzip.compress(bytewise(draw, gzip.decompress(content), others), 1, mtime=0) if own else bytewise(draw, content, others)
+        return textwise(draw, content, others) if own else bytewise(draw, content, others)
+    special = {"npz": zipped, "mat5": unpacked_mat, "sqlite3": in_database, "calibration": in_json}.get(reader)
+    return special(draw, content, others) if special and own else bytewise(draw, content, others)
+
+
+# the process that reads
+
+
+def worker(folder):
+    """Read what standard input names, "reader number", and say what came of it, a line for each."""
+    import jaxcal
+
+    answers = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)  # nothing that a library prints is an answer
+    found = seeds(pathlib.Path(tempfile.mkdtemp(dir=folder)))
+    place = pathlib.Path(folder, "in")
+    place.mkdir()
+    os.chdir(place)
+    for reader, contents in found.items():
+        for content in contents:
+            take(jaxcal, reader, content, place)
+    seen = watch(place)
+    now = int(pathlib.Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (now + LIMIT_BYTES, now + LIMIT_BYTES))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    answers.write("ready\n")
+    answers.flush()
+    for line in sys.stdin:
+        reader, number = line.split()
+        content = mutate(reader, int(number), found)
+        seen.clear()
+        outcome = take(jaxcal, reader, content, place)
+        if seen:
+            outcome = f"crash did {seen[0]}"
+        answers.write(outcome.replace("\n", " ") + "\n")
+        answers.flush()
+
+
+def take(jaxcal, reader, content, place):
+    """Outcome of one input: read, refused, or crash with the reason."""
+    path = place / f"log{SUFFIX[reader]}"
+    path.write_bytes(content)
+    try:
+        if reader == "calibration":
+            jaxcal.Calibration.load(path)
+        else:
+            log = jaxcal.read(path, quiet=True)
+            if not (len(log.time) >= 2 and 0 < log.rate < float("inf")):
+                return f"crash a log of {len(log.time)} samples at {log.rate} Hz"
+        outcome = "read"
+    except jaxcal.JaxcalError as error:
+        outcome = "refused" if str(error).startswith(path.name) or reader == "calibration" else f"crash message {str(error)[:200]}"
+        if isinstance(error.__cause__, MemoryError):
+            outcome = "memory"  # refused too, but only when the memory that there is was asked for
+    except Exception as error:
+        outcome = f"crash {type(error).__name__}: {str(error)[:200]} {origin(error)}"
+    except BaseException as error:
+        if isinstance(error, KeyboardInterrupt | SystemExit):
+            raise
+        outcome = f"crash {type(error).__name__}: {str(error)[:200]} {origin(error)}"
+    left = set(os.listdir(place)) - {path.name}
+    path.unlink()
+    return f"crash left {sorted(left)}" if left else outcome
+
+
+def origin(error):
+    frame, at = error.__traceback__, ""
+    while frame is not None:
+        name = frame.tb_frame.f_code.co_filename
+        if "/jaxcal/" in name:
+            at = f"({pathlib.Path(name).parent.name}/{pathlib.Path(name).name}:{frame.tb_lineno})"
+        frame = frame.tb_next
+    return at
+
+
+FORBIDDEN = ("pickle.find_class", "os.system", "subprocess.Popen", "os.exec", "os.posix_spawn", "socket.connect", "os.remove", "os.rename")
+
+
+def watch(place):
+    """Note what no reader may do."""
+    seen = []
+
+    def hook(event, arguments):
+        if event == "subprocess.Popen" and str(arguments[1][-1]).endswith("/jaxcal/io/_apart.py"):
+            return  # jaxcal's own reading process
+        if event in FORBIDDEN and not (event == "os.remove" and pathlib.Path(arguments[0]).parent == place):
+            seen.append(event)
+        elif event == "exec" and arguments[0].co_filename == "<string>":
+            seen.append("exec")
+        elif event == "open" and isinstance(arguments[1], str) and set(arguments[1]) & set("wax+"):
+            path = os.path.abspath(arguments[0]) if isinstance(arguments[0], str | bytes | os.PathLike) else str(place)
+            # what the reading process says on its standard error goes to a file without a name
+            if not str(path).startswith(str(place)) and path != tempfile.gettempdir():
+                seen.append(f"open {path}")
+
+    sys.addaudithook(hook)
+    return seen
+
+
+# the process that watches
+
+
+class Reading:
+    """A worker, started again when it dies."""
+
+    def __init__(self):
+        # in memory: a disk that is busy is no fault of a reader
+        room = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
+        self.folder = tempfile.TemporaryDirectory(dir=room, ignore_cleanup_errors=True)
+        self.count = 0
+        self.process = None
+
+    def start(self):
+        self.count += 1
+        folder = pathlib.Path(self.folder.name, str(self.count))
+        folder.mkdir()
+        environment = os.environ | {"JAX_PLATFORMS": "cpu", "POLARS_MAX_THREADS": "1", "OMP_NUM_THREADS": "1", "RUST_BACKTRACE": "0"}
+        self.process = subprocess.Popen(
+            [sys.executable, __file__, "--worker", str(folder)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+            env=environment,
+        )  # fmt: skip
+        os.set_blocking(self.process.stderr.fileno(), False)
+        if self.line(120.0) != "ready":
+            raise SystemExit(f"the worker did not start: {(self.process.stderr.read() or b'').decode()[-2000:]}")
+
+    def line(self, seconds):
+        ready, _, _ = select.select([self.process.stdout], [], [], seconds)
+        return self.process.stdout.readline().decode().strip() if ready else None
+
+    def read(self, reader, number):
+        if self.process is None:
+            self.start()
+        self.process.stdin.write(f"{reader} {number}\n".encode())
+        self.process.stdin.flush()
+        answer = self.line(LIMIT_S)
+        said = self.process.stderr.read() or b""
+        if answer:
+            return answer
+        if answer is None:
+            self.process.kill()
+        status = self.process.wait()
+        self.process = None
+        last = said.decode(errors="replace").strip().splitlines()[-1:]
+        return f"crash no answer in {LIMIT_S:g} s" if answer is None else f"crash the process died with status {status} {last}"
+
+    def stop(self):
+        if self.process is not None:
+            self.process.kill()
+            self.process.wait()
+        self.folder.cleanup()
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--inputs", type=int, default=100_000)
+    parser.add_argument("--each", type=int)
+    parser.add_argument("--only", default=",".join(SHARE))
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--seconds", type=float, default=float("inf"), help="stop after this time")
+    parser.add_argument("--keep", type=pathlib.Path, help="folder for the inputs that crash, or for all of --each 1")
+    parser.add_argument("--worker")
+    options = parser.parse_args()
+    if options.worker:
+        worker(options.worker)
+        return 0
+    names = options.only.split(",")
+    total = sum(SHARE[name] for name in names)
+    counts = {name: options.each or round(options.inputs * SHARE[name] / total) for name in names}
+    reading, began = Reading(), time.perf_counter()
+    reading.start()
+    deadline = time.perf_counter() + options.seconds
+    print(
+        f"{'reader':12} {'inputs':>8} {'read':>8} {'refused':>8} {'memory':>7} {'crashes':>8} {'ms each':>8} {'longest s':>10}", flush=True
+    )
+    crashes, done = [], 0
+    for i, name in enumerate(names):
+        tally, longest, start = collections.Counter(), 0.0, time.perf_counter()
+        # what is left of the time, in equal parts
+        until = start + (deadline - start) / (len(names) - i)
+        for number in range(options.seed, options.seed + counts[name]):
+            before = time.perf_counter()
+            if before > until:
+                break
+            outcome = reading.read(name, number)
+            longest = max(longest, time.perf_counter() - before)
+            tally[outcome.split(" ")[0]] += 1
+            if time.perf_counter() - before > 1.0:
+                print(f"  {name} --seed {number}: {time.perf_counter() - before:.1f} s", flush=True)
+            if outcome == "memory" and tally["memory"] <= 3:
+                print(f"  {name} --seed {number}: refused for want of memory", flush=True)
+            if outcome.startswith("crash"):
+                crashes.append((name, number, outcome))
+                print(f"  {name} --seed {number}: {outcome}", flush=True)
+        ran = sum(tally.values())
+        done += ran
+        each = 1000 * (time.perf_counter() - start) / max(ran, 1)
+        print(
+            f"{name:12} {ran:8} {tally['read']:8} {tally['refused']:8} {tally['memory']:7} {tally['crash']:8} {each:8.1f} {longest:10.2f}",
+            flush=True,
+        )
+    reading.stop()
+    print(f"{'total':12} {done:8}, {len(crashes)} crashes, {time.perf_counter() - began:.0f} s")
+    if options.keep and (crashes or options.each == 1):
+        with tempfile.TemporaryDirectory() as folder:
+            found = seeds(pathlib.Path(folder))
+        options.keep.mkdir(parents=True, exist_ok=True)
+        for name, number in {(name, number) for name, number, _ in crashes} or {(names[0], options.seed)}:
+            (options.keep / f"{name}-{number}{SUFFIX[name]}").write_bytes(mutate(name, number, found))
+    return 1 if crashes else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,298 @@
+"""Readers in a process of their own, for libraries that a damaged file can bring down.
+
+polars ends the process (an abort, which nothing can catch) where a page of a Parquet file declares more values than memory can
+hold, as one in 2000 mutated files does; scipy's reader of MATLAB files reads where it must not, one in 1500; the HDF5 library runs
+without end, one in 1000, and so does pyulog, which is not used. The process is started
+with the first such file, serves all later ones, and is replaced when it dies; its memory and the time for each file are limited.
+It runs this very file, which therefore imports nothing of jaxcal but within functions of the other side. What comes back is a
+description in JSON and plain bytes, never a pickle.
+"""
+
+import atexit
+import contextlib
+import json
+import math
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from typing import Any
+
+import numpy as np
+
+#: s for a file, and s more for each byte; bytes of memory beyond what the process holds, and more for each byte of the file
+_SECONDS, _SECONDS_PER_BYTE = 10.0, 1e-6
+_MEMORY, _MEMORY_PER_BYTE = 2 << 30, 64
+#: data sets and groups looked at, and MATLAB classes whose layout is not public
+_MOST = 10_000
+_OPAQUE = ("table", "timetable", "datetime", "duration", "string")
+
+
+# the side that reads
+
+
+def _serve() -> None:
+    answers = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # nothing that a library prints is an answer
+    for line in sys.stdin:
+        request = json.loads(line)
+        try:
+            _limit(_MEMORY + _MEMORY_PER_BYTE * os.path.getsize(request["path"]))
+            about, arrays = {"parquet": _parquet, "mat": _mat, "hdf5": _hdf5}[request["kind"]](request)
+            arrays = [np.ascontiguousarray(array) for array in arrays]
+            about["arrays"] = [(array.dtype.str, array.shape) for array in arrays]
+        except Exception as error:
+            about, arrays = {"error": type(error).__name__, "said": str(error)[:500]}, []
+        except BaseException as error:
+            if type(error).__name__ != "PanicException":
+                raise
+            about, arrays = {"error": type(error).__name__, "said": str(error)[:500]}, []
+        head = json.dumps(about).encode()
+        answers.write(len(head).to_bytes(8, "little") + head)
+        for array in arrays:
+            if array.size:
+                answers.write(array.reshape(-1).view(np.uint8).data)
+        answers.flush()
+
+
+def _limit(more: int) -> None:
+    try:
+        import resource
+
+        with open("/proc/self/statm") as file:
+            held = int(file.read().split()[0]) * resource.getpagesize()
+        _, hard = resource.getrlimit(resource.RLIMIT_AS)
+        wanted = held + more
+        resource.setrlimit(resource.RLIMIT_AS, (wanted if hard == resource.RLIM_INFINITY else min(wanted, hard), hard))
+    except (ImportError, OSError, ValueError):  # not on this system
+        return
+
+
+def _parquet(request: dict[str, Any]) -> tuple[dict[str, Any], list[np.ndarray]]:
+    import polars as pl
+
+    path = request["path"]
+    saved = pl.read_parquet_metadata(path).get("jaxcal")
+    lazy = pl.scan_parquet(path, glob=False)
+    schema = lazy.collect_schema()
+    declared = 8 * lazy.select(pl.len()).collect().item() * len(schema)
+    if declared > request["allowed"]:
+        return {"declared": declared}, []
+    frame = lazy.collect(engine="streaming")
+    columns, arrays = [], []
+    for name, kind in schema.items():
+        series = frame.drop_in_place(name)
+        if kind.is_temporal() and kind != pl.Time:
+            series = series.dt.total_nanoseconds() if kind == pl.Duration else series.cast(pl.Datetime("ns"))
+        elif kind.is_decimal():
+            series = series.cast(pl.Float64)
+        array = series.to_numpy()
+        if array.dtype.kind not in "iufbM":
+            first = next((value for value in series if value is not None), "")
+            array = np.array([str(first)[:100]])
+        columns.append({"name": name, "integer": kind.is_integer()})
+        arrays.append(array.view(np.int64) if array.dtype.kind == "M" else array)
+        columns[-1]["dates"] = array.dtype.kind == "M"
+    return {"columns": columns, "rows": len(arrays[0]) if arrays else 0, "saved": saved}, arrays
+
+
+def _mat(request: dict[str, Any]) -> tuple[dict[str, Any], list[np.ndarray]]:
+    import warnings
+
+    import scipy.io
+    import scipy.io.matlab
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # on names that occur twice, and on objects, which are told of
+        variables = scipy.io.loadmat(request["path"], simplify_cells=True, appendmat=False)
+    names: list[str] = []
+    arrays: list[np.ndarray] = []
+    opaque = "__function_workspace__" in variables or "None" in variables
+
+    def collect(path: str, value: Any, depth: int) -> None:
+        nonlocal opaque
+        if isinstance(value, dict):
+            for name, inner in value.items():
+                if depth < 32 and not name.startswith("_"):
+                    collect(f"{path}/{name}" if path else name, inner, depth + 1)
+        elif isinstance(value, scipy.io.matlab.MatlabOpaque | scipy.io.matlab.MatlabFunction):
+            opaque = True
+        elif isinstance(value, np.ndarray | float | int | np.number) and np.asarray(value).dtype.kind in "iufb":
+            names.append(path)
+            arrays.append(np.asarray(value))
+
+    collect("", variables, 0)
+    return {"names": names, "opaque": opaque}, arrays
+
+
+def _hdf5(request: dict[str, Any]) -> tuple[dict[str, Any], list[np.ndarray]]:
+    import h5py
+
+    names: list[str] = []
+    units: dict[str, str] = {}
+    opaque: list[tuple[str, str]] = []
+    arrays: list[np.ndarray] = []
+    declared = count = 0
+    seen = set()
+
+    def text(dataset: Any, name: str) -> str:
+        value = dataset.attrs.get(name)
+        return value.decode("latin-1") if isinstance(value, bytes) else value if isinstance(value, str) else ""
+
+    def take(path: str, dataset: Any) -> None:
+        nonlocal declared
+        kind = text(dataset, "MATLAB_class")
+        fields = dataset.dtype.names
+        if kind in _OPAQUE or "MATLAB_object_decode" in dataset.attrs:
+            opaque.append((path, kind))
+        elif kind not in ("char", "cell") and dataset.shape is not None and (fields or dataset.dtype.kind in "iufb"):
+            declared += math.prod(dataset.shape) * dataset.dtype.itemsize
+            if declared > request["allowed"]:
+                return
+            array, unit = dataset[()], text(dataset, "units") or text(dataset, "unit")
+            for field in fields or ("",):
+                column = np.asarray(array[field] if field else array)
+                if column.dtype.kind in "iufb":
+                    label = f"{path}/{field}" if field else path
+                    names.append(label)
+                    arrays.append(column)
+                    if unit:
+                        units[label] = unit
+
+    with h5py.File(request["path"], "r", locking="best-effort") as file:
+        waiting: list[tuple[str, Any, int]] = [("", file, 0)]
+        while waiting:
+            prefix, group, depth = waiting.pop(0)
+            if group in seen or depth > 32:
+                continue
+            seen.add(group)
+            for name in sorted(group):
+                count += 1
+                if count > _MOST:
+                    return {"most": _MOST}, []
+                # links to other places, data in other files: a log must not make its reader open files of its choice
+                if name.startswith("#") or group.get(name, getclass=True, getlink=True) is not h5py.HardLink:
+                    continue
+                item = group.get(name)
+                if isinstance(item, h5py.Group):
+                    waiting.append((f"{prefix}{name}/", item, depth + 1))
+                elif isinstance(item, h5py.Dataset) and not item.external and not item.is_virtual:
+                    take(f"{prefix}{name}", item)
+                    if declared > request["allowed"]:
+                        return {"declared": declared}, []
+    return {"names": names, "units": units, "opaque": opaque}, arrays
+
+
+# the side that asks
+
+
+class Apart:
+    """The reading process; one for each process that reads."""
+
+    def __init__(self):
+        self._lock = threading.Lock()
+        self._process: Any = None
+        self._owner = 0
+        self._said: Any = None
+
+    def read(self, kind: str, path: str, **request: Any) -> tuple[dict[str, Any], list[np.ndarray]]:
+        """Description and arrays of a file.
+
+        Raises
+        ------
+        DataError
+            If the library refuses the file, takes too long, or is brought down by it.
+        """
+        from .._errors import DataError
+
+        with self._lock:
+            process = self._running()
+            began = time.monotonic()
+            seconds = _SECONDS + _SECONDS_PER_BYTE * os.path.getsize(path)
+            alarm = threading.Timer(seconds, process.kill)
+            alarm.daemon = True
+            alarm.start()
+            try:
+                process.stdin.write(json.dumps({"kind": kind, "path": os.path.abspath(path)} | request).encode() + b"\n")
+                process.stdin.flush()
+                about = json.loads(self._take(int.from_bytes(self._take(8), "little")))
+                arrays = [self._array(*form) for form in about.get("arrays", [])]
+            except (EOFError, OSError):
+                late = time.monotonic() - began >= seconds
+                said = f"it took more than {seconds:.0f} s" if late else f"the library that reads it broke down{self._last_words()}"
+                self.stop()
+                raise DataError(f"{said}; it is damaged: copy it again") from None
+            except BaseException:
+                self.stop()  # half an answer is left in the pipe
+                raise
+            finally:
+                alarm.cancel()
+        if "error" in about:
+            if about["error"] == "MemoryError":
+                raise MemoryError(about["said"])
+            raise DataError(
+                f"it cannot be read ({about['error']}: {_first_line(about['said'])}); it may be cut off or damaged: copy it again"
+            )
+        return about, arrays
+
+    def _running(self) -> Any:
+        if self._process is not None and (self._owner != os.getpid() or self._process.poll() is not None):
+            self.stop()
+        if self._process is None:
+            self._said = tempfile.TemporaryFile()  # noqa: SIM115
+            # -P: no module is taken from the working folder, nor from this one
+            self._process = subprocess.Popen(
+                [sys.executable, "-P", __file__], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._said,
+                env=os.environ | {"RUST_BACKTRACE": "0"},
+            )  # fmt: skip
+            self._owner = os.getpid()
+        return self._process
+
+    def _take(self, count: int) -> bytes:
+        content = self._process.stdout.read(count)
+        if len(content) < count:
+            raise EOFError
+        return content
+
+    def _array(self, dtype: str, shape: list[int]) -> np.ndarray:
+        array = np.empty(shape, dtype)
+        if array.size:
+            room = array.reshape(-1).view(np.uint8).data
+            done = 0
+            while done < len(room):
+                count = self._process.stdout.readinto(room[done:])
+                if not count:
+                    raise EOFError
+                done += count
+        return array
+
+    def _last_words(self) -> str:
+        self._said.seek(0, os.SEEK_END)
+        self._said.seek(max(0, self._said.tell() - 2000))
+        lines = [line for line in self._said.read().decode(errors="replace").splitlines() if line.startswith("memory allocation")]
+        return f" ({lines[-1]})" if lines else ""
+
+    def stop(self) -> None:
+        """End the process, where there is one."""
+        process, self._process = self._process, None
+        if process is None:
+            return
+        if self._owner == os.getpid():
+            process.kill()
+            process.wait()
+        for stream in (process.stdin, process.stdout, self._said):
+            with contextlib.suppress(OSError):
+                stream.close()
+
+
+def _first_line(text: str) -> str:
+    return (text.strip().splitlines() or ["no message"])[0]
+
+
+if __name__ == "__main__":
+    _serve()
+else:
+    apart = Apart()
+    atexit.register(apart.stop)

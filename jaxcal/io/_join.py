@@ -1,0 +1,78 @@
+"""Sensors with stamps of their own -> one set of stamps, those of the fastest."""
+
+import dataclasses
+
+import numpy as np
+
+from .._errors import DataError
+from ._options import scale
+from ._table import Signals
+
+
+@dataclasses.dataclass
+class Part:
+    """One sensor of one source (a topic, a message): `name`, stamps in ns, values (n, axes) and their unit."""
+
+    name: str
+    source: str
+    stamps: np.ndarray
+    values: np.ndarray
+    unit: str
+
+
+def join(parts: list[Part], units: dict[str, str], signals: Signals) -> None:
+    """Put all sensors, in SI, on the stamps of the one with most samples: a temperature interpolated, others at the nearest stamp.
+
+    Parameters
+    ----------
+    parts : at least one.
+    units : units that the caller states; they go before those of the parts.
+    signals : gets the stamps, the sensors, their units, and a note on each sensor that had other stamps.
+
+    Raises
+    ------
+    DataError
+        If a sensor comes from more than one source.
+    """
+    names = [part.name for part in parts]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        where = ", ".join(f"{part.source} ({part.name})" for part in parts if part.name in twice)
+        raise DataError(f"{' and '.join(twice)} in more than one of the topics: {where}; read them one by one with topics= (--topics)")
+    main = max([part for part in parts if part.name != "temperature"] or parts, key=lambda part: len(part.stamps))
+    signals.epoch_ns = int(main.stamps[0])
+    time = signals.time = (main.stamps - main.stamps[0]) * 1e-9
+    for part in parts:
+        unit = units.get(part.name) or part.unit
+        factor, offset = scale(unit, part.name)
+        values = np.asfortranarray(part.values) * factor + offset
+        signals.units[part.name] = unit
+        if part.stamps is main.stamps or np.array_equal(part.stamps, main.stamps):
+            signals.sensors[part.name] = values
+        elif part.name == "temperature":
+            order = np.argsort(part.stamps, kind="stable")
+            since = (part.stamps[order] - main.stamps[0]) * 1e-9
+            signals.sensors[part.name] = np.interp(time, since, values[order, 0])
+            signals.notes.append(f"temperature: {part.source}, interpolated onto the stamps of {main.source}")
+        else:
+            signals.sensors[part.name] = _nearest(main, part, values, signals.notes)
+
+
+def _nearest(main: Part, part: Part, values: np.ndarray, notes: list[str]) -> np.ndarray:
+    """Samples of a slower sensor at the nearest stamps of the main one; NaN in between."""
+    order = np.argsort(main.stamps, kind="stable")
+    stamps = main.stamps[order]
+    if len(stamps) < 2:
+        raise DataError(f"{main.source}: {len(stamps)} sample: a recording needs at least 2")
+    right = np.clip(np.searchsorted(stamps, part.stamps), 1, len(stamps) - 1)
+    nearest = np.where(part.stamps - stamps[right - 1] < stamps[right] - part.stamps, right - 1, right)
+    far = np.abs(stamps[nearest] - part.stamps) > np.median(np.diff(stamps))
+    nearest, values = nearest[~far], values[~far]
+    out = np.full((values.shape[1], len(stamps)), np.nan).T
+    out[order[nearest]] = values
+    note = (
+        f"{part.name}: {part.source}, put on the nearest stamps of {main.source} (read it alone with --topics {part.source} for its noise)"
+    )
+    lost = len(part.stamps) - len(np.unique(nearest))
+    notes.append(note + (f"; {lost} samples have no place of their own and are left out" if lost else ""))
+    return out

@@ -1,0 +1,241 @@
+"""The structure of a PX4 ULog: https://docs.px4.io/main/en/dev_log/ulog_file_format.html.
+
+The messages are walked once and their places noted; the numbers are then taken from the file in whole arrays. Time is
+proportional to the length of the file whatever it holds: behind damage the walk goes on at the next mark that the logger leaves
+for that purpose, and no length that the file states is trusted. pyulog, which reads the same files, tries again at every byte.
+"""
+
+import array
+import dataclasses
+import itertools
+import mmap
+import pathlib
+import re
+import struct
+from typing import Any
+
+import numpy as np
+
+from .._errors import DataError
+from ._rows import gather
+
+_MAGIC = b"ULog\x01\x12\x35"
+_SYNC = b"\x2f\x73\x13\x20\x25\x0c\xbb\x12"
+_KNOWN = frozenset(b"BFIMPQARDLCSO")
+_TYPES = {
+    "int8_t": "i1", "uint8_t": "u1", "int16_t": "<i2", "uint16_t": "<u2", "int32_t": "<i4", "uint32_t": "<u4", "int64_t": "<i8",
+    "uint64_t": "<u8", "float": "<f4", "double": "<f8", "bool": "u1", "char": "S1",
+}  # fmt: skip
+_FIELD = re.compile(r"([A-Za-z_][\w-]*)(?:\[(\d{1,5})\])? ([A-Za-z_]\w*)")
+#: of one message: bytes that its 16 bit length can tell, and fields
+_LONGEST, _MOST = 65535, 4096
+
+
+@dataclasses.dataclass
+class Topic:
+    """One instance of a topic: layout of its rows and where they begin."""
+
+    name: str
+    instance: int
+    dtype: np.dtype
+    offsets: np.ndarray
+
+    @property
+    def label(self) -> str:
+        """Name as `topics=` takes it."""
+        return f"{self.name}:{self.instance}"
+
+
+@dataclasses.dataclass
+class ULog:
+    """Topics that were asked for, parameters, and the ms that the logger dropped; `topics` holds no topic without rows."""
+
+    content: np.ndarray
+    topics: list[Topic]
+    others: list[str]
+    parameters: dict[str, float]
+    changed: set[str]
+    dropouts: list[int]
+    warnings: list[str]
+
+    def rows(self, topic: Topic, fields: list[str]) -> np.ndarray:
+        """Columns of a topic as a structured array; fields that it lacks are left out."""
+        kept = [name for name in fields if name in (topic.dtype.fields or {})]
+        return gather(self.content, topic.offsets, topic.dtype[kept])
+
+
+def open_ulog(path: pathlib.Path, wanted: frozenset[str]) -> ULog:
+    """Walk through a ULog.
+
+    Raises
+    ------
+    DataError
+        If the file is not a ULog, or of a kind that did not exist when this was written.
+    """
+    with path.open("rb") as file:
+        data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+    if len(data) < 16 or data[: len(_MAGIC)] != _MAGIC:
+        raise DataError("the header of the ULog is cut off; copy the file again")
+    walk = _Walk(data, wanted)
+    walk.run()
+    return walk.result()
+
+
+class _Walk:
+    """State of one pass over the messages."""
+
+    def __init__(self, data: mmap.mmap, wanted: frozenset[str]):
+        self.data, self.wanted = data, wanted
+        self.formats: dict[str, str] = {}
+        self.places: list[array.array | None] = [None] * 65536
+        self.subscribed: dict[int, tuple[str, int]] = {}
+        self.finished: list[tuple[str, int, array.array]] = []
+        self.others: set[str] = set()
+        self.parameters: dict[str, float] = {}
+        self.changed: set[str] = set()
+        self.dropouts: list[int] = []
+        self.stops: list[int] = []
+        self.started = False
+        self.skipped = 0
+
+    def run(self) -> None:
+        begin = 16
+        self._span(begin, len(self.data), True)
+        # data that a crash dump appended begin at places of their own: what stands before such a place may be cut short
+        for i, stop in enumerate(self.stops):
+            self._span(stop, self.stops[i + 1] if i + 1 < len(self.stops) else len(self.data), False)
+
+    def _span(self, i: int, end: int, first: bool) -> None:
+        data, places = self.data, self.places
+        while i + 3 <= end:
+            size = data[i] | data[i + 1] << 8
+            kind = data[i + 2]
+            after = i + 3 + size
+            if after > end or kind not in _KNOWN:
+                if after > end and kind in _KNOWN and data.find(_SYNC, i, end) < 0:
+                    break  # the last message is cut off, as it is whenever power was
+                found = data.find(_SYNC, i + 1, end)
+                self.skipped += (end if found < 0 else found) - i
+                if found < 0:
+                    break
+                i = found + len(_SYNC)
+                continue
+            if kind == 68:  # D, data
+                if size >= 2:
+                    place = places[data[i + 3] | data[i + 4] << 8]
+                    if place is not None:
+                        place.append(i)
+            else:
+                self._other(kind, data[i + 3 : after])
+                if first and self.stops:
+                    end = self.stops[0]
+                    first = False
+            i = after
+
+    def _other(self, kind: int, body: bytes) -> None:
+        if kind == 70:  # F, format
+            name, colon, fields = body.decode("latin-1").partition(":")
+            if colon:
+                self.formats.setdefault(name, fields)
+        elif kind == 65 and len(body) >= 3:  # A, subscription
+            self.started = True
+            name, number = body[3:].decode("latin-1"), body[1] | body[2] << 8
+            self._finish(number)
+            if name in self.wanted:
+                self.subscribed[number], self.places[number] = (name, body[0]), array.array("q")
+            else:
+                self.others.add(name)
+        elif kind == 82 and len(body) >= 2:  # R, end of a subscription
+            self._finish(body[0] | body[1] << 8)
+        elif kind == 80 and body:  # P, parameter
+            self._parameter(body)
+        elif kind == 79 and len(body) == 2:  # O, dropout in ms
+            self.dropouts.append(body[0] | body[1] << 8)
+        elif kind == 66 and len(body) >= 40:  # B, flags
+            if any(body[9:16]) or body[8] & ~1:
+                raise DataError("this ULog uses features that are not known here; convert it with `ulog2csv` of pyulog")
+            if body[8] & 1:
+                self.stops = sorted({stop for stop in struct.unpack("<3Q", body[16:40]) if 16 < stop < len(self.data)})
+
+    def _parameter(self, body: bytes) -> None:
+        kind, _, name = body[1 : 1 + body[0]].decode("latin-1").partition(" ")
+        value = body[1 + body[0] :]
+        if len(value) != 4 or kind not in ("float", "int32_t"):
+            return
+        number = float(struct.unpack("<f" if kind == "float" else "<i", value)[0])
+        if self.started and self.parameters.get(name, number) != number:
+            self.changed.add(name)
+        self.parameters.setdefault(name, number)
+
+    def _finish(self, number: int) -> None:
+        place = self.places[number]
+        if place is not None:
+            self.finished.append((*self.subscribed[number], place))
+            self.places[number] = None
+
+    def result(self) -> ULog:
+        for number in list(self.subscribed):
+            self._finish(number)
+        content = np.frombuffer(self.data, np.uint8)
+        warnings: list[str] = []
+        rows: dict[tuple[str, int], list[np.ndarray]] = {}
+        for name, instance, place in self.finished:
+            rows.setdefault((name, instance), []).append(np.frombuffer(place, np.int64) if len(place) else np.empty(0, np.int64))
+        topics = []
+        for (name, instance), parts in sorted(rows.items()):
+            dtype, padding = layout(name, self.formats)
+            offsets = np.concatenate(parts)
+            size = content[offsets].astype(np.int64) + (content[offsets + 1].astype(np.int64) << 8) - 2
+            # padding at the end of a row may be written or not
+            whole = (size >= dtype.itemsize) & (size <= dtype.itemsize + padding)
+            if not whole.all():
+                warnings.append(f"{name}:{instance}: {np.count_nonzero(~whole)} rows have the wrong length and are left out")
+            if whole.any():
+                topics.append(Topic(name, instance, dtype, offsets[whole] + 5))
+        if self.skipped:
+            warnings.append(f"the file is damaged: {self.skipped} bytes are no messages and are left out")
+        return ULog(content, topics, sorted(self.others), self.parameters, self.changed, self.dropouts, warnings)
+
+
+def layout(name: str, formats: dict[str, str]) -> tuple[np.dtype, int]:
+    """Layout of the rows of a topic, and how many bytes of padding may follow; types made of others are taken apart.
+
+    Examples
+    --------
+    >>> from jaxcal.io._ulog import layout
+    >>> layout("a", {"a": "uint64_t timestamp;float[3] x;b one;uint8_t[4] _padding0;", "b": "int8_t y;"})[0].names
+    ('timestamp', 'x', 'one.y')
+    """
+    fields: list[tuple[Any, ...]] = []
+    visits = itertools.count()
+
+    def add(name: str, prefix: str, depth: int) -> None:
+        if name not in formats or depth > 8 or next(visits) > _MOST:
+            raise DataError(f"the ULog does not say what {name} holds; it is damaged: copy it again")
+        for word in formats[name].split(";"):
+            match = _FIELD.fullmatch(word.strip())
+            if match is None:
+                if word.strip():
+                    raise DataError(f"the ULog's description of {name} is damaged ({word[:40]!r}): copy the file again")
+                continue
+            kind, count, field = match[1], int(match[2] or 0), prefix + match[3]
+            if kind in _TYPES:
+                fields.append((field, _TYPES[kind], (count,)) if count else (field, _TYPES[kind]))
+            else:
+                for k in range(max(count, 1)):
+                    add(kind, f"{field}[{k}]." if count else f"{field}.", depth + 1)
+            if len(fields) > _MOST:
+                raise DataError(f"the ULog gives {name} more than {_MOST} fields; it is damaged: copy it again")
+
+    add(name, "", 0)
+    names = [field[0] for field in fields]
+    if len(set(names)) < len(names) or not fields:
+        raise DataError(f"the ULog's description of {name} is damaged (fields {', '.join(names[:8])}): copy the file again")
+    sizes = [np.dtype(field[1]).itemsize * (field[2][0] if len(field) > 2 else 1) for field in fields]
+    if sum(sizes) > _LONGEST:
+        raise DataError(f"the ULog gives {name} rows of {sum(sizes)} bytes, more than a message holds; it is damaged: copy it again")
+    padding = 0
+    while len(fields) > 1 and fields[-1][0].startswith("_padding"):
+        fields.pop()
+        padding += sizes.pop()
+    return np.dtype(fields), padding

@@ -1,0 +1,124 @@
+"""Calibrations that a flight controller applied before it logged, undone with the parameters in the log."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from .._errors import DataError
+
+_WITHOUT = "; read it without raw=True (--raw), or record the raw topics"
+
+
+def undo_px4(name: str, values: np.ndarray, device: int | None, parameters: Mapping[str, float], changed: set[str]) -> np.ndarray:
+    """Values (n, 3) of a PX4 sensor before calibration: ``scale^-1 R^T x + offset``.
+
+    Parameters
+    ----------
+    name : gyro, accel or mag.
+    values : as logged.
+    device : id of the sensor, or None where the log does not tell; then there must be one calibration only.
+    parameters, changed : parameters at the start, and the names of those that changed while the log ran.
+
+    Raises
+    ------
+    DataError
+        If the log does not hold what is needed, or the calibration has terms that cannot be undone.
+    """
+    group = {"gyro": "CAL_GYRO", "accel": "CAL_ACC", "mag": "CAL_MAG"}[name]
+    slots = {}
+    for slot in range(4):
+        found = parameters.get(f"{group}{slot}_ID", 0)
+        if found:
+            slots[int(found)] = f"{group}{slot}_"
+    if device is None and len(slots) == 1:
+        device = next(iter(slots))
+    if device not in slots:
+        raise DataError(f"raw=True: the log holds no {group}n_ID for {name} (device {device}; there are {sorted(slots)}){_WITHOUT}")
+    prefix = slots[device]
+    thermal = {"gyro": "TC_G_ENABLE", "accel": "TC_A_ENABLE", "mag": "TC_M_ENABLE"}[name]
+    if parameters.get(thermal, 0):
+        raise DataError(
+            f"raw=True: the thermal compensation of {name} was on ({thermal}), and its temperature is not in the topic{_WITHOUT}"
+        )
+    odd = [*(f"SENS_BOARD_{axis}_OFF" for axis in "XYZ"), *(f"{prefix}{axis}COMP" for axis in "XYZ")]
+    odd = [key for key in odd if parameters.get(key, 0)]
+    if odd:
+        raise DataError(f"raw=True: {', '.join(odd)} cannot be undone{_WITHOUT}")
+    _constant([key for key in changed if key.startswith((prefix, "SENS_BOARD"))])
+    own = parameters.get(f"{prefix}ROT", -1)
+    values = values @ _rotation(int(own if own >= 0 else parameters.get("SENS_BOARD_ROT", 0)))
+    if name == "mag":
+        values = np.linalg.solve(_symmetric(parameters, prefix + "{}SCALE", prefix + "{}ODIAG", 1.0), values.T).T
+    elif name == "accel":
+        values = values / _vector(parameters, prefix + "{}SCALE", 1.0)
+    return values + _vector(parameters, prefix + "{}OFF", 0.0)
+
+
+def undo_ardupilot(name: str, values: np.ndarray, instance: int, parameters: Mapping[str, float], changed: set[str]) -> np.ndarray:
+    """Values (n, 3) of an ArduPilot IMU before calibration: ``R^T x / scale + offset``; arguments as of `undo_px4`."""
+    number = "" if instance == 0 else str(instance + 1)
+    base = f"INS_{'ACC' if name == 'accel' else 'GYR'}{number}"
+    offset = {"accel": f"{base}OFFS_", "gyro": f"INS_GYR{number}OFFS_" if number else "INS_GYROFFS_"}[name]
+    needed = [offset + axis for axis in "XYZ"] + ([f"{base}SCAL_{axis}" for axis in "XYZ"] if name == "accel" else [])
+    _complete(needed, parameters)
+    _constant([key for key in changed if key in needed or key == "AHRS_ORIENTATION"])
+    if parameters.get(f"INS_TCAL{instance + 1}_ENABLE", 0) == 1:
+        raise DataError(f"raw=True: the thermal compensation was on (INS_TCAL{instance + 1}_ENABLE){_WITHOUT}")
+    values = values @ _rotation(int(parameters.get("AHRS_ORIENTATION", 0)))
+    if name == "accel":
+        values = values / _vector(parameters, f"{base}SCAL_{{}}", 1.0)
+    return values + _vector(parameters, offset + "{}", 0.0)
+
+
+def undo_compass(field: np.ndarray, added: np.ndarray, instance: int, parameters: Mapping[str, float], changed: set[str]) -> np.ndarray:
+    """ArduPilot's field before correction: ``D^-1 field / scale - added``.
+
+    Parameters
+    ----------
+    field, added : (n, 3) the logged field, and the sum of the offsets logged with it, in one unit.
+    instance, parameters, changed : as of `undo_ardupilot`.
+    """
+    number = "" if instance == 0 else str(instance + 1)
+    names = [f"COMPASS_{kind}{number}_{axis}" for kind in ("DIA", "ODI") for axis in "XYZ"]
+    _complete(names, parameters)
+    _constant([key for key in changed if key in names])
+    matrix = _symmetric(parameters, f"COMPASS_DIA{number}_{{}}", f"COMPASS_ODI{number}_{{}}", 1.0)
+    if not matrix.any():
+        matrix = np.eye(3)  # all zero: never calibrated, and not applied
+    scale = parameters.get(f"COMPASS_SCALE{number}", 0.0) or 1.0
+    return np.linalg.solve(matrix, field.T).T / scale - added
+
+
+def _complete(names: list[str], parameters: Mapping[str, float]) -> None:
+    missing = [name for name in names if name not in parameters]
+    if missing:
+        raise DataError(f"raw=True: the log does not hold {', '.join(missing)}{_WITHOUT}")
+
+
+def _constant(changed: list[str]) -> None:
+    if changed:
+        raise DataError(f"raw=True: {', '.join(sorted(changed))} changed while the log ran{_WITHOUT}")
+
+
+def _vector(parameters: Mapping[str, float], name: str, default: float) -> np.ndarray:
+    vector = np.array([parameters.get(name.format(axis), default) for axis in "XYZ"])
+    if default and not (np.isfinite(vector).all() and vector.all()):
+        raise DataError(f"raw=True: {name.format('*')} is {vector.tolist()}, by which nothing can be divided{_WITHOUT}")
+    return vector
+
+
+def _symmetric(parameters: Mapping[str, float], diagonal: str, other: str, default: float) -> np.ndarray:
+    matrix = np.diag([parameters.get(diagonal.format(axis), default) for axis in "XYZ"])
+    x, y, z = (parameters.get(other.format(axis), 0.0) for axis in "XYZ")
+    matrix += np.array([[0.0, x, y], [x, 0.0, z], [y, z, 0.0]])
+    if matrix.any() and not (np.isfinite(matrix).all() and abs(np.linalg.det(matrix)) > 1e-6):
+        raise DataError(f"raw=True: {diagonal.format('*')} and {other.format('*')} hold a matrix that has no inverse{_WITHOUT}")
+    return matrix
+
+
+def _rotation(number: int) -> np.ndarray:
+    """Matrix R of ``body = R sensor`` for the numbers 0 to 7, yaw by multiples of 45 degrees, which both flight controllers share."""
+    if not 0 <= number <= 7:
+        raise DataError(f"raw=True: the board is mounted by rotation {number}; only turns about z (0 to 7) are undone{_WITHOUT}")
+    cosine, sine = np.cos(number * np.pi / 4), np.sin(number * np.pi / 4)
+    return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])

@@ -1,0 +1,95 @@
+"""The process of its own in which some libraries read: what brings it down is a sentence, and the next file is read."""
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import polars as pl
+import pytest
+
+from jaxcal import DataError, read
+from jaxcal.io import _apart
+
+
+@pytest.fixture
+def log(still, tmp_path):
+    path = tmp_path / "log.parquet"
+    pl.DataFrame({"t": still.time, "gx": still.gyro[:, 0]}).write_parquet(path)
+    return path
+
+
+@pytest.fixture
+def program(tmp_path, monkeypatch):
+    """Put another program in the place of the reading process."""
+
+    def put(text):
+        _apart.apart.stop()
+        (tmp_path / "program.py").write_text(text)
+        monkeypatch.setattr(_apart, "__file__", str(tmp_path / "program.py"))
+
+    yield put
+    _apart.apart.stop()
+
+
+@pytest.mark.parametrize("text", ["import os; os.abort()", "import os; input(); os.abort()", "import time; time.sleep(60)"])
+def test_a_process_that_breaks_down_is_replaced(text, log, program, monkeypatch):
+    with monkeypatch.context() as inside:
+        inside.setattr(_apart, "_SECONDS", 2.0)
+        program(text)
+        with pytest.raises(DataError, match=r"log.parquet: (the library that reads it broke down|it took more than 2 s)"):
+            read(log, quiet=True)
+    monkeypatch.undo()
+    assert len(read(log, quiet=True).time) == 400
+
+
+def test_the_last_words_of_an_allocation_are_told(log, program):
+    program("import os, sys; input(); sys.stderr.write('memory allocation of 9 bytes failed\\n'); sys.stderr.flush(); os.abort()")
+    with pytest.raises(DataError, match=r"broke down \(memory allocation of 9 bytes failed\); it is damaged: copy it again"):
+        read(log, quiet=True)
+
+
+def test_one_process_serves_all_files(log):
+    read(log, quiet=True)
+    first = _apart.apart._process.pid
+    read(log, quiet=True)
+    assert _apart.apart._process.pid == first
+    _apart.apart._process.kill()
+    _apart.apart._process.wait()
+    assert len(read(log, quiet=True).time) == 400
+
+
+def test_what_a_library_prints_is_no_answer(log, monkeypatch, tmp_path):
+    # a module beside the log, or in the working folder, is not taken for polars
+    (tmp_path / "polars.py").write_text("raise SystemExit('taken')")
+    monkeypatch.chdir(tmp_path)
+    _apart.apart.stop()
+    assert len(read(log, quiet=True).time) == 400
+
+
+def test_nothing_is_left_running(log):
+    code = f"import jaxcal; jaxcal.read({str(log)!r}, quiet=True); from jaxcal.io._apart import apart; print(apart._process.pid)"
+    done = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, check=True)
+    assert done.stderr == ""
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(done.stdout), 0)
+
+
+def test_all_kinds_of_columns_come_through(tmp_path, still):
+    frame = pl.DataFrame(
+        {
+            "time": pl.Series(still.time * 1e9).cast(pl.Int64).cast(pl.Datetime("ns")),
+            "gx": still.gyro[:, 0].astype(np.float32),
+            "gy": pl.Series([None, *still.gyro[1:, 1]]),
+            "gz": pl.Series(range(400), dtype=pl.Int16),
+            "note": ["a"] * 400,
+            "ok": [True] * 400,
+        }
+    )
+    frame.write_parquet(tmp_path / "log.parquet")
+    log = read(tmp_path / "log.parquet", units="gyro=rad/s", quiet=True)
+    np.testing.assert_array_equal(log.gyro[1:, 0], frame["gx"].to_numpy()[1:])
+    assert np.isnan(log.gyro[0]).tolist() == [False, True, False]
+    np.testing.assert_array_equal(log.gyro[1:, 2], np.arange(1, 400))
+    with pytest.raises(DataError, match=r"column 4 \(note\) holds text, such as 'a'"):
+        read(tmp_path / "log.parquet", columns="gyro=note", rate=100.0, quiet=True)

@@ -1,0 +1,223 @@
+"""ArduPilot DataFlash: logs packed record by record, as pymavlink reads them too."""
+
+import numpy as np
+import pytest
+
+from jaxcal import DataError, read
+
+from .flightlogs import DataFlashWriter, dataflash_with_imu
+
+STAMPS = 1_000_000 + np.arange(400) * 10_000
+
+
+@pytest.fixture
+def put(tmp_path):
+    def write(log, name="log.bin"):
+        path = tmp_path / name
+        path.write_bytes(getattr(log, "content", log))
+        return path
+
+    return write
+
+
+def f4(values):
+    return values.astype(np.float32).astype(np.float64)
+
+
+def test_imu_records_are_read_exactly_and_named(still, put):
+    log = read(put(dataflash_with_imu(STAMPS, still.gyro, still.accel)), quiet=True)
+    np.testing.assert_array_equal(log.gyro, f4(still.gyro))
+    np.testing.assert_array_equal(log.accel, f4(still.accel))
+    assert (log.rate, log.temperature[0], log.provenance["columns"]) == (100.0, 25.0, {"topics": ["IMU:0"]})
+    assert "IMU:0 is calibrated and filtered, and logged far below the sensor's rate" in log.warnings[0]
+
+
+def test_instances_are_separate_sensors(still, put):
+    path = put(dataflash_with_imu(STAMPS, still.gyro, still.accel, instances=(0, 1, 2)))
+    with pytest.raises(DataError, match=r"IMU comes from 3 sensors: .* such as IMU:0: IMU:0 \(400 records\); IMU:1 \(400 records\)"):
+        read(path, quiet=True)
+    assert len(read(path, topics="IMU:2", quiet=True).time) == 400
+    with pytest.raises(DataError, match="topics=: IMU:3 not among"):
+        read(path, topics="IMU:3", quiet=True)
+
+
+def test_old_names_of_instances(still, put):
+    log = DataFlashWriter()
+    for number, name in ((10, "IMU"), (11, "IMU2")):
+        log.describe(number, name, "Qffffff", "TimeUS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ")
+        log.write_all(
+            name, [(int(t), *map(float, w), *map(float, f)) for t, w, f in zip(STAMPS, still.gyro * number, still.accel, strict=True)]
+        )
+    np.testing.assert_array_equal(read(put(log), topics="IMU:1", quiet=True).gyro, f4(still.gyro * 11))
+
+
+def test_sample_stamps_are_preferred(still, put):
+    log = DataFlashWriter()
+    for number, name, axes in ((20, "ACC", "AccX,AccY,AccZ"), (21, "GYR", "GyrX,GyrY,GyrZ")):
+        log.describe(number, name, "QBQfff", f"TimeUS,I,SampleUS,{axes}")
+    jitter = np.random.default_rng(0).integers(0, 4000, 400)
+    for t, late, w, f in zip(STAMPS, jitter, still.gyro, still.accel, strict=True):
+        log.write("ACC", int(t + late), 0, int(t), *map(float, f))
+        log.write("GYR", int(t + late), 0, int(t), *map(float, w))
+    found = read(put(log), quiet=True)
+    np.testing.assert_array_equal(found.gyro, f4(still.gyro))
+    np.testing.assert_array_equal(found.accel, f4(still.accel))
+    assert found.rate == 100.0
+    assert "ACC:0: the log does not say whether these are calibrated or filtered" in found.warnings
+
+
+def batches(put, counts, rate=1000.0, mul=100, every=2.0, cut=0):
+    """Batches of 64 samples, gyroscope and accelerometer in turn."""
+    log = DataFlashWriter()
+    log.describe(30, "ISBH", "QHBBHHQf", "TimeUS,N,type,instance,mul,smp_cnt,SampleUS,smp_rate")
+    log.describe(31, "ISBD", "QHHaaa", "TimeUS,N,seqno,x,y,z")
+    for n, block in enumerate(counts):
+        start = 1_000_000 + round(n * every * 64 / rate * 1e6)
+        log.write("ISBH", start + 99_000, n % 65536, (n + 1) % 2, 0, mul, 64, start, rate)
+        for k in range(2 - (cut and n == len(counts) - 1)):
+            piece = block[32 * k : 32 * k + 32]
+            log.write("ISBD", start + 99_000, n % 65536, k, *(np.asarray(column, "<i2").tobytes() for column in piece.T))
+    return put(log)
+
+
+@pytest.fixture
+def int16_arrays(monkeypatch):
+    from . import flightlogs
+
+    monkeypatch.setitem(flightlogs.DATAFLASH_CODES, "a", "64s")
+
+
+def test_batches_of_raw_samples(put, int16_arrays):
+    counts = np.random.default_rng(1).integers(-3000, 3000, size=(8, 64, 3))
+    log = read(batches(put, counts), quiet=True)
+    assert log.rate == 1000.0
+    # gyroscope at even batches, accelerometer at odd ones, 128 ms apart, 64 ms long
+    gyro = np.concatenate([log.gyro[256 * k : 256 * k + 64] for k in range(4)])
+    accel = np.concatenate([log.accel[128 + 256 * k : 192 + 256 * k] for k in range(4)])
+    np.testing.assert_array_equal(gyro, counts[::2].reshape(-1, 3) / 100)
+    np.testing.assert_array_equal(accel, counts[1::2].reshape(-1, 3) / 100)
+    assert np.isfinite(log.gyro[:, 0]).sum() == np.isfinite(log.accel[:, 0]).sum() == 256
+    assert "gyro: ISB-GYR:0, 4 batches at 1000 Hz, raw, with gaps between them" in log.notes
+    alone = read(batches(put, counts), topics="ISB-GYR:0", quiet=True)
+    assert [gap.samples for gap in alone.gaps] == [192, 192, 192]
+
+
+def test_batches_that_are_not_complete_are_counted(put, int16_arrays):
+    counts = np.random.default_rng(1).integers(-3000, 3000, size=(8, 64, 3))
+    log = read(batches(put, counts, cut=1), topics="ISB-ACC", quiet=True)
+    assert "ISB-ACC:0: 1 batches are not complete" in log.warnings
+    assert np.isfinite(log.accel[:, 0]).sum() == 3 * 64 + 32
+
+
+def mag_log(values, extra=lambda log: None, letters="QBhhhhhhhhhBI"):
+    log = DataFlashWriter()
+    log.describe(40, "MAG", letters, "TimeUS,I,MagX,MagY,MagZ,OfsX,OfsY,OfsZ,MOX,MOY,MOZ,Health,S")
+    log.describe(64, "PARM", "QNf", "TimeUS,Name,Value")
+    extra(log)
+    for t, v in zip(STAMPS, values, strict=True):
+        log.write("MAG", int(t), 0, *map(int, v), -125, 72, -300, 5, 0, -5, 1, 0)
+    return log
+
+
+MILLIGAUSS = np.random.default_rng(3).integers(-500, 500, size=(400, 3))
+
+
+def test_a_compass_is_in_milligauss(put):
+    log = read(put(mag_log(MILLIGAUSS)), quiet=True)
+    np.testing.assert_allclose(log.mag, MILLIGAUSS * 1e-7, rtol=1e-14)
+    assert "MAG:0 is already corrected by ArduPilot" in log.warnings[0]
+
+
+def test_letters_that_stand_for_hundredths(put):
+    log = read(put(mag_log(MILLIGAUSS, letters="QBccchhhhhhBI")), quiet=True)
+    np.testing.assert_allclose(log.mag, MILLIGAUSS * 1e-9, rtol=1e-14)
+
+
+def test_the_units_of_the_log_replace_the_custom(put):
+    def describe(log):
+        log.describe(50, "FMTU", "QBNN", "TimeUS,FmtType,UnitIds,MultIds")
+        log.describe(51, "UNIT", "QbZ", "TimeUS,Id,Label")
+        log.describe(52, "MULT", "Qbd", "TimeUS,Id,Mult")
+        log.write("UNIT", 0, ord("G"), "Gauss")
+        log.write("MULT", 0, ord("C"), 1e-3)
+        log.write("FMTU", 0, 40, "s#GGGGGGGGG-s", "F-CCCCCCCCC-F")
+
+    log = read(put(mag_log(MILLIGAUSS, describe, letters="QBccchhhhhhBI")), quiet=True)
+    np.testing.assert_allclose(log.mag, MILLIGAUSS * 1e-7, rtol=1e-14)
+    assert log.provenance["units"]["mag"] == "G"
+
+
+def parameters(log, values):
+    for name, value in values.items():
+        log.write("PARM", 0, name, value)
+
+
+def test_a_compass_is_undone_on_request(put):
+    matrix = np.array([[1.05, 0.02, -0.01], [0.02, 0.97, 0.03], [-0.01, 0.03, 1.0]])
+    offset = np.array([-120.0, 72.0, -305.0])  # Ofs and MO
+    raw = np.random.default_rng(3).normal(size=(400, 3)) * 300
+    field = 1.1 * (raw + offset) @ matrix.T
+    given = dict(zip(("COMPASS_DIA_X", "COMPASS_DIA_Y", "COMPASS_DIA_Z"), (1.05, 0.97, 1.0), strict=True)) | {
+        "COMPASS_ODI_X": 0.02, "COMPASS_ODI_Y": -0.01, "COMPASS_ODI_Z": 0.03, "COMPASS_SCALE": 1.1}  # fmt: skip
+    path = put(mag_log(np.round(field), lambda log: parameters(log, given)))
+    np.testing.assert_allclose(read(path, raw=True, quiet=True).mag, raw * 1e-7, atol=0.7e-7)  # steps of 1 mgauss
+    with pytest.raises(DataError, match="the log does not hold COMPASS_DIA_X"):
+        read(put(mag_log(MILLIGAUSS)), raw=True, quiet=True)
+
+
+def test_an_imu_is_undone_on_request(still, put):
+    log = DataFlashWriter()
+    log.describe(10, "IMU", "Qffffff", "TimeUS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ")
+    log.describe(64, "PARM", "QNf", "TimeUS,Name,Value")
+    given = {f"INS_GYROFFS_{a}": v for a, v in zip("XYZ", (0.01, -0.02, 0.03), strict=True)}
+    given |= {f"INS_ACCOFFS_{a}": v for a, v in zip("XYZ", (0.12, -0.08, 0.25), strict=True)}
+    given |= {f"INS_ACCSCAL_{a}": v for a, v in zip("XYZ", (1.002, 0.998, 1.005), strict=True)}
+    parameters(log, given)
+    gyro = still.gyro - np.array([0.01, -0.02, 0.03])
+    accel = (still.accel - np.array([0.12, -0.08, 0.25])) * np.array([1.002, 0.998, 1.005])
+    log.write_all("IMU", [(int(t), *map(float, w), *map(float, f)) for t, w, f in zip(STAMPS, gyro, accel, strict=True)])
+    found = read(put(log), raw=True, quiet=True)
+    np.testing.assert_allclose(found.accel, still.accel, atol=2e-6)
+    np.testing.assert_allclose(found.gyro, still.gyro, atol=1e-8)
+    parameters(log, {"INS_TCAL1_ENABLE": 1.0})
+    with pytest.raises(DataError, match="the thermal compensation was on"):
+        read(put(log), raw=True, quiet=True)
+    parameters(log, {"INS_GYROFFS_X": 0.5})
+    with pytest.raises(DataError, match="INS_GYROFFS_X changed while the log ran"):
+        read(put(log), raw=True, quiet=True)
+
+
+def test_drops_of_the_logger(still, put):
+    log = dataflash_with_imu(STAMPS, still.gyro, still.accel)
+    log.describe(60, "DSF", "QI", "TimeUS,Dp")
+    log.write("DSF", 1, 17)
+    assert any("the logger dropped 17 records (DSF)" in w for w in read(put(log), quiet=True).warnings)
+
+
+@pytest.mark.parametrize("block", [1 << 24, 1000, 97])
+def test_the_bytes_that_begin_a_record_may_stand_in_one(block, still, put, monkeypatch):
+    from jaxcal.io import _dataflash
+
+    monkeypatch.setattr(_dataflash, "_BLOCK", block)
+    gyro = still.gyro.copy()
+    # a float whose bytes are A3 95 B0 3D, a record of type 176 to the eye
+    gyro[::7, 1] = np.frombuffer(b"\xa3\x95\xb0\x3d", "<f4")[0]
+    found = read(put(dataflash_with_imu(STAMPS, gyro, still.accel)), quiet=True)
+    np.testing.assert_array_equal(found.gyro, f4(gyro))
+
+
+def test_damage_costs_the_records_that_it_hits(still, put):
+    content = bytearray(dataflash_with_imu(STAMPS, still.gyro, still.accel).content)
+    at = content.index(b"\xa3\x95\xb0", len(content) // 2)
+    content[at : at + 2] = b"\0\0"
+    found = read(put(bytes(content)), quiet=True)
+    assert [gap.samples for gap in found.gaps] == [1]
+    assert "the file is damaged or cut off: 54 bytes belong to no record and are left out" in found.warnings
+
+
+def test_no_records_of_a_sensor(put):
+    log = DataFlashWriter()
+    log.describe(64, "PARM", "QNf", "TimeUS,Name,Value")
+    parameters(log, {"A": 1.0})
+    with pytest.raises(DataError, match=r"no records of a sensor \(IMU, ACC, GYR, ISBH, MAG\) in it; the records are: PARM"):
+        read(put(log), quiet=True)

@@ -1,0 +1,56 @@
+"""A folder for a log: the one in it, or the parts of a split recording."""
+
+import shutil
+
+import numpy as np
+import pytest
+
+from jaxcal import DataError, read
+
+HEADER = "time,gyro_x,gyro_y,gyro_z\n"
+START = 1_700_000_000_000_000_000
+
+
+def rows(still):
+    return HEADER + "".join(",".join(f"{v:.6g}" for v in row) + "\n" for row in np.column_stack([still.time, still.gyro]))
+
+
+def test_the_only_log_of_a_folder(still, tmp_path):
+    (tmp_path / "log.csv").write_text(rows(still))
+    (tmp_path / "README.md").write_text("# what was done\n")
+    (tmp_path / ".hidden.csv").write_text(rows(still))
+    (tmp_path / "more").mkdir()
+    log = read(tmp_path, quiet=True)
+    assert len(log.time) == 400
+    assert log.provenance["format"] == "csv"
+
+
+def test_several_logs_are_listed(still, tmp_path):
+    for name in ("b.csv", "a.csv"):
+        (tmp_path / name).write_text(rows(still))
+    np.savez(tmp_path / "c.npz", time=still.time, gyro=still.gyro)
+    with pytest.raises(DataError, match=r"the folder holds 3 logs, each a recording of its own: a.csv, b.csv, c.npz; give one of them"):
+        read(tmp_path, quiet=True)
+
+
+@pytest.mark.parametrize("storage", ["ros1", "sqlite3", "mcap"])
+def test_parts_of_a_recording_are_joined_in_order(storage, make, write_bag, tmp_path):
+    still = make(n=1200)
+    values = np.column_stack([still.gyro, still.accel])
+    stamps = START + np.arange(1200) * 10_000_000
+    folder = tmp_path / "parts"
+    folder.mkdir()
+    suffix = {"ros1": ".bag", "sqlite3": ".db3", "mcap": ".mcap"}[storage]
+    for k in range(3):
+        part = slice(400 * k, 400 * k + 400)
+        written = write_bag(storage, {"/imu": ("Imu", stamps[part], values[part])}, name=f"w{k}")
+        source = written if storage == "ros1" else written / f"w{k}{suffix}"
+        shutil.copy(source, folder / f"day_{k}{suffix}")
+    log = read(folder, quiet=True)
+    np.testing.assert_array_equal(log.gyro, still.gyro)
+    assert log.gaps == ()
+    assert log.provenance["size"] == sum(file.stat().st_size for file in folder.iterdir())
+    assert f"recording: 3 parts joined, day_0{suffix} to day_2{suffix}" in log.notes
+    (folder / f"day_1{suffix}").unlink()
+    with pytest.raises(DataError, match=rf"the folder holds parts of a recording, but day_1{suffix} is missing"):
+        read(folder, quiet=True)

@@ -1,0 +1,20 @@
+"""A bounded share of `benchmarks/fuzz.py`, which mutates small logs of every format."""
+
+import pathlib
+import subprocess
+import sys
+
+import pytest
+
+SCRIPT = pathlib.Path(__file__).resolve().parents[2] / "benchmarks" / "fuzz.py"
+READERS = "csv,npy,npz,parquet,bag1,sqlite3,mcap,ulog,dataflash,mat5,hdf5,mat73"
+
+
+def test_mutated_logs_are_read_or_refused():
+    for module in ("polars", "rosbags", "h5py"):
+        pytest.importorskip(module)
+    words = [sys.executable, str(SCRIPT), "--only", READERS, "--each", "150", "--seconds", "10"]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    total = int(done.stdout.splitlines()[-1].split()[1].rstrip(","))
+    assert total > 200  # even on a machine that is busy

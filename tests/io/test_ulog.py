@@ -1,0 +1,306 @@
+"""PX4 ULog: files packed byte by byte, as pyulog reads them too."""
+
+import numpy as np
+import pytest
+
+from jaxcal import DataError, read
+
+from .flightlogs import SENSOR, ULogWriter, dtype_of, sensor_rows, ulog_message, ulog_with_imu
+
+STAMPS = 5_000_000 + np.arange(400) * 10_000
+G = 1e-4  # T
+
+
+@pytest.fixture
+def put(tmp_path):
+    def write(log, name="log.ulg"):
+        path = tmp_path / name
+        path.write_bytes(getattr(log, "content", log))
+        return path
+
+    return write
+
+
+def f4(values):
+    return values.astype(np.float32).astype(np.float64)
+
+
+def test_raw_topics_are_read_exactly(still, put):
+    log = read(put(ulog_with_imu(STAMPS, still.gyro, still.accel, still.mag / G)), quiet=True)
+    np.testing.assert_array_equal(log.gyro, f4(still.gyro))
+    np.testing.assert_array_equal(log.accel, f4(still.accel))
+    np.testing.assert_allclose(log.mag, f4(still.mag / G) * G, rtol=1e-15)
+    np.testing.assert_array_equal(log.temperature, 25.0)
+    assert (log.rate, log.gaps, log.warnings) == (100.0, (), ())
+    assert log.provenance["epoch_ns"] == 5_000_000_000  # timestamp_sample, not the time of logging
+    assert log.provenance["columns"] == {"topics": ["sensor_gyro:0", "sensor_accel:0", "sensor_mag:0"]}
+    assert log.provenance["units"] == {"gyro": "rad/s", "accel": "m/s^2", "mag": "G", "temperature": "degC"}
+
+
+def test_the_same_numbers_as_pyulog(still, put):
+    pyulog = pytest.importorskip("pyulog")
+    path = put(ulog_with_imu(STAMPS, still.gyro, still.accel, still.mag / G))
+    log, other = read(path, quiet=True), pyulog.ULog(str(path))
+    assert not other.file_corruption
+    for sensor, topic in (("gyro", "sensor_gyro"), ("accel", "sensor_accel")):
+        data = other.get_dataset(topic).data
+        np.testing.assert_array_equal(getattr(log, sensor), np.stack([data[axis] for axis in "xyz"], axis=1))
+        np.testing.assert_array_equal(data["timestamp_sample"], STAMPS)
+
+
+def test_several_instances_need_a_choice(still, put):
+    path = put(ulog_with_imu(STAMPS, still.gyro, still.accel, instances=(0, 1)))
+    listed = r"sensor_accel:0 device 1310988 \(400 rows, 100 Hz\); sensor_accel:1 device 1310989 \(400 rows, 100 Hz\)"
+    with pytest.raises(DataError, match=rf"sensor_gyro has 2 instances.* with topics= \(--topics\), such as sensor_gyro:0: {listed}"):
+        read(path, quiet=True)
+    log = read(path, topics="sensor_gyro:1,sensor_accel:1", quiet=True)
+    np.testing.assert_array_equal(log.gyro, f4(still.gyro))
+    assert read(path, topics=["sensor_gyro:0"], quiet=True).accel is None
+    with pytest.raises(DataError, match="topics=: sensor_baro not among"):
+        read(path, topics="sensor_baro", quiet=True)
+
+
+COMBINED = [
+    "uint64_t timestamp", "float[3] gyro_rad", "uint32_t gyro_integral_dt", "int32_t accelerometer_timestamp_relative",
+    "float[3] accelerometer_m_s2", "uint32_t accelerometer_integral_dt", "uint8_t accel_calibration_count", "uint8_t[7] _padding0",
+]  # fmt: skip
+
+
+def combined(still, relative=0, count=1, n=400):
+    log = ULogWriter()
+    log.format("sensor_combined", COMBINED)
+    rows = np.zeros(n, dtype_of(COMBINED))
+    rows["timestamp"], rows["gyro_rad"], rows["accelerometer_m_s2"] = STAMPS[:n], still.gyro[:n], still.accel[:n]
+    rows["accelerometer_timestamp_relative"], rows["accel_calibration_count"] = relative, count
+    return log, rows
+
+
+def finish(log, rows, cut=7):
+    log.subscribe("sensor_combined")
+    log.data("sensor_combined", 0, rows, cut)
+    return log
+
+
+def test_calibrated_topics_are_a_last_resort_and_are_named(still, put):
+    log = read(put(finish(*combined(still))), quiet=True)
+    np.testing.assert_array_equal(log.gyro, f4(still.gyro))
+    text = " ".join(log.warnings)
+    assert "gyro: sensor_combined:0 is already calibrated by PX4" in text
+    assert "sensor_combined:0 holds averages over an interval: white noise found from it is too small" in text
+    assert "undo it with raw=True (--raw)" in text
+
+
+def test_raw_topics_go_before_calibrated_ones(still, put):
+    log, rows = combined(still)
+    log.format("sensor_gyro", SENSOR)
+    finish(log, rows)
+    log.subscribe("sensor_gyro")
+    log.data("sensor_gyro", 0, sensor_rows(STAMPS, 2 * still.gyro), 4)
+    found = read(put(log), quiet=True)
+    np.testing.assert_array_equal(found.gyro, f4(2 * still.gyro))
+    assert found.accel is None  # never mixed with the averages
+    assert "topics: sensor_gyro:0; not read: sensor_combined; override with --topics" in found.notes
+    assert read(put(log), topics="sensor_combined", quiet=True).accel is not None
+
+
+@pytest.mark.parametrize("late", [0, 3_000])
+def test_relative_stamps_and_the_mark_of_an_invalid_sample(late, still, put):
+    log, rows = combined(still, relative=late)
+    rows["accelerometer_timestamp_relative"][[3, 50]] = 2147483647
+    found = read(put(finish(log, rows)), quiet=True)
+    missing = np.flatnonzero(np.isnan(found.accel).any(axis=1))
+    assert missing.tolist() == [3, 50]
+    assert "accel: 2 rows are marked invalid in sensor_combined:0 and are missing" in found.notes
+    np.testing.assert_array_equal(found.accel[51:350], f4(still.accel)[51:350])
+
+
+def test_a_change_of_calibration_splits_the_log(still, put):
+    log, rows = combined(still)
+    rows["accel_calibration_count"][300:] = 2
+    found = read(put(finish(log, rows)), quiet=True)
+    assert len(found.time) == 300
+    assert any(
+        "the calibration changed 1 times while the log ran (accel_calibration_count); only the 300 of 400" in w for w in found.warnings
+    )
+
+
+def with_parameters(still, **parameters):
+    log, rows = combined(still)
+    for name, value in parameters.items():
+        log.parameter(name, value)
+    return finish(log, rows)
+
+
+ACC = {"CAL_ACC0_ID": 5, "CAL_ACC0_XOFF": 0.1, "CAL_ACC0_YOFF": -0.2, "CAL_ACC0_ZOFF": 0.3, "CAL_ACC0_XSCALE": 1.01}
+GYRO = {"CAL_GYRO0_ID": 6, "CAL_GYRO0_XOFF": 0.01}
+
+
+def test_a_calibration_is_undone_on_request(still, put):
+    # what PX4 does: rotation (scale (raw - offset)); rotation 2 is yaw by 90 degrees
+    raw = still.accel
+    scale, offset = np.array([1.01, 1.0, 1.0]), np.array([0.1, -0.2, 0.3])
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    log, rows = combined(still)
+    rows["accelerometer_m_s2"] = ((raw - offset) * scale) @ turn.T
+    rows["gyro_rad"] = (still.gyro - np.array([0.01, 0.0, 0.0])) @ turn.T
+    for name, value in (ACC | GYRO | {"SENS_BOARD_ROT": 2}).items():
+        log.parameter(name, value)
+    found = read(put(finish(log, rows)), raw=True, quiet=True)
+    np.testing.assert_allclose(found.accel, raw, atol=2e-6)
+    np.testing.assert_allclose(found.gyro, still.gyro, atol=1e-8)
+    assert "accel: the calibration in sensor_combined:0 is undone with the log's CAL_ parameters (raw)" in found.notes
+    assert not any("already calibrated" in w for w in found.warnings)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "said"),
+    [
+        ({}, "the log holds no CAL_GYROn_ID for gyro"),
+        (GYRO | {"TC_G_ENABLE": 1}, "the thermal compensation of gyro was on"),
+        (GYRO | {"SENS_BOARD_ROT": 30}, "the board is mounted by rotation 30; only turns about z"),
+        (GYRO | {"SENS_BOARD_X_OFF": 1.5}, "SENS_BOARD_X_OFF cannot be undone"),
+        (GYRO | ACC | {"CAL_ACC0_XSCALE": 0.0}, "by which nothing can be divided"),
+    ],
+)
+def test_what_cannot_be_undone_is_said(parameters, said, still, put):
+    with pytest.raises(DataError, match=said):
+        read(put(with_parameters(still, **parameters)), raw=True, quiet=True)
+
+
+def test_a_parameter_that_changed_is_not_undone(still, put):
+    log = with_parameters(still, **GYRO, **ACC)
+    log.parameter("CAL_GYRO0_XOFF", 0.02)
+    with pytest.raises(DataError, match="CAL_GYRO0_XOFF changed while the log ran"):
+        read(put(log), raw=True, quiet=True)
+
+
+def test_a_compass_is_undone_by_its_device(still, put):
+    fields = [
+        "uint64_t timestamp",
+        "uint64_t timestamp_sample",
+        "uint32_t device_id",
+        "float[3] magnetometer_ga",
+        "uint8_t calibration_count",
+    ]
+    log = ULogWriter()
+    log.format("vehicle_magnetometer", fields)
+    matrix = np.array([[1.05, 0.02, -0.01], [0.02, 0.97, 0.03], [-0.01, 0.03, 1.0]])
+    offset, raw = np.array([0.1, -0.2, 0.05]), still.mag / G
+    values = {"CAL_MAG0_ID": 1, "CAL_MAG1_ID": 97539, "CAL_MAG1_ROT": 0, "SENS_BOARD_ROT": 4}
+    values |= {f"CAL_MAG1_{a}OFF": float(o) for a, o in zip("XYZ", offset, strict=True)}
+    values |= {f"CAL_MAG1_{a}SCALE": float(s) for a, s in zip("XYZ", np.diag(matrix), strict=True)}
+    values |= {"CAL_MAG1_XODIAG": 0.02, "CAL_MAG1_YODIAG": -0.01, "CAL_MAG1_ZODIAG": 0.03}
+    for name, value in values.items():
+        log.parameter(name, value)
+    rows = np.zeros(400, dtype_of(fields))
+    rows["timestamp_sample"] = rows["timestamp"] = STAMPS
+    rows["device_id"], rows["magnetometer_ga"] = 97539, (raw - offset) @ matrix.T
+    log.subscribe("vehicle_magnetometer")
+    log.data("vehicle_magnetometer", 0, rows)
+    np.testing.assert_allclose(read(put(log), raw=True, quiet=True).mag, still.mag, atol=1e-10)
+    assert any("mag: vehicle_magnetometer:0 is already calibrated" in w for w in read(put(log), quiet=True).warnings)
+
+
+def test_fifo_batches_are_spread_over_time(put):
+    fields = ["uint64_t timestamp", "uint64_t timestamp_sample", "uint32_t device_id", "float dt", "float scale", "uint8_t samples",
+              "int16_t[32] x", "int16_t[32] y", "int16_t[32] z"]  # fmt: skip
+    log = ULogWriter()
+    log.format("sensor_gyro_fifo", fields)
+    rows = np.zeros(100, dtype_of(fields))
+    counts = np.random.default_rng(0).integers(-500, 500, size=(800, 3))
+    rows["timestamp_sample"] = 1_000_000 + 875 + np.arange(100) * 1000
+    rows["dt"], rows["scale"], rows["samples"] = 125.0, 0.001, 8
+    for k, axis in enumerate("xyz"):
+        rows[axis][:, :8] = counts[:, k].reshape(100, 8)
+    log.subscribe("sensor_gyro_fifo")
+    log.data("sensor_gyro_fifo", 0, rows)
+    found = read(put(log), quiet=True)
+    assert found.rate == pytest.approx(8000.0)
+    np.testing.assert_allclose(found.gyro, counts * np.float64(np.float32(0.001)), rtol=1e-12)
+    assert found.provenance["epoch_ns"] == 1_000_000_000
+
+
+def test_dropouts_are_gaps(still, put):
+    log = ULogWriter()
+    log.format("sensor_gyro", SENSOR)
+    log.subscribe("sensor_gyro")
+    log.data("sensor_gyro", 0, sensor_rows(STAMPS[:200], still.gyro[:200]), 4)
+    log.dropout(500)
+    log.data("sensor_gyro", 0, sensor_rows(STAMPS[250:], still.gyro[250:]), 4)
+    found = read(put(log), quiet=True)
+    assert [(gap.samples, round(gap.start, 6)) for gap in found.gaps] == [(50, 2.0)]
+    assert any("the logger dropped data 1 times, 0.5 s in all" in w for w in found.warnings)
+
+
+def test_clipped_rows_are_counted(still, put):
+    log = ULogWriter()
+    log.format("sensor_accel", SENSOR)
+    log.subscribe("sensor_accel")
+    rows = sensor_rows(STAMPS, still.accel)
+    rows["clip_counter"][7, 2] = 3
+    log.data("sensor_accel", 0, rows, 4)
+    assert "sensor_accel:0: the sensor clipped in 1 rows (clip_counter)" in read(put(log), quiet=True).warnings
+
+
+@pytest.mark.parametrize("sync", [True, False])
+def test_behind_damage_reading_goes_on_at_the_next_mark(sync, still, put):
+    log = ULogWriter()
+    log.format("sensor_gyro", SENSOR)
+    log.subscribe("sensor_gyro")
+    log.data("sensor_gyro", 0, sensor_rows(STAMPS[:200], still.gyro[:200]), 4)
+    log.content += b"\xff" * 100
+    if sync:
+        log.sync()
+    log.data("sensor_gyro", 0, sensor_rows(STAMPS[200:], still.gyro[200:]), 4)
+    found = read(put(log), quiet=True)
+    assert len(found.time) == (400 if sync else 200)
+    assert any("the file is damaged" in w for w in found.warnings)
+
+
+def test_a_log_cut_off_is_read_to_its_last_whole_row(still, put):
+    content = ulog_with_imu(STAMPS, still.gyro, still.accel).content
+    found = read(put(content[:-20]), quiet=True)
+    np.testing.assert_array_equal(found.gyro, f4(still.gyro))
+    assert np.isnan(found.accel[-1]).all()
+
+
+def test_types_made_of_others(still, put):
+    log = ULogWriter()
+    log.format("vec", ["float x", "float y", "float z"])
+    log.format("sensor_gyro", ["uint64_t timestamp", "vec[2] pair"])
+    log.subscribe("sensor_gyro")
+    log.data("sensor_gyro", 0, np.zeros(5, dtype_of(["uint64_t timestamp", "float[6] pair"])))
+    with pytest.raises(DataError, match=r"sensor_gyro:0 lacks x, y, z \(it has timestamp, pair\[0\].x, .*, pair\[1\].z\)"):
+        read(put(log), quiet=True)
+
+
+def test_a_type_that_holds_itself(put):
+    log = ULogWriter()
+    log.format("sensor_gyro", ["uint64_t timestamp", "sensor_gyro[9] again"])
+    log.subscribe("sensor_gyro")
+    with pytest.raises(DataError, match="does not say what sensor_gyro holds"):
+        read(put(log), quiet=True)
+
+
+def test_no_sensor_topic(put):
+    log = ULogWriter()
+    log.format("battery_status", ["uint64_t timestamp"])
+    log.subscribe("battery_status")
+    with pytest.raises(DataError, match=r"no sensor topic .* the topics are: battery_status"):
+        read(put(log), quiet=True)
+
+
+def test_data_appended_after_a_crash(still, put):
+    log = ULogWriter()
+    log.format("sensor_gyro", SENSOR)
+    log.subscribe("sensor_gyro")
+    log.data("sensor_gyro", 0, sensor_rows(STAMPS[:200], still.gyro[:200]), 4)
+    log.content += b"\x40\x00D"  # cut off
+    place = len(log.content)
+    log.data("sensor_gyro", 0, sensor_rows(STAMPS[200:], still.gyro[200:]), 4)
+    flags = bytes(8) + b"\x01" + bytes(7) + place.to_bytes(8, "little") + bytes(16)
+    content = log.content.replace(ulog_message("B", bytes(40)), ulog_message("B", flags))
+    np.testing.assert_array_equal(read(put(content), quiet=True).gyro, f4(still.gyro))
+    unknown = log.content.replace(ulog_message("B", bytes(40)), ulog_message("B", bytes(8) + b"\x02" + bytes(31)))
+    with pytest.raises(DataError, match="uses features that are not known here"):
+        read(put(unknown), quiet=True)
