@@ -1,5 +1,6 @@
 """Who computes: processes of our own, each with one log at a time, or any executor."""
 
+import contextlib
 import multiprocessing
 import os
 import signal
@@ -41,7 +42,7 @@ class Context(SpawnContext):
     def __init__(self, environment: dict[str, str]) -> None:
         self.environment = environment
 
-    def Process(self, *arguments: Any, **options: Any) -> Worker:  # noqa: N802
+    def Process(self, *arguments: Any, **options: Any) -> Worker:
         """As the class of that name, which an executor calls."""
         worker = Worker(*arguments, **options)
         worker.environment = self.environment
@@ -53,7 +54,7 @@ def limits(threads: int) -> dict[str, str]:
     import jax
 
     count = str(threads)
-    found = {name: count for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "POLARS_MAX_THREADS", "NPROC")}
+    found = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "POLARS_MAX_THREADS", "NPROC"), count)
     found |= {"PYTHON_CPU_COUNT": count, "XLA_PYTHON_CLIENT_PREALLOCATE": os.environ.get("XLA_PYTHON_CLIENT_PREALLOCATE", "false")}
     if threads == 1:
         found["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_multi_thread_eigen=false".strip()
@@ -107,10 +108,8 @@ class Lane:
     def kill(self) -> None:
         """End the process at once."""
         if self.hello is not None and self.started:
-            try:
+            with contextlib.suppress(ProcessLookupError):
                 os.kill(self.hello.result(), signal.SIGKILL if hasattr(signal, "SIGKILL") else signal.SIGTERM)
-            except ProcessLookupError:
-                pass
         elif self.pool is not None:
             for process in list((self.pool._processes or {}).values()):  # one that still starts has not said its number
                 process.kill()

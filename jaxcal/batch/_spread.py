@@ -120,8 +120,8 @@ def _one(name: str, done: list[Entry], number: int, along: dict[str, np.ndarray]
     for i in np.flatnonzero(here & (np.abs(scores) > limit)):
         side = "above" if scores[i] > 0 else "below"
         reason = (
-            f"{name} = {values[i]:.4g}{' ' * bool(unit)}{unit}, {abs(scores[i]):.1f} robust standard deviations {side} the median {median:.4g} "
-            f"of {n} logs (limit {limit:.1f})"
+            f"{name} = {values[i]:.4g}{' ' * bool(unit)}{unit}, {abs(scores[i]):.1f} robust standard deviations {side} the "
+            f"median {median:.4g} of {n} logs (limit {limit:.1f})"
         )
         found.append(Outlier(done[i].path.name, str(done[i].path), float(values[i]), float(scores[i]), reason))
     trends = [trend for what, at in along.items() if (trend := _trend(name, what, at, values, unit, number * len(along)))]
@@ -148,17 +148,16 @@ def _trend(name: str, along: str, places: np.ndarray, all_values: np.ndarray, un
     at, values = places[here], all_values[here]
     if len(values) < _FEWEST_FOR_TRENDS or np.ptp(at) == 0 or np.ptp(values) == 0:
         return None
-    found = scipy.stats.kendalltau(at, values)
-    p = float(found.pvalue)
+    tau, p = (float(value) for value in np.asarray(scipy.stats.kendalltau(at, values)))
     if not p * number < _FALSE_ALARM:
         return None
-    slope = float(scipy.stats.theilslopes(values, at)[0])
+    slope = float(np.asarray(scipy.stats.theilslopes(values, at))[0])
     what = "day" if along == "date" else "step"
     reason = (
         f"{name} {'rises' if slope > 0 else 'falls'} with the {along}: {abs(slope):.3g}{' ' * bool(unit)}{unit} per {what}, "
-        f"{abs(slope) * float(np.ptp(at)):.3g} over the fleet (Kendall's tau {found.statistic:.2f}, p = {p:.1g})"
+        f"{abs(slope) * float(np.ptp(at)):.3g} over the fleet (Kendall's tau {tau:.2f}, p = {p:.1g})"
     )
-    return Trend(along, tuple(places.tolist()), slope, float(found.statistic), p, reason)
+    return Trend(along, tuple(places.tolist()), slope, tau, p, reason)
 
 
 def _along(done: list[Entry]) -> dict[str, np.ndarray]:

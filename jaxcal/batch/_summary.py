@@ -21,16 +21,17 @@ def write_manifest(folder: pathlib.Path, entries: Sequence[Entry], identity: dic
     """What was run, with which versions, and every log with its status, reason and result file."""
     rows = [
         {
-            "log": _text(os.path.abspath(entry.path)), "status": entry.status, "reason": entry.reason, "again": entry.again, "sha256": entry.sha256,
-            "date": entry.date, "seconds": None if entry.seconds is None else round(entry.seconds, 3),
+            "log": _text(os.path.abspath(entry.path)), "status": entry.status, "reason": entry.reason, "again": entry.again,
+            "sha256": entry.sha256, "date": entry.date, "seconds": None if entry.seconds is None else round(entry.seconds, 3),
             "result": None if entry.file is None else f"{entry.file.parent.name}/{entry.file.name}",
         }
         for entry in entries
     ]  # fmt: skip
     done = sum(entry.status == "done" for entry in entries)
     packages = {name: importlib.metadata.version(name) for name in ("jaxcal", "jax", "jaxlib", "numpy", "scipy")}
+    count = {"logs": logs, "done": done, "failed": len(entries) - done, "left": logs - len(entries)}
     document = {
-        "schema": SCHEMA, "task": identity, "count": {"logs": logs, "done": done, "failed": len(entries) - done, "left": logs - len(entries)},
+        "schema": SCHEMA, "task": identity, "count": count,
         "versions": {**packages, "python": platform.python_version(), "platform": sys.platform}, "logs": rows,
     }  # fmt: skip
     write_atomically(folder / "manifest.json", json_text(document))

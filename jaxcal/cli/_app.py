@@ -15,6 +15,7 @@ import jaxcal
 
 from ._allan import allan
 from ._apply import apply
+from ._batch import batch
 from ._demo import demo
 from ._imu import imu
 from ._mag import mag
@@ -29,7 +30,7 @@ from ._simulate_north import simulate_north
 from ._simulate_temperature import simulate_temperature
 from ._temperature import temperature
 
-_COMMANDS = ("demo", "noise", "allan", "psd", "temperature", "imu", "mag", "north", "apply", "simulate")
+_COMMANDS = ("demo", "noise", "allan", "psd", "temperature", "imu", "mag", "north", "apply", "batch", "simulate")
 DONE, DATA, CALL, FAULT, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 3, 130, 141
 
 _HELP = """Calibrated models of inertial and magnetic sensors, from their logs.
@@ -55,7 +56,7 @@ def _application() -> cyclopts.App:
         config=_configuration, default_parameter=cyclopts.Parameter(negative=()), result_action="return_value",
         suppress_keyboard_interrupt=False,
     )  # fmt: skip
-    for command in (demo, noise, allan, psd, temperature, imu, mag, north, apply):
+    for command in (demo, noise, allan, psd, temperature, imu, mag, north, apply, batch):
         app.command(command)
     simulate = cyclopts.App(name="simulate", help="Logs of simulated devices, whose truth is known.", help_format="plaintext")
     for command in (simulate_noise, simulate_temperature, simulate_imu, simulate_mag, simulate_north):

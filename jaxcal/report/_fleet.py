@@ -89,7 +89,7 @@ def _spread(fleet: dict[str, Any]) -> Markup:
     drawn = dict(sorted(shown.items(), key=lambda item: -len(item[1]["outliers"]))[:_ROWS])  # those with outliers are not left out
     drawn = {name: one for name, one in shown.items() if name in drawn}
     title = "Distance of every log from the median"
-    caption = "Each point is a log, in robust standard deviations of its coefficient; red: outliers. Linear up to 5, then logarithmic."
+    caption = "Each point is a log, in robust standard deviations of its coefficient; orange: outliers. Linear up to 5, then logarithmic."
     if len(drawn) < len(shown):
         caption += f" {len(drawn)} of {len(shown)} coefficients; the table has all."
     svg = inline(_spread_figure(drawn), "fleet-spread", title, caption)
@@ -135,7 +135,7 @@ def _trends(fleet: dict[str, Any]) -> Markup:
     found.sort(key=lambda item: item[2]["p"])
     title = "Coefficients that go with the order or the date of the logs"
     svg = inline(
-        _trend_figure(found[:_PANELS]), "fleet-trends", title, "Value of the coefficient of every log, red where it is an outlier."
+        _trend_figure(found[:_PANELS]), "fleet-trends", title, "Value of the coefficient of every log, orange where it is an outlier."
     )
     figure = tag("figure", tag("div", svg, class_="scroll", tabindex="0", role="region", aria_label=title))
     return _section("Trends", "trends", tag("ul", each("li", (trend["reason"] for _, _, trend in found[:_LISTED]))), figure)
@@ -189,7 +189,7 @@ def _spread_figure(spread: dict[str, dict[str, Any]]) -> Any:
         ax.plot(score[odd], height[odd], "o", markersize=4.5, color=SERIES[1], markeredgewidth=0)
     scores = np.abs([s for one in spread.values() for s in one["scores"]])
     reach = max(6.0, 1.3 * float(np.nanmax(scores, initial=0.0)))
-    ax.set_xscale("symlog", linthresh=5.0, linscale=2.0)
+    ax.set_xscale("symlog", linthresh=5.0, linscale=1.0)
     ax.set_xlim(-reach, reach)
     ticks = [t for t in (1, 2, 3, 4, 5, *(d * 10.0**p for p in range(1, 18) for d in ((1, 2, 5) if reach < 300 else (1,)))) if t <= reach]
     ax.set_xticks([-t for t in reversed(ticks)] + [0.0, *ticks], minor=False)
