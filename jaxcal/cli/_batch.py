@@ -154,7 +154,7 @@ def _executor(address: str | None) -> Iterator[tuple[Any, int | None]]:
     except ImportError as error:
         raise CallError('--scheduler needs Dask: pip install "jaxcal[dask]"') from error
     try:
-        client = Client(address, timeout=10)
+        client: Any = Client(address, timeout=10)
     except (OSError, ValueError, TimeoutError) as error:
         raise CallError(f"--scheduler {address}: there is no scheduler ({str(error).strip().splitlines()[0]})") from error
     with client:
