@@ -23,7 +23,8 @@ class Entry:
     warnings : sentences.
     sha256 : of the log; None where it could not be read.
     date : when it was recorded (ISO 8601), by its stamps, or by the time of its file; None where it could not be read.
-    seconds : of computation; None where the result was there already.
+    seconds : of computation; None where there was none.
+    kept : whether the result was there already.
     file : result file; None without a folder.
     """
 
@@ -37,6 +38,7 @@ class Entry:
     date: str | None
     seconds: float | None
     file: pathlib.Path | None
+    kept: bool = False
     _text: str | None = dataclasses.field(default=None, repr=False)
 
     @property

@@ -1,6 +1,5 @@
 """Who computes: processes of our own, each with one log at a time, or any executor."""
 
-import contextlib
 import multiprocessing
 import os
 import signal
@@ -13,7 +12,7 @@ from typing import Any
 
 from .._errors import DataError
 
-_STARTS = 3  # workers that may end one after another before they have begun
+_STARTS = 3  # workers that may be killed one after another before they have begun
 _starting = threading.Lock()
 
 
@@ -41,11 +40,13 @@ class Context(SpawnContext):
 
     def __init__(self, environment: dict[str, str]) -> None:
         self.environment = environment
+        self.worker: Worker | None = None  # the latest
 
     def Process(self, *arguments: Any, **options: Any) -> Worker:
         """As the class of that name, which an executor calls."""
         worker = Worker(*arguments, **options)
         worker.environment = self.environment
+        self.worker = worker
         return worker
 
 
@@ -88,14 +89,14 @@ class Lane:
     """One process. When it dies no other is touched, and it is known whose log it was; the next log finds a fresh one."""
 
     def __init__(self, environment: dict[str, str]) -> None:
-        self.environment = environment
+        self.context = Context(environment)
         self.pool: ProcessPoolExecutor | None = None
         self.hello: Future | None = None
         self.began = 0.0
 
     def submit(self, function: Callable[..., Any], *arguments: Any) -> Future:
         if self.pool is None:
-            self.pool = ProcessPoolExecutor(1, mp_context=Context(self.environment), initializer=_begin)
+            self.pool = ProcessPoolExecutor(1, mp_context=self.context, initializer=_begin)
             self.hello = self.pool.submit(_hello)
         self.began = time.monotonic()
         return self.pool.submit(function, *arguments)
@@ -105,14 +106,16 @@ class Lane:
         """Whether the process got as far as its first log."""
         return self.hello is not None and self.hello.done() and self.hello.exception() is None
 
+    @property
+    def refused(self) -> bool:
+        """Whether the process ended by itself before it began, rather than by a signal."""
+        worker = self.context.worker
+        return not self.started and worker is not None and (worker.exitcode or 0) > 0
+
     def kill(self) -> None:
         """End the process at once."""
-        if self.hello is not None and self.started:
-            with contextlib.suppress(ProcessLookupError):
-                os.kill(self.hello.result(), signal.SIGKILL if hasattr(signal, "SIGKILL") else signal.SIGTERM)
-        elif self.pool is not None:
-            for process in list((self.pool._processes or {}).values()):  # one that still starts has not said its number
-                process.kill()
+        if self.context.worker is not None:
+            self.context.worker.kill()
 
     def close(self, *, at_once: bool) -> None:
         if self.pool is None:
@@ -153,10 +156,10 @@ class OwnCrew:
         if not isinstance(future.exception(), BrokenExecutor):
             self._failed_starts = 0
             return False
-        begun = lane.started
+        begun, refused = lane.started, lane.refused
         lane.close(at_once=False)
         self._failed_starts = 0 if begun else self._failed_starts + 1
-        if self._failed_starts >= _STARTS:
+        if refused or self._failed_starts >= _STARTS:
             raise DataError(
                 "the worker processes end before they begin; in a script call jaxcal.batch.run below "
                 'if __name__ == "__main__":, or give an executor of threads'

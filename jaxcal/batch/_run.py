@@ -178,7 +178,7 @@ class _Run:
             known = [pool.submit(fingerprint, path) if self._matches(found) else None for path, found in there]
             for (path, found), sha256 in zip(there, known, strict=True):
                 if found is not None and sha256 is not None and sha256.result() == found["log"]["sha256"] is not None:
-                    self.entries[path] = self._entry(path, found, None, None)
+                    self.entries[path] = self._entry(path, found, None, None, kept=True)
                 else:
                     left.append(path)
         return left
@@ -252,12 +252,12 @@ class _Run:
         if self.store is not None and time.monotonic() - self.noted > _MANIFEST_EVERY:
             self._note()
 
-    def _entry(self, path: pathlib.Path, found: dict[str, Any], seconds: float | None, text: str | None) -> Entry:
-        log = found["log"]
+    def _entry(self, path: pathlib.Path, found: dict[str, Any], seconds: float | None, text: str | None, *, kept: bool = False) -> Entry:
+        log, file = found["log"], None if self.store is None else self.store.file_of(path)
         return Entry(
             path=path, status=found["status"], reason=found["reason"], again=bool(found["again"]),
             coefficients=of_list(found["coefficients"]), warnings=tuple(found["warnings"]), sha256=log["sha256"],
-            date=log["date"] and log["date"][0], seconds=seconds, file=None if self.store is None else self.store.file_of(path), _text=text,
+            date=log["date"] and log["date"][0], seconds=seconds, file=file, kept=kept, _text=text,
         )  # fmt: skip
 
     def _note(self, *, suppressed: bool = False) -> None:

@@ -182,8 +182,8 @@ def _reading(reading: FleetReading) -> dict[str, Any]:
 
 def _show(screen: Screen, fleet: Any) -> None:
     """Table over the fleet, what stands out, and what failed."""
-    new = sum(entry.seconds is not None for entry in fleet)
-    there = f"; {len(fleet) - new} of them were there already" if new < len(fleet) else ""
+    kept = sum(entry.kept for entry in fleet)
+    there = f"; {kept} of them were there already" if kept else ""
     screen.line(f"{_logs(len(fleet))}: {len(fleet.done)} answered, {len(fleet.failed)} not{there}")
     shown = {name: one for name, one in fleet.spread.items() if one.count}
     rows = [
