@@ -5,8 +5,9 @@
     python benchmarks/fleet.py --only speed                     one part: speed, kill, workers, dask
     python benchmarks/fleet.py --folder /scratch/fleet          where logs and results go; by default a temporary folder
 
-The task is "noise": the Whittle fit of Q, N, B and K with intervals, six channels of 10^5 samples a log. All logs differ. Programs come from
-a compilation cache that is filled before anything is timed, so that a worker loads them rather than compiles them.
+The task is "noise": the Whittle fit of Q, N, B and K with intervals, six channels of 10^5 samples a log. All logs differ. Programs come
+from a compilation cache that is filled before anything is timed, so that a worker loads them rather than compiles them. Times mean
+something only on a machine that does nothing else; processor times are printed beside them.
 """
 
 import argparse
@@ -15,6 +16,7 @@ import multiprocessing
 import os
 import pathlib
 import random
+import resource
 import signal
 import subprocess
 import sys
@@ -50,11 +52,13 @@ def results(out):
 def timed(paths, out, **options):
     from jaxcal.batch import run
 
-    start = time.perf_counter()
+    before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+    mine = time.process_time()
     fleet = run(paths, "noise", out=out, **options)
-    wall = time.perf_counter() - start
+    wall, after = time.perf_counter() - start, resource.getrusage(resource.RUSAGE_CHILDREN)
     assert len(fleet.done) == len(paths), fleet.failed[:3]
-    return wall, sum(entry.seconds for entry in fleet), [entry.seconds for entry in fleet]
+    busy = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return wall, sum(entry.seconds for entry in fleet), np.median([entry.seconds for entry in fleet]), busy, time.process_time() - mine
 
 
 def warm(paths, folder):
@@ -86,17 +90,18 @@ def speed(paths, folder, _):
         rows[name] = timed(paths, folder / f"speed-{workers}-{threads}", workers=workers, resume=False)
     _run.OwnCrew = _pool.OwnCrew
     print(f"\n{len(paths)} logs, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f} at the end (above 2: others were at work)")
-    print(f"{'':40s} wall s   sum of logs s   median log s   logs/s")
-    for name, (wall, total, each) in rows.items():
-        print(f"{name:40s} {wall:6.1f}   {total:13.1f}   {np.median(each):12.3f}   {len(paths) / wall:6.2f}")
+    print(f"{'':40s} time s   sum of logs s   median log s   logs/s   processor s: workers, this process")
+    for name, (wall, total, each, busy, mine) in rows.items():
+        print(f"{name:40s} {wall:6.1f}   {total:13.1f}   {each:12.3f}   {len(paths) / wall:6.2f}   {busy:.1f}, {mine:.1f}")
     one, both, two = rows.values()
     print(
-        f"two workers over one with one thread: {one[0] / two[0]:.2f} times the speed (limit 1.7); over one with all threads: {both[0] / two[0]:.2f}"
+        f"two workers are {one[0] / two[0]:.2f} times as fast as one with one thread (limit 1.7), {both[0] / two[0]:.2f} times as one with all"
     )
     print(
-        f"wall of two workers over half the sum of their logs: {2 * two[0] / two[1]:.3f} (limit 1.2); over half the sum of one worker's logs: {2 * two[0] / one[1]:.3f}"
+        f"time of two workers over half the sum of their logs: {2 * two[0] / two[1]:.3f} (limit 1.2); over half the sum of one worker's logs: "
+        f"{2 * two[0] / one[1]:.3f}"
     )
-    print(f"wall of one worker over the sum of its logs: {one[0] / one[1]:.3f} (limit 1.2)")
+    print(f"time of one worker over the sum of its logs: {one[0] / one[1]:.3f} (limit 1.2)")
     again = time.perf_counter()
     from jaxcal.batch import run
 
@@ -106,8 +111,6 @@ def speed(paths, folder, _):
     )
     same = results(folder / "speed-1-1") == results(folder / "speed-2-1")
     print(f"results of one and two workers bit for bit the same: {same}")
-    import resource
-
     print(f"memory of the largest worker {resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1e3:.0f} MB, of this process "
           f"{resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3:.0f} MB")  # fmt: skip
     assert same
@@ -183,13 +186,11 @@ def kill(paths, folder, arguments):
     done = subprocess.run(command, env=environment, check=True, stdout=subprocess.PIPE, text=True).stdout.split()
     found = results(out)
     print(
-        f"\n{len(paths)} logs, killed at {kills} of {arguments.kills} random moments (undisturbed {undisturbed:.0f} s), then taken up to the end"
+        f"\n{len(paths)} logs, killed at {kills} of {arguments.kills} random moments (undisturbed {undisturbed:.0f} s), then run to the end"
     )
+    print(f"logs done {done[0]}, of them kept by the last run {done[1]}; files equal to those of an undisturbed run: {found == expected}")
     print(
-        f"logs done {done[0]}, of them kept by the last run {done[1]}; result files equal to those of an undisturbed run: {found == expected}"
-    )
-    print(
-        f"half-written result files: {broken}; temporary files seen after a kill: {left}, at the end: {len(list((out / 'results').glob('.*')))}"
+        f"half-written result files: {broken}; temporary files after a kill: {left}, at the end: {len(list((out / 'results').glob('.*')))}"
     )
     twice = computed(room) - len(paths)
     print(f"computed more than once: {twice} logs; in flight at the kills: at most {2 * kills}")
@@ -217,7 +218,7 @@ def workers(paths, folder, arguments):
     first = len(fleet.failed)
     fleet = run(paths, "noise", out=folder / "workers" / "out", workers=2)
     same = results(folder / "workers" / "out") == results(folder / "workers" / "plain")
-    print(f"\n{len(paths)} logs, {state['kills']} workers killed at random: {first} logs whose worker died twice, {len(fleet.failed)} after the "
+    print(f"\n{len(paths)} logs, {state['kills']} workers killed at random: {first} logs met two, {len(fleet.failed)} failed after the "
           f"same call again; results equal to those of an undisturbed run: {same}")  # fmt: skip
     assert same
     assert len(plain.done) == len(fleet.done)
@@ -241,7 +242,7 @@ def dask(paths, folder, arguments):
         wall = time.perf_counter() - start
         same = results(folder / "dask" / "out") == expected
         print(
-            f"\nlocal Dask cluster of two workers, {len(paths)} logs in {wall:.1f} s: {len(fleet.done)} answered; bit for bit those of two processes: {same}"
+            f"\nDask cluster of two workers, {len(paths)} logs in {wall:.1f} s: {len(fleet.done)} answered; bit for bit as by processes: {same}"
         )
         assert same
         killed = []
@@ -254,7 +255,7 @@ def dask(paths, folder, arguments):
         fleet = run(paths, "noise", executor=client.get_executor(), workers=2, out=folder / "dask" / "lost", progress=move)
         same = results(folder / "dask" / "lost") == expected
         print(
-            f"the same with a worker killed after {len(paths) // 3} logs: {len(fleet.done)} answered, {len(fleet.failed)} not; bit for bit the same: {same}"
+            f"a worker killed after {len(paths) // 3} logs: {len(fleet.done)} answered, {len(fleet.failed)} not; bit for bit the same: {same}"
         )
         assert same
 

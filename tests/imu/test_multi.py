@@ -311,7 +311,7 @@ def test_laws_of_constants_and_axes():
         for g, a in ((gyro, accel), (gyro + np.array([0.01, -0.02, 0.03]), accel), (gyro @ swap.T, accel @ swap.T))
     ]
     before, moved, turned = found
-    np.testing.assert_allclose(moved.gyro.bias, before.gyro.bias + [0.01, -0.02, 0.03], rtol=1e-5, atol=1e-7)
+    np.testing.assert_allclose(moved.gyro.bias, before.gyro.bias + np.array([0.01, -0.02, 0.03]), rtol=1e-5, atol=1e-7)
     np.testing.assert_allclose(moved.gyro.matrix, before.gyro.matrix, rtol=1e-5, atol=1e-6)
     for name in ("accel", "gyro"):
         one, other = getattr(before, name), getattr(turned, name)
