@@ -171,20 +171,17 @@ class _Run:
         """The logs without a result that matches."""
         store = self.store
         assert store is not None
-        left = []
         with ThreadPoolExecutor(min(4, os.cpu_count() or 1)) as pool:  # hashing lets go of the interpreter
-            # only that of logs with a result is worth its time
-            there = [(path, store.load(path)) for path in self.logs]
-            known = [pool.submit(fingerprint, path) if self._matches(found) else None for path, found in there]
-            for (path, found), sha256 in zip(there, known, strict=True):
-                if found is not None and sha256 is not None and sha256.result() == found["log"]["sha256"] is not None:
-                    self.entries[path] = self._entry(path, found, None, None, kept=True)
-                else:
-                    left.append(path)
-        return left
+            known: dict[pathlib.Path, tuple[Entry, Future]] = {}
+            for path in self.logs:
+                found = store.load(path)
+                if found is not None and self._matches(found):  # only a log with a result is worth the time
+                    known[path] = self._entry(path, found, None, None, kept=True), pool.submit(fingerprint, path)
+        self.entries |= {path: entry for path, (entry, sha256) in known.items() if sha256.result() == entry.sha256 is not None}
+        return [path for path in self.logs if path not in self.entries]
 
-    def _matches(self, found: dict[str, Any] | None) -> bool:
-        return found is not None and found.get("task") == self.identity and not found.get("again")
+    def _matches(self, found: dict[str, Any]) -> bool:
+        return found.get("task") == self.identity and not found.get("again")
 
     def _work(self, crew: Any, waiting: collections.deque, timeout: float | None) -> None:
         flying: dict[Future, _Job] = {}
