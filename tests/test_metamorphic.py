@@ -4,6 +4,7 @@ They need no truth: each follows from the definition of what is estimated, and t
 so that few programs are compiled.
 """
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -176,7 +177,7 @@ def ball():
     return model.measure(47.0 * u / np.linalg.norm(u, axis=1, keepdims=True)) + 0.2 * rng.standard_normal((400, 3))
 
 
-@pytest.mark.parametrize("method", ["ml", "consistent", "constrained", "radial", "li_griffiths"])
+@pytest.mark.parametrize("method", ["ml", "constrained", "li_griffiths"])
 def test_magnetometer(ball, method):
     """The readings lie on an ellipsoid; what moves, turns or stretches it does so to its centre and its matrix."""
     options = {"method": method, "model": "symmetric"}
@@ -272,8 +273,8 @@ def test_temperature(model):
     close(curve(t, bias + 2.0), before + 2.0, 1e-7)
     # nothing static knows the direction of time
     close(curve(t[::-1], bias[::-1]), before, 1e-7, 1e-7 * size)
-    # the same passage twice has the same curve
-    close(curve(np.concatenate([t, t[::-1]]), np.concatenate([bias, bias[::-1]])), before, 1e-6, 1e-6 * size)
+    # the same passage twice has the same curve: twice the weight everywhere
+    close(curve(np.tile(t, 2), np.tile(bias, 2)), before, 1e-7, 1e-7 * size)
     # another zero, by whole bins: neither polynomials nor bins see it
     close(curve(t - 5.0, bias, at - 5.0), before, 1e-6, 1e-6 * size)
 
@@ -299,8 +300,8 @@ def test_alignment():
     # a constant is a bias, and both are free
     moved = fit(changed(gyro=made.gyro + 1e-6, accel=made.accel + 0.01))
     close([moved.phi, moved.theta, moved.psi], attitude, 1e-7)
-    close(moved.value["b_g"] - before.value["b_g"], 1e-6, 1e-6)
-    close(moved.value["b_a"] - before.value["b_a"], 0.01, 1e-6)
+    close(moved.parameters["b_g"] - before.parameters["b_g"], 1e-6, 1e-6)
+    close(moved.parameters["b_a"] - before.parameters["b_a"], 0.01, 1e-6)
     # a sum over positions has no order
     order = np.array([3, 0, 5, 1, 4, 2])
     shuffled = fit(changed(angles[order], made.accel[order], made.gyro[order]))
@@ -309,7 +310,7 @@ def test_alignment():
     delta = 0.3
     turned = fit(changed(angles + delta))
     back = Rotation.from_rotvec([0.0, 0.0, delta]).as_matrix()
-    matrices = [np.asarray(table_from_nav(np.array([f.phi, f.theta, f.psi]))) for f in (before, turned)]
+    matrices = [np.asarray(table_from_nav(*(jnp.asarray(angle) for angle in (f.phi, f.theta, f.psi)))) for f in (before, turned)]
     ways = [back @ matrices[0], back.T @ matrices[0]]
     close(min(ways, key=lambda way: np.abs(way - matrices[1]).max()), matrices[1], 0.0, 1e-8)
     # noise weighs sensors against one another: common to both, it changes the errors alone
