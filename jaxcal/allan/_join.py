@@ -36,10 +36,15 @@ def side_by_side(plan: Plan, a: Stretch, b: Stretch) -> Stretch:
     )  # fmt: skip
     marks, due = [], []
     for i in range(len(plan.m)):
+        m = int(plan.m[i])
         mine, more = a.marks[i], b.marks[i].copy()
-        steps = np.arange(len(more))[:, None] * int(plan.m[i])
-        more[:, :channels] += a.net + (b.first_level - a.first_level) * steps
-        more[:, channels:] += lost + 1  # no average spans the border
+        first = 0 if b.start is None else -b.start % m
+        more[:, :channels] += a.net + (b.first_level - a.first_level) * (first + np.arange(len(more))[:, None] * m)
+        if b.start is None:
+            more[:, channels:] += lost + 1  # no average spans the border
+        else:
+            more[:, channels:] += lost
+            more = more[1 if first == 0 else 0 :]  # the border is the last point of the first stretch
         marks.append(np.concatenate([mine, more])[: AVERAGES + 1])
         due.append(NEVER if len(marks[-1]) > AVERAGES else a.samples + int(b.mark_due[i]))
     return Stretch(

@@ -76,7 +76,8 @@ class Stretch(eqx.Module):
     head_lost, tail_lost : number of missing samples between the first point and each, and between each and the last.
     squares, count : (dense, channels) sums of squares, and differences that touch no gap.
     tracks : the cluster sizes beyond.
-    marks : for each cluster size phase (first frame) and missing samples at points m apart, side by side: (points, 2 channels).
+    marks : for each cluster size phase (first frame) and missing samples at points m apart, side by side: (points, 2 channels). The
+        first is at the first sample, or, where `start` is known, at the first multiple of m in the record.
     mark_due : (sizes,) where the next such point is, counted from the first sample.
     """
 
@@ -105,13 +106,16 @@ class Stretch(eqx.Module):
 
 def new_stretch(plan: Plan, channels: int, start: int | None) -> Stretch:
     """A stretch without a sample."""
-    sizes, zero = len(plan.m), np.zeros(channels)
+    zero = np.zeros(channels)
+    # where its place is known, the points for the noise types are those that one pass over the record would take
+    due = plan.m if start is None else np.where(start % plan.m == 0, plan.m, -start % plan.m)
+    marks = tuple(np.zeros((int(m == first), 2 * channels)) for m, first in zip(plan.m, due, strict=True))
     return Stretch(
         start=start, samples=0, present=np.zeros(channels, np.int64), first_level=zero, level=zero, here=zero, net=zero,
         head=(np.zeros(1),) * channels, tail=(np.zeros(1),) * channels, head_lost=(None,) * channels, tail_lost=(None,) * channels,
         squares=np.zeros((plan.dense, channels)), count=np.zeros((plan.dense, channels), np.int64),
         tracks=new_tracks(plan.m[plan.dense :], plan.stride[plan.dense :], plan.kind.order, channels, start),
-        marks=(np.zeros((1, 2 * channels)),) * sizes, mark_due=plan.m.copy(),
+        marks=marks, mark_due=due.copy(),
     )  # fmt: skip
 
 

@@ -2,11 +2,12 @@
 
 import dataclasses
 import functools
+import itertools
 import os
 import pathlib
 from collections import deque
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor, ThreadPoolExecutor
 from typing import Any
 
 import equinox as eqx
@@ -22,11 +23,12 @@ from ..allan._kinds import Kind, cluster_sizes, find_kind
 from ..allan._phase import padded_length
 from ..allan._routes import MANY
 from ..io._chunks import Chunks, array_chunks, open_chunks
+from ._merge import reduce
 
 
 def deviation(
     source: Any, rate: Any, *, kind="oadev", m: Any = "log", confidence=0.95, alpha: Any = None, columns: Any = None,
-    chunk=4_194_304, exact=65_536, workers: int | None = None,
+    chunk=4_194_304, exact=65_536, workers: int | None = None, executor: Executor | None = None,
 ) -> Any:  # fmt: skip
     """Allan, modified Allan, time or Hadamard deviation of a file larger than memory, or of many logs.
 
@@ -47,7 +49,10 @@ def deviation(
     chunk : samples in memory at a time.
     exact : cluster size up to which every overlapped difference of a longer record is taken; mdev and tdev end there.
     workers : threads for the logs of a list that are longer than `chunk`, have several channels, or take a statistic of the whole record;
-        by default as many as Python's pool has. The others go through a single one.
+        by default as many as Python's pool has. The others go through a single one. With `executor`: into how many stretches the record
+        is cut.
+    executor : a `concurrent.futures.Executor` whose workers take a stretch each of one record longer than `chunk`, by the path of its
+        file; the parts are merged in a tree (`reduce`). The result is that of one pass, to rounding.
 
     Returns
     -------
@@ -83,9 +88,11 @@ def deviation(
     options: dict[str, Any] = {"kind": kind, "m": m, "confidence": confidence, "alpha": alpha}
     if not isinstance(source, list | tuple):
         try:
-            return _one(_opened(source, columns), rate, int(chunk), exact, options)
+            return _one(_opened(source, columns), rate, int(chunk), exact, options, _shared(executor, workers, source, columns))
         except DataError as error:
             raise DataError(f"{source}: {error}" if isinstance(source, str | os.PathLike) else str(error)) from error
+    if executor is not None:
+        raise DataError("executor= shares one record among workers; a list of logs is shared among threads (workers=)")
     rates = list(rate) if isinstance(rate, Sequence | np.ndarray) and not isinstance(rate, str) else [rate] * len(source)
     if len(rates) != len(source):
         raise DataError(f"{len(rates)} rates for {len(source)} logs; give one for each, or a single one")
@@ -155,7 +162,47 @@ def _grouped(record: Chunks, statistic: Kind, m: Any, chunk: int) -> np.ndarray 
     return sizes if len(sizes) <= MANY else None
 
 
-def _one(record: Chunks, rate: Any, chunk: int, exact: int, options: dict[str, Any]) -> Deviation:
+@dataclasses.dataclass(frozen=True)
+class _Shared:
+    """A record that workers open themselves."""
+
+    executor: Executor
+    parts: int
+    source: Any
+    columns: Any
+
+    def passed(self, make: Callable[[int], Accumulator], samples: int, chunk: int) -> Accumulator:
+        """The accumulator of the whole record, from those of its stretches."""
+        # whole chunks, so that what a worker holds is what one pass would
+        edges = sorted({min(-(-samples * i // self.parts // chunk) * chunk, samples) for i in range(self.parts + 1)})
+        futures = [
+            self.executor.submit(_stretch, make(start), self.source, self.columns, start, stop, chunk)
+            for start, stop in itertools.pairwise(edges)
+        ]
+        try:
+            return reduce([future.result() for future in futures])
+        finally:
+            for future in futures:
+                future.cancel()
+
+
+def _shared(executor: Any, workers: int | None, source: Any, columns: Any) -> _Shared | None:
+    if executor is None:
+        return None
+    if not isinstance(executor, Executor):
+        raise DataError(f"executor must be a concurrent.futures.Executor; got {type(executor).__name__}")
+    return _Shared(executor, workers or getattr(executor, "_max_workers", None) or os.cpu_count() or 1, source, columns)
+
+
+def _stretch(empty: Accumulator, source: Any, columns: Any, start: int, stop: int, chunk: int) -> Accumulator:
+    """In a worker: the samples from `start` to `stop`."""
+    record, found = _opened(source, columns), empty
+    for at in range(start, stop, chunk):
+        found = found.update(record.read(at, min(at + chunk, stop)))
+    return found
+
+
+def _one(record: Chunks, rate: Any, chunk: int, exact: int, options: dict[str, Any], shared: _Shared | None = None) -> Deviation:
     statistic = find_kind(options["kind"])
     sizes = cluster_sizes(options["m"], statistic, record.samples)
     if record.samples <= chunk:
@@ -167,9 +214,16 @@ def _one(record: Chunks, rate: Any, chunk: int, exact: int, options: dict[str, A
     if statistic.modified and isinstance(options["m"], str) and sizes[-1] > exact:
         sizes = sizes[sizes <= exact]
         warnings = (f"{statistic.name} of a record longer than chunk={chunk} ends at cluster size exact={exact}",)
-    accumulator = Accumulator(rate, channels=record.channels, exact=exact, **{**options, "m": sizes})
-    for samples in record.of(chunk):
-        accumulator = accumulator.update(samples)
+
+    def make(start: int) -> Accumulator:
+        return Accumulator(rate, channels=record.channels, exact=exact, start=start, **{**options, "m": sizes})
+
+    if shared is not None:
+        accumulator = shared.passed(make, record.samples, chunk)
+    else:
+        accumulator = make(0)
+        for samples in record.of(chunk):
+            accumulator = accumulator.update(samples)
     found = accumulator.result()
     if record.channels == 1 and not record.flat:
         found = eqx.tree_at(_tables, found, [table[:, None] for table in _tables(found)])

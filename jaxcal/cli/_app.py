@@ -16,6 +16,7 @@ import jaxcal
 
 from ._allan import allan
 from ._apply import apply
+from ._batch import batch
 from ._convert import convert
 from ._demo import demo
 from ._diff import diff
@@ -33,7 +34,7 @@ from ._simulate_north import simulate_north
 from ._simulate_temperature import simulate_temperature
 from ._temperature import temperature
 
-_COMMANDS = (demo, noise, allan, psd, temperature, imu, mag, north, apply, convert, export, diff)
+_COMMANDS = (demo, noise, allan, psd, temperature, imu, mag, north, apply, convert, export, diff, batch)
 _SIMULATE = (simulate_noise, simulate_temperature, simulate_imu, simulate_mag, simulate_north)
 DONE, DATA, CALL, FAULT, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 3, 130, 141
 

@@ -82,10 +82,23 @@ def density(
     y = checked_record(y, rate)
     samples = y.shape[0]
     length, step = checked_segment(segment, overlap, method, samples)
-    ordinates, bins = (samples - 1, 2 * samples) if method == "dct" else (length // 2, length)
-    groups = GROUPS[average](ordinates, keep_tail=bool(keep_tail))
-    segments = (samples - length) // step + 1
+    x, like = _centred(y)
+    if method == "welch":
+        found = _ordinates.welch(x, 1.0 / rate, length, step)
+    else:
+        found = (_ordinates.periodogram if method == "periodogram" else _ordinates.dct)(x, 1.0 / rate)
+    cut = (length, step, (samples - length) // step + 1)
+    return spectrum_of(found, rate, method, sided, average, confidence, bool(keep_tail), cut, y.ndim == 1, like)
 
+
+def spectrum_of(
+    found: Any, rate: float, method: str, sided: int, average: Any, confidence: float, keep_tail: bool, cut: tuple[int, int, int],
+    flat: bool, like: Callable[[np.ndarray], Any] = np.asarray,
+) -> Spectrum:  # fmt: skip
+    """Ordinates (channels, ordinates) of `cut` (length, distance and number of segments) averaged, with their intervals."""
+    length, step, segments = cut
+    ordinates, bins = (length - 1, 2 * length) if method == "dct" else (length // 2, length)
+    groups = GROUPS[average](ordinates, keep_tail=keep_tail)
     size = np.full(ordinates, 2.0 if sided == 1 else 1.0)
     if sided == 1 and method != "dct" and length % 2 == 0:
         size[-1] = 1.0
@@ -96,17 +109,11 @@ def density(
     else:
         edf = _edf.degrees_of_freedom(_edf.welch_correlation(segments, length, step), groups, size, length)
         edf[0] = _edf.first_of_welch(segments, length, step)
-
-    x, like = _centred(y)
-    if method == "welch":
-        found = _ordinates.welch(x, 1.0 / rate, length, step)
-    else:
-        found = (_ordinates.periodogram if method == "periodogram" else _ordinates.dct)(x, 1.0 / rate)
     if sided == 1:
-        found *= like(size)[None, :]
+        found = found * like(size)[None, :]
     values = average_over(found, groups).T
     lower, upper = (values * like(factor)[:, None] for factor in _edf.interval_factors(edf, confidence))
-    if y.ndim == 1:
+    if flat:
         values, lower, upper = values[:, 0], lower[:, 0], upper[:, 0]
     frequency = average_over(np.arange(1.0, ordinates + 1), groups) * (rate / bins)
     return Spectrum(

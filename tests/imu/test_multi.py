@@ -298,3 +298,22 @@ def test_a_fit_is_drawn_and_stored(repeated, tmp_path):
     again = jaxcal.Calibration.load(tmp_path / "device.json")
     np.testing.assert_array_equal(again.imu["accel"]["matrix"], found.accel.matrix)
     np.testing.assert_array_equal(again.imu["gyro"]["covariance"]["values"], found.covariance[12:, 12:])
+
+
+def test_laws_of_constants_and_axes():
+    """A constant of the gyroscope is its bias; with the convention "full" no axis is better than another, so that axes exchanged in a
+    circle turn all matrices from both sides."""
+    log = cases.recording(0)
+    gyro, accel = np.asarray(log.gyro), np.asarray(log.accel)
+    swap = np.roll(np.eye(3), 1, axis=0)
+    found = [
+        fit(jaxcal.Log(None, gyro=g, accel=a, rate=log.rate), noise=KNOWN, convention="full")
+        for g, a in ((gyro, accel), (gyro + np.array([0.01, -0.02, 0.03]), accel), (gyro @ swap.T, accel @ swap.T))
+    ]
+    before, moved, turned = found
+    np.testing.assert_allclose(moved.gyro.bias, before.gyro.bias + np.array([0.01, -0.02, 0.03]), rtol=1e-5, atol=1e-7)
+    np.testing.assert_allclose(moved.gyro.matrix, before.gyro.matrix, rtol=1e-5, atol=1e-6)
+    for name in ("accel", "gyro"):
+        one, other = getattr(before, name), getattr(turned, name)
+        np.testing.assert_allclose(other.matrix, swap @ one.matrix @ swap.T, rtol=1e-5, atol=1e-6)
+        np.testing.assert_allclose(other.bias, swap @ one.bias, rtol=1e-5, atol=1e-7)

@@ -1,0 +1,122 @@
+"""What a worker does with one log: read it, perform the task, and say what came of it; no fault of a log leaves here as an exception."""
+
+import contextlib
+import datetime
+import importlib.metadata
+import os
+import pathlib
+import time
+import traceback
+from typing import Any
+
+from .._errors import DataError, JaxcalError
+from .._files import json_text
+from ..io import read
+from ..io._folder import find
+from ..io._read import _fingerprint as fingerprint_of
+from ._coefficients import listed
+from ._tasks import identity, perform, reading_options
+
+SCHEMA = "jaxcal.batch/1"
+
+
+def answer(path: str, task: Any, options: dict[str, Any], reading: dict[str, Any]) -> tuple[str, float]:
+    """The text of the result file of the log at `path`, and the seconds it took.
+
+    A log that cannot be answered gives a result too: `status` is then "failed" and `reason` a sentence. `again` tells that the
+    reason may be gone the next time (a missing file, memory), so that a run taken up again tries it again.
+    """
+    begin = time.perf_counter()
+    document = _begun(path, task, options, reading)
+    try:
+        before = _stat(pathlib.Path(path))
+        known, (start, stop) = reading_options(reading)
+        log = read(path, quiet=True, **known)
+        if _stat(pathlib.Path(path)) != before:
+            raise _Changed("the file changed while it was read; run again when it is complete")
+        document["log"] |= {"sha256": log.provenance["sha256"], "bytes": log.provenance["size"], "date": _date(log.provenance, before)}
+        if start is not None or stop is not None:
+            log = log.select(start, stop)
+        result, coefficients, warnings = perform(task, log, options)
+        document |= {"status": "done", "reason": None, "again": False, "warnings": warnings}
+        document |= {"coefficients": listed(coefficients), "result": result}
+        text = json_text(document)
+    except (KeyboardInterrupt, GeneratorExit):
+        raise
+    except BaseException as fault:  # a panic of a reader is no Exception, and a task may end with SystemExit
+        text = json_text(_failed(_begun(path, task, options, reading), fault, document["log"], path))
+    return text, time.perf_counter() - begin
+
+
+def lost(path: str, task: Any, options: dict[str, Any], reading: dict[str, Any], reason: str) -> str:
+    """The text of the result file of a log whose worker gave no answer."""
+    document = _begun(path, task, options, reading)
+    return json_text(_failed(document, _Changed(reason), document["log"], path))
+
+
+def fingerprint(path: str | os.PathLike[str]) -> str | None:
+    """SHA-256 of a log as its result file has it; None where it cannot be read."""
+    sources = [pathlib.Path(path)]
+    try:
+        with contextlib.suppress(DataError):
+            sources = find(sources[0])[1]  # what `read` takes of a folder
+        return fingerprint_of(sources)[1]
+    except OSError:
+        return None
+
+
+class _Changed(DataError):
+    """A reason that may be gone the next time."""
+
+
+def _begun(path: str, task: Any, options: dict[str, Any], reading: dict[str, Any]) -> dict[str, Any]:
+    full = os.fsencode(os.path.abspath(path)).decode("utf-8", "backslashreplace")  # a name need not be text
+    known = {"path": full, "name": os.path.basename(full), "bytes": None, "sha256": None, "date": None}
+    versions = {name: importlib.metadata.version(name) for name in ("jaxcal", "jax", "numpy")}
+    return {"schema": SCHEMA, "log": known, "task": identity(task, options, reading), "versions": versions}
+
+
+def _failed(document: dict[str, Any], fault: BaseException, known: dict[str, Any], path: str) -> dict[str, Any]:
+    if known["sha256"] is None:
+        known = {**known, "sha256": fingerprint(path), "bytes": _size(path)}
+    again = not isinstance(fault, JaxcalError) or isinstance(fault, _Changed) or known["sha256"] is None
+    reason = str(fault).strip() if isinstance(fault, JaxcalError) else _sentence(fault)
+    document |= {"log": known, "status": "failed", "reason": reason, "again": again, "warnings": []}
+    if not isinstance(fault, JaxcalError | OSError | MemoryError):
+        document["trace"] = traceback.format_exception(fault)[-12:]
+    return document | {"coefficients": {}, "result": None}
+
+
+def _sentence(fault: BaseException) -> str:
+    if isinstance(fault, MemoryError):
+        return "there is not enough memory for this log; use fewer workers, or a part of it (start, stop)"
+    if isinstance(fault, OSError):
+        return f"it cannot be read: {(fault.strerror or str(fault) or type(fault).__name__).lower()}"
+    said = str(fault).strip().splitlines()
+    return f"the task ended with {type(fault).__name__}{': ' + said[0] if said else ''}"
+
+
+def _stat(path: pathlib.Path) -> list[tuple[str, int, int]]:
+    """Name, size and time of change of a file, or of every file of a folder."""
+    try:
+        files = sorted(path.iterdir()) if path.is_dir() else [path]
+        return [(file.name, state.st_size, state.st_mtime_ns) for file in files for state in [file.stat()]]
+    except FileNotFoundError:
+        raise _Changed(f"{path.name}: there is no such file; check the path, or leave it out") from None
+    except PermissionError:
+        raise _Changed(f"{path.name}: no permission to read it; change its mode") from None
+
+
+def _size(path: str) -> int | None:
+    try:
+        return os.stat(path).st_size
+    except OSError:
+        return None
+
+
+def _date(provenance: dict[str, Any], files: list[tuple[str, int, int]]) -> list[str]:
+    """When the log was recorded, and how that is known: by its stamps where they are of our time, otherwise by its file."""
+    stamp = provenance.get("epoch_ns") or 0
+    source = "stamps" if stamp > 946_684_800_000_000_000 else "file"  # the year 2000: stamps since the start of the device are less
+    seconds = (stamp if source == "stamps" else max(changed for _, _, changed in files)) / 1e9
+    return [datetime.datetime.fromtimestamp(seconds, datetime.UTC).isoformat(timespec="seconds"), source]

@@ -1,0 +1,296 @@
+"""`run`: one task on many logs."""
+
+import collections
+import concurrent.futures
+import dataclasses
+import json
+import os
+import pathlib
+import pickle
+import time
+from collections.abc import Callable
+from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
+from typing import Any
+
+from .._errors import DataError
+from .._files import write_atomically
+from ._answer import answer, fingerprint, lost
+from ._coefficients import of_list
+from ._fleet import Entry, Fleet
+from ._paths import find_logs
+from ._pool import GivenCrew, OwnCrew
+from ._spread import spread_of
+from ._store import Store
+from ._summary import write_manifest, write_summary
+from ._tasks import check_task, identity, reading_options
+
+_TRIES = 2  # workers that a log may kill, or executors that may lose it
+_LOOK = 0.5  # s between looks at the clock, and at the disk for the manifest every so often
+_MANIFEST_EVERY = 30.0  # s
+
+
+def run(
+    paths: Any, task: Any = "noise", *, executor: Executor | None = None, out: Any = None, resume=True, workers: int | None = None,
+    options: dict[str, Any] | None = None, reading: dict[str, Any] | None = None, timeout: float | int | None = None,
+    progress: Callable[[int, int, str], None] | None = None,
+) -> Fleet:  # fmt: skip
+    """One task on many logs: a result for each, what they have in common, and which stand out.
+
+    One bad log never costs the others: it gets a result that says what is wrong with it. A run that was killed is taken up again by the
+    same call: what is done and still matches (SHA-256 of the log, task, options, version) is not computed again, what changed is.
+
+    With `out` the folder holds, each written in one step: `results/`, one JSON file per log; `manifest.json`, what was run with which
+    versions, and every log with its status, reason and result file; `summary.csv`, and with polars `summary.parquet`, a row per log
+    with all coefficients and intervals; `overview.html`, the spread of every coefficient, outliers and trends. A second run into the
+    same folder at the same time is refused.
+
+    **Memory.** A worker holds one log at a time: 0.3 to 0.5 GB for JAX and its programs, and about four times the log as numbers
+    of 8 bytes. This process holds the coefficients (20 kB a log of six channels); without `out` the results too. No more than two
+    logs a worker are handed out.
+
+    **Processes.** By default one worker per core, each a fresh process with an equal share of the cores as threads, so that they do not
+    fight. It compiles each program once, and uses JAX's persistent compilation cache where this process does. One that dies is
+    replaced and its log tried again; a log whose worker dies twice is failed. Call from below ``if __name__ == "__main__":`` in a script.
+
+    Parameters
+    ----------
+    paths : a path or a list of paths: files, folders (searched with the folders in them) and patterns as "logs/*.csv".
+    task : "noise", "mag", "imu", "temperature" or "allan", or a function Log -> result of numbers, arrays, dictionaries, or results of
+        jaxcal; it is named by its module and compared by its source. Workers that are processes need one from the top of a module.
+    executor : a `concurrent.futures.Executor` instead of processes of one's own: threads, processes, or
+        ``distributed.Client(...).get_executor()``. It is not shut down.
+    out : folder for the results, made if it is missing. None keeps them in memory.
+    resume : take results that are there and match. False computes every log anew.
+    workers : processes; by default as many as cores. With `executor`: how many logs it works on at a time.
+    options : keyword options of a named task, those of `jaxcal.noise.characterise`, `jaxcal.magnetometer.fit`,
+        `jaxcal.imu.multi_position`, `jaxcal.temperature.fit` and `jaxcal.allan.deviation`.
+    reading : keyword options of `jaxcal.read`, and `start` and `stop` in s.
+    timeout : seconds after which a log is given up and its worker replaced; the first of a worker takes the compilation too. Not
+        for an executor.
+    progress : called as progress(done, total, name) after each log.
+
+    Returns
+    -------
+    Fleet
+        Its entries have status, reason, coefficients, warnings and the whole result of each log; `spread` compares them.
+
+    Raises
+    ------
+    DataError
+        If there are no logs, the call is wrong, another run writes to the same folder, or the executor broke; what is done stays done.
+    ExportError
+        If results cannot be written, as on a full disk; what is done stays done.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from concurrent.futures import ThreadPoolExecutor
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> rng = np.random.default_rng(0)
+    >>> with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(2) as pool:
+    ...     for i in range(3):
+    ...         np.savez(pathlib.Path(folder, f"unit{i}.npz"), gyro=1e-3 * rng.standard_normal((2000, 3)), rate=100.0)
+    ...     _ = pathlib.Path(folder, "bad.npz").write_text("this is no log")
+    ...     fleet = jaxcal.batch.run(folder, "allan", executor=pool, options={"m": "octave"})
+    >>> [entry.status for entry in fleet], sorted(fleet.done[0].coefficients)[0]
+    (['failed', 'done', 'done', 'done'], 'gyro_x.oadev(0.01 s)')
+    """
+    options, reading = dict(options or {}), dict(reading or {})
+    _check(task, options, reading, executor, workers, timeout)
+    store = None if out is None else Store(pathlib.Path(out))
+    logs, unreadable = find_logs(paths, None if store is None else store.folder)
+    if not logs and not unreadable:
+        raise DataError(f"no logs at {paths!r}; give files, folders or patterns such as 'logs/*.csv'")
+    job = _Run(logs, unreadable, task, options, reading, store, progress)
+    if store is None:
+        return job.finished(job.worked(executor, workers, timeout, resume=False))
+    with store.held():
+        return job.finished(job.worked(executor, workers, timeout, resume=bool(resume)))
+
+
+def _check(task: Any, options: dict, reading: dict, executor: Any, workers: Any, timeout: Any) -> None:
+    check_task(task, options)
+    reading_options(reading)
+    if not isinstance(task, str) and options:
+        raise DataError("options= belongs to named tasks; bind those of your own function with functools.partial")
+    if executor is not None and not isinstance(executor, Executor):
+        raise DataError(f"executor must be a concurrent.futures.Executor; got {type(executor).__name__}")
+    if workers is not None and (isinstance(workers, bool) or not isinstance(workers, int) or workers < 1):
+        raise DataError(f"workers must be a whole number, at least 1; got {workers!r}")
+    if timeout is not None and not timeout > 0:
+        raise DataError(f"timeout must be a positive number of seconds; got {timeout!r}")
+    if timeout is not None and executor is not None:
+        raise DataError("timeout= works with the processes of the run; an executor's workers cannot be stopped")
+    if executor is None:
+        try:
+            pickle.dumps((task, options, reading))
+        except Exception as error:
+            raise DataError(
+                f"the task cannot be sent to worker processes ({error}); define it at the top of a module, or give an executor of threads"
+            ) from error
+
+
+@dataclasses.dataclass
+class _Job:
+    path: pathlib.Path
+    lost: int = 0
+    late: bool = False
+
+
+class _Run:
+    def __init__(self, logs: list, unreadable: dict, task: Any, options: dict, reading: dict, store: Store | None, progress: Any) -> None:
+        self.logs, self.unreadable, self.call, self.store = logs, unreadable, (task, options, reading), store
+        self.identity = json.loads(json.dumps(identity(*self.call)))
+        self.entries: dict[pathlib.Path, Entry] = {}
+        self.report = progress or (lambda done, total, name: None)
+        self.noted = time.monotonic()
+
+    def worked(self, executor: Executor | None, workers: int | None, timeout: float | None, *, resume: bool) -> None:
+        for folder, reason in self.unreadable.items():
+            self._settle(folder, lost(str(folder), *self.call, reason=f"the folder cannot be listed: {reason}"), None)
+        waiting = collections.deque(_Job(path) for path in (self._left() if resume else self.logs))
+        if waiting:
+            cores = os.cpu_count() or 1
+            number = workers or (getattr(executor, "_max_workers", None) if executor is not None else None) or cores
+            if executor is None:
+                number = min(number, len(waiting))
+                crew = OwnCrew(number, max(cores // number, 1))
+            else:
+                crew = GivenCrew(executor, 2 * number)
+            whole = False
+            try:
+                self._work(crew, waiting, timeout)
+                whole = True
+            finally:
+                crew.close(at_once=not whole)
+                if not whole:  # a full disk must not hide what went wrong
+                    self._note(suppressed=True)
+
+    def _left(self) -> list[pathlib.Path]:
+        """The logs without a result that matches."""
+        store = self.store
+        assert store is not None
+        with ThreadPoolExecutor(min(4, os.cpu_count() or 1)) as pool:  # hashing lets go of the interpreter
+            known: dict[pathlib.Path, tuple[Entry, Future]] = {}
+            for path in self.logs:
+                found = store.load(path)
+                if found is not None and self._matches(found):  # only a log with a result is worth the time
+                    known[path] = self._entry(path, found, None, None, kept=True), pool.submit(fingerprint, path)
+        self.entries |= {path: entry for path, (entry, sha256) in known.items() if sha256.result() == entry.sha256 is not None}
+        return [path for path in self.logs if path not in self.entries]
+
+    def _matches(self, found: dict[str, Any]) -> bool:
+        return found.get("task") == self.identity and not found.get("again")
+
+    def _work(self, crew: Any, waiting: collections.deque, timeout: float | None) -> None:
+        flying: dict[Future, _Job] = {}
+
+        def hand_out() -> None:
+            while waiting and crew.room:
+                job = waiting.popleft()
+                try:
+                    flying[crew.submit(answer, str(job.path), *self.call)] = job
+                except (BrokenExecutor, RuntimeError) as error:
+                    raise self._stopped(error) from error
+
+        while waiting or flying:
+            hand_out()
+            ready, _ = concurrent.futures.wait(flying, timeout=_LOOK, return_when=concurrent.futures.FIRST_COMPLETED)
+            for future in crew.overdue(timeout) if timeout is not None else ():
+                flying[future].late = True
+            back = []
+            for future in ready:
+                job = flying.pop(future)
+                back.append((job, *self._outcome(job, future, crew.release(future), timeout)))
+            for job, text, _ in back:
+                if text is None:
+                    waiting.appendleft(job)
+            hand_out()  # before the disk is waited for
+            for job, text, seconds in back:
+                if text is not None:
+                    self._settle(job.path, text, seconds)
+
+    def _outcome(self, job: _Job, future: Future, killed: bool, timeout: float | None) -> tuple[str | None, float | None]:
+        """Text of the result file, or None to try again; and seconds."""
+        fault = concurrent.futures.CancelledError() if future.cancelled() else future.exception()
+        if fault is None:
+            return future.result()
+        if job.late:
+            return self._lost(job, f"it took longer than {timeout:g} s and was given up"), None
+        if isinstance(fault, BrokenExecutor) and not killed:
+            # our own worker died before it began; somebody's executor is no longer there
+            return None, None
+        if killed or isinstance(fault, concurrent.futures.CancelledError):
+            job.lost += 1
+            if job.lost < _TRIES:
+                return None, None
+            reason = "its worker process died twice, as when memory runs out or a library crashes; use fewer workers, or look at the log"
+            return self._lost(job, reason if killed else "the executor lost it twice"), None
+        said = (str(fault).strip().splitlines() or [""])[0]
+        return self._lost(job, f"the executor gave it back with {type(fault).__name__}: {said}"), None
+
+    def _lost(self, job: _Job, reason: str) -> str:
+        return lost(str(job.path), *self.call, reason=f"{job.path.name}: {reason}")
+
+    def _stopped(self, error: BaseException) -> DataError:
+        done = f"{len(self.entries)} of {len(self.logs)} logs are done"
+        kept = f" and kept in {self.store.folder}; the same call goes on from there" if self.store is not None else ""
+        return DataError(f"the executor takes no more logs ({type(error).__name__}: {error}). {done}{kept}")
+
+    def _settle(self, path: pathlib.Path, text: str, seconds: float | None) -> None:
+        """Keep a result: on the disk before anything else."""
+        file = None
+        if self.store is not None:
+            file = self.store.file_of(path)
+            write_atomically(file, text)
+        self.entries[path] = self._entry(path, json.loads(text), seconds, text if file is None else None)
+        self.report(len(self.entries), len(self.logs) + len(self.unreadable), path.name)
+        if self.store is not None and time.monotonic() - self.noted > _MANIFEST_EVERY:
+            self._note()
+
+    def _entry(self, path: pathlib.Path, found: dict[str, Any], seconds: float | None, text: str | None, *, kept: bool = False) -> Entry:
+        log, file = found["log"], None if self.store is None else self.store.file_of(path)
+        return Entry(
+            path=path, status=found["status"], reason=found["reason"], again=bool(found["again"]),
+            coefficients=of_list(found["coefficients"]), warnings=tuple(found["warnings"]), sha256=log["sha256"],
+            date=log["date"] and log["date"][0], seconds=seconds, file=file, kept=kept, _text=text,
+        )  # fmt: skip
+
+    def _note(self, *, suppressed: bool = False) -> None:
+        if self.store is not None:
+            self.noted = time.monotonic()
+            try:
+                write_manifest(self.store.folder, self._ordered(), self.identity, len(self.logs) + len(self.unreadable))
+            except (OSError, ValueError):
+                if not suppressed:
+                    raise
+
+    def _ordered(self) -> list[Entry]:
+        return [self.entries[path] for path in [*self.unreadable, *self.logs] if path in self.entries]
+
+    def finished(self, _: None) -> Fleet:
+        entries = self._ordered()
+        spread = spread_of(entries)
+        if self.store is not None:
+            self._note()
+            write_summary(self.store.folder, entries)
+            from ..report._fleet import write_fleet
+
+            write_fleet(_overview(entries, spread, self.identity), self.store.folder / "overview.html")
+        return Fleet(entries=tuple(entries), spread=spread, out=None if self.store is None else self.store.folder)
+
+
+def _overview(entries: list[Entry], spread: dict[str, Any], identity: dict[str, Any]) -> dict[str, Any]:
+    """What the page shows."""
+    done = [entry for entry in entries if entry.status == "done"]
+    said: dict[str, list[str]] = {}
+    for entry in done:
+        for sentence in entry.warnings:
+            said.setdefault(sentence, []).append(entry.path.name)
+    return {
+        "task": identity, "logs": len(entries), "names": [entry.path.name for entry in done], "dates": [entry.date for entry in done],
+        "failed": [(entry.path.name, entry.reason) for entry in entries if entry.status == "failed"],
+        "warnings": sorted(said.items(), key=lambda item: -len(item[1])),
+        "spread": {name: dataclasses.asdict(one) for name, one in spread.items()},
+    }  # fmt: skip

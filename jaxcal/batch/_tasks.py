@@ -1,0 +1,219 @@
+"""What is done to each log: the tasks that have a name, and those of one's own."""
+
+import functools
+import hashlib
+import importlib.metadata
+import inspect
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from .._errors import DataError, UnitError
+from .._log import Log
+from .._units import STANDARD_GRAVITY, noise_units, si_unit
+from ._coefficients import Coefficient, as_json, number, numbers_of
+
+Answer = tuple[Any, dict[str, Coefficient], list[str]]
+_DECADES = 10.0 ** np.arange(-3, 6)
+
+
+def noise(log: Log, **options: Any) -> Answer:
+    """Noise coefficients of every channel."""
+    from ..noise import characterise
+    from ..report import document
+
+    fits = characterise(log, **options)
+    found: dict[str, Coefficient] = {}
+    for channel, fit in fits.items():
+        sensor = channel.partition("_")[0]
+        for term in fit.terms:
+            if fit.verdict[term] == "not detected":
+                one = Coefficient(None, None, number(fit.upper_limit[term]), noise_units(term, sensor)[-1])
+            else:
+                low, high = fit.interval[term]
+                one = Coefficient(number(getattr(fit.noise, term)), number(low), number(high), noise_units(term, sensor)[-1])
+            found[f"{channel}.{term}"] = one
+    return document(fits, log), found, _said({channel: fit.warnings for channel, fit in fits.items()})
+
+
+def mag(log: Log, **options: Any) -> Answer:
+    """Hard and soft iron."""
+    from ..magnetometer import fit
+    from ..report import document
+
+    if log.mag is None or log.mag.shape[1] != 3:
+        raise DataError("the log has no magnetometer of three axes; name its columns with columns=")
+    result = fit(log.mag[np.isfinite(log.mag).all(axis=1)], **options)
+    if result.model is None or result.verdict == "refused":
+        raise DataError(f"the calibration is refused. {result.reason}")
+    half = 1.96 * np.asarray(result.hard_iron_error)
+    found = {
+        f"hard_iron_{axis}": Coefficient(number(b), number(b - s), number(b + s), "T")
+        for axis, b, s in zip("xyz", np.asarray(result.model.hard_iron), half, strict=True)
+    }
+    matrix = np.asarray(result.model.soft_iron)
+    found |= {f"soft_iron_{a}{b}": Coefficient(number(matrix[i, j])) for i, a in enumerate("xyz") for j, b in enumerate("xyz")}
+    found |= {"field": Coefficient(number(result.field), unit="T"), "noise": Coefficient(number(result.noise), unit="T")}
+    found["heading_error"] = Coefficient(number(result.heading_error[0]), unit="rad")
+    return document(result, log), found, list(result.warnings)
+
+
+def imu(log: Log, **options: Any) -> Answer:
+    """Both triads from still poses and the turns between them."""
+    from ..imu import multi_position
+    from ..report import document
+
+    said = [] if "gravity" in options else [f"gravity was taken as {STANDARD_GRAVITY} m/s^2; give the place's own with gravity="]
+    result = multi_position(log, **{"gravity": STANDARD_GRAVITY, **options})
+    if result.verdict == "refused":
+        raise DataError(f"the calibration is refused. {result.reason}")
+    limits = np.asarray(result.interval)
+    found = {
+        name: Coefficient(number(value), number(low), number(high))
+        for name, value, (low, high) in zip(result.names, np.asarray(result.values), limits, strict=True)
+        if high > low  # not fixed by the convention
+    }
+    return document(result, log), found, [*said, *result.warnings]
+
+
+def temperature(log: Log, **options: Any) -> Answer:
+    """Thermal model of every channel."""
+    from ..report import document
+    from ..temperature import characterise
+
+    fits = characterise(log, **options)
+    found: dict[str, Coefficient] = {}
+    for channel, fit in fits.items():
+        unit = si_unit(channel.partition("_")[0])
+        middle = np.linspace(float(fit.model.low), float(fit.model.high), 101)
+        bias = np.asarray(fit.model.curve.value(middle))
+        found[f"{channel}.bias"] = Coefficient(number(bias[50]), unit=unit)
+        found[f"{channel}.span"] = Coefficient(number(np.ptp(bias)), unit=unit)
+        found[f"{channel}.rms"] = Coefficient(number(fit.rms), unit=unit)
+        found[f"{channel}.jump"] = Coefficient(number(max((abs(s.height) for s in fit.steps), default=math.nan)), unit=unit)
+        found[f"{channel}.lag"] = Coefficient(number(fit.model.lag), unit="s")
+    return document(fits, log), found, _said({channel: fit.warnings for channel, fit in fits.items()})
+
+
+def allan(log: Log, **options: Any) -> Answer:
+    """Deviation of every channel; a fleet is compared at the decades of the cluster time."""
+    from ..allan import deviation
+
+    document: dict[str, Any] = {"kind": options.get("kind", "oadev"), "rate": log.rate, "duration": log.duration, "channels": {}}
+    found: dict[str, Coefficient] = {}
+    said: dict[str, tuple[str, ...]] = {}
+    for sensor in ("gyro", "accel", "mag"):
+        values = getattr(log, sensor)
+        if values is None:
+            continue
+        result = deviation(values.reshape(len(values), -1), log.rate, **options)
+        said[sensor] = result.warnings
+        for axis in range(result.deviation.shape[1]):
+            one, channel = result.channel(axis), f"{sensor}_{'xyz'[axis]}"
+            names = ("tau", "m", "deviation", "lower", "upper", "edf", "count", "alpha")
+            document["channels"][channel] = {name: as_json(getattr(one, name)) for name in names}
+            curves = [np.asarray(curve) for curve in (one.deviation, one.lower, one.upper)]
+            for tau in _DECADES[(one.tau[0] * (1 - 1e-9) <= _DECADES) & (one.tau[-1] * (1 + 1e-9) >= _DECADES)]:
+                with np.errstate(divide="ignore"):
+                    at = [number(np.exp(np.interp(np.log(tau), np.log(one.tau), np.log(curve)))) for curve in curves]
+                found[f"{channel}.{result.kind}({tau:g} s)"] = Coefficient(*at, unit="" if result.unit_of_phase else si_unit(sensor))
+    if not said:
+        raise DataError("the log holds neither gyroscope, accelerometer nor magnetometer; name their columns with columns=")
+    return document, found, _said(said)
+
+
+#: name of a task -> what it does
+TASKS: dict[str, Callable[..., Answer]] = {"noise": noise, "mag": mag, "imu": imu, "temperature": temperature, "allan": allan}
+
+
+def _driver(name: str) -> Callable[..., Any]:
+    """The function whose options a task takes."""
+    from .. import allan as allan_part, imu as imu_part, magnetometer, noise as noise_part, temperature as temperature_part
+
+    return {
+        "noise": noise_part.characterise, "mag": magnetometer.fit, "imu": imu_part.multi_position,
+        "temperature": temperature_part.fit, "allan": allan_part.deviation,
+    }[name]  # fmt: skip
+
+
+def check_task(task: Any, options: dict[str, Any]) -> None:
+    """Raise a `DataError` unless the task is known and takes these options."""
+    if not isinstance(task, str):
+        if not callable(task):
+            raise DataError(f"task must be one of {', '.join(TASKS)}, or a function Log -> result; got {task!r}")
+        return
+    if task not in TASKS:
+        raise DataError(f"there is no task {task!r}; expected one of {', '.join(TASKS)}, or a function Log -> result")
+    parameters = inspect.signature(_driver(task)).parameters.values()
+    known = [each.name for each in parameters if each.kind is each.KEYWORD_ONLY and each.name not in ("progress", "time", "data")]
+    unknown = [name for name in options if name not in known]
+    if unknown:
+        raise DataError(f"task {task!r} has no option {', '.join(unknown)}; it takes {', '.join(known)}")
+
+
+def perform(task: Any, log: Log, options: dict[str, Any]) -> Answer:
+    """Do it: the result as JSON has it, coefficients, and warnings."""
+    if isinstance(task, str):
+        document, found, said = TASKS[task](log, **options)
+    else:
+        document = as_json(task(log, **options))
+        found, said = numbers_of(document), []
+    return document, found, list(dict.fromkeys([*log.warnings, *said]))
+
+
+def identity(task: Any, options: dict[str, Any], reading: dict[str, Any]) -> dict[str, Any]:
+    """What a result depends on besides its log: a result with the same is not computed again.
+
+    A function of one's own is known by its name and its source, where Python has it.
+    """
+    return {
+        **_named(task), "options": as_json(options), "reading": as_json(reading), "jaxcal": importlib.metadata.version("jaxcal"),
+    }  # fmt: skip
+
+
+def _named(task: Any) -> dict[str, Any]:
+    if isinstance(task, str):
+        return {"name": task}
+    if isinstance(task, functools.partial):
+        inner = _named(task.func)
+        return {**inner, "arguments": as_json([task.args, task.keywords])}
+    function = task if hasattr(task, "__qualname__") else type(task)
+    try:
+        source = hashlib.sha256(inspect.getsource(function).encode()).hexdigest()[:16]
+    except (OSError, TypeError):
+        source = None
+    return {"name": f"{function.__module__}.{function.__qualname__}", "source": source}
+
+
+def _said(by_name: dict[str, Any]) -> list[str]:
+    """One sentence for all channels that it holds for."""
+    names: dict[str, list[str]] = {}
+    for name, sentences in by_name.items():
+        for sentence in sentences:
+            names.setdefault(str(sentence), []).append(name)
+    return [f"{', '.join(which)}: {sentence}" for sentence, which in names.items()]
+
+
+def reading_options(reading: dict[str, Any]) -> tuple[dict[str, Any], tuple[Any, Any]]:
+    """Options of `jaxcal.read`, and start and stop of the part that is taken.
+
+    Raises
+    ------
+    DataError
+        If there is no such option, or it has no meaning.
+    """
+    from ..io import read
+    from ..io._options import parse_columns, parse_topics, parse_units
+
+    known = [name for name in inspect.signature(read).parameters if name not in ("path", "quiet")]
+    unknown = [name for name in reading if name not in (*known, "start", "stop")]
+    if unknown:
+        raise DataError(f"there is no reading option {', '.join(unknown)}; known are {', '.join([*known, 'start', 'stop'])}")
+    for name, parse in (("columns", parse_columns), ("units", parse_units), ("topics", parse_topics)):
+        try:
+            parse(reading.get(name))
+        except UnitError as error:
+            raise DataError(f"reading option {name}: {error}") from error
+    return {name: value for name, value in reading.items() if name in known}, (reading.get("start"), reading.get("stop"))

@@ -1,0 +1,210 @@
+"""`jaxcal batch`: one task on many logs."""
+
+import contextlib
+import json
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from cyclopts import Parameter
+
+from ._cache import keep_compiled
+from ._options import READING, RUNNING, CallError
+from ._screen import Screen, progress, show_written
+
+Task = Literal["noise", "mag", "imu", "temperature", "allan"]
+_ROWS = 40  # of a printed table; the files hold all
+
+
+@Parameter(name="*", group=READING)
+@dataclass(frozen=True, kw_only=True)
+class FleetReading:
+    """How every log is read. What is not given is guessed, and the guesses are in the result files.
+
+    Attributes
+    ----------
+    columns
+        Columns of a quantity, by name or number from 0: time=0,gyro=wx,wy,wz. Repeatable.
+    units
+        Units of the files: time=us,gyro=deg/s,accel=g,mag=uT,temperature=K. Repeatable.
+    rate
+        Sampling rate in Hz, where the logs have no time stamps.
+    topics
+        Topics of ROS bags to read: /imu0,/mag. Repeatable.
+    format
+        Format of the files, where their content does not tell: csv, npy, npz, parquet, rosbag1, rosbag2.
+    start
+        Leave out what comes before this time, in s after the first sample.
+    stop
+        Leave out what comes after this time; negative times count from the end.
+    """
+
+    columns: tuple[str, ...] | None = None
+    units: tuple[str, ...] | None = None
+    rate: float | None = None
+    topics: tuple[str, ...] | None = None
+    format: str | None = None
+    start: float | None = None
+    stop: float | None = None
+
+
+@Parameter(name="*", group=RUNNING)
+@dataclass(frozen=True, kw_only=True)
+class FleetRunning:
+    """How the command runs.
+
+    Attributes
+    ----------
+    workers
+        Processes; by default one for each core. With --scheduler: logs at a time; by default one for each thread of the cluster.
+    scheduler
+        Address of a Dask scheduler, as tcp://host:8786, whose workers see the logs at the same paths. Needs the extra dask.
+    timeout
+        Seconds after which a log is given up. Not with --scheduler.
+    again
+        Compute every log anew, also those that are done.
+    quiet
+        Print nothing but errors.
+    config
+        TOML file with options: a table for each command, as [batch] units = ["gyro=deg/s"].
+    """
+
+    workers: int | None = None
+    scheduler: str | None = None
+    timeout: float | None = None
+    again: bool = False
+    quiet: bool = False
+    config: Path | None = None
+
+
+def batch(
+    *paths: Path,
+    task: Task = "noise",
+    out: Path,
+    option: Annotated[tuple[str, ...] | None, Parameter(name="--set")] = None,
+    reading: FleetReading = FleetReading(),
+    running: FleetRunning = FleetRunning(),
+) -> None:
+    """One task on many logs, side by side; killed, it goes on where it was.
+
+    A log that fails is told, and costs no other. The folder --out gets a
+    result file for each log, manifest.json, summary.csv (and .parquet), and
+    overview.html: the spread of every coefficient, outliers and trends.
+    The status is 1 only if no log at all could be answered.
+
+    Parameters
+    ----------
+    paths
+        Logs, folders of logs, and patterns such as "logs/*.csv".
+    task
+        What to do with each: noise, mag, imu, temperature or allan.
+    out
+        Folder for the results, made if it is missing.
+    option
+        Option of the task, NAME=VALUE, as terms=QNBKR, gravity=9.8123 or kind=mdev. Repeatable.
+    """
+    import jaxcal
+    from jaxcal.batch._paths import find_logs
+    from jaxcal.batch._tasks import check_task, reading_options
+
+    if not paths:
+        raise CallError("batch needs logs: files, folders or patterns")
+    if running.workers is not None and running.workers < 1:
+        raise CallError(f"--workers {running.workers}: expected a whole number, at least 1")
+    if running.timeout is not None and not running.timeout > 0:
+        raise CallError(f"--timeout {running.timeout:g}: expected a positive number of seconds")
+    if running.timeout is not None and running.scheduler is not None:
+        raise CallError("--timeout and --scheduler exclude one another: the workers of a cluster cannot be stopped")
+    if out.exists() and not out.is_dir():
+        raise CallError(f"--out {out}: this is a file; give a folder")
+    above = next((folder for folder in (out.absolute(), *out.absolute().parents) if folder.exists()), out)
+    if not os.access(above, os.W_OK | os.X_OK) or not above.is_dir():
+        raise CallError(f"--out {out}: cannot write into {above}; give another folder")
+    options, known = _options(option), _reading(reading)
+    try:
+        check_task(task, options)
+        reading_options(known)
+    except jaxcal.DataError as error:  # nothing was read yet
+        raise CallError(str(error)) from error
+    logs, unreadable = find_logs(list(paths), out)
+    if not any(os.path.lexists(path) for path in [*logs, *unreadable]):
+        raise CallError(f"there are no logs at {', '.join(map(str, paths))}")
+    screen = Screen(running.quiet)
+    keep_compiled()
+    with _executor(running.scheduler) as (executor, threads), progress(f"{task} of", running.quiet) as move:
+        fleet = jaxcal.batch.run(
+            list(paths), task, executor=executor, out=out, resume=not running.again, workers=running.workers or threads,
+            options=options, reading=known, timeout=running.timeout, progress=move,
+        )  # fmt: skip
+    _show(screen, fleet)
+    if not fleet.done:
+        raise jaxcal.DataError(f"none of {_logs(len(fleet))} could be answered; the first: {fleet.failed[0].reason}")
+
+
+@contextlib.contextmanager
+def _executor(address: str | None) -> Iterator[tuple[Any, int | None]]:
+    """The executor of a Dask cluster and how many threads it has; or neither."""
+    if address is None:
+        yield None, None
+        return
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise CallError('--scheduler needs Dask: pip install "jaxcal[dask]"') from error
+    try:
+        client: Any = Client(address, timeout=10)
+    except (OSError, ValueError, TimeoutError) as error:
+        raise CallError(f"--scheduler {address}: there is no scheduler ({str(error).strip().splitlines()[0]})") from error
+    with client:
+        yield client.get_executor(), sum(client.ncores().values()) or None
+
+
+def _options(words: tuple[str, ...] | None) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for word in words or ():
+        name, equals, text = word.partition("=")
+        if not equals or not name:
+            raise CallError(f"--set {word}: expected NAME=VALUE, such as confidence=0.9")
+        try:
+            found[name] = json.loads(text)
+        except ValueError:
+            found[name] = text  # a word
+    return found
+
+
+def _reading(reading: FleetReading) -> dict[str, Any]:
+    joined = {name: ",".join(words) for name in ("columns", "units", "topics") if (words := getattr(reading, name))}
+    plain = {name: value for name in ("rate", "format", "start", "stop") if (value := getattr(reading, name)) is not None}
+    return joined | plain
+
+
+def _show(screen: Screen, fleet: Any) -> None:
+    """Table over the fleet, what stands out, and what failed."""
+    kept = sum(entry.kept for entry in fleet)
+    there = f"; {kept} of them were there already" if kept else ""
+    screen.line(f"{_logs(len(fleet))}: {len(fleet.done)} answered, {len(fleet.failed)} not{there}")
+    shown = {name: one for name, one in fleet.spread.items() if one.count}
+    rows = [
+        [name, one.unit, str(one.count), *(f"{value:.4g}" for value in (one.median, one.low, one.high)), str(len(one.outliers) or "")]
+        for name, one in list(shown.items())[:_ROWS]
+    ]
+    if rows:
+        left = f"; {_ROWS} of {len(shown)} coefficients" if len(shown) > _ROWS else ""
+        screen.table(f"spread over the logs{left}", ["", "unit", "logs", "median", "5 %", "95 %", "out"], rows)
+    outliers = sorted((outlier for one in shown.values() for outlier in one.outliers), key=lambda found: -abs(found.score))
+    screen.sentences("Outliers", _first([f"{found.name}: {found.reason}" for found in outliers]))
+    screen.sentences("Trends", _first([trend.reason for one in shown.values() for trend in one.trends]))
+    screen.sentences("Not answered", _first([entry.reason for entry in fleet.failed]))
+    written = [fleet.out / name for name in ("overview.html", "summary.csv", "summary.parquet", "manifest.json")]
+    show_written(screen, [path for path in written if path.exists()])
+    screen.path(f"and a result file for each log in {fleet.out / 'results'}")
+
+
+def _logs(number: int) -> str:
+    return f"{number} log{'s' * (number != 1)}"
+
+
+def _first(sentences: list[str], most: int = 12) -> list[str]:
+    return sentences[:most] + ([f"and {len(sentences) - most} more, in the overview"] if len(sentences) > most else [])

@@ -1,0 +1,232 @@
+"""`write_fleet`: many logs on one page."""
+
+import importlib.metadata
+import math
+import os
+from typing import Any
+
+import numpy as np
+
+from .._files import write_atomically
+from ..plot._labels import number_label, unit_label
+from ..plot._style import GRID, INK, MUTED, SERIES
+from ._html import Markup, each, join, tag
+from ._page import page
+from ._svg import inline
+
+_ROWS = 36  # coefficients in the figure, and in the first table
+_PANELS = 8  # trends that are drawn
+_LISTED = 50  # logs, sentences, outliers in a list
+_MEANING = (
+    (
+        "robust standard deviation",
+        "1.4826 times the median distance from the median: what the standard deviation would be without the logs that stand out.",
+    ),
+    (
+        "own error",
+        "Median of the standard errors of the single logs. Where the spread is not larger than it, the logs differ by chance alone, "
+        "and say nothing of a difference between the sensors.",
+    ),
+    (
+        "outlier",
+        "A log so far from the median that in 19 of 20 fleets without one no log and no coefficient would be. The limit grows with "
+        "the number of logs and coefficients, and where there are few logs.",
+    ),
+    ("trend", "A coefficient that goes up or down with the order or the date of the logs (Kendall's tau), by the same rule."),
+)
+
+
+def write_fleet(fleet: dict[str, Any], path: str | os.PathLike[str]) -> None:
+    """Write the overview of many logs: the spread of every coefficient, what stands out, trends, and the logs that failed.
+
+    Parameters
+    ----------
+    fleet : `task` (name, options, reading, jaxcal), `logs` (how many), `names` and `dates` of those that were answered, `failed` (pairs
+        of name and reason), `warnings` (pairs of sentence and names), `spread` (name -> the fields of `jaxcal.batch.Spread`).
+    path : file to write; an existing one is replaced in one step.
+
+    Raises
+    ------
+    ExportError
+        If the file cannot be written.
+    """
+    version = importlib.metadata.version("jaxcal")
+    done, task = len(fleet["names"]), str(fleet["task"]["name"])
+    lead = f"{fleet['logs']} log{'s' * (fleet['logs'] != 1)}, {done} answered, {len(fleet['failed'])} not"
+    body = join(
+        (_verdict(fleet), _spread(fleet), _outliers(fleet), _trends(fleet), _failed(fleet), _warnings(fleet), _meaning(), _made(fleet))
+    )
+    write_atomically(path, page(f"Fleet: {task}", lead, body, f"Written by jaxcal {version}"))
+
+
+def _verdict(fleet: dict[str, Any]) -> Markup:
+    spread = {name: one for name, one in fleet["spread"].items() if one["count"]}
+    odd = {outlier["path"]: outlier["name"] for one in spread.values() for outlier in one["outliers"]}
+    lines = []
+    if not spread:
+        lines.append("No log was answered: see below for the reasons." if fleet["failed"] else "The logs have no coefficients to compare.")
+    elif all(math.isinf(one["limit"]) for one in spread.values()):
+        lines.append("Fewer than five logs have a coefficient in common: none is called an outlier.")
+    elif odd:
+        shown = ", ".join(list(odd.values())[:10]) + (f" and {len(odd) - 10} more" if len(odd) > 10 else "")
+        lines.append(f"{len(odd)} of {len(fleet['names'])} logs stand out: {shown}.")
+    else:
+        lines.append("No log stands out.")
+    trends = [trend["reason"] for one in spread.values() for trend in one["trends"]]
+    if trends:
+        lines.append(f"{len(trends)} trend{'s' * (len(trends) != 1)}; the first: {trends[0]}.")
+    elif spread:
+        lines.append("No coefficient goes with the order or the date of the logs, as far as can be told.")
+    if fleet["failed"]:
+        lines.append(f"{len(fleet['failed'])} log{'s' * (len(fleet['failed']) != 1)} could not be answered; the reasons are below.")
+    return _section("Verdict", "verdict", tag("ul", each("li", lines)))
+
+
+def _spread(fleet: dict[str, Any]) -> Markup:
+    shown = {name: one for name, one in fleet["spread"].items() if one["count"]}
+    if not shown:
+        return Markup("")
+    drawn = dict(sorted(shown.items(), key=lambda item: -len(item[1]["outliers"]))[:_ROWS])  # those with outliers are not left out
+    drawn = {name: one for name, one in shown.items() if name in drawn}
+    title = "Distance of every log from the median"
+    caption = "Each point is a log, in robust standard deviations of its coefficient; orange: outliers. Linear up to 5, then logarithmic."
+    if len(drawn) < len(shown):
+        caption += f" {len(drawn)} of {len(shown)} coefficients; the table has all."
+    svg = inline(_spread_figure(drawn), "fleet-spread", title, caption)
+    figure = tag("figure", tag("div", svg, class_="scroll", tabindex="0", role="region", aria_label=title), tag("figcaption", caption))
+    words = ("Coefficient", "Unit", "Logs", "Median", "5 %", "95 %", "Robust s.d.", "Own error", "Outliers")
+    head = tag("tr", *(tag("th", word, scope="col") for word in words))
+    rows = [
+        tag(
+            "tr", tag("th", name, scope="row"), tag("td", unit_label(one["unit"])), tag("td", one["count"]),
+            *(tag("td", _shown(one[key])) for key in ("median", "low", "high", "sigma", "own")), tag("td", len(one["outliers"])),
+        ) for name, one in shown.items()
+    ]  # fmt: skip
+    table = tag("table", tag("thead", head), tag("tbody", *rows))
+    region = tag("div", table, class_="numbers", tabindex="0", role="region", aria_label="Spread of every coefficient")
+    return _section("Spread", "spread", figure, region)
+
+
+def _shown(value: float) -> str:
+    if not math.isfinite(value):
+        return "\u2013"
+    return f"\u2212{number_label(-value)}" if value < 0 else number_label(value)
+
+
+def _outliers(fleet: dict[str, Any]) -> Markup:
+    by_log: dict[str, list[dict[str, Any]]] = {}
+    for one in fleet["spread"].values():
+        for outlier in one["outliers"]:
+            by_log.setdefault(outlier["path"], []).append(outlier)
+    worst = sorted(by_log.values(), key=lambda found: -max(abs(outlier["score"]) for outlier in found))
+    items = [
+        tag("li", tag("b", found[0]["name"]), tag("ul", each("li", (o["reason"] for o in sorted(found, key=lambda o: -abs(o["score"]))))))
+        for found in worst[:_LISTED]
+    ]  # fmt: skip
+    if len(worst) > _LISTED:
+        items.append(tag("li", f"and {len(worst) - _LISTED} more"))
+    return _section("Outliers", "outliers", tag("ul", *items) if items else tag("p", "None."))
+
+
+def _trends(fleet: dict[str, Any]) -> Markup:
+    found = [(name, one, trend) for name, one in fleet["spread"].items() for trend in one["trends"]]
+    if not found:
+        return _section("Trends", "trends", tag("p", "None."))
+    found.sort(key=lambda item: item[2]["p"])
+    title = "Coefficients that go with the order or the date of the logs"
+    svg = inline(
+        _trend_figure(found[:_PANELS]), "fleet-trends", title, "Value of the coefficient of every log, orange where it is an outlier."
+    )
+    figure = tag("figure", tag("div", svg, class_="scroll", tabindex="0", role="region", aria_label=title))
+    return _section("Trends", "trends", tag("ul", each("li", (trend["reason"] for _, _, trend in found[:_LISTED]))), figure)
+
+
+def _failed(fleet: dict[str, Any]) -> Markup:
+    rows = [tag("tr", tag("th", name, scope="row"), tag("td", reason)) for name, reason in fleet["failed"]]
+    if not rows:
+        return _section("Logs without an answer", "failed", tag("p", "None."))
+    head = tag("tr", tag("th", "Log", scope="col"), tag("th", "Reason", scope="col"))
+    return _section("Logs without an answer", "failed", tag("table", tag("thead", head), tag("tbody", *rows)))
+
+
+def _warnings(fleet: dict[str, Any]) -> Markup:
+    items = []
+    for sentence, names in fleet["warnings"][:_LISTED]:
+        shown = ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
+        items.append(tag("li", f"{len(names)} log{'s' * (len(names) != 1)} ({shown}): {sentence}"))
+    if len(fleet["warnings"]) > _LISTED:
+        items.append(tag("li", f"and {len(fleet['warnings']) - _LISTED} more; the result files have all"))
+    return _section("Warnings", "warnings", tag("ul", *items) if items else tag("p", "None."))
+
+
+def _meaning() -> Markup:
+    return _section(
+        "What the words mean", "meaning", tag("dl", *(tag(*pair) for row in _MEANING for pair in zip(("dt", "dd"), row, strict=True)))
+    )
+
+
+def _made(fleet: dict[str, Any]) -> Markup:
+    items = [piece for key, value in fleet["task"].items() if value for piece in (tag("dt", key), tag("dd", str(value)))]
+    return _section("Provenance", "provenance", tag("dl", *items))
+
+
+def _section(title: str, name: str, *content: Markup) -> Markup:
+    return tag("section", tag("h2", title, id=name), *content, aria_labelledby=name)
+
+
+def _spread_figure(spread: dict[str, dict[str, Any]]) -> Any:
+    """A row of points for each coefficient."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8.0, 0.27 * len(spread) + 0.9), dpi=125, layout="constrained")
+    ax = figure.subplots()
+    rng = np.random.default_rng(0)  # points of one row beside one another
+    for row, one in enumerate(spread.values()):
+        score = np.array(one["scores"], dtype=float)
+        odd = np.abs(score) > one["limit"]
+        height = row + 0.28 * rng.uniform(-1.0, 1.0, len(score))
+        ax.plot(score[~odd], height[~odd], "o", markersize=3.0, color=SERIES[0], alpha=0.45, markeredgewidth=0)
+        ax.plot(score[odd], height[odd], "o", markersize=4.5, color=SERIES[1], markeredgewidth=0)
+    scores = np.abs([s for one in spread.values() for s in one["scores"]])
+    reach = max(6.0, 1.3 * float(np.nanmax(scores, initial=0.0)))
+    ax.set_xscale("symlog", linthresh=5.0, linscale=1.0)
+    ax.set_xlim(-reach, reach)
+    ticks = [t for t in (1, 2, 3, 4, 5, *(d * 10.0**p for p in range(1, 18) for d in ((1, 2, 5) if reach < 300 else (1,)))) if t <= reach]
+    ax.set_xticks([-t for t in reversed(ticks)] + [0.0, *ticks], minor=False)
+    ax.set_xticks([], minor=True)
+    ax.xaxis.set_major_formatter(lambda value, _: f"{value:g}".replace("-", "\u2212"))
+    ax.set_yticks(range(len(spread)), [name.replace("$", r"\$") for name in spread])
+    ax.set_ylim(len(spread) - 0.5, -0.5)
+    ax.axvline(0.0, color=MUTED, linewidth=0.8, zorder=0)
+    _plain(ax, "Distance from the median (robust standard deviations)")
+    return ax
+
+
+def _trend_figure(found: list[tuple[str, dict[str, Any], dict[str, Any]]]) -> Any:
+    """A panel for each trend, over the place of the log."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8.0, 1.7 * len(found) + 0.4), dpi=125, layout="constrained")
+    panels = figure.subplots(len(found), 1, squeeze=False)[:, 0]
+    for ax, (name, one, trend) in zip(panels, found, strict=True):
+        values = np.array(one["values"], dtype=float)
+        odd = np.abs(np.array(one["scores"], dtype=float)) > one["limit"]
+        at = np.array(trend["at"], dtype=float)
+        ax.plot(at[~odd], values[~odd], "o", markersize=3.5, color=SERIES[0], alpha=0.7, markeredgewidth=0)
+        ax.plot(at[odd], values[odd], "o", markersize=4.5, color=SERIES[1], markeredgewidth=0)
+        label = f"{name}\n{unit_label(one['unit'])}".replace("$", r"\$").strip()
+        _plain(ax, f"{trend['along']}{' (days after the first)' if trend['along'] == 'date' else ''}", label)
+        ax.ticklabel_format(axis="y", style="sci", scilimits=(-3, 4), useMathText=True)
+    return panels[0]
+
+
+def _plain(ax: Any, x_label: str, y_label: str = "") -> None:
+    ax.set_axisbelow(True)
+    ax.grid(True, which="major", color=GRID, linewidth=0.8)
+    ax.tick_params(which="both", color=GRID, labelcolor=INK, labelsize=8)
+    for side, spine in ax.spines.items():
+        spine.set_visible(side in ("left", "bottom"))
+        spine.set_color(MUTED)
+        spine.set_linewidth(0.8)
+    ax.set_xlabel(x_label, color=INK, fontsize=9)
+    ax.set_ylabel(y_label, color=INK, fontsize=9)

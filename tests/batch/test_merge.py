@@ -1,0 +1,132 @@
+"""Parts of one record merged in a tree are one pass, to 1e-12."""
+
+import itertools
+import pickle
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+from jaxcal import DataError
+from jaxcal.allan import Accumulator, deviation
+from jaxcal.batch import deviation as deviation_of, reduce
+from jaxcal.magnetometer import Moments
+from jaxcal.spectrum import Segments, density
+
+RATE = 100.0
+
+
+def cuts(n, number, seed):
+    """Edges of stretches of uneven lengths, some of a single sample."""
+    inner = np.random.default_rng(seed).choice(np.arange(1, n), number - 1, replace=False)
+    return np.concatenate([[0], np.sort(inner), [n]])
+
+
+@pytest.mark.parametrize("channels", [1, 2])
+@pytest.mark.parametrize(("segment", "overlap"), [(64, 0.5), (50, 0.0), (64, 0.75), (33, 0.5)])
+def test_spectrum_segments(segment, overlap, channels):
+    """Uneven parts, many shorter than a segment: every segment across a border is made once."""
+    rng = np.random.default_rng(0)
+    y = rng.standard_normal((5000, channels)) + 9.81
+    whole = density(y, RATE, method="welch", segment=segment, overlap=overlap, sided=1)
+    for number in (1, 2, 3, 8, 200):
+        edges = cuts(len(y), number, number)
+        parts = []
+        for a, b in itertools.pairwise(edges):
+            part = Segments(RATE, segment, overlap=overlap, channels=channels, start=int(a))
+            for piece in np.array_split(y[a:b], 3):
+                part = part.update(piece) if len(piece) else part
+            parts.append(pickle.loads(pickle.dumps(part)))  # as to another process
+        found = reduce(parts).result(sided=1)
+        np.testing.assert_allclose(found.density.reshape(whole.density.shape), whole.density, rtol=1e-12)
+        np.testing.assert_array_equal(found.count, whole.count)
+        np.testing.assert_allclose(found.edf, whole.edf, rtol=1e-12)
+        np.testing.assert_allclose(found.upper.reshape(whole.upper.shape), whole.upper, rtol=1e-12)
+
+
+def test_merging_segments_is_associative():
+    y = np.random.default_rng(0).standard_normal(400)
+    a, b, c = (Segments(RATE, 64, start=s).update(y[s:e]) for s, e in ((0, 100), (100, 130), (130, 400)))
+    left, right = a.merge(b).merge(c), a.merge(b.merge(c))
+    np.testing.assert_allclose(left.result().density, right.result().density, rtol=1e-13)
+    assert left.count == right.count == 11
+    # without a place, parts join where segments begin
+    one, two = (Segments(RATE, 64).update(y[s:e]) for s, e in ((0, 128), (128, 400)))
+    np.testing.assert_allclose(one.merge(two).result().density, left.result().density, rtol=1e-13)
+
+
+def test_segments_refuse_what_does_not_join():
+    y = np.random.default_rng(0).standard_normal(400)
+    part = Segments(RATE, 64).update(y[:100])
+    with pytest.raises(DataError, match="start=100"):
+        part.merge(Segments(RATE, 64).update(y[100:]))
+    with pytest.raises(DataError, match="ends at sample 100, the second starts at 90"):
+        part.merge(Segments(RATE, 64, start=90).update(y[90:]))
+    with pytest.raises(DataError, match="differ in segment"):
+        part.merge(Segments(RATE, 32).update(y[100:]))
+    with pytest.raises(DataError, match="only Segments"):
+        part.merge(Accumulator(RATE))
+    with pytest.raises(DataError, match="sample 102 is missing"):
+        part.update([1.0, 2.0, np.nan])
+    with pytest.raises(DataError, match=r"shape \(n, 1\)"):
+        part.update(np.ones((5, 2)))
+    with pytest.raises(DataError, match="no segment is complete: 3 samples"):
+        Segments(RATE, 64).update([1.0, 2.0, 3.0]).result()
+    with pytest.raises(DataError, match="constant"):
+        Segments(RATE, 16).update(np.ones(64)).result()
+    with pytest.raises(DataError, match="whole number"):
+        Segments(RATE, 64, start=-1)
+
+
+@pytest.mark.parametrize("kind", ["oadev", "hdev"])
+def test_accumulators(kind):
+    y = np.cumsum(np.random.default_rng(0).standard_normal(20_000)) * 0.01 + 9.81
+    m = [1, 3, 10, 100, 1000]
+    whole = deviation(y, RATE, m=m, kind=kind)
+    for number in (2, 5, 8):
+        edges = cuts(len(y), number, number)
+        parts = [Accumulator(RATE, m, kind=kind, start=int(a)).update(y[a:b]) for a, b in itertools.pairwise(edges)]
+        found = reduce([pickle.loads(pickle.dumps(part)) for part in parts]).result()
+        np.testing.assert_allclose(found.deviation, whole.deviation, rtol=1e-12)
+        np.testing.assert_array_equal(found.count, whole.count)
+
+
+def test_moments_and_what_cannot_be_merged():
+    rng = np.random.default_rng(0)
+    m = rng.standard_normal((3000, 3)) @ np.diag([1.0, 1.1, 0.9]) + [3.0, -2.0, 1.0]
+    whole = Moments([3.0, -2.0, 1.0], 1.0).update(m)
+    # each worker about a centre of its own
+    parts = [Moments(part[0], 1.0).update(part) for part in np.array_split(m, 7)]
+    found = reduce(parts).moved(whole.centre, whole.scale)
+    np.testing.assert_allclose(found.sums, whole.sums, rtol=1e-12, atol=1e-12 * np.abs(whole.sums).max())
+    with pytest.raises(DataError, match="no parts"):
+        reduce([])
+    with pytest.raises(DataError, match="list cannot be merged"):
+        reduce([[1], [2]])
+
+
+@pytest.mark.parametrize("kind", ["oadev", "mdev"])
+def test_a_record_shared_among_workers(tmp_path, kind):
+    y = np.random.default_rng(0).standard_normal((30_000, 2)).astype(np.float32)
+    path = tmp_path / "log.npy"
+    np.save(path, y)
+    options = {"kind": kind, "m": [1, 7, 50, 600], "chunk": 4096}
+    one = deviation_of(path, RATE, **options)
+    submitted = []
+
+    class Counted(ThreadPoolExecutor):
+        def submit(self, *arguments):
+            submitted.append(pickle.loads(pickle.dumps(arguments)))  # as to another process
+            return super().submit(*submitted[-1])
+
+    with Counted(3) as pool:
+        found = deviation_of(path, RATE, executor=pool, **options)
+        few = deviation_of(path, RATE, executor=pool, workers=2, **options)
+        assert len(submitted) == 5
+        for each in (found, few):
+            for name in ("deviation", "lower", "upper", "edf"):
+                np.testing.assert_allclose(getattr(each, name), getattr(one, name), rtol=1e-12)
+            np.testing.assert_array_equal(each.alpha, one.alpha)
+            np.testing.assert_array_equal(each.count, one.count)
+        with pytest.raises(DataError, match=r"workers="):
+            deviation_of([path], RATE, executor=pool)

@@ -1,0 +1,98 @@
+"""`jaxcal batch`."""
+
+import importlib.util
+import json
+import typing
+
+import numpy as np
+import pytest
+
+import jaxcal
+from jaxcal.batch._tasks import TASKS
+from jaxcal.cli._batch import Task
+
+from .conftest import listing
+
+
+@pytest.fixture
+def logs(folder):
+    """Three logs of a gyroscope."""
+    (folder / "logs").mkdir()
+    for i in range(3):
+        rng = np.random.default_rng(i)
+        np.savez(folder / "logs" / f"unit{i}.npz", time=np.arange(500) / 100, gyro=1e-3 * rng.standard_normal((500, 3)))
+    return folder / "logs"
+
+
+def test_the_command_offers_every_task():
+    assert set(typing.get_args(Task)) == set(TASKS)
+
+
+def test_a_fleet_is_answered_and_what_failed_is_told(call, folder, logs):
+    (logs / "bad.csv").write_text("no log")
+    found = call("batch", "logs", "--task", "allan", "--out", "out", "--workers", "1", "--set", "kind=mdev", "--set", "m=[1,10,100]")
+    assert (found.status, found.err) == (0, "")
+    lines = found.out.splitlines()
+    assert max(map(len, lines)) <= 80
+    assert lines[0] == "4 logs: 3 answered, 1 not"
+    assert "gyro_x.mdev(0.1 s)" in found.out
+    assert " - bad.csv: there are no rows of numbers" in found.out
+    assert "wrote out/overview.html" in lines
+    assert [name for name in listing(folder / "out") if "/" not in name] == [
+        ".lock", "manifest.json", "overview.html", "results", "summary.csv", "summary.parquet"
+    ]  # fmt: skip
+    table = json.loads(next((folder / "out" / "results").glob("unit1*.json")).read_text())
+    expected = jaxcal.allan.deviation(np.load(logs / "unit1.npz")["gyro"][:, 2], 100.0, kind="mdev", m=[1, 10, 100])
+    np.testing.assert_allclose(table["result"]["channels"]["gyro_z"]["deviation"], expected.deviation, rtol=1e-9)
+    # all there: no worker is started
+    again = call("batch", "logs/*.npz", "logs/bad.csv", "--task", "allan", "--out", "out", "--set", "kind=mdev", "--set", "m=[1,10,100]")
+    assert again.status == 0
+    assert again.out.splitlines()[0] == "4 logs: 3 answered, 1 not; 4 of them were there already"
+    quiet = call("batch", "logs/bad.csv", "--task", "allan", "--out", "out", "--set", "kind=mdev", "--set", "m=[1,10,100]", "--quiet")
+    assert (quiet.status, quiet.out) == (1, "")
+    assert quiet.reason.startswith("jaxcal: none of 1 log could be answered; the first: bad.csv: there are no rows")
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        (["--out", "out"], "batch needs logs"),
+        (["logs"], "--out"),
+        (["nothing*.csv", "missing.csv", "--out", "out"], "there are no logs at nothing*.csv, missing.csv"),
+        (["logs", "--out", "logs/unit0.npz"], "this is a file"),
+        (["logs", "--out", "out", "--task", "nose"], "nose"),
+        (["logs", "--out", "out", "--set", "kind"], "NAME=VALUE"),
+        (["logs", "--out", "out", "--set", "term=QN"], "no option term"),
+        (["logs", "--out", "out", "--units", "gyro=furlong"], "furlong"),
+        (["logs", "--out", "out", "--workers", "0"], "--workers 0"),
+        (["logs", "--out", "out", "--timeout", "-1"], "--timeout -1"),
+        (["logs", "--out", "out", "--timeout", "1", "--scheduler", "tcp://a:1"], "exclude one another"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else "",
+)
+def test_a_wrong_call_is_a_sentence_and_status_2(call, folder, logs, words, reason):
+    found = call("batch", *words)
+    assert found.status == 2
+    assert reason in found.reason
+    assert found.reason.endswith("(see: jaxcal batch --help)")
+    assert not (folder / "out").exists()
+
+
+def test_a_scheduler_that_is_not_there_or_no_dask_is_status_2(call, logs, monkeypatch):
+    found = call("batch", "logs", "--out", "out", "--scheduler", "nonsense://127.0.0.1:1")
+    assert found.status == 2
+    wanted = "there is no scheduler" if importlib.util.find_spec("distributed") else 'pip install "jaxcal[dask]"'
+    assert wanted in found.reason
+    monkeypatch.setitem(__import__("sys").modules, "distributed", None)
+    found = call("batch", "logs", "--out", "out", "--scheduler", "tcp://127.0.0.1:1")
+    assert found.status == 2
+    assert 'pip install "jaxcal[dask]"' in found.reason
+
+
+def test_help_explains_every_option_in_80_columns(call):
+    found = call("batch", "--help")
+    assert found.status == 0
+    for option in ("--task", "--out", "--set", "--workers", "--scheduler", "--timeout", "--again", "--columns", "--start", "--config"):
+        assert option in found.out
+    assert max(map(len, found.out.splitlines())) <= 80
+    assert "--no-" not in found.out
