@@ -3,6 +3,7 @@
 import re
 
 import griffe
+import latex2mathml.converter
 
 
 class Numpydoc(griffe.Extension):
@@ -61,14 +62,21 @@ def _examples(body):
 def _prose(text):
     """Paragraphs; what is indented stays as it is."""
     out = []
+    text = re.sub(r"^\.\. math::(.*(?:\n(?: +.*|(?=\n +)))*)", lambda found: _formula(found[1]), text, flags=re.MULTILINE)
     for piece in re.split(r"\n\s*\n", text.strip("\n")):
-        if re.match(r"\s{2,}\S", piece):
+        if piece.startswith('<div class="formula"'):
+            out.append(piece)
+        elif re.match(r"=+( +=+)+\n", piece) or re.match(r"\s{2,}\S", piece):
             out.append("```text\n" + piece + "\n```")
         elif piece.lstrip().startswith(">>>"):
             out.append(f"```pycon\n{piece}\n```")
         else:
             out.append(_plain(piece))
     return "\n\n".join(out)
+
+
+def _formula(text):
+    return f'<div class="formula">{latex2mathml.converter.convert(" ".join(text.split()), display="block")}</div>'
 
 
 def _plain(text):

@@ -56,8 +56,10 @@ def on_files(files, config):
 def on_page_markdown(markdown, page, config, files):
     """Formulas, and links that leave the folder of the pages."""
     depth = posixpath.relpath(".", posixpath.dirname(page.file.src_uri) or ".")
-    markdown = re.sub(r"```math\n(.*?)\n```", lambda found: "\n" + _mathml(found[1], "block") + "\n", markdown, flags=re.DOTALL)
-    markdown = re.sub(r"\$`([^`]+)`\$", lambda found: _mathml(found[1], "inline"), markdown)
+    # Markdown would take MathML for a block of its own, so that it comes in when Markdown is done
+    page.formulas = []
+    markdown = re.sub(r"```math\n(.*?)\n```", lambda found: _kept(page.formulas, found[1], "block"), markdown, flags=re.DOTALL)
+    markdown = re.sub(r"\$`([^`]+)`\$", lambda found: _kept(page.formulas, found[1], "inline"), markdown)
     markdown = re.sub(r"\]\((?:\.\./)+notebooks/pictures/", f"]({depth}/pictures/", markdown)
     here = pathlib.Path("docs", posixpath.dirname(page.file.src_uri))
 
@@ -72,8 +74,16 @@ def on_page_markdown(markdown, page, config, files):
     return re.sub(r"\]\(((?:\.\./)+[^)#]+)\)", outside, markdown)
 
 
-def _mathml(formula, display):
-    return latex2mathml.converter.convert(" ".join(formula.split()), display=display)
+def on_page_content(html, page, config, files):
+    """Formulas in their places."""
+    html = re.sub(r"<p>(FORMULA\d+BLOCK)</p>", r"\1", html)
+    return re.sub(r"FORMULA(\d+)(?:BLOCK|INLINE)", lambda found: page.formulas[int(found[1])], html)
+
+
+def _kept(formulas, formula, display):
+    made = latex2mathml.converter.convert(" ".join(formula.split()), display=display)
+    formulas.append(f'<div class="formula">{made}</div>' if display == "block" else made)
+    return f"FORMULA{len(formulas) - 1}{display.upper()}"
 
 
 def _page(part):
