@@ -44,7 +44,33 @@ class Plan(eqx.Module):
 
 
 def best_angle(attitude: Any, latitude: Any) -> Array:
-    """Table angle at which the sensitive axis feels the azimuth most: atan2(dWy/dpsi, dWx/dpsi)."""
+    r"""Table angle at which the sensitive axis feels the azimuth most.
+
+    .. math:: \tau_0 = \mathrm{atan2}(\partial W_y/\partial\psi,\ \partial W_x/\partial\psi)
+
+    Parameters
+    ----------
+    attitude : (roll, pitch, azimuth) of the table, rad.
+    latitude : rad, north positive.
+
+    Returns
+    -------
+    The angle, rad; the best pair of positions is this one and the opposite.
+
+    Examples
+    --------
+    A level table whose x axis points north: best is the axis towards east or west.
+
+    >>> import math
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> round(abs(math.degrees(jaxcal.alignment.best_angle(np.zeros(3), 0.6))), 3)
+    90.0
+
+    References
+    ----------
+    The derivative of the rate in table axes, equations (36) to (38) of the north-finding paper in corrected form.
+    """
     phi, theta, psi = jnp.asarray(attitude)
     latitude = jnp.asarray(latitude, dtype=phi.dtype)
     slope = jax.jacfwd(lambda psi: earth_rate(table_from_nav(phi, theta, psi), latitude))(psi)

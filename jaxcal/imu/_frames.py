@@ -25,6 +25,20 @@ def turned_to(correction: Any, convention: str) -> Array:
     Returns
     -------
     (3, 3); the frame is turned by D' D^-1.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> correction = np.array([[1.01, 0.02, 0.0], [0.0, 0.99, 0.0], [0.03, 0.0, 1.0]])
+    >>> turned = np.asarray(jaxcal.imu.turned_to(correction, "upper"))
+    >>> bool(np.allclose(turned.T @ turned, correction.T @ correction, atol=1e-6)), bool(turned[1, 0] == 0)
+    (True, True)
+
+    References
+    ----------
+    Cholesky's factor of D'D, and for "full" the polar factor by Newton's iteration: N. J. Higham, SIAM J. Sci. Stat. Comput. 7, 1986,
+    equation (3.3).
     """
     correction = jnp.asarray(correction)
     gram = correction.T @ correction

@@ -23,6 +23,8 @@ _UNITS = _PLACES / np.linalg.norm(_PLACES, axis=1, keepdims=True)
 class Observability(eqx.Module):
     """How well the attitudes of the still poses determine the accelerometer.
 
+    Attributes
+    ----------
     condition : ratio of the largest to the smallest singular value for errors of natural size.
     missing : (m, 3) directions that should point up in further poses, in body axes, the most useful first.
     sentence : what the poses determine, and which are missing.
@@ -56,7 +58,35 @@ def name(direction: np.ndarray) -> str:
 
 
 def observability(up: np.ndarray, diagonal: bool = False) -> Observability:
-    """Of poses whose upward directions in body axes are `up` (k, 3)."""
+    """How well the attitudes of still poses determine an accelerometer, before or after they are recorded.
+
+    Parameters
+    ----------
+    up : (k, 3) unit vectors, the upward direction in body axes of each pose.
+    diagonal : leave misalignment out: three scales and three biases.
+
+    Returns
+    -------
+    Observability
+        Condition number, the directions that are missing, and a sentence.
+
+    Examples
+    --------
+    The six faces show scale and bias, but no misalignment:
+
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> faces = np.concatenate([np.eye(3), -np.eye(3)])
+    >>> jaxcal.imu.observability(faces).condition
+    inf
+    >>> jaxcal.imu.observability(faces, diagonal=True).sentence[:33]
+    'The 6 poses determine every param'
+
+    References
+    ----------
+    The singular values of the norm residuals' derivative, D. Tedaldi, A. Pretto and E. Menegatti, ICRA 2014, equation (10), for errors
+    of equal size.
+    """
     chosen = DIAGONAL if diagonal else list(range(9))
     told = rows(up)[:, chosen]
     information = told.T @ told / len(up)

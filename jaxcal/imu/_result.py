@@ -34,7 +34,7 @@ class ImuFit(eqx.Module):
     robust_covariance : (33, 33) the sandwich form, clusters being poses and turns, which also holds where their errors differ in size.
     degrees_of_freedom : (33,) of the estimate of each parameter's standard error.
     residual_norm : (k,) gravity less the norm of the corrected specific force of each pose, m/s^2.
-    residual_turn : (s, 3) difference between the vertical that the gyroscope predicts after each turn and the accelerometer's; rad.
+    residual_turn : (s,) angle between the vertical that the gyroscope predicts after each turn and the accelerometer's; rad.
     residual_rest : (k, 3) still rates less the model, rad/s.
     sigma : standard deviations of the three, one pose or turn: m/s^2, rad, rad/s.
     down_weighted : (poses, turns) whose weight under the robust loss is below one half, as two index arrays.

@@ -78,6 +78,10 @@ def motor_terms(m: Any, current: Any) -> CurrentTerms:
     >>> current = np.linspace(0, 20, 50)
     >>> print(motor_terms([20.0, 5.0, 40.0] + np.outer(current, [0.3, 0.0, -0.1]), current).terms.T.round(6) + 0.0)
     [[ 0.3  0.  -0.1]]
+
+    References
+    ----------
+    Linear least squares of the reading against the currents, per axis: the compass-motor calibration of ArduPilot, with errors.
     """
     m = array(m, "readings")
     columns = columns_of(current, len(m))
@@ -134,6 +138,10 @@ def fit_current(m: Any, current: Any, **options: Any) -> CurrentTerms:
     >>> m = body_field(scenario("all"), 50.0) + np.outer(current, [0.5, 0.0, -0.2]) + 0.1 * rng.normal(size=(360, 3))
     >>> print(np.abs(fit_current(m, current).terms.T - [0.5, 0.0, -0.2]).max() < 0.01)
     True
+
+    References
+    ----------
+    The magnetometer paper, equation (5), with k I(t) added; distances as in `distance_residuals`.
     """
     m = array(m, "readings")
     columns = columns_of(current, len(m))

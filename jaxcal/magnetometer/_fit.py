@@ -193,6 +193,10 @@ def aligned(found: MagFit, m: Any, **options: Any) -> MagFit:
     >>> m, up = body_field(scenario("all"), 50.0), -9.81 * body_field(scenario("all"), 1.0, np.pi / 2)
     >>> aligned(jaxcal.magnetometer.fit(m), m, accel=up).alignment.verdict
     'good'
+
+    References
+    ----------
+    The rotation is that of `align`; the heading error adds its variance to that of the norms.
     """
     if found.model is None:
         raise DataError(f"The fit has no model to turn: {found.reason}")

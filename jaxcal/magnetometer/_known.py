@@ -14,8 +14,14 @@ from ._model import MagModel
 
 
 class AttitudeFit(eqx.Module):
-    """Full calibration from known attitudes: `model` with any soft iron, `currents` (3, c), the (12 + 3c,) errors row by row of
-    (C | b | k), and the noise of a reading.
+    """Full calibration from known attitudes.
+
+    Attributes
+    ----------
+    model : `MagModel` with any soft iron, rotation included.
+    currents : (3, c) field per unit of each current, in the unit of the readings.
+    error : (12 + 3c,) standard errors, row by row of (C | b | k).
+    noise : standard deviation of one axis of a reading, in its unit.
     """
 
     model: MagModel
@@ -53,6 +59,11 @@ def fit_attitudes(m: Any, field: Any, *, current: Any = None) -> AttitudeFit:
     >>> true = MagModel(np.array([[1.0, 0.1, 0.0], [-0.1, 1.0, 0.0], [0.0, 0.0, 1.0]]), np.array([1.0, 2.0, 3.0]))
     >>> print(fit_attitudes(true.measure(h), h).model.soft_iron.round(6)[0] + 0.0)
     [1.  0.1 0. ]
+
+    References
+    ----------
+    The magnetometer paper, equation (5), which is linear in C and b where the field in body axes is known; A. Bjorck, Numerical Methods
+    for Least Squares Problems, 1996, section 1.
     """
     m = array(m, "readings")
     field = array(field, "fields")

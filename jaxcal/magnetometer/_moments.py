@@ -16,7 +16,15 @@ from ._uncertainty import root
 
 
 class MomentFit(eqx.Module):
-    """A calibration from moments: `model`, norm `field` of the corrected readings, `noise` of a reading, their `count`."""
+    """A calibration from moments.
+
+    Attributes
+    ----------
+    model : `MagModel`.
+    field : norm of the corrected readings, in the unit of the readings.
+    noise : standard deviation of one axis of a reading, in its unit.
+    count : number of readings.
+    """
 
     model: MagModel
     field: float

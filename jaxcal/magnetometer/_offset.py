@@ -58,6 +58,10 @@ def fit_offset(m: Any, model: MagModel, *, field: float | int | None = None) -> 
     >>> m = old.measure(body_field(scenario("three_turns"), 50.0)) + [3.0, -2.0, 1.0]
     >>> print(fit_offset(m, old)[0].hard_iron.round(6))
     [ 3. -2.  1.]
+
+    References
+    ----------
+    The sphere is linear in its centre and in |b|^2 - r^2: I. Kasa, IEEE Trans. Instrum. Meas. 25, 1976; refined by orthogonal distances.
     """
     m = array(m, "readings")
     if len(np.unique(m, axis=0)) < 5:

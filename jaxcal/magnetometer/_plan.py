@@ -95,6 +95,11 @@ def predict(attitudes: Any, noise: float | int, *, inclination: float | int = IN
     >>> from jaxcal.magnetometer import predict, scenario
     >>> print(np.rad2deg(predict(scenario("twelve_points"), 0.2 / 47)).round(1))
     [1.6 2.1]
+
+    References
+    ----------
+    The Fisher information of the orthogonal distances, whose inverse is the Cramer-Rao bound: S. M. Kay, Fundamentals of Statistical
+    Signal Processing: Estimation Theory, 1993, chapter 3.
     """
     attitudes = np.asarray(attitudes, dtype=float)
     if attitudes.ndim != 2 or attitudes.shape[1] != 3 or len(attitudes) < _FEWEST:

@@ -13,7 +13,15 @@ from ._turn import attitudes_in_segments
 
 
 class HardIron(eqx.Module):
-    """Hard iron with its covariance, both in the unit of the readings; `noise` of a reading, `used` readings."""
+    """Hard iron from turns.
+
+    Attributes
+    ----------
+    hard_iron : (3,) in the unit of the readings.
+    covariance : (3, 3) of it.
+    noise : standard deviation of one axis of a reading, in its unit.
+    used : number of readings that were fitted.
+    """
 
     hard_iron: AnyArray
     covariance: AnyArray

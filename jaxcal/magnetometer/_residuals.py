@@ -75,6 +75,10 @@ def radial_residuals(model: MagModel, data: Any) -> Array:
     >>> model = MagModel(jnp.eye(3), jnp.zeros(3))
     >>> print(radial_residuals(model, (jnp.array([[3.0, 4.0, 0.0], [0.0, 6.0, 0.0]]), 5.0)).round(3))
     [0.  0.2]
+
+    References
+    ----------
+    The cost of the calibrations on board of ArduPilot and PX4: |W (m - b)| less one.
     """
     m, field = data
     m = jnp.asarray(m)

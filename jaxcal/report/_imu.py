@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from .._errors import DataError
 from .._log import Log
 from ..imu import ImuFit
 from ..plot import imu
 from ._document import plain
 from ._html import Markup, each, join, tag
 from ._noise import recording
+from ._numbers import numbers, scroll
 from ._svg import inline
 
 SCHEMA = "jaxcal.imu/1"
@@ -43,15 +43,9 @@ def imu_document(found: ImuFit, log: Log | None = None) -> dict[str, Any]:
 
 
 def imu_sections(found: ImuFit, log: Log | None, version: str) -> Markup:
-    """Verdict with both triads, residuals, attitudes, warnings, recording and provenance.
-
-    Raises
-    ------
-    DataError
-        If the calibration was refused.
-    """
+    """Verdict with both triads, residuals, attitudes, warnings, recording and provenance; of a refused one the reason."""
     if found.accel is None:
-        raise DataError(f"there is nothing to report: the calibration was refused. {found.reason}")
+        return tag("section", tag("h2", "Verdict", id="verdict"), tag("p", f"{found.verdict}: {found.reason}"), aria_labelledby="verdict")
     tables = [_matrix(found, name, first, unit) for name, first, unit in _SENSORS if first == 0 or found.gyro is not None]
     if found.gyro is not None and np.any(found.gyro.g_sensitivity):
         tables.append(
@@ -67,22 +61,40 @@ def imu_sections(found: ImuFit, log: Log | None, version: str) -> Markup:
     )
     svg = inline(imu(found)[0], "imu", "Residuals", "Residuals of every pose and turn: norms, angles after turns, still rates.")
     note = "Shaded: one standard deviation. Hollow: weighed down by the robust loss."
-    picture = tag("figure", tag("div", svg, class_="scroll", tabindex="0", role="region", aria_label="Residuals"), tag("figcaption", note))
+    picture = tag("figure", scroll(svg, "Residuals"), tag("figcaption", note))
     held = f"On poses and turns that a fit of the others did not see: {found.held_out[0]:.2g} m/s² rms in the norm"
     if found.gyro is not None:
         held += f", {np.rad2deg(found.held_out[1]):.2g} degrees in each component of the angle after a turn"
-    seen = found.observability.sentence if found.observability is not None else ""
+    seen = found.observability.sentence if found.observability is not None else "Not looked at: too few poses."
     residuals = tag(
         "section",
         tag("h2", "Residuals", id="residuals"),
         picture,
-        tag("p", f"{held}." if np.isfinite(found.held_out[0]) else ""),
+        *_numbers(found),
+        *((tag("p", f"{held}."),) if np.isfinite(found.held_out[0]) else ()),
         aria_labelledby="residuals",
     )
     attitudes = tag("section", tag("h2", "Attitudes", id="attitudes"), tag("p", seen), aria_labelledby="attitudes")
     said = [*(() if log is None else log.warnings), *found.warnings]
     warnings = tag("section", tag("h2", "Warnings", id="warnings"), tag("ul", each("li", said or ["None."])), aria_labelledby="warnings")
     return join((head, residuals, attitudes, warnings, recording(log), _provenance(found, log, version)))
+
+
+def _numbers(found: ImuFit) -> list[Markup]:
+    """What the points of the figure are."""
+    norm, rest = -1e3 * np.asarray(found.residual_norm), np.rad2deg(found.residual_rest) * 3600
+    low, turned = (set(np.asarray(index).tolist()) for index in found.down_weighted)
+    columns = ("pose", "norm less gravity (mm/s²)", *(f"still rate less model, {axis} (deg/h)" for axis in "xyz" if len(rest)), "weight")
+    rows = [
+        (i + 1, f"{norm[i]:.3f}", *(f"{rate:.2f}" for rate in (rest[i] if len(rest) else ())), "below a half" if i in low else "full")
+        for i in range(len(norm))
+    ]
+    tables = [numbers("Numbers of the poses", columns, rows)]
+    if found.gyro is not None:
+        turns = np.rad2deg(found.residual_turn)
+        rows = [(i + 1, f"{turn:.4f}", "below a half" if i in turned else "full") for i, turn in enumerate(turns)]
+        tables.append(numbers("Numbers of the turns", ("turn", "angle after the turn (deg)", "weight"), rows))
+    return tables
 
 
 def _matrix(found: ImuFit, name: str, first: int, unit: str) -> Markup:
@@ -98,24 +110,23 @@ def _table(found: ImuFit, caption: str, columns: tuple[str, ...], entries) -> Ma
     head = tag("tr", *(tag("th", name, scope="col") for name in ("", *columns)))
     rows = [tag("tr", tag("th", axis, scope="row"), *(_cell(found, k) for k in entries(i))) for i, axis in enumerate("xyz")]
     table = tag("table", tag("caption", f"{caption}, with intervals of 95 %"), tag("thead", head), tag("tbody", *rows))
-    return tag("div", table, class_="scroll", tabindex="0", role="region", aria_label=caption)
+    return scroll(table, caption)
 
 
 def _cell(found: ImuFit, k: int) -> Markup:
     value, (low, high) = found.values[k], found.interval[k]
     if not high > low:
         return tag("td", f"{value:.6g} ", tag("span", "(fixed)", class_="small"))
-    return tag("td", f"{value:.6g} ", tag("span", f"{low:.6g} to {high:.6g}", class_="small"))
+    return tag("td", f"{value:.6g} ", tag("span", f"{low:.6g} to {high:.6g}", class_="small exact"))
 
 
 def _provenance(found: ImuFit, log: Log | None, version: str) -> Markup:
     known = {
         "Made by": f"jaxcal {version}",
         "Method": f"{found.method}, convention {found.convention}, gravity {found.gravity:.6g} m/s²",
-        "Still intervals": f"{len(found.residual_norm)}, below {found.still.multiple:g} times the initial variance"
-        if found.still is not None
-        else "",
     }
+    if found.still is not None:
+        known["Still intervals"] = f"{len(found.residual_norm)}, below {found.still.multiple:g} times the initial variance"
     for key, value in plain(log.provenance if log is not None else {}).items():
         known[key] = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
     items = [piece for key, value in known.items() for piece in (tag("dt", key), tag("dd", value))]

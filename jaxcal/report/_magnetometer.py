@@ -6,14 +6,16 @@ from typing import Any
 import numpy as np
 
 from .._log import Log
-from ..magnetometer import MagFit
+from ..magnetometer import MagFit, heading_uncertainty
 from ..plot import _magnetometer as pictures
 from ._document import plain
 from ._html import Markup, each, join, tag
 from ._noise import recording
+from ._numbers import numbers, scroll
 from ._svg import inline
 
 SCHEMA = "jaxcal.mag/1"
+_ROWS = 200  # readings that the table behind the figures lists
 _METHODS = {"ml": "maximum likelihood (orthogonal distance)", "consistent": "adjusted least squares"}
 
 
@@ -86,7 +88,7 @@ def _verdict(found: MagFit) -> Markup:
         rows.append(_row(f"hard iron ({unit})", cells))
         for axis, row in zip("xyz", np.asarray(model.soft_iron), strict=True):
             rows.append(_row(f"soft iron, {axis}", [f"{c:.5f}" for c in row]))
-        parts.append(tag("div", tag("table", tag("tbody", *rows)), class_="scroll", tabindex="0", role="region", aria_label="Calibration"))
+        parts.append(scroll(tag("table", tag("tbody", *rows)), "Calibration"))
         level, tilted = np.rad2deg(found.heading_error)
         facts = {
             "Heading error to expect (rms)": f"{level:.2g}°" + (f" at level, {tilted:.2g}° at 20° of tilt" if np.isfinite(tilted) else ""),
@@ -107,19 +109,74 @@ def _row(name: str, cells: list[str]) -> Markup:
 
 
 def _pictures(found: MagFit, m: np.ndarray | None) -> Markup:
-    figures = []
-    if m is not None and len(m) == len(found.residual):
-        figures.append((pictures.sphere(m, found)[0], "Readings", "Readings before and after correction on three planes and in space."))
-    figures.append((pictures.coverage(found), "Coverage", "Directions of the corrected field: readings per region of equal area."))
-    if m is not None and len(m) == len(found.residual):
-        figures.append((pictures.residual(m, found), "Residuals", "Distance of each reading to the ellipsoid, by direction."))
+    """Every figure with its numbers below it; those of the readings only where they are at hand."""
+    fitted = m is not None and len(m) == len(found.residual)
+    figures: list[tuple[Any, str, str, Markup]] = []
+    if fitted:
+        about = "Readings before and after correction on three planes and in space."
+        *planes, space = pictures.sphere(m, found)
+        space.figure.set_size_inches(8.0, 7.4)  # three panels of four are square,
+        space.set_box_aspect(None, zoom=0.85)  # and the layout does not see the labels of the fourth
+        space.zaxis.labelpad = -4
+        figures.append((planes[0], "Readings", about, _readings(found, m)))
+    about = "Directions of the corrected field: readings per region of equal area."
+    figures.append((pictures.coverage(found), "Coverage", about, _regions(found)))
+    if fitted:
+        about = "Distance of each reading to the ellipsoid, by direction. Its numbers are those of the readings."
+        figures.append((pictures.residual(m, found), "Residuals", about, Markup("")))
     if np.isfinite(found.covariance).all():
-        figures.append((pictures.heading_error(found), "Heading error", "Standard deviation of the heading against heading."))
+        figures.append(
+            (pictures.heading_error(found), "Heading error", "Standard deviation of the heading against heading.", _headings(found))
+        )
     parts = [
-        tag("figure", tag("h3", title), tag("div", inline(ax, f"mag-{i}", title, about), class_="scroll"), tag("figcaption", about))
-        for i, (ax, title, about) in enumerate(figures)
+        join((tag("h3", title), tag("figure", scroll(inline(ax, f"mag-{i}", title, about), title), tag("figcaption", about)), table))
+        for i, (ax, title, about, table) in enumerate(figures)
     ]
     return tag("section", tag("h2", "Pictures", id="plots"), *parts, aria_labelledby="plots")
+
+
+def _readings(found: MagFit, m: Any) -> Markup:
+    scale, unit = pictures._unit(found)
+    pick = np.unique(np.linspace(0, len(m) - 1, min(len(m), _ROWS)).astype(int))
+    fixed, out = np.asarray(found.model.correct(m[pick])) / scale, set(np.asarray(found.outliers).tolist())  # type: ignore[union-attr]
+    off = np.asarray(found.residual) / scale
+    columns = ("reading", *(f"{axis} ({unit})" for axis in "xyz"), *(f"{axis} corrected" for axis in "xyz"), "residual", "")
+    rows = [
+        (i + 1, *(f"{v:.4g}" for v in (*(m[i] / scale), *line)), f"{off[i]:+.2g}", "outlier" if i in out else "")
+        for i, line in zip(pick.tolist(), fixed, strict=True)
+    ]
+    return numbers(
+        f"Numbers of {len(pick)} of {len(m)} readings, evenly over the log" * (len(pick) < len(m)) or "Every reading", columns, rows
+    )
+
+
+def _regions(found: MagFit) -> Markup:
+    counts = np.asarray(found.coverage.counts)
+    zones = (
+        ("above +78.5°", 1),
+        ("+42.8° to +78.5°", 15),
+        ("0° to +42.8°", 34),
+        ("-42.8° to 0°", 34),
+        ("-78.5° to -42.8°", 15),
+        ("below -78.5°", 1),
+    )
+    rows, first = [], 0
+    for name, size in zones:
+        part = counts[first : first + size]
+        rows.append((name, size, int(np.sum(part > 0)), int(part.min()), int(part.max()), ", ".join(str(int(n)) for n in part)))
+        first += size
+    columns = ("latitude", "regions", "with readings", "fewest", "most", "readings by region, eastward from -180°")
+    return numbers("Numbers of the regions", columns, rows)
+
+
+def _headings(found: MagFit) -> Markup:
+    degrees = np.arange(0, 360, 15)
+    level = np.rad2deg(heading_uncertainty(found, np.deg2rad(degrees)))
+    columns, values = ["heading (°)", "at level (°)" if found.plane is None else "in the plane (°)"], [level]
+    if found.plane is None:
+        columns.append("at 20° of tilt (°)")
+        values.append(np.rad2deg(heading_uncertainty(found, np.deg2rad(degrees), tilt=np.deg2rad(20))))
+    return numbers("Numbers of the heading error", columns, [(d, *(f"{v[i]:.3g}" for v in values)) for i, d in enumerate(degrees)])
 
 
 def _meaning() -> Markup:

@@ -11,6 +11,7 @@ from ..plot import allan
 from ..plot._labels import display_unit, duration_label, interval_labels, number_label
 from ._document import plain, sensor_of
 from ._html import Markup, each, join, tag
+from ._numbers import scroll, shown, table_of
 from ._svg import inline
 
 SENSORS = {"gyro": "Gyroscope", "accel": "Accelerometer", "mag": "Magnetometer"}
@@ -48,8 +49,18 @@ def _verdict(results: dict[str, NoiseFit], log: Log | None) -> Markup:
         tables.append(tag("p", "Read these numbers with ", tag("a", count, href="#warnings"), "."))
     for sensor, channels in by_sensor(results).items():
         lines = each("li", (_found(term, channels) for term in _terms(channels)))
-        tables += [tag("h3", SENSORS[sensor]), tag("ul", lines), _table(sensor, channels)]
+        tables += [tag("h3", SENSORS[sensor]), tag("ul", lines), scroll(_table(sensor, channels), SENSORS[sensor])]
     return tag("section", tag("h2", "Verdict", id="verdict"), *tables, aria_labelledby="verdict")
+
+
+def noise_summary(results: dict[str, NoiseFit]) -> list[tuple[str, str, Any]]:
+    """What was found on every sensor: its name, the verdict in a word, sentences."""
+    rows = []
+    for sensor, channels in by_sensor(results).items():
+        warned = any(fit.warnings for fit in channels.values())
+        sentences = [piece for term in _terms(channels) for piece in (_found(term, channels), " ")]
+        rows.append((f"Noise, {SENSORS[sensor].lower()}", "warnings" if warned else "fitted", join(sentences[:-1])))
+    return rows
 
 
 def by_sensor(results: dict[str, NoiseFit]) -> dict[str, dict[str, NoiseFit]]:
@@ -140,11 +151,7 @@ def _plots(results: dict[str, NoiseFit]) -> Markup:
 def _figure(channels: dict[str, NoiseFit], prefix: str, title: str, about: str) -> Markup:
     svg = inline(allan(channels), prefix, title, about)
     text = "Points: measured. Lines: fitted model, thin outside its band. Shaded: interval of the measured values."
-    return tag("figure", _scroll(svg, title), tag("figcaption", text))
-
-
-def _scroll(content: Markup, label: str, more: str = "") -> Markup:
-    return tag("div", content, class_=f"scroll {more}".strip(), tabindex="0", role="region", aria_label=label)
+    return tag("figure", scroll(svg, title), tag("figcaption", text))
 
 
 def _axis_details(channel: str, fit: NoiseFit, sensor: str, prefix: str) -> Markup:
@@ -158,22 +165,12 @@ def _numbers(channel: str, fit: NoiseFit, sensor: str) -> Markup:
     scale, unit = display_unit("B", sensor)
     d = fit.deviation
     level = f"{100 * d.confidence:g} %"
-    names = ("τ (s)", f"deviation ({unit})", f"{level} low", f"{level} high", "degrees of freedom", "used in the fit")
-    head = tag("tr", *(tag("th", name, scope="col") for name in names))
+    columns = ("τ (s)", f"deviation ({unit})", f"{level} low", f"{level} high", "degrees of freedom", "used in the fit")
     rows = []
     for i in shown(len(d.tau)):
-        values = (d.deviation[i] / scale, d.lower[i] / scale, d.upper[i] / scale)
-        cells = (*(number_label(float(v), 4) for v in values), number_label(float(d.edf[i]), 3), "yes" if fit.used[i] else "no")
-        rows.append(tag("tr", tag("th", number_label(float(d.tau[i]), 4), scope="row"), *(tag("td", cell) for cell in cells)))
-    table = tag("table", tag("caption", f"Numbers of {channel}"), tag("thead", head), tag("tbody", *rows))
-    return _scroll(table, f"Numbers of {channel}", "numbers")
-
-
-def shown(count: int, most: int = 300) -> list[int]:
-    """Indices of the cluster sizes that a table lists: all, or so many evenly on a logarithmic scale."""
-    if count <= most:
-        return list(range(count))
-    return sorted({round(count ** (i / (most - 1))) - 1 for i in range(most)})
+        values = (d.tau[i], d.deviation[i] / scale, d.lower[i] / scale, d.upper[i] / scale)
+        rows.append((*(number_label(float(v), 4) for v in values), number_label(float(d.edf[i]), 3), "yes" if fit.used[i] else "no"))
+    return table_of(f"Numbers of {channel}", columns, rows)
 
 
 def _warnings(results: dict[str, NoiseFit], log: Log | None) -> list[str]:

@@ -13,6 +13,7 @@ from ..alignment._verdict import word
 from ..plot import north
 from ._document import number
 from ._html import Markup, each, join, tag
+from ._numbers import numbers, scroll
 from ._svg import inline
 
 SCHEMA = "jaxcal.north/1"
@@ -59,7 +60,7 @@ def north_page(result: AlignmentFit, readings: Any) -> tuple[str, Markup]:
             f"log is {type(readings).__name__}; the page of an alignment shows what was read: give the Readings that were fitted"
         )
     lead = f"{len(readings.positions)} positions, {float(np.sum(readings.positions.dwell)):g} s in all"
-    return lead, join((_found(result), _figure(readings, result), _rows(readings, result), _remarks(result)))
+    return lead, join((_found(result), _figure(readings, result), _remarks(result)))
 
 
 def _shown(name: str) -> tuple[float, str]:
@@ -90,7 +91,7 @@ def _found(result: AlignmentFit) -> Markup:
     head = tag("tr", *(tag("th", text, scope="col") for text in ("", "value", "95 % interval")))
     table = tag("table", tag("thead", head), tag("tbody", *rows), class_="terms")
     title = tag("h2", "What was found", id="found")
-    return tag("section", title, tag("p", result.reason), table, aria_labelledby="found")
+    return tag("section", title, tag("p", result.reason), scroll(table, "What was found"), aria_labelledby="found")
 
 
 def _figure(readings: Readings, result: AlignmentFit) -> Markup:
@@ -98,23 +99,21 @@ def _figure(readings: Readings, result: AlignmentFit) -> Markup:
     about = "Readings against the table angle with the fitted model, and the distribution of the azimuth."
     svg = inline(axes[0], "north", "Readings and azimuth", about)
     text = "Points: readings with their 95 % intervals. Lines: fitted model. Below: normal distribution of the azimuth, 95 % shaded."
-    scroll = tag("div", svg, class_="scroll", tabindex="0", role="region", aria_label="Readings and azimuth")
-    return tag("section", tag("h2", "Readings", id="readings"), tag("figure", scroll, tag("figcaption", text)), aria_labelledby="readings")
+    figure = tag("figure", scroll(svg, "Readings and azimuth"), tag("figcaption", text))
+    return tag("section", tag("h2", "Readings", id="readings"), figure, _rows(readings, result), aria_labelledby="readings")
 
 
 def _rows(readings: Readings, result: AlignmentFit) -> Markup:
     positions = readings.positions
-    head = ("angle (deg)", "mounting", "dwell (s)", "accelerometer (m/s²)", "residual in std", "gyro (deg/h)", "residual in std")
+    columns = ("angle (deg)", "mounting", "dwell (s)", "accelerometer (m/s²)", "residual in std", "gyro (deg/h)", "residual in std")
     rows = []
     for i in range(len(positions)):
         cells = [f"{positions.angle[i] / _DEG:.4f}", positions.mounting[i], f"{positions.dwell[i]:g}"]
         for values, residual, size in ((readings.accel, result.accel_residual, 1.0), (readings.gyro, result.gyro_residual, _DEG / 3600)):
             value = np.nan if values is None else values[i]
             cells += [f"{value / size:.6f}", f"{-residual[i]:+.2f}"] if np.isfinite(value) else ["", ""]
-        rows.append(tag("tr", *(tag("td", cell) for cell in cells)))
-    table = tag("table", tag("thead", tag("tr", *(tag("th", text, scope="col") for text in head))), tag("tbody", *rows))
-    region = tag("div", table, class_="scroll numbers", tabindex="0", role="region", aria_label="Readings")
-    return tag("details", tag("summary", "Every reading"), region)
+        rows.append(cells)
+    return numbers("Every reading", columns, rows)
 
 
 def _remarks(result: AlignmentFit) -> Markup:

@@ -19,10 +19,14 @@ _STYLE = (
     """
 * { box-sizing: border-box; }
 body { margin: 0; background: var(--paper); color: var(--ink); font: 1rem/1.5 system-ui, -apple-system, "Segoe UI", Roboto, sans-serif; }
-header, main, footer { max-width: 56rem; margin: 0 auto; padding: 0 1rem; overflow-wrap: anywhere; }
+header, main, footer { max-width: 56rem; margin: 0 auto; padding: 0 1rem; }
+h1, h2, p, li, dd, dt, summary { overflow-wrap: anywhere; }
 header { padding-top: 2rem; }
 h1 { font-size: 1.7rem; line-height: 1.2; margin: 0; }
 h2 { font-size: 1.25rem; line-height: 1.3; margin: 2.5rem 0 .75rem; padding-top: .75rem; border-top: 1px solid var(--line); }
+article > h2 { font-size: 1.45rem; margin-top: 3.5rem; border-top: 2px solid var(--ink); }
+article h3 { font-size: 1.15rem; padding-top: .5rem; border-top: 1px solid var(--line); }
+article h4 { font-size: 1rem; margin: 1.5rem 0 .5rem; }
 h3 { font-size: 1.05rem; margin: 1.75rem 0 .5rem; }
 p, ul, dl { margin: .5rem 0; }
 ul { padding-left: 1.25rem; }
@@ -31,10 +35,10 @@ a { color: var(--series-0); }
 .lead { color: var(--muted); font-size: 1.05rem; }
 .small, caption, figcaption { color: var(--muted); font-size: .875rem; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
-caption { text-align: left; padding: .25rem 0; caption-side: bottom; }
+caption { text-align: left; padding: .25rem 0; caption-side: bottom; max-width: calc(100vw - 2rem); }
 th, td { text-align: left; vertical-align: top; padding: .5rem .6rem; border-bottom: 1px solid var(--line); font-weight: normal; }
 thead th { border-bottom: 2px solid var(--line); font-weight: 600; }
-.terms { width: 100%; table-layout: fixed; }
+.terms { width: 100%; min-width: 32rem; table-layout: fixed; }
 .terms th:first-child { width: 28%; padding-left: 0; }
 .terms tbody th b { font-size: 1.05rem; }
 .terms span, .terms strong { display: block; }
@@ -43,9 +47,12 @@ thead th { border-bottom: 2px solid var(--line); font-weight: 600; }
 .badge { background: var(--none-back); color: var(--ink); }
 .present { background: var(--good-back); color: var(--good); }
 .hint { background: var(--fair-back); color: var(--fair); }
+.verdicts { width: 100%; }
+.verdicts th:first-child { padding-left: 0; width: 24%; }
 figure { margin: 1rem 0; }
 .scroll { overflow-x: auto; }
-.scroll svg { display: block; width: 100%; min-width: 34rem; height: auto; }
+.scroll svg { display: block; fill: var(--ink); width: 100%; min-width: 34rem; height: auto; }
+.scroll .exact { display: block; white-space: nowrap; }
 .numbers { max-height: 26rem; overflow: auto; }
 .numbers table { font-size: .85rem; white-space: nowrap; }
 .numbers td, .numbers th { padding: .2rem .8rem .2rem 0; }
@@ -61,6 +68,11 @@ footer { color: var(--muted); font-size: .875rem; padding-bottom: 2rem; }
 @media (max-width: 36rem) {
   th, td { padding: .4rem .3rem; font-size: .875rem; }
   .terms th:first-child { width: 26%; }
+  .verdicts thead { display: none; }
+  .verdicts tr { display: grid; grid-template-columns: 1fr auto; border-bottom: 1px solid var(--line); padding: .3rem 0; }
+  .verdicts tbody th, .verdicts td { width: auto; border: 0; padding: .1rem 0; }
+  .verdicts th:first-child { width: auto; }
+  .verdicts td:last-child { grid-column: 1 / -1; }
 }
 @media print {
   @page { margin: 15mm; }
@@ -68,7 +80,10 @@ footer { color: var(--muted); font-size: .875rem; padding-bottom: 2rem; }
   header, main, footer { max-width: none; padding: 0; }
   figure, table, li, dd { break-inside: avoid; }
   h2, h3 { break-after: avoid; }
-  .scroll svg { min-width: 0; }
+  .scroll svg, .terms { min-width: 0; }
+  .numbers { max-height: none; }
+  .scroll .exact { white-space: normal; }
+  pre { white-space: pre-wrap; overflow-wrap: anywhere; }
 }
 """
 )

@@ -9,6 +9,8 @@ from ._html import Markup, tag
 
 #: colour that the figure is drawn in -> the page's own
 _COLORS = {INK: "ink", MUTED: "muted", GRID: "grid", SHADE: "shade", **{color: f"series-{i}" for i, color in enumerate(SERIES)}}
+#: frames, ticks and the walls of a space where nothing else is said; black letters are left to the style of the page
+_COLORS |= {"#ffffff": "paper", "#000000": "ink", "#b0b0b0": "grid", **dict.fromkeys(("#f2f2f2", "#e6e6e6", "#ececec"), "shade")}
 
 
 def inline(axes: Any, prefix: str, title: str, description: str) -> Markup:

@@ -13,6 +13,7 @@ from ..plot._labels import display_unit, number_label
 from ..temperature import TemperatureFit
 from ._document import number, plain, sensor_of
 from ._html import Markup, each, join, tag
+from ._numbers import numbers, scroll
 from ._svg import inline
 
 SCHEMA = "jaxcal.temperature/1"
@@ -72,6 +73,21 @@ def thermal_body(results: dict[str, TemperatureFit], log: Log | None) -> Markup:
     return join((_verdict(results), _figures(results), _choice(results), _warnings(results, log), _meaning()))
 
 
+def thermal_summary(results: dict[str, TemperatureFit]) -> list[tuple[str, str, Any]]:
+    """What was found on every sensor: its name, the verdict in a word, a sentence."""
+    rows = []
+    for sensor, channels in _by_sensor(results).items():
+        scale, unit = display_unit("B", sensor)
+        said = [
+            f"{name.partition('_')[2]}: {_sentence(fit, scale, unit)}, rms {number_label(fit.rms / scale)} {unit}, worst degree "
+            f"{number_label(fit.worst / scale)} {unit}"
+            for name, fit in channels.items()
+        ]
+        warned = any(fit.warnings for fit in channels.values())
+        rows.append((f"Temperature, {_SENSORS[sensor].lower()}", "warnings" if warned else "fitted", f"{'. '.join(said)}."))
+    return rows
+
+
 def _by_sensor(results: dict[str, TemperatureFit]) -> dict[str, dict[str, TemperatureFit]]:
     groups: dict[str, dict[str, TemperatureFit]] = {}
     for name, fit in results.items():
@@ -90,7 +106,7 @@ def _verdict(results: dict[str, TemperatureFit]) -> Markup:
             span = f"{float(fit.model.low):.1f} to {float(fit.model.high):.1f} °C"
             cells = (_sentence(fit, scale, unit), number_label(fit.rms / scale), worst, span)
             rows.append(tag("tr", tag("th", name.partition("_")[2], scope="row"), *(tag("td", cell) for cell in cells)))
-        parts += [tag("h3", _SENSORS[sensor]), tag("table", tag("thead", head), tag("tbody", *rows))]
+        parts += [tag("h3", _SENSORS[sensor]), scroll(tag("table", tag("thead", head), tag("tbody", *rows)), _SENSORS[sensor])]
     return tag("section", tag("h2", "Verdict", id="verdict"), *parts, aria_labelledby="verdict")
 
 
@@ -113,8 +129,20 @@ def _figures(results: dict[str, TemperatureFit]) -> Markup:
         title = f"{_SENSORS[sensor]}: change of bias with temperature"
         svg = inline(temperature(channels), f"thermal-{sensor}", title, "Means over 0.1 degC, the fitted curves and their intervals.")
         caption = tag("figcaption", "Points: means over 0.1 °C. Lines: model with interval. Dotted: jumps.")
-        parts.append(tag("figure", tag("div", svg, class_="scroll", tabindex="0", role="region", aria_label=title), caption))
+        parts.append(tag("figure", scroll(svg, title), caption))
+        parts += [_numbers(name, fit, sensor) for name, fit in channels.items()]
     return tag("section", tag("h2", "Bias and temperature", id="plots"), *parts, aria_labelledby="plots")
+
+
+def _numbers(name: str, fit: TemperatureFit, sensor: str) -> Markup:
+    scale, unit = display_unit("B", sensor)
+    t = np.asarray(fit.bins.t)
+    model, (low, high) = np.asarray(fit.model.curve.value(t)), fit.interval_at(t)
+    level = f"{100 * fit.confidence:g} %"
+    columns = ("temperature (°C)", f"mean ({unit})", f"model ({unit})", f"{level} low", f"{level} high", "samples")
+    values = (np.asarray(fit.bins.b), model, low, high)
+    rows = [(f"{t[i]:.2f}", *(number_label(float(v[i]) / scale, 5) for v in values), f"{fit.bins.count[i]:.0f}") for i in range(len(t))]
+    return numbers(f"Numbers of {name}: bias as read, not shifted to the middle of the range", columns, rows)
 
 
 def _choice(results: dict[str, TemperatureFit]) -> Markup:
@@ -129,7 +157,7 @@ def _choice(results: dict[str, TemperatureFit]) -> Markup:
             tag("tr", tag("th", one.name, scope="row"), tag("td", number_label(float(np.sqrt(one.score)) / scale)),
                 tag("td", "chosen" if one.chosen else "")) for one in fit.candidates
         ]  # fmt: skip
-        tables.append(tag("details", tag("summary", name), tag("table", tag("thead", head), tag("tbody", *rows))))
+        tables.append(tag("details", tag("summary", name), scroll(tag("table", tag("thead", head), tag("tbody", *rows)), name)))
     return tag("section", tag("h2", "How the model was chosen", id="choice"), *tables, aria_labelledby="choice")
 
 

@@ -9,34 +9,37 @@ from .._errors import DataError
 from .._files import write_atomically
 from .._log import Log
 from ..alignment import AlignmentFit, Readings
+from ..alignment._verdict import word
 from ..imu import ImuFit
 from ..magnetometer import MagFit
 from ..plot._labels import duration_label
 from ..temperature import TemperatureFit
+from ._device import pairs, part, verdicts
 from ._document import check_results, noise_document
 from ._html import Markup, join
 from ._imu import imu_document, imu_sections
 from ._magnetometer import mag_body, mag_document
-from ._noise import noise_body, recording
+from ._noise import noise_body, noise_summary, recording
 from ._north import north_document, north_page
 from ._page import page
-from ._thermal import check_thermal, temperature_document, thermal_body
+from ._thermal import check_thermal, temperature_document, thermal_body, thermal_summary
 
 
-def write(results: Any, path: str | os.PathLike[str], *, log: Log | Readings | None = None) -> None:
+def write(results: Any, path: str | os.PathLike[str], *, log: Log | Readings | None = None, device: str | None = None) -> None:
     """Write a report: one HTML file that needs nothing else, for screens light and dark, phones and paper.
 
-    It says first what was found, with intervals, then shows the Allan deviations and their numbers, the warnings, what the
-    coefficients mean, and where everything comes from.
+    It says first what was found, with intervals, then shows the figures and the numbers behind them, the warnings, what the
+    words mean, and where everything comes from. Several results of one device make one page, with a table of verdicts first.
 
     Parameters
     ----------
     results : channel -> `NoiseFit`, as `jaxcal.noise.characterise` returns them, channel -> `TemperatureFit`, as
         `jaxcal.temperature.characterise` does, the `ImuFit` of an IMU, the `MagFit` of a magnetometer, or the `AlignmentFit` of a
-        turntable.
+        turntable. Or a list of these, or of pairs (result, its log), of one device.
     path : file to write; an existing one is replaced in one step.
     log : the recording, for its summary, notes, warnings and provenance; with an `AlignmentFit` the `Readings` that were fitted, which
-        its page shows.
+        its page shows. With a list it is the log of every result that comes without one, but not of an `AlignmentFit`.
+    device : name of the device, for the title; by default the name of the log's file.
 
     Raises
     ------
@@ -55,9 +58,26 @@ def write(results: Any, path: str | os.PathLike[str], *, log: Log | Readings | N
     ...     jaxcal.report.write({"gyro_x": jaxcal.noise.fit(y, rate=100.0)}, path)
     ...     path.read_text()[:15]
     '<!DOCTYPE html>'
+
+    Two results of one device, each with the log that it comes from:
+
+    >>> from jaxcal.magnetometer import body_field, scenario
+    >>> mag = jaxcal.Log(None, mag=body_field(scenario("all"), 50e-6), rate=50.0)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "device.html")
+    ...     noise = {"gyro_x": jaxcal.noise.fit(y, rate=100.0)}
+    ...     jaxcal.report.write([noise, (jaxcal.magnetometer.fit(mag.mag), mag)], path, device="unit 7")
+    ...     "<h1>unit 7</h1>" in path.read_text(encoding="utf-8")
+    True
     """
     version = importlib.metadata.version("jaxcal")
-    title, lead, body = _content(results, log, version)
+    if isinstance(results, (list, tuple)):
+        title, lead, body = _device(pairs(results, log), device, version)
+    else:
+        refused = isinstance(results, ImuFit) and results.accel is None
+        if refused:
+            raise DataError(f"there is nothing to report: the calibration was refused. {results.reason}")
+        title, lead, body = _content(results, log, version, device)
     write_atomically(path, page(title, lead, body, f"Written by jaxcal {version}"))
 
 
@@ -66,7 +86,7 @@ def document(results: Any, log: Any = None) -> dict[str, Any]:
 
     Parameters
     ----------
-    results : as for `write`.
+    results : one result, as for `write`.
     log : the recording, for its provenance, notes and warnings; the readings of a turntable add nothing.
 
     Returns
@@ -115,31 +135,58 @@ def _thermal(results: Any) -> bool:
     return isinstance(results, dict) and any(isinstance(fit, TemperatureFit) for fit in results.values())
 
 
-def _content(results: Any, log: Any, version: str) -> tuple[str, str, Markup]:
+def _content(results: Any, log: Any, version: str, device: str | None) -> tuple[str, str, Markup]:
     """Title, line below it, and the sections of a page."""
     if isinstance(results, AlignmentFit):
-        return "Alignment on a turntable", *north_page(results, log)
+        return "Alignment on a turntable" if device is None else f"Alignment of {device}", *north_page(results, log)
     if not (log is None or isinstance(log, Log)):
         raise DataError(f"log is {type(log).__name__}; give the Log that was read, or leave it out")
     if isinstance(results, ImuFit):
         lead = f"{len(results.residual_norm)} poses, {len(results.residual_turn)} turns at {results.rate:.6g} Hz"
-        return _title(log, "Calibration"), lead, imu_sections(results, log, version)
+        return _title(log, "Calibration", device), lead, imu_sections(results, log, version)
     if isinstance(results, MagFit):
-        return _title(log, "Magnetometer"), f"{len(results.residual)} readings: {results.verdict}", mag_body(results, log)
+        return _title(log, "Magnetometer", device), f"{len(results.residual)} readings: {results.verdict}", mag_body(results, log)
     if _thermal(results):
         check_thermal(results)
-        return _title(log, "Bias and temperature"), _channels(results), join((thermal_body(results, log), recording(log)))
+        return _title(log, "Bias and temperature", device), _channels(results), join((thermal_body(results, log), recording(log)))
     check_results(results)
     first = next(iter(results.values()))
     lead = f"{_channels(results)}, {duration_label(first.duration)} at {first.deviation.rate:.6g} Hz"
-    return _title(log, "Noise"), lead, noise_body(results, log, version)
+    return _title(log, "Noise", device), lead, noise_body(results, log, version)
+
+
+def _device(parts: list[tuple[Any, Any]], device: str | None, version: str) -> tuple[str, str, Markup]:
+    """Title, line below it, and the body of a page on several results."""
+    sections, rows, told = [], [], set()
+    for number, (results, log) in enumerate(parts, start=1):
+        title, lead, body = _content(results, log, version, None)
+        if isinstance(log, Log) and id(log) in told:  # a recording is described once
+            body = Markup(body.replace(recording(log), ""))
+        told.add(id(log))
+        sections.append(part(number, title, lead, body))
+        rows += [(number, *row) for row in _summary(results)]
+    lead = f"{len(parts)} result{'s' * (len(parts) != 1)}"
+    return device or "Device", lead, join((verdicts(rows), *sections))
+
+
+def _summary(results: Any) -> list[tuple[str, str, Any]]:
+    """What a result is of, its verdict in a word, and what that means."""
+    if isinstance(results, AlignmentFit):
+        return [("Alignment", word(results.verdict), results.reason)]
+    if isinstance(results, ImuFit):
+        return [("Accelerometer and gyroscope" if results.gyro is not None else "Accelerometer", results.verdict, results.reason)]
+    if isinstance(results, MagFit):
+        return [("Magnetometer", results.verdict, results.reason)]
+    return thermal_summary(results) if _thermal(results) else noise_summary(results)
 
 
 def _channels(results: dict[str, Any]) -> str:
     return f"{len(results)} channel{'s' * (len(results) != 1)}"
 
 
-def _title(log: Log | None, what: str) -> str:
+def _title(log: Log | None, what: str, device: str | None) -> str:
+    if device is not None:
+        return f"{what} of {device}"
     file = None if log is None else log.provenance.get("file")
     if file:
         return f"{what} of {pathlib.PurePath(str(file)).name}"

@@ -63,10 +63,32 @@ def characterise(log: Log, *, progress: Callable[[int, int, str], None] | None =
 def thermometer(log: Log) -> AnyArray:
     """Temperature of a log at every sample: interpolated where it is slower or missing, and averaged over a second.
 
+    Parameters
+    ----------
+    log : `Log` with a temperature.
+
+    Returns
+    -------
+    (n,) degC, at the times of the log.
+
     Raises
     ------
     DataError
         If the log has no temperature.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> slow = np.array([20.0, np.nan, np.nan, 23.0])
+    >>> log = jaxcal.Log(None, gyro=np.zeros((4, 3)), temperature=slow, rate=1.0)
+    >>> jaxcal.temperature.thermometer(log).round(3).tolist()
+    [20.0, 21.0, 22.0, 23.0]
+
+    References
+    ----------
+    The noise of a thermometer becomes noise of the corrected output, in proportion to the slope of the bias: the average over a second
+    takes most of it off. Linear interpolation and a running mean.
     """
     if log.temperature is None:
         raise DataError("the log has no temperature; name its column with columns=temperature=NAME")

@@ -15,8 +15,12 @@ from ._model import ThermalModel
 class Step(eqx.Module):
     """A jump of the bias at a temperature: a property of the device.
 
-    `height` is in the unit of the bias, `centre` and `width` in degC (the logistic function's own width: four of them hold three
-    quarters of the jump); each with its standard error.
+    Attributes
+    ----------
+    centre : temperature of the jump, degC.
+    width : the logistic function's own width, degC: four of them hold three quarters of the jump.
+    height : in the unit of the bias.
+    centre_error, width_error, height_error : standard errors of the three.
     """
 
     centre: float
@@ -28,7 +32,15 @@ class Step(eqx.Module):
 
 
 class Candidate(eqx.Module):
-    """A model that was compared: mean squared error on held-out data, its standard error, and whether it was chosen."""
+    """A model that was compared.
+
+    Attributes
+    ----------
+    name : of the model.
+    score : mean squared error on held-out data, in the unit of the bias squared.
+    error : standard error of the score.
+    chosen : whether it was taken.
+    """
 
     name: str = eqx.field(static=True)
     score: float

@@ -14,8 +14,15 @@ _LOW, _HIGH, _JUMP, _WIDTH, _PERIOD = 20.0, 45.0, 24.5, 0.08, 4500.0
 
 
 class Simulated(eqx.Module):
-    """A simulated record: `time` (s), `temperature` as the thermometer reads it, `bias` as the sensor reads it at rest (rad/s), both with
-    noise, and without it `true_temperature` and `truth`; all (n,).
+    """A simulated record.
+
+    Attributes
+    ----------
+    time : (n,) s.
+    temperature : (n,) as the thermometer reads it, with its noise, degC.
+    bias : (n,) as the sensor reads it at rest, with noise and random walk, rad/s.
+    true_temperature : (n,) degC.
+    truth : (n,) bias without noise, rad/s.
     """
 
     time: AnyArray
@@ -29,6 +36,27 @@ def reference_bias(temperature: Any, jump: float = np.deg2rad(0.3)) -> AnyArray:
     r"""The true bias of `simulate`, rad/s: a cubic between 20 and 45 degC, and a jump at 24.5 degC.
 
     .. math:: b = 0.05 + 0.12 x - 0.06 x^2 + 0.04 x^3 + J/(1 + e^{-(T - 24.5)/0.08})\ \text{deg/s},\quad x = (T - 32.5)/12.5
+
+    Parameters
+    ----------
+    temperature : (n,) or (), degC.
+    jump : its height J, rad/s.
+
+    Returns
+    -------
+    Of the shape of `temperature`, rad/s.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> low, high = jaxcal.temperature.reference_bias(np.array([24.0, 25.0]))
+    >>> round(float(np.rad2deg(high - low)), 2)
+    0.32
+
+    References
+    ----------
+    A stand-in for the channels of the thesis, section 7.1, whose output jumps at 24 to 25 degC.
     """
     t = np.asarray(temperature, dtype=float)
     x = (t - 32.5) / 12.5
@@ -63,12 +91,26 @@ def simulate(
     duration, rate : s, Hz.
     seed : integer or NumPy generator.
 
+    Returns
+    -------
+    Simulated
+        Record and truth: s, degC and rad/s.
+
+    Raises
+    ------
+    DataError
+        For fewer than two samples, or another profile.
+
     Examples
     --------
     >>> import jaxcal
     >>> made = jaxcal.temperature.simulate(seed=1)
     >>> made.bias.shape, float(made.true_temperature[0])
     ((5400,), 20.0)
+
+    References
+    ----------
+    The cases of the thesis, section 7.1, with a jump of known height; lag and play as in `fit`.
     """
     n = round(duration * rate)
     if n < 2 or profile not in ("ramp", "cycle"):

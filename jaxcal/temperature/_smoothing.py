@@ -1,6 +1,6 @@
 r"""Cubic smoothing spline with the smoothing parameter of generalised cross-validation, O(n).
 
-.. math:: \min_f \sum_j c_j (b_j - f(T_j))^2 + \lambda \int f''^2,\qquad
+.. math:: \min_f \sum_j c_j (b_j - f(T_j))^2 + \lambda \int (f'')^2,\qquad
     \mathrm{GCV}(\lambda) = \frac{n \sum_j c_j (b_j - f_j)^2}{(n - \mathrm{tr} H)^2}
 
 With Reinsch's band matrices, f'' = gamma at the inner knots solves (R + lambda Q' C^-1 Q) gamma = Q' b, and f = b - lambda C^-1 Q gamma.

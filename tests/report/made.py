@@ -1,0 +1,83 @@
+"""One result of every kind with its log: most made by hand, since what a page looks like does not need a fit."""
+
+import pathlib
+import runpy
+
+import numpy as np
+
+import jaxcal
+from jaxcal import Log
+from jaxcal.alignment import AlignmentFit, Positions, Readings, Sensor, simulate
+from jaxcal.alignment._verdict import Verdict
+from jaxcal.imu import ImuFit, Observability, Triad
+from jaxcal.magnetometer import body_field, scenario
+
+_NOISE = runpy.run_path(str(pathlib.Path(__file__).parents[1] / "made_fit.py"))
+EVIL = "<script>alert('x')</script>"
+
+
+def noise():
+    """Six channels with warnings, and the log of three of them, whose name is long."""
+    results = _NOISE["made_results"]()
+    left_out = ("0.005 to 0.01 s: the model does not hold there",)
+    results["gyro_y"] = _NOISE["made_fit"](2.0, warnings=(f"a warning & {EVIL}",), left_out=left_out)
+    provenance = {"file": "logs/a_rather_long_name_without_any_blank_2026-05-31T10-00-00.csv", "sha256": "ab" * 32}
+    notes = ("gyro: rad/s, assumed; override with --units gyro=deg/s",)
+    gyro = np.random.default_rng(0).normal(size=(500, 3))
+    return results, Log(None, gyro=gyro, rate=200.0, notes=notes, warnings=(f"3 samples {EVIL}",), provenance=provenance)
+
+
+def thermal():
+    """A jump, as the fit finds it, on two sensors."""
+    made = jaxcal.temperature.simulate(seed=1)
+    found = jaxcal.temperature.fit(made.temperature, made.bias, model="steps")
+    return {"gyro_x": found, "gyro_y": found, "accel_x": found}, None
+
+
+def imu():
+    """Twenty poses, nineteen turns; some entries fixed by the convention."""
+    rng = np.random.default_rng(1)
+    gyro = Triad(np.eye(3) + 0.01 * rng.normal(size=(3, 3)), 0.01 * rng.normal(size=3), 1e-5 * rng.normal(size=(3, 3)))
+    accel = Triad(np.triu(gyro.matrix), 10 * gyro.bias)
+    values = np.concatenate([np.ravel(part) for part in (accel.matrix, accel.bias, gyro.matrix, gyro.bias, gyro.g_sensitivity)])
+    half = np.where(values == 0, 0.0, 0.01 * np.abs(values))
+    found = ImuFit(
+        accel=accel, gyro=gyro, covariance=np.diag(half**2), interval=np.stack([values - half, values + half], axis=1),
+        robust_covariance=np.diag(half**2), degrees_of_freedom=np.full(33, 30.0), residual_norm=1e-3 * rng.normal(size=20),
+        residual_turn=np.abs(1e-3 * rng.normal(size=19)), residual_rest=1e-4 * rng.normal(size=(20, 3)), sigma=np.array([1e-3, 1e-3, 1e-4]),
+        down_weighted=(np.array([3]), np.array([5, 6])), cost=np.ones(2), held_out=np.array([1.1e-3, 1.2e-3]), still=None,
+        thresholds=np.zeros((0, 4)), observability=Observability(2.0, np.zeros((0, 3)), "The 20 poses determine every parameter."),
+        drift=np.zeros(3), rate=100.0, gravity=9.81, temperature=np.nan, verdict="good", reason="Standard errors: 52 ppm.", warnings=(),
+        convention="upper", method="joint",
+    )  # fmt: skip
+    steady = np.tile([0, 0, 9.81], (200, 1))
+    return found, Log(None, accel=steady, gyro=0 * steady, rate=100.0)
+
+
+def mag():
+    """All attitudes with noise."""
+    rng = np.random.default_rng(0)
+    m = body_field(scenario("all"), 50e-6) + [2e-5, -1e-5, 0] + 3e-7 * rng.normal(size=(360, 3))
+    return jaxcal.magnetometer.fit(m), Log(None, mag=m, rate=50.0)
+
+
+def north():
+    """Six positions, one of them with another mounting, one reading missing; a scale error that its prior decides."""
+    where = Positions(np.deg2rad([0.0, 90, 180, 270, 0, 45]), mounting=("x", "x", "x", "x", "z", "x"))
+    angles, latitude = np.array([0.035, -0.017, 0.7]), 0.6
+    made = simulate(where, angles, latitude, accel=Sensor(white=5e-4), gyro=Sensor(white=3e-6))
+    gyro = np.asarray(made.gyro).copy()
+    gyro[5] = np.nan
+    readings = Readings(where, accel=np.asarray(made.accel), gyro=gyro, accel_noise=5e-4, gyro_noise=3e-6)
+    free = np.isin(np.arange(14), [0, 1, 2, 3, 4, 5])
+    size = np.array([3.6e-5, 3.6e-5, 3.5e-2, 2.5e-4, 1e-3, 1.5e-6, *np.zeros(8)])
+    values = np.array([*angles, 3e-4, 2e-4, -1.2e-6, *np.zeros(7), latitude])
+    fit = AlignmentFit(
+        covariance=np.diag(size**2), free=free, rank=6, hidden=np.zeros(14, bool), lost=np.zeros(14, bool), values=values,
+        prior_only=np.arange(14) == 4, accel_residual=np.linspace(-1, 1, 6), gyro_residual=np.linspace(1, -1, 6), chi_square=3.1,
+        degrees_of_freedom=5, p_value=0.68, other=None, noise_known=True, verdict=Verdict.ok, notes=(f"A note {EVIL}.",),
+    )  # fmt: skip
+    return fit, readings
+
+
+KINDS = {"noise": noise, "thermal": thermal, "imu": imu, "mag": mag, "north": north}

@@ -1,0 +1,118 @@
+"""Several results of one device on one page."""
+
+import itertools
+import re
+
+import numpy as np
+import pytest
+
+from jaxcal import DataError, Log
+from jaxcal.magnetometer import fit
+from jaxcal.report import write
+from jaxcal.report._html import inside, tag
+
+from . import made
+
+
+@pytest.fixture(scope="module")
+def parts():
+    return [made.noise(), made.thermal(), made.imu(), made.north()]
+
+
+def written(results, path, **options):
+    write(results, path, **options)
+    return path.read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def text(parts, tmp_path_factory):
+    return written(parts, tmp_path_factory.mktemp("device") / "a.html", device=f"unit {made.EVIL}")
+
+
+def test_every_id_is_there_once_and_every_reference_finds_it(text):
+    ids = re.findall(r'<[^>]* id="([^"]*)"', text)
+    assert len(ids) == len(set(ids)) > 500
+    referred = [word for names in re.findall(r'aria-(?:labelledby|describedby)="([^"]*)"', text) for word in names.split()]
+    referred += re.findall(r'href="#([^"]*)"', text) + re.findall(r"url\(#([^)]*)\)", text)
+    assert len(referred) > 500
+    assert set(referred) <= set(ids)
+
+
+def test_verdicts_come_first_and_lead_to_their_parts(text):
+    head = text[text.index("<h2") : text.index("<article")]
+    table = [re.sub("<[^>]*>", "", cell) for cell in re.findall(r"<t[hd].*?</t[hd]>", head)[3:]]
+    assert table[0::3] == [
+        "Noise, gyroscope", "Noise, accelerometer", "Temperature, gyroscope", "Temperature, accelerometer", "Accelerometer and gyroscope",
+        "Alignment",
+    ]  # fmt: skip
+    assert table[1::3] == ["warnings", "fitted", "warnings", "warnings", "good", "ok"]
+    assert "N (angle random walk): found on every axis." in table[2]
+    assert re.search(r"x: steps; jump of 108\d °/h up at 24\.\d+ ± [\d.]+ °C, rms [\d.]+ °/h, worst degree [\d.]+ °/h", table[8])
+    assert re.findall('href="#(part-[0-9])"', head) == ["part-1", "part-1", "part-2", "part-2", "part-3", "part-4"]
+
+
+def test_headings_go_down_one_level_at_a_time(text):
+    levels = [int(level) for level in re.findall(r"<h([1-6])[ >]", text)]
+    assert levels[:2] == [1, 2]
+    assert levels.count(1) == 1
+    assert all(after <= before + 1 for before, after in itertools.pairwise(levels))
+    assert levels.count(2) == 5  # verdicts and four parts
+
+
+def test_names_stay_text(text):
+    assert "<script" not in text
+    assert "unit &lt;script&gt;" in text
+
+
+def test_a_common_log_is_described_once(parts, tmp_path):
+    noise, log = parts[0]
+    page = written([noise, parts[1][0], (parts[2][0], None)], tmp_path / "a.html", log=log)
+    assert page.count(log.summary().splitlines()[0]) == 1
+    assert "<h1>Device</h1>" in page
+    assert "Noise of a_rather_long_name" in page
+
+
+def test_every_figure_has_its_numbers(text, parts):
+    # each sensor's curves and those of its axes; two thermal figures; residuals; readings
+    assert text.count("<svg") == 2 + 6 + 2 + 1 + 1
+    tables = re.findall(r"<caption>((?:Numbers|Every)[^<]*)", text)
+    assert [name.partition(":")[0] for name in tables] == [
+        *(f"Numbers of {sensor}_{axis}" for sensor in ("gyro", "accel") for axis in "xyz"),
+        *(f"Numbers of {channel}" for channel in ("gyro_x", "gyro_y", "accel_x")), "Numbers of the poses", "Numbers of the turns",
+        "Every reading",
+    ]  # fmt: skip
+    imu = parts[2][0]
+    assert f"<td>{-1e3 * imu.residual_norm[7]:.3f}</td>" in text
+    assert f"<td>{np.rad2deg(imu.residual_turn[7]):.4f}</td>" in text
+    bins = parts[1][0]["gyro_x"].bins
+    assert text.count(f'<th scope="row">{bins.t[50]:.2f}</th>') >= 3
+
+
+def test_a_refused_calibration_is_a_part_but_no_page_of_its_own(tmp_path):
+    found, _ = made.imu()
+    refused = type(found)(**{**vars(found), "accel": None, "gyro": None, "verdict": "refused", "reason": "Too few poses."})
+    with pytest.raises(DataError, match=r"there is nothing to report: the calibration was refused\. Too few poses\."):
+        write(refused, tmp_path / "a.html")
+    page = written([refused], tmp_path / "a.html")
+    assert page.count("Too few poses.") == 2
+    empty = fit(np.tile([1.0, 0, 0], (30, 1)))
+    assert empty.verdict == "refused"
+    assert empty.reason in written([empty], tmp_path / "b.html").replace("&#x27;", "'")
+
+
+def test_lists_that_make_no_page(parts, tmp_path):
+    log = Log(None, accel=np.zeros((5, 3)), rate=10.0)
+    with pytest.raises(DataError, match="there are no results; give at least one"):
+        write([], tmp_path / "a.html")
+    with pytest.raises(DataError, match=r"Log is not a result; give a list of results, or of pairs \(result, log\)"):
+        write((parts[0][0], log), tmp_path / "a.html")
+    with pytest.raises(DataError, match="log is NoneType; the page of an alignment shows what was read"):
+        write([parts[3][0]], tmp_path / "a.html", log=log)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_only_elements_are_moved():
+    text = tag("p", 'url(#a) id="b"', tag("a", "<h2>", href="#c", aria_labelledby="d e"), title='id="f"')
+    assert inside("x-", text) == (
+        '<p title="id=&quot;f&quot;">url(#a) id=&quot;b&quot;<a href="#x-c" aria-labelledby="x-d x-e">&lt;h2&gt;</a></p>'
+    )

@@ -1,0 +1,97 @@
+"""The pages of docs/: what they link to and name is there, and their code is Python."""
+
+import ast
+import importlib
+import json
+import pathlib
+import re
+import subprocess
+import sys
+
+import pytest
+
+ROOT = pathlib.Path(__file__).resolve().parents[1]
+PAGES = sorted((ROOT / "docs").rglob("*.md"))
+COMMANDS = ("demo", "noise", "allan", "psd", "temperature", "imu", "mag", "north", "apply", "simulate")
+
+
+def name(page):
+    return page.relative_to(ROOT).as_posix()
+
+
+def test_there_are_pages():
+    assert len(PAGES) == 19
+    settings = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
+    listed = re.findall(r": ([a-z_/]+\.md)$", settings, re.MULTILINE)
+    assert sorted(listed) == [page.relative_to(ROOT / "docs").as_posix() for page in PAGES]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_links_lead_somewhere(page):
+    for target in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
+        if target.startswith("https://"):
+            continue
+        place = (page.parent / target).resolve()
+        made = re.fullmatch(r"api/(\w+)\.md", place.relative_to(ROOT / "docs").as_posix()) if place.is_relative_to(ROOT / "docs") else None
+        if made:  # written by docs/hooks.py
+            importlib.import_module(f"jaxcal.{made[1]}")
+        else:
+            assert place.exists(), target
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_names_are_there(page):
+    text = page.read_text(encoding="utf-8")
+    for dotted in set(re.findall(r"\bjaxcal((?:\.[A-Za-z_]\w*)+)", text)):
+        found = importlib.import_module("jaxcal")
+        for part in dotted.strip(".").split("."):
+            found = getattr(found, part)
+    code = " ".join(re.findall(r"```[a-z]*\n.*?```|`[^`\n]+`", text, re.DOTALL))
+    for command in re.findall(r"(?:^|`|venv/bin/)jaxcal (\w+)", code, re.MULTILINE):
+        assert command in (*COMMANDS, "COMMAND"), command
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_code_is_python(page):
+    for code in re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL):
+        ast.parse(code)
+
+
+def test_pages_of_the_interface_follow_the_packages():
+    """Every package with public names has its page; the list of them is read without the tools of the site."""
+    tree = ast.parse((ROOT / "docs" / "hooks.py").read_text(encoding="utf-8"))
+    parts = next(ast.literal_eval(node.value) for node in tree.body if isinstance(node, ast.Assign) and node.targets[0].id == "PARTS")
+    packages = {f"jaxcal.{path.parent.name}" for path in (ROOT / "jaxcal").glob("[a-z]*/__init__.py")}
+    assert set(parts) == {"jaxcal"} | packages - {"jaxcal.cli"}
+
+
+def test_docstrings_become_markdown():
+    """numpydoc with entries on one line; run apart, since griffe belongs to the tools of the site alone."""
+    source = """One line, a*b and x_[i].
+
+        S = 1
+
+Parameters
+----------
+y : (n,) readings < 3,
+    in rad/s.
+a, b : two of them.
+
+Raises
+------
+DataError
+    If not.
+
+Examples
+--------
+>>> f(1)
+2
+"""
+    code = (ROOT / "docs" / "docstrings.py").read_text(encoding="utf-8")
+    code = code.replace("import griffe\nimport latex2mathml.converter\n", "").replace("griffe.Extension", "object")
+    script = f"{code}\nimport json\nprint(json.dumps(numpydoc({source!r})))"
+    made = json.loads(subprocess.run([sys.executable, "-c", script], capture_output=True, check=True, text=True).stdout)
+    assert made == (
+        "One line, a\\*b and x\\_\\[i\\].\n\n```text\n        S = 1\n```\n\n**Parameters**\n\n- `y`: (n,) readings \\< 3, in rad/s.\n"
+        "- `a`, `b`: two of them.\n\n**Raises**\n\n- `DataError`: If not.\n\n**Examples**\n\n```pycon\n>>> f(1)\n2\n```"
+    )
