@@ -218,7 +218,10 @@ def uncertainty(
         least = jnp.where(short[index], apart[1], nll)
         seen = jax.tree.map(lambda a, b: jnp.where(short[index], a, b), alone, bins)
         # the filter's column is negative: starting without it keeps the density positive when another term goes
-        found = minimise(seen, jnp.where(here, value, jnp.where(negative, 0.0, state)), (index, value))
+        first = jnp.where(here, value, jnp.where(negative, 0.0, state))
+        # with the only term held at zero there would be no density to begin with: the others begin at their standard errors
+        dark = jnp.any((seen.weight > 0) & (seen.columns @ first <= 0.0))
+        found = minimise(seen, jnp.where(dark & ~here & ~negative, jnp.maximum(state, reach), first), (index, value))
         return 2.0 * (found.nll - least), found.theta
 
     scale = jnp.asarray(fitted.inflation, theta.dtype) * jnp.asarray(widened, theta.dtype)

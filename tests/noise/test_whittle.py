@@ -307,3 +307,14 @@ def test_gaps_everywhere_are_refused(record):
     y[::10] = np.nan
     with pytest.raises(jaxcal.DataError, match="no stretch of 16 samples is free of gaps"):
         jaxcal.noise.fit(y, RATE)
+
+
+def test_an_interval_is_known_where_only_one_term_is_there():
+    """B is at zero; held at zero, N would leave no density at all."""
+    y = Noise(N=8.1e-5).simulate(4_000, 100.0, seed=4)
+    found = jaxcal.noise.fit(y, 100.0, terms=("N", "B"))
+    assert found.noise.B == 0
+    low, high = found.interval["N"]
+    # the likelihood of white noise alone: relative standard error 1 / sqrt(2 n) of N
+    assert 0.9 < (found.noise.N - low) / (1.96 * found.noise.N / np.sqrt(8_000)) < 1.1
+    assert 0.9 < (high - found.noise.N) / (1.96 * found.noise.N / np.sqrt(8_000)) < 1.1
