@@ -12,7 +12,9 @@ import pytest
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
-COMMANDS = ("demo", "noise", "allan", "psd", "temperature", "imu", "mag", "north", "apply", "simulate")
+COMMANDS = (
+    "demo", "noise", "allan", "psd", "temperature", "imu", "mag", "north", "apply", "convert", "export", "diff", "batch", "simulate",
+)  # fmt: skip
 
 
 def name(page):

@@ -111,4 +111,7 @@ def test_alignment_over_its_branches(azimuth):
     cosine, sine, _ = np.linalg.lstsq(design, data["y"], rcond=None)[0]
     np.testing.assert_allclose(np.exp(1j * float(fit.model["azimuth"])), np.exp(1j * np.arctan2(sine, cosine)), atol=1e-7)
     if azimuth == 0.4:
-        check_derivative(lambda y: solve(p.north, start, {**data, "y": y}, starts=starts, bounds=bounds).model["azimuth"], data["y"], 1e-4)
+        # its sine, for the starts reach the same azimuth a turn apart, and rounding decides between them
+        check_derivative(
+            lambda y: jnp.sin(solve(p.north, start, {**data, "y": y}, starts=starts, bounds=bounds).model["azimuth"]), data["y"], 1e-4
+        )
