@@ -1,6 +1,7 @@
 """Deviations of several records at once: what takes a step of Python for each of them takes one for all."""
 
-import equinox as eqx
+import dataclasses
+
 import jax
 import numpy as np
 
@@ -29,7 +30,8 @@ def room(padded: int) -> Float[np.ndarray, "records padded"]:
     return aligned(records * padded).reshape(records, padded)
 
 
-class Group(eqx.Module):
+@dataclasses.dataclass(frozen=True)
+class Group:
     """Records of one bucket of lengths whose sums are being formed."""
 
     records: list[Float[np.ndarray, " _"]]

@@ -154,7 +154,7 @@ def cluster_sizes(m, kind: Kind, samples: int) -> Int[np.ndarray, " clusters"]:
         largest = samples // 2 if kind.interval_error else largest  # beyond, the few windows are nearly the same
         if m == "log":
             decades = np.log10(largest)
-            sizes = np.round(np.logspace(0.0, decades, int(np.ceil(decades * _PER_DECADE)) + 1)).astype(np.int64)
+            sizes = np.rint(np.power(10.0, np.linspace(0.0, decades, int(np.ceil(decades * _PER_DECADE)) + 1))).astype(np.int64)
         elif m == "octave":
             sizes = 2 ** np.arange(int(np.log2(largest)) + 1)
         elif m == "decade":
@@ -165,7 +165,8 @@ def cluster_sizes(m, kind: Kind, samples: int) -> Int[np.ndarray, " clusters"]:
             raise DataError(f'unknown grid of cluster sizes {m!r}; expected "log", "octave", "decade", "all" or integers')
         if step == 2:
             sizes = 2 * np.round(sizes / 2).astype(np.int64) if m == "log" else sizes[sizes % 2 == 0]
-        return np.unique(sizes[(sizes >= step) & (sizes <= largest)]).astype(np.int64)
+        # ascending already
+        return sizes[(sizes >= step) & (sizes <= largest) & (np.diff(sizes, prepend=0) > 0)].astype(np.int64)
     sizes = whole_sizes(m)
     bad = sizes[(sizes < step) | (sizes > largest)]
     if bad.size:
