@@ -150,7 +150,7 @@ def _executor(address: str | None) -> Iterator[tuple[Any, int | None]]:
         yield None, None
         return
     try:
-        from distributed import Client
+        from distributed import Client  # pyright: ignore[reportMissingImports]
     except ImportError as error:
         raise CallError('--scheduler needs Dask: pip install "jaxcal[dask]"') from error
     try:
