@@ -11,43 +11,11 @@ from typing import Annotated, Any, Literal
 from cyclopts import Parameter
 
 from ._cache import keep_compiled
-from ._options import READING, RUNNING, CallError
+from ._options import RUNNING, CallError, Reading
 from ._screen import Screen, progress, show_written
 
 Task = Literal["noise", "mag", "imu", "temperature", "allan"]
 _ROWS = 40  # of a printed table; the files hold all
-
-
-@Parameter(name="*", group=READING)
-@dataclass(frozen=True, kw_only=True)
-class FleetReading:
-    """How every log is read. What is not given is guessed, and the guesses are in the result files.
-
-    Attributes
-    ----------
-    columns
-        Columns of a quantity, by name or number from 0: time=0,gyro=wx,wy,wz. Repeatable.
-    units
-        Units of the files: time=us,gyro=deg/s,accel=g,mag=uT,temperature=K. Repeatable.
-    rate
-        Sampling rate in Hz, where the logs have no time stamps.
-    topics
-        Topics of ROS bags to read: /imu0,/mag. Repeatable.
-    format
-        Format of the files, where their content does not tell: csv, npy, npz, parquet, rosbag1, rosbag2.
-    start
-        Leave out what comes before this time, in s after the first sample.
-    stop
-        Leave out what comes after this time; negative times count from the end.
-    """
-
-    columns: tuple[str, ...] | None = None
-    units: tuple[str, ...] | None = None
-    rate: float | None = None
-    topics: tuple[str, ...] | None = None
-    format: str | None = None
-    start: float | None = None
-    stop: float | None = None
 
 
 @Parameter(name="*", group=RUNNING)
@@ -84,7 +52,7 @@ def batch(
     task: Task = "noise",
     out: Path,
     option: Annotated[tuple[str, ...] | None, Parameter(name="--set")] = None,
-    reading: FleetReading = FleetReading(),
+    reading: Reading = Reading(),
     running: FleetRunning = FleetRunning(),
 ) -> None:
     """One task on many logs, side by side; killed, it goes on where it was.
@@ -174,9 +142,10 @@ def _options(words: tuple[str, ...] | None) -> dict[str, Any]:
     return found
 
 
-def _reading(reading: FleetReading) -> dict[str, Any]:
+def _reading(reading: Reading) -> dict[str, Any]:
     joined = {name: ",".join(words) for name in ("columns", "units", "topics") if (words := getattr(reading, name))}
     plain = {name: value for name in ("rate", "format", "start", "stop") if (value := getattr(reading, name)) is not None}
+    plain |= {"raw": True} if reading.raw else {}
     return joined | plain
 
 
