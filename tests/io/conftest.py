@@ -86,3 +86,15 @@ def write_bag(tmp_path):
         return path
 
     return write
+
+
+@pytest.fixture
+def put(tmp_path):
+    """Write the bytes of a flight log to a file."""
+
+    def write(log, name="log.bin"):
+        path = tmp_path / name
+        path.write_bytes(getattr(log, "content", log))
+        return path
+
+    return write

@@ -136,3 +136,8 @@ def ulog_with_imu(stamps_us, gyro, accel, mag=None, instances=(0,)):
             pieces.append([head + raw[i : i + size - 4] for i in range(0, len(raw), size)])
     log.content += b"".join(message for messages in zip(*pieces, strict=True) for message in messages)
     return log
+
+
+def f4(values):
+    """What is left of numbers that were stored in single precision."""
+    return values.astype(np.float32).astype(np.float64)

@@ -5,23 +5,9 @@ import pytest
 
 from jaxcal import DataError, read
 
-from .flightlogs import DataFlashWriter, dataflash_with_imu
+from .flightlogs import DataFlashWriter, dataflash_with_imu, f4
 
 STAMPS = 1_000_000 + np.arange(400) * 10_000
-
-
-@pytest.fixture
-def put(tmp_path):
-    def write(log, name="log.bin"):
-        path = tmp_path / name
-        path.write_bytes(getattr(log, "content", log))
-        return path
-
-    return write
-
-
-def f4(values):
-    return values.astype(np.float32).astype(np.float64)
 
 
 def test_imu_records_are_read_exactly_and_named(still, put):

@@ -5,24 +5,10 @@ import pytest
 
 from jaxcal import DataError, read
 
-from .flightlogs import SENSOR, ULogWriter, dtype_of, sensor_rows, ulog_message, ulog_with_imu
+from .flightlogs import SENSOR, ULogWriter, dtype_of, f4, sensor_rows, ulog_message, ulog_with_imu
 
 STAMPS = 5_000_000 + np.arange(400) * 10_000
 G = 1e-4  # T
-
-
-@pytest.fixture
-def put(tmp_path):
-    def write(log, name="log.ulg"):
-        path = tmp_path / name
-        path.write_bytes(getattr(log, "content", log))
-        return path
-
-    return write
-
-
-def f4(values):
-    return values.astype(np.float32).astype(np.float64)
 
 
 def test_raw_topics_are_read_exactly(still, put):
