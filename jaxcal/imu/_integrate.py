@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
 
+from .._errors import DataError
 from .._rotation import conjugate, exponential, normalised, product, rotate
 from .._types import Array
 
@@ -96,7 +97,7 @@ def _attitude_jvp(integrator, primals, tangents):
     matrix, column, dt = primals
     slope, moved, shifted = tangents
     if not isinstance(shifted, SymbolicZero):
-        raise NotImplementedError("the attitude is not differentiated with respect to the time stamps")
+        raise DataError("the attitude has no derivative with respect to the steps of time; differentiate it with these held fixed")
     rate = _rates(matrix, column)
     first, second, width = rate[:, :-1], rate[:, 1:], dt[..., None]
     steps = INTEGRATORS[integrator](first, second, width)

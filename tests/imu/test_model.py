@@ -206,7 +206,7 @@ def test_derivatives_of_the_attitude(integrator):
     longer = jnp.concatenate([column, column[:, -1:]], axis=1)
     same = attitude(matrix, longer, jnp.concatenate([dt, jnp.zeros((2, 1))], axis=1), integrator)
     np.testing.assert_allclose(same, value, atol=1e-15)
-    with pytest.raises(NotImplementedError, match="time stamps"):
+    with pytest.raises(DataError, match="steps of time"):
         jax.grad(lambda d: jnp.sum(attitude(matrix, column, d, integrator)))(dt)
 
 
