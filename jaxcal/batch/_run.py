@@ -148,7 +148,9 @@ class _Run:
 
     def worked(self, executor: Executor | None, workers: int | None, timeout: float | None, *, resume: bool) -> None:
         for folder, reason in self.unreadable.items():
-            self._settle(folder, lost(str(folder), *self.call, reason=f"the folder cannot be listed: {reason}"), None)
+            text = lost(str(folder), *self.call, reason=f"the folder cannot be listed: {reason}")
+            self._keep(folder, text)
+            self._settle(folder, text, None)
         waiting = collections.deque(_Job(path) for path in (self._left() if resume else self.logs))
         if waiting:
             cores = os.cpu_count() or 1
@@ -206,7 +208,9 @@ class _Run:
             for job, text, _ in back:
                 if text is None:
                     waiting.appendleft(job)
-            hand_out()  # before the disk is waited for
+                else:
+                    self._keep(job.path, text)  # before a worker is given the next: what is lost by a kill is what workers hold
+            hand_out()
             for job, text, seconds in back:
                 if text is not None:
                     self._settle(job.path, text, seconds)
@@ -238,13 +242,14 @@ class _Run:
         kept = f" and kept in {self.store.folder}; the same call goes on from there" if self.store is not None else ""
         return DataError(f"the executor takes no more logs ({type(error).__name__}: {error}). {done}{kept}")
 
-    def _settle(self, path: pathlib.Path, text: str, seconds: float | None) -> None:
-        """Keep a result: on the disk before anything else."""
-        file = None
+    def _keep(self, path: pathlib.Path, text: str) -> None:
+        """A result goes to the disk before anything else."""
         if self.store is not None:
-            file = self.store.file_of(path)
-            write_atomically(file, text)
-        self.entries[path] = self._entry(path, json.loads(text), seconds, text if file is None else None)
+            write_atomically(self.store.file_of(path), text)
+
+    def _settle(self, path: pathlib.Path, text: str, seconds: float | None) -> None:
+        """Enter a result that is kept."""
+        self.entries[path] = self._entry(path, json.loads(text), seconds, text if self.store is None else None)
         self.report(len(self.entries), len(self.logs) + len(self.unreadable), path.name)
         if self.store is not None and time.monotonic() - self.noted > _MANIFEST_EVERY:
             self._note()
