@@ -257,7 +257,7 @@ def _columns(sensor: str, values: Any) -> np.ndarray:
         wanted = "(n,)" if axes == 1 else "(n, 3)"
         hint = "; time is the first axis: transpose it" if array.ndim == 2 and array.shape[0] <= axes else ""
         raise DataError(f"{sensor} has shape {np.shape(values)}; expected {wanted}{hint}")
-    return np.asfortranarray(array)
+    return array if array.strides[0] == array.itemsize else np.asfortranarray(array)
 
 
 def _stamps(time: Any) -> tuple[np.ndarray | None, int]:

@@ -15,7 +15,7 @@ _DEG = math.pi / 180.0
 
 #: quantity -> (SI unit, {unit: factor to SI})
 _QUANTITIES: dict[str, tuple[str, dict[str, float]]] = {
-    "time": ("s", {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}),
+    "time": ("s", {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0, "mjd": 86400.0}),
     "gyro": (
         "rad/s",
         {
@@ -42,12 +42,13 @@ _QUANTITIES: dict[str, tuple[str, dict[str, float]]] = {
     "mag": ("T", {"T": 1.0, "mT": 1e-3, "uT": 1e-6, "nT": 1e-9, "G": 1e-4, "mG": 1e-7}),
     "temperature": ("degC", {"degC": 1.0, "K": 1.0, "degF": 5.0 / 9.0}),
 }
-_OFFSETS = {"K": -273.15, "degF": -160.0 / 9.0}
+#: the Modified Julian Date counts from 1858-11-17, 40587 days before 1970
+_OFFSETS = {"K": -273.15, "degF": -160.0 / 9.0, "mjd": -40587.0 * 86400.0}
 
 #: spellings met in headers and on command lines -> the unit above
 _SPELLINGS = {
     "sec": "s", "secs": "s", "second": "s", "seconds": "s", "msec": "ms", "millis": "ms", "usec": "us", "micros": "us",
-    "nsec": "ns", "nanos": "ns", "hour": "h", "hours": "h",
+    "nsec": "ns", "nanos": "ns", "hour": "h", "hours": "h", "day": "d", "days": "d",
     "rps": "rad/s", "rads": "rad/s", "rad_s": "rad/s", "radps": "rad/s", "rad/sec": "rad/s",
     "dps": "deg/s", "degs": "deg/s", "deg_s": "deg/s", "deg/sec": "deg/s", "degps": "deg/s", "\u00b0/s": "deg/s",
     "mdps": "mdeg/s", "dph": "deg/h", "deg/hr": "deg/h", "\u00b0/h": "deg/h",
@@ -130,7 +131,7 @@ def to_si(values, unit: str, quantity: str):
     26.85
     """
     scale = factor(unit, quantity)
-    offset = _OFFSETS.get(find_unit(unit, quantity) or "", 0.0) if quantity == "temperature" else 0.0
+    offset = _OFFSETS.get(find_unit(unit, quantity) or "", 0.0) if quantity in ("temperature", "time") else 0.0
     return values if scale == 1.0 and offset == 0.0 else values * scale + offset
 
 

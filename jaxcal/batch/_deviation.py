@@ -38,14 +38,15 @@ def deviation(
 
     Parameters
     ----------
-    source : a path to a .npy or Parquet file, an array or memory map (n,) or (n, channels), or a list of these, each a record of its own.
+    source : a path to a .npy, .npz, Parquet, HDF5 or text file, an array or memory map (n,) or (n, channels), or a list of these, each a
+        record of its own.
     rate : sampling rate in Hz, one for all logs, or a list with one for each.
     kind : statistic, see `jaxcal.allan.deviation`.
     m : cluster sizes in samples, see there; for a record longer than `chunk` not "all".
     confidence : level of the intervals, 0.95 by default.
     alpha : noise type for the degrees of freedom (2 .. -2), instead of the one identified at each cluster size.
-    columns : channels by number (arrays, .npy) or name (Parquet). By default all; of Parquet all that hold numbers and whose name
-        does not begin with time, timestamp, stamp or t.
+    columns : channels by number (arrays, .npy, text) or name (Parquet, text), arrays by name (.npz, HDF5). By default all that hold
+        numbers and are no time by their name.
     chunk : samples in memory at a time.
     exact : cluster size up to which every overlapped difference of a longer record is taken; mdev and tdev end there.
     workers : threads for the logs of a list that are longer than `chunk`, have several channels, or take a statistic of the whole record;

@@ -144,8 +144,9 @@ def _options(words: tuple[str, ...] | None) -> dict[str, Any]:
 
 def _reading(reading: Reading) -> dict[str, Any]:
     joined = {name: ",".join(words) for name in ("columns", "units", "topics") if (words := getattr(reading, name))}
-    plain = {name: value for name in ("rate", "format", "start", "stop") if (value := getattr(reading, name)) is not None}
+    plain = {name: value for name in ("rate", "format", "missing", "start", "stop") if (value := getattr(reading, name)) is not None}
     plain |= {"raw": True} if reading.raw else {}
+    plain |= {"data": reading.data} if reading.data != "rate" else {}
     return joined | plain
 
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from cyclopts import Group, Parameter
 
@@ -32,6 +32,10 @@ class Reading:
         Topics to read: /imu0,/mag of a ROS bag, sensor_gyro:1 of a ULog, IMU:1 of a DataFlash log. Repeatable.
     raw
         Undo the calibration that a flight controller applied before logging, with the parameters in the log.
+    data
+        rate, or phase where the file holds time integrals (angles, velocities, the phase in files of Stable32): differences are taken.
+    missing
+        Number that stands for a missing value in a table, such as 0 or -999.
     format
         Format of the file, where its content does not tell: csv, npy, npz, parquet, rosbag1, rosbag2, mat, hdf5, ulog, dataflash.
     start
@@ -45,6 +49,8 @@ class Reading:
     rate: float | None = None
     topics: tuple[str, ...] | None = None
     raw: bool = False
+    data: Literal["rate", "phase"] = "rate"
+    missing: float | None = None
     format: str | None = None
     start: float | None = None
     stop: float | None = None
@@ -97,7 +103,7 @@ def read_log(path: Path, options: Reading) -> Any:
         raise CallError(f"--rate {options.rate:g}: expected a positive number of Hz")
     log = jaxcal.read(
         path, format=options.format, columns=columns or None, units=units or None, rate=options.rate, topics=topics, raw=options.raw,
-        quiet=True,
+        data=options.data, missing=options.missing, quiet=True,
     )  # fmt: skip
     if options.start is None and options.stop is None:
         return log

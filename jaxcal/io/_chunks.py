@@ -1,7 +1,7 @@
 """Records chunk by chunk, from files that need not fit into memory.
 
-NumPy .npy and .npz that is not compressed are memory-mapped; Parquet is read by row groups, HDF5 by slices. Every other log is
-converted once (`jaxcal.io.convert`).
+NumPy .npy and .npz that is not compressed are memory-mapped; Parquet is read by row groups, HDF5 by slices, plain text tables by
+blocks of lines. Every other log is converted once (`jaxcal.io.convert`).
 """
 
 import math
@@ -14,7 +14,11 @@ import equinox as eqx
 import numpy as np
 
 from .._errors import DataError
+from ._blocks import row_edges, stretch
+from ._columns import listing, parse_name
 from ._detect import detect
+from ._sniff import sniff
+from ._text import open_text
 
 _TIME = ("time", "timestamp", "stamp", "t")
 
@@ -34,17 +38,18 @@ class Chunks(eqx.Module):
 
 
 def open_chunks(path: pathlib.Path, columns: Sequence[Any] | None) -> Chunks:
-    """The record in a .npy or Parquet file.
+    """The record in a .npy, .npz, Parquet or HDF5 file, or a text table.
 
     Parameters
     ----------
     path : file.
-    columns : channels by number (.npy) or name (Parquet), arrays by name (.npz, HDF5); by default all that hold numbers and no time.
+    columns : channels by number (.npy, text) or name (Parquet, text), arrays by name (.npz, HDF5); by default all that hold numbers and
+        no time.
 
     Raises
     ------
     DataError
-        If the file is neither, or has no such channels.
+        If the file is none of these, or has no such channels.
     """
     kind, _ = detect(path)
     if kind == "npy":
@@ -55,6 +60,8 @@ def open_chunks(path: pathlib.Path, columns: Sequence[Any] | None) -> Chunks:
         return _joined(_mapped(path), columns)
     if kind == "hdf5":
         return _joined(_datasets(path), columns)
+    if kind == "csv":
+        return _text_chunks(path, columns)
     raise DataError(f"this is {kind}, which is not read in chunks; convert it once with `jaxcal convert LOG LOG.npz`")
 
 
@@ -158,3 +165,30 @@ def _parquet_chunks(path: pathlib.Path, columns: Sequence[Any] | None) -> Chunks
         return chosen.slice(start, stop - start).collect().fill_null(np.nan).to_numpy()
 
     return Chunks(samples, len(names), isinstance(columns, str), read)
+
+
+def _text_chunks(path: pathlib.Path, columns: Sequence[Any] | None) -> Chunks:
+    """A plain text table: its rows are counted once, and blocks parsed when they are asked for."""
+    text = open_text(path)
+    if text.packed or text.content is not None:
+        raise DataError("text that is packed, or not UTF-8, is not read in chunks; convert it once with `jaxcal convert LOG LOG.npz`")
+    layout = sniff(text.head)
+    numeric = [j for j, kind in enumerate(layout.kinds) if kind in ("int", "long", "float")]
+    if columns is None and not any(layout.names):
+        raise DataError(f"the table has {listing(layout.names, layout.width)}; choose those of the record by number with columns=")
+    if columns is None:
+        chosen = [j for j in numeric if (parse_name(layout.names[j]) or ("",))[0] != "time" and layout.names[j].lower() not in _TIME]
+    else:
+        given = [columns] if isinstance(columns, str | int) else list(columns)
+        chosen = [layout.names.index(name) if name in layout.names else name if isinstance(name, int) else -1 for name in given]
+    if not chosen or any(j not in numeric for j in chosen):
+        raise DataError(f"columns={columns!r}: choose among those that hold numbers, {listing(layout.names, layout.width)}")
+    places, rows = row_edges(text, layout)
+
+    def read(start: int, stop: int) -> np.ndarray:
+        first, last = int(np.searchsorted(rows, start, "right")) - 1, int(np.searchsorted(rows, stop, "left"))
+        parts = stretch(text, layout, places[first : last + 1])
+        values = np.concatenate([np.stack([part.columns[j] for j in chosen], axis=1) for part in parts])
+        return values[start - rows[first] : stop - rows[first]]
+
+    return Chunks(int(rows[-1]), len(chosen), isinstance(columns, str | int), read)

@@ -31,6 +31,8 @@ def convert(
     rate: float | int | None = None,
     topics: Sequence[str] | str | None = None,
     raw: bool = False,
+    data: str = "rate",
+    missing: float | int | None = None,
     quiet: bool = False,
 ) -> Log:
     r"""Read a log once and write it as .npz or Parquet, which reads many times faster than bags and text.
@@ -42,7 +44,7 @@ def convert(
     ----------
     path : log, as `jaxcal.read` takes it.
     out : file to write, FILE.npz or FILE.parquet (which needs polars); an existing one is replaced.
-    format, columns, units, rate, topics, raw, quiet : as of `jaxcal.read`.
+    format, columns, units, rate, topics, raw, data, missing, quiet : as of `jaxcal.read`.
 
     Returns
     -------
@@ -73,7 +75,9 @@ def convert(
         raise ExportError(f"{out.name}: expected a name that ends in {' or '.join(SUFFIXES)}")
     if out.exists() and out.resolve() == pathlib.Path(path).resolve():
         raise ExportError(f"{out.name} is the log that is read; it would be overwritten: give another name")
-    log = read(path, format=format, columns=columns, units=units, rate=rate, topics=topics, raw=raw, quiet=quiet)
+    log = read(
+        path, format=format, columns=columns, units=units, rate=rate, topics=topics, raw=raw, data=data, missing=missing, quiet=quiet
+    )
     place = out.with_name(f".{out.stem}-{uuid.uuid4().hex}{out.suffix}")
     try:
         save(log, place)

@@ -20,6 +20,8 @@ class Guess:
     other: str
 
 
+#: Modified Julian Dates from 1968 to 2132, and the step (in d, 4 s) above which they may as well be seconds
+_MJD, _MJD_STEP = (40_000.0, 100_000.0), 5e-5
 #: time unit -> (first epoch start, last), and the upper end of its range of median steps
 _EPOCH = {"s": (1e9, 4e9), "ms": (1e12, 4e12), "us": (1e15, 4e15), "ns": (1e18, 4e18)}
 _TABLE = {
@@ -27,6 +29,7 @@ _TABLE = {
     False: (("s", 0.5), ("ms", 100.0), ("us", 1e5), ("ns", np.inf)),
 }
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+_DAY = 86400.0
 
 
 def time_unit(stamps: np.ndarray, integer: bool, rate: float | int | None) -> Guess:
@@ -46,12 +49,17 @@ def time_unit(stamps: np.ndarray, integer: bool, rate: float | int | None) -> Gu
     step = float(np.median(steps))
     kind = "integer" if integer else "decimal"
     seen = f"median step {step:.3g}, {kind}"
+    start = float(stamps[np.isfinite(stamps)][0])
+    if not integer and _MJD[0] <= start <= _MJD[1]:
+        agrees = rate is not None and abs(1 / (step * _DAY) / rate - 1) < 0.05
+        # as seconds it would be a rate beyond 20 kHz
+        if agrees or (rate is None and step < _MJD_STEP):
+            return Guess("mjd", f"{seen}, from {start:.6g} on: Modified Julian Dates", "s")
     if rate is not None:
         mean = (len(stamps) - 1) / float(np.nanmax(stamps) - np.nanmin(stamps))
         for unit, seconds in SECONDS.items():
             if min(abs(1 / (step * seconds) / rate - 1), abs(mean / seconds / rate - 1)) < 0.05:
                 return Guess(unit, f"{seen}: agrees with rate={rate:g}", "ms" if unit == "s" else "s")
-    start = float(stamps[np.isfinite(stamps)][0])
     for unit, (first, last) in _EPOCH.items():
         # a rate far outside any sensor's means that a time since boot only looks like an epoch
         if first <= start <= last and 0.1 < 1 / (step * SECONDS[unit]) < 1e6:

@@ -22,6 +22,7 @@ from ._mat import read_mat
 from ._numpy import read_npy, read_npz
 from ._options import SENSORS, Columns, parse_columns, parse_topics, parse_units
 from ._parquet import read_parquet
+from ._phase import differentiate
 from ._px4 import read_px4
 from ._ros import read_ros
 from ._saved import restore
@@ -55,6 +56,8 @@ def read(
     rate: float | int | None = None,
     topics: Sequence[str] | str | None = None,
     raw: bool = False,
+    data: str = "rate",
+    missing: float | int | None = None,
     quiet: bool = False,
 ) -> Log:
     r"""Read a recording of an inertial or magnetic sensor into a `Log`, in SI and on a uniform time grid.
@@ -80,6 +83,9 @@ def read(
     topics : what to read where there are several sensors of a kind: ROS topics, ULog topics with their instance
         (``"sensor_gyro:1,sensor_accel:1"``), DataFlash records with theirs (``"IMU:1"``), or the group of a MATLAB or HDF5 file.
     raw : undo the calibration that a flight controller applied before logging, with the parameters in the log (ULog, DataFlash).
+    data : "rate", or "phase" where the file holds the time integral of what the sensors measure: angles and velocities, or the phase
+        in files of Stable32. Differences from sample to sample over the sampling period are taken; `units` are those of the rate.
+    missing : number that stands for a missing value in a table (0 in files of Stable32, -999 in others).
     quiet : do not print notes and warnings on stderr.
 
     Returns
@@ -111,7 +117,9 @@ def read(
     """
     path = pathlib.Path(path)
     with _named(path):
-        log = _read(path, format, parse_columns(columns), parse_units(units), rate, parse_topics(topics), raw)
+        if data not in ("rate", "phase"):
+            raise DataError(f'data={data!r}: expected "rate" or "phase"')
+        log = _read(path, format, parse_columns(columns), parse_units(units), rate, parse_topics(topics), raw, data == "phase", missing)
     if not quiet:
         for sentence in log.notes:
             print(f"note: {sentence}", file=sys.stderr)
@@ -128,6 +136,8 @@ def _read(
     rate: float | int | None,
     topics: list[str] | None,
     raw: bool,
+    phase: bool,
+    missing: float | int | None,
 ) -> Log:
     if format is not None and format not in FORMATS:
         raise DataError(f"format={format!r} is unknown; use one of {', '.join(FORMATS)}")
@@ -138,6 +148,8 @@ def _read(
         raise DataError(f"this is {_NAMES[kind]}, and topics= belongs to ROS recordings; choose with columns= (--columns)")
     if kind not in _TABLES and kind not in _TREES and columns:
         raise DataError(f"this is {_NAMES[kind]}, and columns= belongs to tables; choose with topics= (--topics)")
+    if missing is not None and kind not in _TABLES:
+        raise DataError(f"this is {_NAMES[kind]}, and missing= (--missing) belongs to tables; leave it out")
     if raw and kind not in _LOGS:
         raise DataError(f"this is {_NAMES[kind]}, and raw=True (--raw) belongs to logs of flight controllers; leave it out")
     with _faults(_NAMES[kind]), concurrent.futures.ThreadPoolExecutor(1) as pool:
@@ -145,7 +157,7 @@ def _read(
         digest = pool.submit(_fingerprint, sources)
         found = _parse(kind, sources, topics, units, raw)
         size, sha256 = digest.result()
-    if isinstance(found, Table) and found.saved is not None and not columns and not units and rate is None:
+    if isinstance(found, Table) and found.saved is not None and not columns and not units and rate is None and not phase:
         where = {"file": path.name, "size": size, "sha256": sha256, "format": kind}
         signals = interpret(found, {"time": None}, _SI, found.saved.rate)
         return restore(found.saved, signals.sensors, where)
@@ -153,7 +165,7 @@ def _read(
         signals = found
         signals.rate = rate
     else:
-        signals = interpret(found, columns, units, rate)
+        signals = interpret(found, columns, units, rate, missing)
     provenance = {
         "file": path.name,
         "size": size,
@@ -164,6 +176,8 @@ def _read(
         "jaxcal": importlib.metadata.version("jaxcal"),
         "epoch_ns": signals.epoch_ns,
     }
+    if phase:
+        differentiate(signals)
     return _build(signals, provenance)
 
 

@@ -48,8 +48,10 @@ class Signals:
 
 # a value too large to convert becomes infinite, and that is counted as missing
 @np.errstate(invalid="ignore", over="ignore")
-def interpret(table: Table, columns: Columns, units: dict[str, str], rate: float | int | None) -> Signals:
-    """Stamps and sensors of a table.
+def interpret(
+    table: Table, columns: Columns, units: dict[str, str], rate: float | int | None, missing: float | int | None = None
+) -> Signals:
+    """Stamps and sensors of a table, in which `missing` stands for no value.
 
     Raises
     ------
@@ -79,6 +81,8 @@ def interpret(table: Table, columns: Columns, units: dict[str, str], rate: float
         signals.rate = table.rate
 
     raw = {name: [_numbers(table, i) for i in chosen[name]] for name in (*SENSORS, "temperature") if name in chosen}
+    if missing is not None:
+        raw = {name: [_without(column, missing) for column in values] for name, values in raw.items()}
     scales = {}
     for name, values in raw.items():
         unit, reason, other = units.get(name), "", ""
@@ -92,8 +96,11 @@ def interpret(table: Table, columns: Columns, units: dict[str, str], rate: float
         signals.units[name] = unit
         if name in guessed or reason:
             signals.notes.append(_note(name, chosen[name], table.names, unit, reason, other))
+    taken = [i for indices in chosen.values() for i in indices]
+    # a table that is used as a whole is converted where it stands
+    own = len(set(taken)) == len(taken) > len(table.columns) / 2
     for name, (factor, offset) in scales.items():
-        signals.sensors[name] = _convert(raw.pop(name), factor, offset)
+        signals.sensors[name] = _convert(raw.pop(name), factor, offset, own=own)
         # of a table that fills the memory there is no room for two
         for i in chosen[name]:
             table.columns[i] = table.columns[i][:0]
@@ -176,8 +183,37 @@ def _numbers(table: Table, index: int, kinds: str = "iufb") -> np.ndarray:
     return column
 
 
-def _convert(columns: list[np.ndarray], factor: float, offset: float) -> np.ndarray:
-    """Columns as (n, k) in SI, each channel contiguous."""
+def _without(column: np.ndarray, missing: float | int) -> np.ndarray:
+    """A column in which a value that stands for none is NaN."""
+    found = column == missing
+    return np.where(found, np.nan, column) if found.any() else column
+
+
+def _beside(columns: list[np.ndarray]) -> np.ndarray | None:
+    """Columns that are successive rows of one array, as (k, n) without a copy; None for others."""
+    base = columns[0].base
+    if base is None or base.ndim != 2 or base.dtype != np.float64 or not base.flags.writeable or base.strides[1] != base.itemsize:
+        return None
+    if any(column.base is not base or column.strides != (base.itemsize,) for column in columns):
+        return None
+    places = [(_address(column) - _address(base)) / base.strides[0] for column in columns]
+    if places != [places[0] + j for j in range(len(columns))] or places[0] != int(places[0]):
+        return None
+    return base[int(places[0]) : int(places[0]) + len(columns), : len(columns[0])]
+
+
+def _address(array: np.ndarray) -> int:
+    return array.__array_interface__["data"][0]
+
+
+def _convert(columns: list[np.ndarray], factor: float, offset: float, *, own: bool = False) -> np.ndarray:
+    """Columns as (n, k) in SI, each channel contiguous; in place where they stand beside one another and are our `own`."""
+    if own and (rows := _beside(columns)) is not None:
+        if factor != 1.0:
+            rows *= factor
+        if offset:
+            rows += offset
+        return rows.T
     out = np.empty((len(columns), len(columns[0])))
     for row, column in zip(out, columns, strict=True):
         if factor == 1.0:
@@ -191,7 +227,8 @@ def _convert(columns: list[np.ndarray], factor: float, offset: float) -> np.ndar
 
 def _stack(columns: list[np.ndarray]) -> np.ndarray:
     """Columns as (n, k), with NaN for whatever is not finite."""
-    values = _convert(columns, 1.0, 0.0)
+    rows = _beside(columns)
+    values = _convert(columns, 1.0, 0.0) if rows is None else rows.T
     return values if all_finite(values) else np.where(np.isfinite(values), values, np.nan)
 
 
@@ -244,7 +281,7 @@ def _read_time(
     elif unit is None:
         guess = _guess.time_unit(column, indices[0] in table.integer, rate)
         unit, reason, other = guess.unit, guess.reason, guess.other
-    factor, _ = scale(unit, "time")
+    factor, offset = scale(unit, "time")
     signals.units["time"] = unit
     if reason:
         signals.notes.append(_note("time", indices, table.names, unit, reason, other))
@@ -254,6 +291,7 @@ def _read_time(
         signals.time = (column.astype(np.int64) - first) * factor
     else:
         signals.time = column * factor if factor != 1.0 else column
+    signals.epoch_ns += round(offset) * 10**9
 
 
 def _label(indices: list[int], names: list[str]) -> str:

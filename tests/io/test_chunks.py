@@ -1,10 +1,13 @@
 """Records in chunks: equal to the same arrays read whole."""
 
+import gzip
+
 import numpy as np
 import pytest
 
 import jaxcal
 from jaxcal import DataError
+from jaxcal.io import _text
 from jaxcal.io._chunks import open_chunks
 
 
@@ -53,6 +56,40 @@ def test_hdf5(still, tmp_path):
 
 
 def test_other_logs_are_converted_first(tmp_path):
-    (tmp_path / "log.csv").write_text("t,gx\n0,1\n1,2\n")
-    with pytest.raises(DataError, match=r"this is csv, which is not read in chunks; convert it once with `jaxcal convert LOG LOG.npz`"):
-        open_chunks(tmp_path / "log.csv", None)
+    (tmp_path / "log.ulg").write_bytes(b"ULog\x01\x12\x35" + bytes(40))
+    with pytest.raises(DataError, match=r"this is ulog, which is not read in chunks; convert it once with `jaxcal convert LOG LOG.npz`"):
+        open_chunks(tmp_path / "log.ulg", None)
+
+
+def test_text(still, tmp_path, monkeypatch):
+    monkeypatch.setattr(_text, "_BLOCK", 1500)
+    names = "time [s],gyro_x,gyro_y,gyro_z,note"
+    rows = [f"{t!r},{x!r},{y!r},{z!r},a" for t, (x, y, z) in zip(still.time.tolist(), still.gyro.tolist(), strict=True)]
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join([names, *rows]) + "\n\n")
+    for length in (37, 400, 1000):
+        np.testing.assert_array_equal(whole(open_chunks(path, None), length), still.gyro)
+    chunks = open_chunks(path, "gyro_y")
+    assert chunks.flat
+    np.testing.assert_array_equal(whole(chunks)[:, 0], still.gyro[:, 1])
+    np.testing.assert_array_equal(open_chunks(path, [3, 1]).read(150, 152), still.gyro[150:152, [2, 0]])
+    with pytest.raises(DataError, match=r"choose among those that hold numbers, 0 \(time \[s\]\), 1 \(gyro_x\)"):
+        open_chunks(path, ["note"])
+    found = jaxcal.batch.deviation(path, 100.0, m=[1, 4], chunk=64)
+    np.testing.assert_allclose(found.deviation, jaxcal.allan.deviation(still.gyro, 100.0, m=[1, 4]).deviation, rtol=1e-11)
+
+
+def test_text_in_which_something_is_wrong_is_not_read_in_chunks(tmp_path, monkeypatch):
+    monkeypatch.setattr(_text, "_BLOCK", 300)
+    path = tmp_path / "log.csv"
+    lines = ["time,gx", *(f"{i / 10},{i % 7}" for i in range(500))]
+    lines[321] += ",9,9"
+    path.write_text("\n".join(lines))
+    with pytest.raises(DataError, match=r"1 of \d+ rows do not have 2 fields; the first is line 322: '32.0,5,9,9'; convert it once"):
+        open_chunks(path, None)
+    path.write_text("\n".join(lines[1:]))
+    with pytest.raises(DataError, match=r"2 columns without names, numbered from 0; choose those of the record by number"):
+        open_chunks(path, None)
+    path.write_bytes(gzip.compress(path.read_bytes()))
+    with pytest.raises(DataError, match="text that is packed, or not UTF-8, is not read in chunks; convert it once"):
+        open_chunks(path, None)

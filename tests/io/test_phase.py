@@ -1,0 +1,71 @@
+"""Files of the clock community: phase data, Modified Julian Dates, numbers that stand for a missing value."""
+
+import os
+import pathlib
+
+import numpy as np
+import pytest
+
+import jaxcal
+from jaxcal import DataError
+
+PHASE = pathlib.Path(os.environ.get("JAXCAL_REFERENCE", "../shared")) / "data" / "phasedat"
+SERIES = {"columns": "gyro=0", "units": "gyro=rad/s", "rate": 1.0}
+
+
+@pytest.mark.skipif(not PHASE.exists(), reason="needs the recordings of others: set JAXCAL_REFERENCE")
+def test_the_phase_record_that_comes_with_stable32():
+    log = jaxcal.read(PHASE / "PHASE.DAT", **SERIES, data="phase", quiet=True)
+    table = np.loadtxt(PHASE / "phase_dat_oadev_octave.txt")
+    found = jaxcal.allan.deviation(log.gyro[:, 0], log.rate, m=table[:, 0].astype(int))
+    np.testing.assert_allclose(found.deviation, table[:, 5], rtol=5e-5)  # five digits are printed
+    assert log.notes == ('the values are taken as time integrals: their differences over the sampling period are used (data="phase")',)
+
+
+def test_phase_with_a_gap(tmp_path):
+    """The rate is the derivative of the phase; across a gap, and beside a missing value, there is none."""
+    t = np.delete(np.arange(200) / 50, slice(60, 70))
+    x = np.column_stack([t**2, 3 * t, np.sin(t)])
+    x[20, 1] = -999.0
+    lines = [f"{a!r},{b!r},{c!r},{d!r}" for a, (b, c, d) in zip(t.tolist(), x.tolist(), strict=True)]
+    (tmp_path / "a.csv").write_text("time [s],gx,gy,gz\n" + "\n".join(lines))
+    log = jaxcal.read(tmp_path / "a.csv", units={"gyro": "deg/s"}, data="phase", missing=-999, quiet=True)
+    assert (log.rate, len(log.time)) == (50.0, 199)
+    k = np.arange(199)
+    expected = np.radians(np.column_stack([(2 * k + 1) / 50, np.full(199, 3.0), 50 * (np.sin((k + 1) / 50) - np.sin(k / 50))]))
+    expected[59:70] = np.nan
+    expected[19:21, 1] = np.nan
+    np.testing.assert_allclose(log.gyro, expected, rtol=1e-9)
+
+
+def test_modified_julian_dates(tmp_path):
+    """One reading a second from 2020-01-01 (58849) on; a first column of the day, in days."""
+    rng = np.random.default_rng(0)
+    mjd = 58849 + np.arange(2000) / 86400
+    (tmp_path / "a.txt").write_text(
+        "Frequency data\n" + "\n".join(f"{a:.9f} {b:.6e}" for a, b in zip(mjd, rng.normal(size=2000), strict=True))
+    )
+    log = jaxcal.read(tmp_path / "a.txt", columns="gyro=1", units="gyro=rad/s", quiet=True)
+    assert log.rate == pytest.approx(1.0, rel=1e-6)
+    assert "Modified Julian Dates" in log.notes[0]
+    assert abs(log.provenance["epoch_ns"] - int(np.datetime64("2020-01-01", "ns").astype(np.int64))) < 10**8
+    slow = 58849 + np.arange(500) / 48  # half an hour: it may be seconds; told, it is days
+    (tmp_path / "a.txt").write_text("\n".join(f"{a:.9f} {b:.6e}" for a, b in zip(slow, rng.normal(size=500), strict=True)))
+    log = jaxcal.read(tmp_path / "a.txt", columns="gyro=1", units="gyro=rad/s,time=mjd", quiet=True)
+    assert 1 / log.rate == pytest.approx(1800.0, rel=1e-6)
+    log = jaxcal.read(tmp_path / "a.txt", columns="gyro=1", units="gyro=rad/s", rate=1 / 1800, quiet=True)
+    assert 1 / log.rate == pytest.approx(1800.0, rel=1e-6)
+
+
+def test_what_has_no_meaning_is_refused(tmp_path):
+    np.savez(tmp_path / "a.npz", time=np.arange(50) / 10, mag=np.random.default_rng(0).normal(size=(50, 3)) * 1e-5)
+    with pytest.raises(DataError, match=r'data="phase" \(--data phase\) is for angles and velocities, and there is mag too'):
+        jaxcal.read(tmp_path / "a.npz", units="mag=T", data="phase", quiet=True)
+    with pytest.raises(DataError, match=r"""data='angle': expected "rate" or "phase\""""):
+        jaxcal.read(tmp_path / "a.npz", data="angle", quiet=True)
+    (tmp_path / "a.csv").write_text("time [s],gx [rad/s]\n0,1\n0,2\n1,3\n2,2\n")
+    with pytest.raises(DataError, match=r"a.csv: .* needs time stamps that rise from sample to sample; sort the file by time"):
+        jaxcal.read(tmp_path / "a.csv", data="phase", quiet=True)
+    (tmp_path / "a.ulg").write_bytes(b"ULog\x01\x12\x35" + bytes(40))
+    with pytest.raises(DataError, match=r"missing= \(--missing\) belongs to tables; leave it out"):
+        jaxcal.read(tmp_path / "a.ulg", missing=0, quiet=True)
