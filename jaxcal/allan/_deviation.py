@@ -161,7 +161,7 @@ def deviation_at(
     else:
         total, count, noise = _measured(columns, sizes, statistic, rate, data, samples, alpha, robust, rows)
         xp = np
-    expected = Kind.count(statistic, samples, sizes)[:, None]
+    expected = statistic.count(samples, sizes)[:, None]
     if xp is np:
         kept = np.all(count > 0, axis=1)
         if not kept.any():
@@ -175,8 +175,8 @@ def deviation_at(
     else:
         total = eqx.error_if(total, xp.any(count == 0), "a cluster size has no difference free of gaps; choose smaller m")
         expected = jnp.asarray(expected, dtype=count.dtype)
-    variance = total / count * Kind.scale(statistic, sizes, rate)[:, None].astype(total.dtype)
-    lengths = Kind.length(statistic, count, sizes[:, None], samples) if xp is np else samples
+    variance = total / count * statistic.scale(sizes, rate)[:, None].astype(total.dtype)
+    lengths = statistic.length(count, sizes[:, None], samples) if xp is np else samples
     bias = xp.ones_like(variance)
     if bias_corrected:
         factors = functools.partial(bias_factors, kind=statistic, samples=lengths, published=bias_corrected == "published")
@@ -189,7 +189,7 @@ def deviation_at(
     arrays |= {"alpha": noise.astype(np.int64) if xp is np else noise, "skipped": expected - count}
     if y.ndim == 1:
         arrays = {name: value[:, 0] for name, value in arrays.items()}
-    tau, named = Kind.tau(statistic, sizes, rate), {"kind": statistic.name, "rate": rate, "confidence": confidence}
+    tau, named = statistic.tau(sizes, rate), {"kind": statistic.name, "rate": rate, "confidence": confidence}
     return Deviation(tau=tau, m=sizes, warnings=warnings, **named, **arrays)
 
 
@@ -308,7 +308,7 @@ def _measured(columns, sizes, statistic: Kind, rate: float, data: str, samples: 
     """Sums, counts and noise types of a record at hand, (clusters, channels), on every core."""
     order = np.argsort(sizes, kind="stable")
     ascending = sizes[order]
-    number = Kind.count(statistic, samples, ascending)
+    number = statistic.count(samples, ascending)
     channels, workers = columns.shape[1], 1
     # a thread of its own, as `batch` starts one for each log, is a core's worth already
     if channels * int(number.sum()) >= _PARALLEL_FROM and threading.current_thread() is threading.main_thread():

@@ -14,7 +14,7 @@ from ._result import Deviation
 from ._routes import filled
 from ._sums import stacked_block_sums
 
-_SAMPLES = 1 << 20  # of all records of a group: 8 MB, which stay in the third-level cache
+_SAMPLES = 1 << 21  # of all records of a group: 16 MB, which stay in the third-level cache
 _LARGEST = 16  # records of a group
 _VALUES = 1000  # degrees of freedom found together; of more some are interpolated
 
@@ -65,7 +65,7 @@ def begin(
         if integrate(y, theta[i, : len(y) + 1], 1):
             finite.append(i)
             ascending = chosen[orders[i]]
-            m[i], number[i] = filled(ascending, Kind.count(statistic, len(y), ascending), rows)
+            m[i], number[i] = filled(ascending, statistic.count(len(y), ascending), rows)
     kernel = {"order": statistic.difference, "strided": not statistic.overlapped, "modified": statistic.modified}
     with jax.enable_x64(True):  # thread-local
         sums = stacked_block_sums(jax.device_put(theta, may_alias=True), m, number, **kernel)
@@ -93,8 +93,8 @@ def finish(group: Group, rates: list[float], statistic: Kind, confidence: float,
         n, back = len(chosen), np.argsort(group.orders[i], kind="stable")
         noise = noise[back]
         types = types_for_intervals(noise[:, None], chosen, samples, "rate")[:, 0]
-        factor = Kind.scale(statistic, chosen, rates[i]) / group.number[i, :n][back]
-        tau = Kind.tau(statistic, chosen, rates[i])
+        factor = statistic.scale(chosen, rates[i]) / group.number[i, :n][back]
+        tau = statistic.tau(chosen, rates[i])
         each.append((chosen, np.full(n, samples), types, tau, factor, group.number[i, :n][back], noise, back))
     step = max(_VALUES // group.m.shape[1], 1)
     parts = [_intervals(each[start : start + step], statistic, confidence) for start in range(0, len(each), step)]
@@ -104,11 +104,19 @@ def finish(group: Group, rates: list[float], statistic: Kind, confidence: float,
         chosen, _, _, tau, factor, count, noise, back = each[j]
         edf, low, high = (values[j % step] for values in parts[j // step])
         deviation = np.sqrt(sums[i, : len(chosen)][back] * factor)
-        found[i] = Deviation(
+        found[i] = _assembled(
             tau=tau, m=chosen, deviation=deviation, lower=deviation * low, upper=deviation * high, edf=edf, count=count,
-            alpha=noise.astype(np.int64), skipped=np.zeros_like(count), bias=np.ones(len(chosen)),
+            alpha=noise.astype(np.int64), skipped=np.zeros_like(count), bias=np.ones(len(chosen)), warnings=(),
             kind=statistic.name, rate=rates[i], confidence=confidence,
         )  # fmt: skip
+    return found
+
+
+def _assembled(**fields: Any) -> Deviation:
+    """`Deviation(**fields)`, all of which are given, without what takes equinox longer than a record's intervals."""
+    found = object.__new__(Deviation)
+    for name, value in fields.items():
+        object.__setattr__(found, name, value)
     return found
 
 

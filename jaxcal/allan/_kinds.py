@@ -1,13 +1,15 @@
 """The statistics by name: which differences they average, how many there are, and how they are scaled."""
 
-import equinox as eqx
+import dataclasses
+
 import numpy as np
 
 from .._errors import DataError
 from .._types import Int
 
 
-class Kind(eqx.Module):
+@dataclasses.dataclass(frozen=True)
+class Kind:
     """One statistic: differences of `order` of the phase (or of its running sum, if `modified`), all or every m-th.
 
     `family` tells how it is formed: "difference" from differences of the record as it is; "total" from differences of the record,
@@ -154,7 +156,10 @@ def cluster_sizes(m, kind: Kind, samples: int) -> Int[np.ndarray, " clusters"]:
         largest = samples // 2 if kind.interval_error else largest  # beyond, the few windows are nearly the same
         if m == "log":
             decades = np.log10(largest)
-            sizes = np.rint(np.power(10.0, np.linspace(0.0, decades, int(np.ceil(decades * _PER_DECADE)) + 1))).astype(np.int64)
+            intervals = int(np.ceil(decades * _PER_DECADE))
+            powers = np.arange(intervals + 1) * (decades / max(intervals, 1))
+            powers[-1] = decades
+            sizes = np.rint(np.power(10.0, powers)).astype(np.int64)
         elif m == "octave":
             sizes = 2 ** np.arange(int(np.log2(largest)) + 1)
         elif m == "decade":

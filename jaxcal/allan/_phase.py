@@ -33,14 +33,14 @@ def integrate(values, out, parts: int, run: Callable = map) -> bool:
     The mean comes off first, so that the sum stays small: the statistics do not see it, and its digits are not lost. `run`
     maps a function over `parts` stretches of the record, in threads if it is a pool's.
     """
-    edges = np.linspace(0, len(values), parts + 1).astype(int)
-    spans = list(itertools.pairwise(edges.tolist()))
+    edges = [len(values) * i // parts for i in range(parts + 1)]
+    spans = list(itertools.pairwise(edges))
     centre = values[0]
     sums = np.array(list(run(lambda span: centred_sum(values, span[0], span[1], centre), spans)))
     if not np.isfinite(sums).all():
         return False
     shift = sums.sum() / len(values)
-    mean, before = centre + shift, np.concatenate([[0.0], np.cumsum(sums)]) - shift * edges
+    mean, before = centre + shift, np.concatenate([[0.0], np.cumsum(sums)]) - shift * np.array(edges)
 
     def fill(part):
         (start, stop), carry = spans[part], before[part]

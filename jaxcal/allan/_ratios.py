@@ -94,11 +94,16 @@ def bounds_of_phase(thinned, m: int, xp: ModuleType):
 
 def carried_on(low, high, carried, xp: ModuleType):
     """Noise types, (clusters,): each is that of the one before, `carried` for the first, held between two bounds."""
+    if xp is np:
+        found = low.copy()
+        for i in np.flatnonzero(low != high).tolist():  # where they are equal there is nothing to carry on
+            found[i] = min(max(found[i - 1] if i else carried, low[i]), high[i])
+        return found
     found = []
-    for least, most in zip(low.tolist(), high.tolist(), strict=True) if xp is np else zip(low, high, strict=True):
-        carried = min(max(carried, least), most) if xp is np else xp.minimum(xp.maximum(carried, least), most)
+    for least, most in zip(low, high, strict=True):
+        carried = xp.minimum(xp.maximum(carried, least), most)
         found.append(carried)
-    return xp.asarray(found, dtype=low.dtype) if xp is np else xp.stack(found)
+    return xp.stack(found)
 
 
 def bounds_of_ratios(averages, weight, series: Segments, m, kind: Kind, samples: Any, sums: Callable[[int], Any] | None, xp: ModuleType):

@@ -4,13 +4,13 @@ NumPy .npy and .npz that is not compressed are memory-mapped; Parquet is read by
 blocks of lines. Every other log is converted once (`jaxcal.io.convert`).
 """
 
+import dataclasses
 import math
 import pathlib
 import zipfile
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-import equinox as eqx
 import numpy as np
 
 from .._errors import DataError
@@ -23,7 +23,8 @@ from ._text import open_text
 _TIME = ("time", "timestamp", "stamp", "t")
 
 
-class Chunks(eqx.Module):
+@dataclasses.dataclass(frozen=True)
+class Chunks:
     """A record that is read when it is asked for: `read(start, stop)` gives (stop - start, channels)."""
 
     samples: int

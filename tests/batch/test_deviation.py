@@ -152,8 +152,8 @@ def test_messages(source, options, words):
 
 
 def test_messages_about_files(tmp_path):
-    text = pathlib.Path(tmp_path, "log.csv")
-    text.write_text("1,2\n3,4\n")
+    text = pathlib.Path(tmp_path, "log.ulg")
+    text.write_bytes(b"ULog\x01\x12\x35" + bytes(40))
     with pytest.raises(DataError, match="not read in chunks"):
         deviation(text, 1.0)
     path = tmp_path / "log.parquet"
