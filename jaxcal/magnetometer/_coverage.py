@@ -39,6 +39,7 @@ class Coverage(eqx.Module):
     missing: AnyArray
 
 
+@functools.cache
 def sphere_grid(count: int = _GRID) -> np.ndarray:
     """Points of a Fibonacci lattice: nearly equal areas, (count, 3)."""
     k = np.arange(count) + 0.5
@@ -66,6 +67,7 @@ def regions(directions: np.ndarray) -> np.ndarray:
     return np.where(latitude > _POLE, 0, np.where(latitude < -_POLE, 99, ring))
 
 
+@functools.cache
 def middles() -> np.ndarray:
     """Unit vectors to the middles of the regions, (100, 3)."""
 
@@ -107,6 +109,11 @@ def coverage(m: Any) -> Coverage:
     ----------
     P. Stoffregen, MotionCal (quality.c). Its wobble turns the southern sectors by 192 degrees; here they are where they belong.
     """
+    return covered(m)
+
+
+def covered(m: Any) -> Coverage:
+    """`coverage` of NumPy arrays on the host."""
     m = np.asarray(m, dtype=float)
     if m.ndim != 2 or m.shape[-1] != 3 or not len(m):
         raise DataError(f"The corrected readings have shape {m.shape}; they must be (n, 3) with at least one row.")

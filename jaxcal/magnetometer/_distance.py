@@ -42,11 +42,23 @@ def foot(shape: Float[Array, "3 3"], z: Float[Array, "n 3"]) -> tuple[Float[Arra
     apply = _pencil(fixed, far)
     lowest = -1 / jnp.linalg.eigvalsh(fixed)[-1]
 
-    def step(_, t):
+    def step(t):
         new = _newton(apply, fixed, far, t)
         return jnp.where(new > lowest, new, (t + lowest) / 2)
 
-    t = jax.lax.fori_loop(0, _ITERATIONS, step, jnp.zeros_like(far[:, 0]))
+    # Newton doubles the digits: half of them, and the step after the loop brings all.
+    half = jnp.finfo(far.dtype).eps ** 0.5
+
+    def go_on(carry):
+        i, _, settled = carry
+        return (i < _ITERATIONS) & ~settled
+
+    def again(carry):
+        i, t, _ = carry
+        new = step(t)
+        return i + 1, new, jnp.all(jnp.abs(new - t) <= half * (new - lowest))
+
+    _, t, _ = jax.lax.while_loop(go_on, again, (0, jnp.zeros_like(far[:, 0]), jnp.asarray(False)))
     # A step from the root has the derivative of the root (implicit function theorem).
     apply = _pencil(shape, z)
     t = _newton(apply, shape, z, jax.lax.stop_gradient(t))
@@ -71,13 +83,39 @@ def _(primals, tangents):
     t, y = foot(shape, z)
     normal = y @ shape
     length = jnp.linalg.norm(normal, axis=1)
-    change = jnp.sum(y * (y @ d_shape), axis=1) / 2 + jnp.sum(normal * d_z, axis=1)
+    change = _form(y, y, d_shape) / 2 + jnp.sum(normal * d_z, axis=1)
     return t * length, change / length
 
 
+def _form(a: Array, b: Array, matrix: Array) -> Array:
+    """a'Mb for all rows, as one product however many matrices there are."""
+    return (a[:, :, None] * b[:, None, :]).reshape(-1, 9) @ matrix.reshape(9)
+
+
+@jax.custom_jvp
 def mean_curvature(shape: Float[Array, "3 3"], z: Float[Array, "n 3"]) -> Float[Array, " n"]:
-    """Sum of half the principal curvatures where the level set of x'Ax passes each row of z: 1/R on a sphere of radius R."""
+    r"""Sum of half the principal curvatures where the level set of x'Ax passes each row of z: 1/R on a sphere of radius R.
+
+    With the normal g = A z and T = tr A it is
+
+    .. math:: \kappa = \frac{T\,g^Tg - g^TAg}{2|g|^3}.
+    """
+    return _curvature(shape, z)[0]
+
+
+def _curvature(shape, z):
     normal = z @ shape
+    bent = jnp.trace(shape) * normal - normal @ shape
     square = jnp.sum(normal**2, axis=1)
     square = jnp.where(square > 0, square, 1)  # no direction at the centre
-    return (jnp.trace(shape) * square - jnp.sum(normal * (normal @ shape), axis=1)) / (2 * square**1.5)
+    return jnp.sum(normal * bent, axis=1) / (2 * square**1.5), normal, bent, square
+
+
+@mean_curvature.defjvp
+def _(primals, tangents):
+    (shape, z), (d_shape, d_z) = primals, tangents
+    curvature, normal, bent, square = _curvature(shape, z)
+    # derivative with respect to the normal
+    slope = bent / (square**1.5)[:, None] - (3 * curvature / square)[:, None] * normal
+    direct = jnp.trace(d_shape) / (2 * jnp.sqrt(square)) - _form(normal, normal, d_shape) / (2 * square**1.5)
+    return curvature, direct + _form(z, slope, d_shape) + jnp.sum((slope @ shape) * d_z, axis=1)

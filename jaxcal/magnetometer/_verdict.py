@@ -5,7 +5,7 @@ import numpy as np
 import scipy.stats
 
 from ._orthogonal import Found
-from ._quadric import NotEllipsoid, ellipsoid_of, nearest_quadric, sampson
+from ._quadric import NotEllipsoid, ellipsoid_of, extents, nearest_quadric, sampson
 from ._start import COUNT
 from ._uncertainty import Information
 
@@ -51,7 +51,7 @@ def _structural(found: Found, u: np.ndarray, told: Information, planar: bool) ->
     """Reasons that lie in the geometry of the readings, whatever their noise."""
     reasons = []
     if not planar:
-        if np.linalg.svd(u - u.mean(axis=0), compute_uv=False)[-1] < NEAR_PLANAR * np.sqrt(len(u)):
+        if extents(u - u.mean(axis=0))[-1] < NEAR_PLANAR:
             reasons.append(NEAR_PLANAR_SENTENCE)
         elif other := _other_quadric(found, u):
             reasons.append(f"{other[0].upper()}{other[1:]}, and they lie on it more than twice as close as on any ellipsoid.")
