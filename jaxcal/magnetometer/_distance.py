@@ -83,13 +83,13 @@ def _(primals, tangents):
     t, y = foot(shape, z)
     normal = y @ shape
     length = jnp.linalg.norm(normal, axis=1)
-    change = _form(y, y, d_shape) / 2 + jnp.sum(normal * d_z, axis=1)
+    change = _outer(y, y) @ d_shape.reshape(9) / 2 + jnp.sum(normal * d_z, axis=1)
     return t * length, change / length
 
 
-def _form(a: Array, b: Array, matrix: Array) -> Array:
-    """a'Mb for all rows, as one product however many matrices there are."""
-    return (a[:, :, None] * b[:, None, :]).reshape(-1, 9) @ matrix.reshape(9)
+def _outer(a: Array, b: Array) -> Array:
+    """The nine products of the entries of each pair of rows: with a matrix' entries they are a'Mb, one product for many matrices."""
+    return (a[:, :, None] * b[:, None, :]).reshape(-1, 9)
 
 
 @jax.custom_jvp
@@ -108,14 +108,16 @@ def _curvature(shape, z):
     bent = jnp.trace(shape) * normal - normal @ shape
     square = jnp.sum(normal**2, axis=1)
     square = jnp.where(square > 0, square, 1)  # no direction at the centre
-    return jnp.sum(normal * bent, axis=1) / (2 * square**1.5), normal, bent, square
+    cube = square * jnp.sqrt(square)
+    return jnp.sum(normal * bent, axis=1) / (2 * cube), normal, bent, square, cube
 
 
 @mean_curvature.defjvp
 def _(primals, tangents):
     (shape, z), (d_shape, d_z) = primals, tangents
-    curvature, normal, bent, square = _curvature(shape, z)
+    curvature, normal, bent, square, cube = _curvature(shape, z)
     # derivative with respect to the normal
-    slope = bent / (square**1.5)[:, None] - (3 * curvature / square)[:, None] * normal
-    direct = jnp.trace(d_shape) / (2 * jnp.sqrt(square)) - _form(normal, normal, d_shape) / (2 * square**1.5)
-    return curvature, direct + _form(z, slope, d_shape) + jnp.sum((slope @ shape) * d_z, axis=1)
+    slope = bent / cube[:, None] - (3 * curvature / square)[:, None] * normal
+    by_shape = _outer(z, slope) - _outer(normal, normal) / (2 * cube)[:, None]
+    direct = jnp.trace(d_shape) / (2 * jnp.sqrt(square))
+    return curvature, direct + by_shape @ d_shape.reshape(9) + jnp.sum((slope @ shape) * d_z, axis=1)

@@ -53,9 +53,9 @@ def triangle(columns: np.ndarray) -> np.ndarray:
     whole = len(columns) // _BLOCK * _BLOCK
     if whole > _BLOCK:
         width = columns.shape[1]
-        blocks = np.linalg.qr(columns[:whole].reshape(-1, _BLOCK, width), mode="r").reshape(-1, width)
-        columns = np.concatenate([blocks, columns[whole:]])
-    return np.linalg.qr(columns, mode="r")
+        blocks = np.asarray(np.linalg.qr(columns[:whole].reshape(-1, _BLOCK, width), mode="r"))
+        columns = np.concatenate([blocks.reshape(-1, width), columns[whole:]])
+    return np.asarray(np.linalg.qr(columns, mode="r"))
 
 
 def extents(u: np.ndarray) -> np.ndarray:
