@@ -44,7 +44,9 @@ def sphere_grid(count: int = _GRID) -> np.ndarray:
     """Points of a Fibonacci lattice: nearly equal areas, (count, 3)."""
     k = np.arange(count) + 0.5
     z, angle = 1 - 2 * k / count, np.pi * (1 + np.sqrt(5)) * k
-    return np.stack([np.sqrt(1 - z**2) * np.cos(angle), np.sqrt(1 - z**2) * np.sin(angle), z], axis=1)
+    grid = np.stack([np.sqrt(1 - z**2) * np.cos(angle), np.sqrt(1 - z**2) * np.sin(angle), z], axis=1)
+    grid.flags.writeable = False
+    return grid
 
 
 def bins(directions: np.ndarray) -> np.ndarray:
@@ -76,7 +78,9 @@ def middles() -> np.ndarray:
         return np.stack([-np.cos(longitude) * np.cos(latitude), -np.sin(longitude) * np.cos(latitude), np.full(n, np.sin(latitude))], 1)
 
     pole = np.array([[0.0, 0.0, 1.0]])
-    return np.concatenate([pole, zone(15, _HIGH), zone(34, _LOW), zone(34, -_LOW), zone(15, -_HIGH), -pole])
+    found = np.concatenate([pole, zone(15, _HIGH), zone(34, _LOW), zone(34, -_LOW), zone(15, -_HIGH), -pole])
+    found.flags.writeable = False
+    return found
 
 
 @host_float64

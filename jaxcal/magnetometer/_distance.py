@@ -79,17 +79,25 @@ def signed_distance(shape: Float[Array, "3 3"], z: Float[Array, "n 3"]) -> Float
 
 @signed_distance.defjvp
 def _(primals, tangents):
-    (shape, z), (d_shape, d_z) = primals, tangents
+    return _forward(*_distance_slopes(*primals), *tangents)
+
+
+def _distance_slopes(shape, z):
+    """Distance, and its derivatives with respect to the nine entries of A and to z."""
     t, y = foot(shape, z)
     normal = y @ shape
     length = jnp.linalg.norm(normal, axis=1)
-    change = _outer(y, y) @ d_shape.reshape(9) / 2 + jnp.sum(normal * d_z, axis=1)
-    return t * length, change / length
+    return t * length, _outer(y, y) / (2 * length)[:, None], normal / length[:, None]
 
 
 def _outer(a: Array, b: Array) -> Array:
-    """The nine products of the entries of each pair of rows: with a matrix' entries they are a'Mb, one product for many matrices."""
+    """The nine products of the entries of each pair of rows."""
     return (a[:, :, None] * b[:, None, :]).reshape(-1, 9)
+
+
+def _forward(value, by_shape, by_z, d_shape, d_z):
+    """Value and change: the derivatives stand apart from the changes, so that all parameters share them."""
+    return value, by_shape @ d_shape.reshape(9) + jnp.sum(by_z * d_z, axis=1)
 
 
 @jax.custom_jvp
@@ -114,10 +122,27 @@ def _curvature(shape, z):
 
 @mean_curvature.defjvp
 def _(primals, tangents):
-    (shape, z), (d_shape, d_z) = primals, tangents
+    return _forward(*_curvature_slopes(*primals), *tangents)
+
+
+def _curvature_slopes(shape, z):
+    """Mean curvature, and its derivatives with respect to the nine entries of A and to z."""
     curvature, normal, bent, square, cube = _curvature(shape, z)
-    # derivative with respect to the normal
-    slope = bent / cube[:, None] - (3 * curvature / square)[:, None] * normal
-    by_shape = _outer(z, slope) - _outer(normal, normal) / (2 * cube)[:, None]
-    direct = jnp.trace(d_shape) / (2 * jnp.sqrt(square))
-    return curvature, direct + by_shape @ d_shape.reshape(9) + jnp.sum((slope @ shape) * d_z, axis=1)
+    by_normal = bent / cube[:, None] - (3 * curvature / square)[:, None] * normal
+    trace = jnp.eye(3, dtype=shape.dtype).reshape(1, 9) * square[:, None]
+    return curvature, _outer(z, by_normal) + (trace - _outer(normal, normal)) / (2 * cube)[:, None], by_normal @ shape
+
+
+@jax.custom_jvp
+def levelled_distance(shape: Float[Array, "3 3"], z: Float[Array, "n 3"], noise2: Float[Array, ""]) -> Float[Array, " n"]:
+    """Signed distance less sigma^2 times the mean curvature, differentiated as one."""
+    return signed_distance(shape, z) - noise2 * mean_curvature(shape, z)
+
+
+@levelled_distance.defjvp
+def _(primals, tangents):
+    (shape, z, noise2), (d_shape, d_z, d_noise2) = primals, tangents
+    distance, curvature = _distance_slopes(shape, z), _curvature_slopes(shape, z)
+    value, by_shape, by_z = (a - noise2 * b for a, b in zip(distance, curvature, strict=True))
+    value, change = _forward(value, by_shape, by_z, d_shape, d_z)
+    return value, change - d_noise2 * curvature[0]

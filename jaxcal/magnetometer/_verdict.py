@@ -2,7 +2,7 @@
 
 import equinox as eqx
 import numpy as np
-import scipy.stats
+import scipy.special
 
 from ._orthogonal import Found
 from ._quadric import NotEllipsoid, ellipsoid_of, extents, nearest_quadric, sampson
@@ -95,7 +95,7 @@ def _by_size(found: Found, error: np.ndarray, told: Information, limits, planar:
         weak.append(f"The readings scatter by {100 * relative:.0f} % of the field about the ellipsoid.")
     freedom = max(len(found.distance) - COUNT[found.kind], 1)
     # five per cent of noise estimates are too small by this factor or more
-    doubt = float(np.sqrt(freedom / scipy.stats.chi2.ppf(0.05, freedom)))
+    doubt = float(np.sqrt(freedom / (2 * scipy.special.gammaincinv(freedom / 2, 0.05))))
     least, most = np.rad2deg(limits)
     if not level <= least:
         large = "by more than 30 degrees" if not level <= 30 else f"by {level:.2g} degrees rms"
