@@ -8,6 +8,7 @@ Times are the best of several after compilation; compilation is timed on its own
 """
 
 import argparse
+import itertools
 import time
 import warnings
 
@@ -21,6 +22,12 @@ MILD = MagModel(np.array([[1.10, 0.06, -0.04], [0.06, 0.92, 0.05], [-0.04, 0.05,
 PAPER = MagModel(
     np.linalg.inv([[0.9847, -0.2311, -0.0363], [-0.2311, 1.3609, -0.3391], [-0.0363, -0.3391, 0.8710]]), np.array([2.1746, 5.152, 10.2458])
 )
+SENSORS = {
+    "full": MagModel(np.array([[1.1, 0.15, -0.1], [0.0, 0.9, 0.1], [0.05, -0.1, 1.0]]), np.array([0.3, -0.2, 0.5])),
+    "symmetric": MILD,
+    "diagonal": MagModel(np.diag([1.1, 1.0, 0.9]), np.zeros(3)),
+    "sphere": MagModel(np.eye(3), np.zeros(3)),
+}
 FIELD, DIP = 47.0, np.deg2rad(57.0)
 HEADINGS = np.deg2rad([2.4, 77.4, 115.5, 167.5, 222.6, 249.4, 300.3, 356.1])
 METHODS = ("ml", "consistent", "algebraic", "li_griffiths", "constrained", "radial")
@@ -40,6 +47,18 @@ def best(function, repeats=7):
         function()
         times.append(time.perf_counter() - start)
     return min(times)
+
+
+def spent(function, repeats=40):
+    """Wall time and processor time of each call, ms."""
+    for _ in range(3):
+        function()
+    times = []
+    for _ in range(repeats):
+        start = time.perf_counter(), time.process_time()
+        function()
+        times.append((time.perf_counter() - start[0], time.process_time() - start[1]))
+    return 1e3 * np.array(times).T
 
 
 def residuals(p, m):
@@ -65,11 +84,13 @@ def speed(_):
     begin = np.r_[np.linalg.inv(MILD.soft_iron)[np.triu_indices(3)], MILD.hard_iron]
     alone = 1e3 * best(lambda: by_scipy(m, begin))
     print(f"scipy least_squares, first-order distance, from the truth, no start and no verdict: {alone:.1f} ms")
-    for kind, sensor in (("sphere", MagModel(np.eye(3), np.zeros(3))), ("diagonal", MagModel(np.diag([1.1, 1.0, 0.9]), np.zeros(3)))):
-        for sigma in (0.01, 0.05):
-            other = sensor.measure(directions(500, rng)) + sigma * rng.normal(size=(500, 3))
-            took = 1e3 * best(lambda other=other: fit(other))
-            print(f"one fit, model='auto', of a sensor that is a {kind}, {100 * sigma:.0f} % noise: {took:.1f} ms")
+    print("one fit as it is by default, ms of 40: least, median, 95th percentile; median of the processor time")
+    for count, coverage in ((500, "full"), (500, "hemisphere"), (1000, "full"), (1000, "hemisphere")):
+        for (kind, sensor), sigma in itertools.product(SENSORS.items(), (0.01, 0.05)):
+            other = sensor.measure(directions(count, rng, coverage)) + sigma * rng.normal(size=(count, 3))
+            took, busy = spent(lambda other=other: fit(other))
+            cells = " ".join(f"{value:5.1f}" for value in (took.min(), *np.percentile(took, (50, 95)), np.median(busy)))
+            print(f"{count:4d} readings, {coverage:10s} {kind:9s} {100 * sigma:.0f} % noise: {cells}")
     many = MILD.measure(directions(200_000, rng)) + 0.01 * rng.normal(size=(200_000, 3))
     print(f"one fit of 200,000 readings, thinned to {fit(many).used}: {best(lambda: fit(many), 3):.2f} s")
     start = time.perf_counter()

@@ -23,14 +23,16 @@ def candidates(u: np.ndarray, kinds: tuple[str, ...], loss: str | None, distinct
 
     Left out are those that are no ellipsoid, and those that the largest excludes by far.
     """
-    fits, failure = {}, None
+    fits, failure, count = {}, None, 0
     for kind in sorted(kinds, key=lambda kind: -COUNT[kind]):
         if distinct <= COUNT[kind]:
             continue
         try:
             begin = _nearest(fits["symmetric"], kind) if loss is None and "symmetric" in fits else None
-            if begin is not None and _hopeless(fits["symmetric"], begin, kind, u):
-                continue
+            if begin is not None:
+                count = count or _occupied(fits["symmetric"], u)
+                if _hopeless(fits["symmetric"], begin, kind, u, count):
+                    continue
             fits[kind] = flat(u, kind, loss, begin=begin)
         except NotEllipsoid as error:
             failure = error
@@ -59,9 +61,8 @@ def _occupied(found: Found, u: np.ndarray) -> int:
     return len(np.unique(bins(_units(found, u))))
 
 
-def _hopeless(full: Found, begin: np.ndarray, kind: str, u: np.ndarray) -> bool:
+def _hopeless(full: Found, begin: np.ndarray, kind: str, u: np.ndarray, count: int) -> bool:
     """Whether a smaller model, from nearly its best parameters, is worse by several times the margin that decides."""
-    count = _occupied(full, u)
     squares = float(np.mean(away(ellipsoid(begin, kind), u) ** 2)), float(np.mean(full.distance**2))
     penalty = (COUNT[full.kind] - COUNT[kind]) * np.log(count)
     fit = _score(count, squares[0], kind) - _score(count, squares[1], full.kind) + penalty

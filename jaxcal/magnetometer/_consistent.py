@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import scipy.optimize
 
-from ._quadric import NOT_ELLIPSOID, NotEllipsoid, ellipsoid_of
+from ._quadric import NOT_ELLIPSOID, NotEllipsoid, ellipsoid_of, monomials
 
 #: exponents (x, y, z) of the ten monomials
 _EXPONENTS = ((2, 0, 0), (1, 1, 0), (0, 2, 0), (1, 0, 1), (0, 1, 1), (0, 0, 2), (1, 0, 0), (0, 1, 0), (0, 0, 1), (0, 0, 0))
@@ -29,14 +29,17 @@ def _tables() -> tuple[list[tuple[int, ...]], np.ndarray]:
 
 
 ORDERS, _TABLE = _tables()
+_PRODUCTS = [tuple(a + b for a, b in zip(*pair, strict=True)) for pair in itertools.product(_EXPONENTS, repeat=2)]
+#: where each moment stands among the products of the ten monomials
+_PLACES = [_PRODUCTS.index(order) for order in ORDERS]
 
 
 def adjusted(u: np.ndarray, weight: np.ndarray | None = None) -> np.ndarray:
     """Psi0, Psi1 and Psi2 of centred and scaled readings, per reading, (3, 10, 10)."""
     weight = np.ones(len(u)) if weight is None else weight
-    powers = u[:, :, None] ** np.arange(5)
-    moments = np.array([np.dot(weight, powers[:, 0, a] * powers[:, 1, b] * powers[:, 2, c]) for a, b, c in ORDERS])
-    return psi_of(moments / weight.sum())
+    # a product of two monomials is one of up to fourth order, and all of those are such products
+    columns = np.concatenate(monomials(u), axis=1)
+    return psi_of((columns.T @ (weight[:, None] * columns)).ravel()[_PLACES] / weight.sum())
 
 
 def psi_of(moments: np.ndarray) -> np.ndarray:

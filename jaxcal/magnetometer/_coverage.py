@@ -39,11 +39,14 @@ class Coverage(eqx.Module):
     missing: AnyArray
 
 
+@functools.cache
 def sphere_grid(count: int = _GRID) -> np.ndarray:
     """Points of a Fibonacci lattice: nearly equal areas, (count, 3)."""
     k = np.arange(count) + 0.5
     z, angle = 1 - 2 * k / count, np.pi * (1 + np.sqrt(5)) * k
-    return np.stack([np.sqrt(1 - z**2) * np.cos(angle), np.sqrt(1 - z**2) * np.sin(angle), z], axis=1)
+    grid = np.stack([np.sqrt(1 - z**2) * np.cos(angle), np.sqrt(1 - z**2) * np.sin(angle), z], axis=1)
+    grid.flags.writeable = False
+    return grid
 
 
 def bins(directions: np.ndarray) -> np.ndarray:
@@ -66,6 +69,7 @@ def regions(directions: np.ndarray) -> np.ndarray:
     return np.where(latitude > _POLE, 0, np.where(latitude < -_POLE, 99, ring))
 
 
+@functools.cache
 def middles() -> np.ndarray:
     """Unit vectors to the middles of the regions, (100, 3)."""
 
@@ -74,7 +78,9 @@ def middles() -> np.ndarray:
         return np.stack([-np.cos(longitude) * np.cos(latitude), -np.sin(longitude) * np.cos(latitude), np.full(n, np.sin(latitude))], 1)
 
     pole = np.array([[0.0, 0.0, 1.0]])
-    return np.concatenate([pole, zone(15, _HIGH), zone(34, _LOW), zone(34, -_LOW), zone(15, -_HIGH), -pole])
+    found = np.concatenate([pole, zone(15, _HIGH), zone(34, _LOW), zone(34, -_LOW), zone(15, -_HIGH), -pole])
+    found.flags.writeable = False
+    return found
 
 
 @host_float64
@@ -107,6 +113,11 @@ def coverage(m: Any) -> Coverage:
     ----------
     P. Stoffregen, MotionCal (quality.c). Its wobble turns the southern sectors by 192 degrees; here they are where they belong.
     """
+    return covered(m)
+
+
+def covered(m: Any) -> Coverage:
+    """`coverage` of NumPy arrays on the host."""
     m = np.asarray(m, dtype=float)
     if m.ndim != 2 or m.shape[-1] != 3 or not len(m):
         raise DataError(f"The corrected readings have shape {m.shape}; they must be (n, 3) with at least one row.")

@@ -42,11 +42,23 @@ def foot(shape: Float[Array, "3 3"], z: Float[Array, "n 3"]) -> tuple[Float[Arra
     apply = _pencil(fixed, far)
     lowest = -1 / jnp.linalg.eigvalsh(fixed)[-1]
 
-    def step(_, t):
+    def step(t):
         new = _newton(apply, fixed, far, t)
         return jnp.where(new > lowest, new, (t + lowest) / 2)
 
-    t = jax.lax.fori_loop(0, _ITERATIONS, step, jnp.zeros_like(far[:, 0]))
+    # Newton doubles the digits: half of them, and the step after the loop brings all.
+    half = jnp.finfo(far.dtype).eps ** 0.5
+
+    def go_on(carry):
+        i, _, settled = carry
+        return (i < _ITERATIONS) & ~settled
+
+    def again(carry):
+        i, t, _ = carry
+        new = step(t)
+        return i + 1, new, jnp.all(jnp.abs(new - t) <= half * (new - lowest))
+
+    _, t, _ = jax.lax.while_loop(go_on, again, (0, jnp.zeros_like(far[:, 0]), jnp.asarray(False)))
     # A step from the root has the derivative of the root (implicit function theorem).
     apply = _pencil(shape, z)
     t = _newton(apply, shape, z, jax.lax.stop_gradient(t))
@@ -67,17 +79,70 @@ def signed_distance(shape: Float[Array, "3 3"], z: Float[Array, "n 3"]) -> Float
 
 @signed_distance.defjvp
 def _(primals, tangents):
-    (shape, z), (d_shape, d_z) = primals, tangents
+    return _forward(*_distance_slopes(*primals), *tangents)
+
+
+def _distance_slopes(shape, z):
+    """Distance, and its derivatives with respect to the nine entries of A and to z."""
     t, y = foot(shape, z)
     normal = y @ shape
     length = jnp.linalg.norm(normal, axis=1)
-    change = jnp.sum(y * (y @ d_shape), axis=1) / 2 + jnp.sum(normal * d_z, axis=1)
-    return t * length, change / length
+    return t * length, _outer(y, y) / (2 * length)[:, None], normal / length[:, None]
 
 
+def _outer(a: Array, b: Array) -> Array:
+    """The nine products of the entries of each pair of rows."""
+    return (a[:, :, None] * b[:, None, :]).reshape(-1, 9)
+
+
+def _forward(value, by_shape, by_z, d_shape, d_z):
+    """Value and change: the derivatives stand apart from the changes, so that all parameters share them."""
+    return value, by_shape @ d_shape.reshape(9) + jnp.sum(by_z * d_z, axis=1)
+
+
+@jax.custom_jvp
 def mean_curvature(shape: Float[Array, "3 3"], z: Float[Array, "n 3"]) -> Float[Array, " n"]:
-    """Sum of half the principal curvatures where the level set of x'Ax passes each row of z: 1/R on a sphere of radius R."""
+    r"""Sum of half the principal curvatures where the level set of x'Ax passes each row of z: 1/R on a sphere of radius R.
+
+    With the normal g = A z and T = tr A it is
+
+    .. math:: \kappa = \frac{T\,g^Tg - g^TAg}{2|g|^3}.
+    """
+    return _curvature(shape, z)[0]
+
+
+def _curvature(shape, z):
     normal = z @ shape
+    bent = jnp.trace(shape) * normal - normal @ shape
     square = jnp.sum(normal**2, axis=1)
     square = jnp.where(square > 0, square, 1)  # no direction at the centre
-    return (jnp.trace(shape) * square - jnp.sum(normal * (normal @ shape), axis=1)) / (2 * square**1.5)
+    cube = square * jnp.sqrt(square)
+    return jnp.sum(normal * bent, axis=1) / (2 * cube), normal, bent, square, cube
+
+
+@mean_curvature.defjvp
+def _(primals, tangents):
+    return _forward(*_curvature_slopes(*primals), *tangents)
+
+
+def _curvature_slopes(shape, z):
+    """Mean curvature, and its derivatives with respect to the nine entries of A and to z."""
+    curvature, normal, bent, square, cube = _curvature(shape, z)
+    by_normal = bent / cube[:, None] - (3 * curvature / square)[:, None] * normal
+    trace = jnp.eye(3, dtype=shape.dtype).reshape(1, 9) * square[:, None]
+    return curvature, _outer(z, by_normal) + (trace - _outer(normal, normal)) / (2 * cube)[:, None], by_normal @ shape
+
+
+@jax.custom_jvp
+def levelled_distance(shape: Float[Array, "3 3"], z: Float[Array, "n 3"], noise2: Float[Array, ""]) -> Float[Array, " n"]:
+    """Signed distance less sigma^2 times the mean curvature, differentiated as one."""
+    return signed_distance(shape, z) - noise2 * mean_curvature(shape, z)
+
+
+@levelled_distance.defjvp
+def _(primals, tangents):
+    (shape, z, noise2), (d_shape, d_z, d_noise2) = primals, tangents
+    distance, curvature = _distance_slopes(shape, z), _curvature_slopes(shape, z)
+    value, by_shape, by_z = (a - noise2 * b for a, b in zip(distance, curvature, strict=True))
+    value, change = _forward(value, by_shape, by_z, d_shape, d_z)
+    return value, change - d_noise2 * curvature[0]

@@ -10,10 +10,10 @@ from .._precision import host_float64
 from ._align import Alignment, align
 from ._checks import DIRECT, SOLID, checked
 from ._choice import by_bic, by_held_out, candidates
-from ._coverage import coverage, sphere_grid
+from ._coverage import covered, sphere_grid
 from ._model import MagModel
 from ._orthogonal import Found, described, geometric, levelled
-from ._quadric import Frame, NotEllipsoid
+from ._quadric import Frame, NotEllipsoid, extents
 from ._result import MagFit
 from ._start import COUNT, PLANAR, parameters_of
 from ._thin import LONG, all_distances, thinned
@@ -32,6 +32,7 @@ from ._verdict import NEAR_PLANAR, NEAR_PLANAR_SENTENCE, OUTLIER, judge, outlier
 
 _DIPS = np.deg2rad(5.0)
 _LINE = 0.01  # second singular value of the centred readings, of 0.58 for a full sphere
+_FEW = 64
 _EXACT = ("ml", "consistent")
 _EXTREMES = ("minmax", "axes")
 
@@ -114,7 +115,7 @@ def fit(
     if per_direction is not None and len(m) > LONG and method not in _EXTREMES:
         used = thinned(Frame.of(m).scaled(m), _at_least_one(per_direction), loss)
         m = m[used]
-    distinct = len(np.unique(m, axis=0))
+    distinct = _distinct(m)
     frame = Frame.of(m)
     if distinct < 2 or frame.scale < 1e-12 * np.abs(m).max():
         return _refusal(
@@ -124,10 +125,10 @@ def fit(
             f"There are {distinct} distinct readings; a sphere needs at least 5, and soft iron 10.",
         )
     u = frame.scaled(m)
-    extents = np.linalg.svd(u, compute_uv=False) / np.sqrt(len(u))
-    if extents[1] < _LINE:
+    spread = extents(u)
+    if spread[1] < _LINE:
         return _refusal(m, method, dip, "The readings lie on a line: turn the sensor through all attitudes.")
-    flat = extents[2] < NEAR_PLANAR
+    flat = spread[2] < NEAR_PLANAR
     planar = "asked" if model == "planar" else "chosen" if flat and model == "auto" and method == "ml" else None
     kind = None if model == "auto" or planar else model
     if kind is None and method != "ml":
@@ -233,6 +234,12 @@ def _at_least_one(per_direction: int) -> int:
     return int(per_direction)
 
 
+def _distinct(m: np.ndarray) -> int:
+    """Number of distinct readings, of the first few alone where those are enough for any model."""
+    few = len(np.unique(m[:_FEW], axis=0))
+    return few if few > COUNT["symmetric"] else len(np.unique(m, axis=0))
+
+
 def _of_all(result: MagFit, found: Found, frame: Frame, m: np.ndarray, used: int) -> MagFit:
     """The fit of some readings, with the residuals, outliers and coverage of all."""
     u = frame.scaled(m)
@@ -244,7 +251,7 @@ def _of_all(result: MagFit, found: Found, frame: Frame, m: np.ndarray, used: int
     corrected = (m - np.asarray(result.model.hard_iron)) @ matrix.T  # type: ignore[union-attr]
     said = f"{used} of {len(m)} readings were fitted, evenly from all directions; residuals and outliers are those of all."
     return dataclasses.replace(
-        result, residual=distance * frame.scale, outliers=far, coverage=coverage(corrected), used=used, warnings=(*result.warnings, said)
+        result, residual=distance * frame.scale, outliers=far, coverage=covered(corrected), used=used, warnings=(*result.warnings, said)
     )
 
 
@@ -274,7 +281,7 @@ def _result(m, u, frame, found, method, norm, dip, loss, limits, plane, notes) -
     error = heading_error(raw, covariance, dip)
     if method not in _EXACT:
         try:
-            best = geometric(u, "symmetric" if len(np.unique(u, axis=0)) > COUNT["symmetric"] else found.kind, loss)
+            best = geometric(u, "symmetric" if _distinct(u) > COUNT["symmetric"] else found.kind, loss)
             error = np.hypot(error, heading_departure(found, best, dip))
         except NotEllipsoid:
             error = np.full(2, np.inf)
@@ -297,7 +304,7 @@ def _result(m, u, frame, found, method, norm, dip, loss, limits, plane, notes) -
         model=model,
         covariance=covariance,
         heading_error=error,
-        coverage=coverage((m - model.hard_iron) @ (matrix * size).T),  # NumPy: nothing to compile for each length of log
+        coverage=covered((m - model.hard_iron) @ (matrix * size).T),  # NumPy: nothing to compile for each length of log
         residual=found.distance * frame.scale,
         noise=found.noise * frame.scale,
         field=size * frame.scale,

@@ -1,5 +1,8 @@
 """Iterative fits of scaled readings, orthogonal and radial, with robust losses, through the package's one solver."""
 
+import functools
+from collections.abc import Callable
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -7,6 +10,7 @@ import numpy as np
 
 from .._errors import DataError
 from .._solve import AbstractLoss, Cauchy, Fit, Huber, Tukey, covariance, solve
+from .._types import AnyArray, Array
 from ._residuals import Readings, orthogonal, radial
 from ._start import COUNT, PLANAR, basis_of, parameters_of, robust_start, start
 
@@ -41,13 +45,29 @@ def padded(u: np.ndarray, kind: str, scale: float = 1.0, noise2: float = 0.0) ->
     """Readings filled up to a power of two with weight zero, so that logs of any length share a compiled program."""
     size = max(_SMALLEST_PAD, 1 << (len(u) - 1).bit_length())
     full = np.concatenate([u, np.repeat(u[:1], size - len(u), axis=0)])
-    return Readings(full, np.r_[np.ones(len(u)), np.zeros(size - len(u))], scale, noise2, basis_of(kind))
+    weight = (np.arange(size) < len(u)).astype(float)
+    return Readings(full, weight, np.float64(scale), np.float64(noise2), basis_of(kind))
 
 
 def bounds_of(kind: str) -> tuple[np.ndarray, np.ndarray]:
     """Idle parameters are held at zero: so all kinds share one program."""
     idle = np.arange(9) >= COUNT[kind]
     return np.where(idle, 0.0, -np.inf), np.where(idle, 0.0, np.inf)
+
+
+class _Solved(eqx.Module):
+    """A fit with what is asked of every one."""
+
+    fit: Fit
+    usable: Array
+    covariance: Array
+
+
+@functools.partial(jax.jit, static_argnames=("function", "loss"))
+def _solved(function: Callable, start: AnyArray, data: Readings, bounds: tuple[AnyArray, AnyArray], loss: str | None) -> _Solved:
+    """A fit, its covariance and whether it converged as one program: a fit of some hundred readings takes less than to call them."""
+    fit = solve(function, start, data, loss=None if loss is None else LOSSES[loss], bounds=bounds, rtol=_PRECISE)
+    return _Solved(eqx.tree_at(lambda f: f.problem, fit, None), fit.usable, covariance(fit, scaled=True))
 
 
 def geometric(u: np.ndarray, kind: str, loss: str | None = None, cost: str = "orthogonal") -> Found:
@@ -62,15 +82,15 @@ def flat(u: np.ndarray, kind: str, loss: str | None = None, cost: str = "orthogo
         begin = parameters_of(kind, *(start if loss is None else robust_start)(u, kind))
     function = radial if cost == "radial" else orthogonal
     if loss is None:
-        fit, scale = solve(function, begin, padded(u, kind), bounds=bounds_of(kind), rtol=_PRECISE), 1.0
+        solved, scale = _solved(function, begin, padded(u, kind), bounds_of(kind), None), 1.0
     else:
-        fit, scale = _robust(function, begin, u, kind, loss)
+        solved, scale = _robust(function, begin, u, kind, loss)
     if cost == "radial":
         # its own J'J is not the information of the readings
-        found = described(np.asarray(fit.parameters), u, kind)
-        news = (bool(fit.usable), np.asarray(fit.weights)[: len(u)])
+        found = described(np.asarray(solved.fit.parameters), u, kind)
+        news = (bool(solved.usable), np.asarray(solved.fit.weights)[: len(u)])
         return eqx.tree_at(lambda f: (f.converged, f.weight), found, news)
-    return _found(fit, scale, len(u), kind)
+    return _found(solved, scale, len(u), kind)
 
 
 def levelled(found: Found, u: np.ndarray, loss: str | None = None) -> Found:
@@ -83,27 +103,26 @@ def levelled(found: Found, u: np.ndarray, loss: str | None = None) -> Found:
     scale = 1.0 if loss is None else found.noise
     for _ in range(_LEVELLINGS):
         noise2 = share * found.noise**2
-        data = padded(u, found.kind, scale, noise2)
-        robust = None if loss is None else LOSSES[loss]
-        fit = solve(orthogonal, found.parameters, data, loss=robust, bounds=bounds_of(found.kind), rtol=_PRECISE)
-        last, found = found.noise, _found(fit, scale, len(u), found.kind, noise2)
+        solved = _solved(orthogonal, found.parameters, padded(u, found.kind, scale, noise2), bounds_of(found.kind), loss)
+        last, found = found.noise, _found(solved, scale, len(u), found.kind, noise2)
         if abs(found.noise - last) < _SETTLED * last:
             break
     return found
 
 
-def _found(fit: Fit, scale: float, count: int, kind: str, noise2: float = 0.0) -> Found:
-    parameters = np.asarray(fit.parameters)
+def _found(solved: _Solved, scale: float, count: int, kind: str, noise2: float = 0.0) -> Found:
+    fit, usable = solved.fit, bool(solved.usable)
+    parameters, residuals = np.asarray(fit.parameters), np.asarray(fit.residuals)
     return Found(
         parameters,
         *ellipsoid(parameters, kind),
-        np.asarray(covariance(fit, scaled=True)),
-        _sigma(fit, scale, count, kind),
-        scale * np.asarray(fit.residuals)[:count],
+        np.asarray(solved.covariance),
+        _sigma(residuals, fit.robust, scale, count, kind),
+        scale * residuals[:count],
         np.asarray(fit.weights)[:count],
-        bool(fit.usable),
+        usable,
         kind,
-        "" if bool(fit.usable) else fit.message,
+        "" if usable else fit.message,
         noise2,
     )
 
@@ -122,16 +141,17 @@ def _spread(residuals, count: int, free: int) -> float:
     return size * float(np.sqrt(count / max(count - free, 1)))
 
 
-def _robust(function, begin, u, kind, loss) -> tuple[Fit, float]:
+def _robust(function, begin, u, kind, loss) -> tuple[_Solved, float]:
     """Fit and scale by turns, from a start of high breakdown point; Tukey's loss, which has many minima, could start nowhere else."""
     count, free = len(u), COUNT[kind]
     scale = max(_spread(_residuals(function, jnp.asarray(begin), _jax(padded(u, kind))), count, free), 1e-13)
     for _ in range(_ROUNDS):
-        fit = solve(function, begin, padded(u, kind, scale), loss=LOSSES[loss], bounds=bounds_of(kind), rtol=_PRECISE)
-        begin, last, scale = np.asarray(fit.parameters), scale, max(_spread(fit.residuals, count, free) * scale, 1e-13)
+        solved = _solved(function, begin, padded(u, kind, scale), bounds_of(kind), loss)
+        begin, last = np.asarray(solved.fit.parameters), scale
+        scale = max(_spread(solved.fit.residuals, count, free) * scale, 1e-13)
         if abs(scale - last) < 1e-3 * last:
             break
-    return fit, last  # type: ignore[possibly-unbound]
+    return solved, last  # type: ignore[possibly-unbound]
 
 
 @eqx.filter_jit
@@ -143,11 +163,11 @@ def _jax(tree):
     return jax.tree.map(jnp.asarray, tree)
 
 
-def _sigma(fit: Fit, scale: float, count: int, kind: str) -> float:
+def _sigma(residuals: np.ndarray, robust: bool, scale: float, count: int, kind: str) -> float:
     """Noise of a reading: of all readings, or with a robust loss of most of them."""
-    if fit.robust:
-        return scale * _spread(fit.residuals, count, COUNT[kind])
-    return scale * float(np.sqrt(np.sum(np.asarray(fit.residuals) ** 2) / max(count - COUNT[kind], 1)))
+    if robust:
+        return scale * _spread(residuals, count, COUNT[kind])
+    return scale * float(np.sqrt(np.sum(residuals**2) / max(count - COUNT[kind], 1)))
 
 
 @jax.jit

@@ -45,6 +45,24 @@ def matrix_of(q: np.ndarray) -> np.ndarray:
     return np.array([[a, b / 2, d / 2], [b / 2, c, e / 2], [d / 2, e / 2, f]])
 
 
+_BLOCK = 128
+
+
+def triangle(columns: np.ndarray) -> np.ndarray:
+    """R of the QR factors of many rows, by blocks: on a tall matrix BLAS starts threads, and waits for them longer than it works."""
+    whole = len(columns) // _BLOCK * _BLOCK
+    if whole > _BLOCK:
+        width = columns.shape[1]
+        blocks = np.asarray(np.linalg.qr(columns[:whole].reshape(-1, _BLOCK, width), mode="r"))
+        columns = np.concatenate([blocks.reshape(-1, width), columns[whole:]])
+    return np.asarray(np.linalg.qr(columns, mode="r"))
+
+
+def extents(u: np.ndarray) -> np.ndarray:
+    """Root mean squares along the principal axes of readings, the largest first; those of a plane are zero to 1e-8."""
+    return np.sqrt(np.maximum(np.linalg.eigvalsh(u.T @ u / len(u))[::-1], 0.0))
+
+
 def ellipsoid_of(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Shape matrix A and centre of the quadric theta, scaled so that (u - x0)'A(u - x0) = 1."""
     quadratic = matrix_of(theta[:6])
@@ -177,4 +195,4 @@ def sampson(theta: np.ndarray, u: np.ndarray) -> np.ndarray:
 
 def nearest_quadric(u: np.ndarray) -> np.ndarray:
     """Quadric of unit theta with the least algebraic residual, of any kind."""
-    return np.linalg.svd(np.linalg.qr(np.concatenate(monomials(u), axis=1), mode="r"))[2][-1]
+    return np.linalg.svd(triangle(np.concatenate(monomials(u), axis=1)))[2][-1]

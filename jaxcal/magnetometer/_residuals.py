@@ -4,7 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from .._types import Any, Array
-from ._distance import mean_curvature, signed_distance
+from ._distance import levelled_distance, signed_distance
 from ._model import MagModel
 
 
@@ -43,8 +43,7 @@ def orthogonal(parameters: Array, data: Readings) -> Array:
     Noise along the curved surface gives the distances that mean; with noise2 = 0 it stays in.
     """
     shape, centre = shape_and_centre(parameters, data.basis)
-    z = data.u - centre[None, :]
-    return data.weight * (signed_distance(shape, z) - data.noise2 * mean_curvature(shape, z)) / data.scale
+    return data.weight * levelled_distance(shape, data.u - centre[None, :], data.noise2) / data.scale
 
 
 def radial(parameters: Array, data: Readings) -> Array:

@@ -1,5 +1,7 @@
 """Where the iterative fits start: the best algebraic fit that gives an ellipsoid, and one that outliers do not carry off."""
 
+import functools
+
 import numpy as np
 
 from . import _quadric
@@ -26,11 +28,13 @@ _MOVES = {
 }
 
 
+@functools.cache
 def basis_of(kind: str) -> np.ndarray:
     """(9, 9) from the parameters of a kind, filled up with zeros, to the upper triangle and the centre."""
     basis = np.zeros((9, 9))
     for column, rows in enumerate(_MOVES[kind]):
         basis[list(rows), column] = 1.0
+    basis.flags.writeable = False
     return basis
 
 

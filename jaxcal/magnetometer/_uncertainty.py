@@ -3,19 +3,17 @@
 import functools
 
 import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from ._attitude import body_field, rotation
 from ._orthogonal import Found
-from ._quadric import Frame, matrix_of
-from ._residuals import shape_and_centre
+from ._quadric import Frame, matrix_of, triangle
 from ._start import PLANAR, basis_of
 
 NAMES = ("A_xx", "A_xy", "A_yy", "A_xz", "A_yz", "A_zz", "b_x", "b_y", "b_z")
 PLANAR_NAMES = ("A_11", "A_12", "A_22", "b_1", "b_2")
 _ENTRIES = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
+_UNIT = np.array([[[float((p, q) in ((j, k), (k, j))) for q in range(3)] for p in range(3)] for j, k in _ENTRIES])
 _WORDS = (
     "scale along x", "coupling of x and y", "scale along y", "coupling of x and z", "coupling of y and z", "scale along z",
     "hard iron along x", "hard iron along y", "hard iron along z",
@@ -28,15 +26,13 @@ _PLANAR = [0, 1, 2, 6, 7]
 _TILT = np.deg2rad(20.0)
 
 
-@jax.jit
-def _slopes(parameters, basis):
-    """Derivative of (A_xx, A_xy, A_yy, A_xz, A_yz, A_zz, b) with respect to the parameters."""
-
-    def vector(p):
-        shape, centre = shape_and_centre(p, basis)
-        return jnp.concatenate([jnp.stack([shape[j, k] for j, k in _ENTRIES]), centre])
-
-    return jax.jacfwd(vector)(parameters)
+def _slopes(parameters: np.ndarray, basis: np.ndarray) -> np.ndarray:
+    """Derivative of (A_xx, A_xy, A_yy, A_xz, A_yz, A_zz, b) with respect to the parameters: dA = dU'U + U'dU."""
+    change = np.zeros((10, 3, 3))
+    change[:, *np.triu_indices(3)] = np.concatenate([basis[:6].T, (basis[:6] @ parameters)[None]])
+    half = change[-1].T @ change[:-1]
+    j, k = np.transpose(_ENTRIES)
+    return np.concatenate([(half + np.swapaxes(half, 1, 2))[:, j, k].T, basis[6:]])
 
 
 def covariance_of(found: Found, frame: Frame) -> np.ndarray:
@@ -44,7 +40,7 @@ def covariance_of(found: Found, frame: Frame) -> np.ndarray:
     rows = np.arange(9) if found.kind not in PLANAR else np.array(_PLANAR)
     if not np.isfinite(found.covariance).all():
         return np.full((len(rows), len(rows)), np.inf)
-    slopes = np.asarray(_slopes(jnp.asarray(found.parameters), jnp.asarray(basis_of(found.kind))))[rows]
+    slopes = _slopes(found.parameters, basis_of(found.kind))[rows]
     slopes = slopes * np.where(rows < 6, frame.scale**-2, frame.scale)[:, None]
     return slopes @ found.covariance @ slopes.T
 
@@ -59,12 +55,7 @@ def _root_slopes(shape: np.ndarray) -> np.ndarray:
     """Derivative of the symmetric root with respect to the six entries, (6, 3, 3)."""
     values, vectors = np.linalg.eigh(shape)
     mu = np.sqrt(values)
-    slopes = []
-    for j, k in _ENTRIES:
-        change = np.zeros((3, 3))
-        change[j, k] = change[k, j] = 1.0
-        slopes.append(vectors @ ((vectors.T @ change @ vectors) / (mu[:, None] + mu)) @ vectors.T)
-    return np.array(slopes)
+    return vectors @ ((vectors.T @ _UNIT @ vectors) / (mu[:, None] + mu)) @ vectors.T
 
 
 @functools.cache
@@ -86,28 +77,45 @@ def _levelled(attitudes: np.ndarray, y: np.ndarray) -> np.ndarray:
     return np.einsum("nji,n...j->n...i", rotation(turned), y)
 
 
+def _across(attitudes: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """Derivative of the magnetic heading with respect to the corrected field, (n, 3)."""
+    x, y, _ = np.moveaxis(_levelled(attitudes, directions), -1, 0)
+    along_x, along_y, _ = np.moveaxis(_levelled(attitudes, np.broadcast_to(np.eye(3), (len(directions), 3, 3))), -1, 0)
+    return (y[:, None] * along_x - x[:, None] * along_y) / (x**2 + y**2)[:, None]
+
+
+@functools.cache
+def _grids_across(inclination: float) -> list[np.ndarray]:
+    return [_across(*grid) for grid in grids(inclination)]
+
+
 def heading_slopes(shape: np.ndarray, attitudes: np.ndarray, directions: np.ndarray) -> np.ndarray:
     """Derivative of the magnetic heading with respect to the shape's entries and the centre, (n, 9)."""
+    return _heading_slopes(shape, directions, _across(attitudes, directions))
+
+
+def _heading_slopes(shape: np.ndarray, directions: np.ndarray, across: np.ndarray) -> np.ndarray:
     matrix = root(shape)
     z = directions @ np.linalg.inv(matrix)
-    change = np.concatenate([np.einsum("pij,nj->npi", _root_slopes(shape), z), np.broadcast_to(-matrix.T, (len(z), 3, 3))], axis=1)
-    x, y, _ = np.moveaxis(_levelled(attitudes, directions), -1, 0)
-    dx, dy, _ = np.moveaxis(_levelled(attitudes, change), -1, 0)
-    return (y[:, None] * dx - x[:, None] * dy) / (x**2 + y**2)[:, None]
+    by_shape = (across[:, :, None] * z[:, None, :]).reshape(-1, 9) @ _root_slopes(shape).reshape(6, 9).T
+    return np.concatenate([by_shape, -across @ matrix], axis=1)
 
 
 def heading_error(shape: np.ndarray, covariance: np.ndarray, inclination: float) -> np.ndarray:
     """Predicted rms heading error in rad, at level and at 20 degrees of tilt; in a plane there is no tilt."""
     if not np.isfinite(covariance).all():
         return np.full(2, np.inf)
-    errors = []
-    for attitudes, directions in grids(inclination):
-        if len(covariance) == 5:
-            directions = np.stack([np.cos(attitudes[:, 0]), -np.sin(attitudes[:, 0]), np.zeros(len(attitudes))], axis=1)
-        slopes = heading_slopes(shape, attitudes, directions)
-        slopes = slopes[:, _PLANAR] if len(covariance) == 5 else slopes
-        errors.append(np.sqrt(np.mean(np.einsum("ni,ij,nj->n", slopes, covariance, slopes))))
-    return np.array([errors[0], np.inf]) if len(covariance) == 5 else np.array(errors)
+    if len(covariance) == 5:
+        attitudes = grids(inclination)[0][0]
+        directions = np.stack([np.cos(attitudes[:, 0]), -np.sin(attitudes[:, 0]), np.zeros(len(attitudes))], axis=1)
+        return np.array([_rms(heading_slopes(shape, attitudes, directions)[:, _PLANAR], covariance), np.inf])
+    both = zip(grids(inclination), _grids_across(inclination), strict=True)
+    return np.array([_rms(_heading_slopes(shape, directions, across), covariance) for (_, directions), across in both])
+
+
+def _rms(slopes: np.ndarray, covariance: np.ndarray) -> float:
+    """Root of the mean variance s'Cs over all rows s."""
+    return float(np.sqrt(np.mean(np.sum(slopes @ covariance * slopes, axis=1))))
 
 
 def turned_heading_error(covariance: np.ndarray, inclination: float) -> np.ndarray:
@@ -117,8 +125,7 @@ def turned_heading_error(covariance: np.ndarray, inclination: float) -> np.ndarr
         change = np.cross(np.eye(3)[None], directions[:, None])
         x, y, _ = np.moveaxis(_levelled(attitudes, directions), -1, 0)
         dx, dy, _ = np.moveaxis(_levelled(attitudes, change), -1, 0)
-        slopes = (y[:, None] * dx - x[:, None] * dy) / (x**2 + y**2)[:, None]
-        errors.append(np.sqrt(np.mean(np.einsum("ni,ij,nj->n", slopes, covariance, slopes))))
+        errors.append(_rms((y[:, None] * dx - x[:, None] * dy) / (x**2 + y**2)[:, None], covariance))
     return np.array(errors)
 
 
@@ -168,7 +175,7 @@ def information(directions: np.ndarray, kind: str, relative_noise: float) -> Inf
     (u'Qu - 2c'u)/2 for the change Q of A and c of the centre; noise of size s across u alone moves it by s |(Qu - c)_across|.
     """
     basis = _BASES[kind]
-    values, vectors = np.linalg.svd(np.linalg.qr(_rows(directions) @ basis, mode="r") / np.sqrt(len(directions)))[1:]
+    values, vectors = np.linalg.svd(triangle(_rows(directions) @ basis) / np.sqrt(len(directions)))[1:]
     condition = float(values[0] / values[-1]) if len(values) == basis.shape[1] and values[-1] > 1e-12 * values[0] else np.inf
     weak = basis @ vectors[-1]
     slope = directions @ matrix_of(weak[:6] * np.array([1, 2, 1, 2, 2, 1])) - weak[6:]
@@ -187,7 +194,7 @@ def needed(shape: np.ndarray, covariance: np.ndarray, grid: np.ndarray) -> np.nd
     x, y, w = z.T
     rows = np.concatenate([np.stack([x * x, 2 * x * y, y * y, 2 * x * w, 2 * y * w, w * w], axis=1), -2 * z @ shape], axis=1)
     rows = rows / np.linalg.norm(2 * z @ shape, axis=1, keepdims=True)
-    variance = np.einsum("ni,ij,nj->n", rows, covariance, rows)
+    variance = np.sum(rows @ covariance * rows, axis=1)
     chosen: list[np.ndarray] = []
     for i in np.argsort(-variance):
         if all(grid[i] @ other < np.cos(np.pi / 4) for other in chosen):

@@ -2,10 +2,10 @@
 
 import equinox as eqx
 import numpy as np
-import scipy.stats
+import scipy.special
 
 from ._orthogonal import Found
-from ._quadric import NotEllipsoid, ellipsoid_of, nearest_quadric, sampson
+from ._quadric import NotEllipsoid, ellipsoid_of, extents, nearest_quadric, sampson
 from ._start import COUNT
 from ._uncertainty import Information
 
@@ -51,7 +51,7 @@ def _structural(found: Found, u: np.ndarray, told: Information, planar: bool) ->
     """Reasons that lie in the geometry of the readings, whatever their noise."""
     reasons = []
     if not planar:
-        if np.linalg.svd(u - u.mean(axis=0), compute_uv=False)[-1] < NEAR_PLANAR * np.sqrt(len(u)):
+        if extents(u - u.mean(axis=0))[-1] < NEAR_PLANAR:
             reasons.append(NEAR_PLANAR_SENTENCE)
         elif other := _other_quadric(found, u):
             reasons.append(f"{other[0].upper()}{other[1:]}, and they lie on it more than twice as close as on any ellipsoid.")
@@ -95,7 +95,7 @@ def _by_size(found: Found, error: np.ndarray, told: Information, limits, planar:
         weak.append(f"The readings scatter by {100 * relative:.0f} % of the field about the ellipsoid.")
     freedom = max(len(found.distance) - COUNT[found.kind], 1)
     # five per cent of noise estimates are too small by this factor or more
-    doubt = float(np.sqrt(freedom / scipy.stats.chi2.ppf(0.05, freedom)))
+    doubt = float(np.sqrt(freedom / (2 * scipy.special.gammaincinv(freedom / 2, 0.05))))
     least, most = np.rad2deg(limits)
     if not level <= least:
         large = "by more than 30 degrees" if not level <= 30 else f"by {level:.2g} degrees rms"

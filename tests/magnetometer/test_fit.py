@@ -10,7 +10,10 @@ from jaxcal import DataError
 from jaxcal.magnetometer import bootstrap, fit
 from jaxcal.magnetometer._checks import METHODS
 from jaxcal.magnetometer._consistent import adjusted, consistent
-from jaxcal.magnetometer._quadric import NotEllipsoid, constrained, li_griffiths, monomials, trace
+from jaxcal.magnetometer._orthogonal import ellipsoid
+from jaxcal.magnetometer._quadric import NotEllipsoid, constrained, li_griffiths, monomials, trace, triangle
+from jaxcal.magnetometer._start import COUNT, basis_of
+from jaxcal.magnetometer._uncertainty import _slopes
 
 from . import cases
 
@@ -291,6 +294,24 @@ def test_logs_of_any_length_share_a_program():
         for model in ("sphere", "diagonal", "symmetric"):
             fit(NOISY[:count], model=model)
     assert "/jax/core/compile/backend_compile_duration" not in compiled
+
+
+def test_the_triangle_of_blocks_is_that_of_all_rows():
+    for count in (5, 128, 129, 300, 512):
+        columns = np.random.default_rng(count).normal(size=(count, 5))
+        np.testing.assert_allclose(triangle(columns).T @ triangle(columns), columns.T @ columns, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["sphere", "diagonal", "symmetric", "ellipse"])
+def test_slopes_of_the_shape_are_its_differences(kind):
+    parameters = np.where(np.arange(9) < COUNT[kind], [1.1, 0.9, 1.2, 0.8, 0.1, 1.0, 0.2, -0.3, 0.1], 0.0)
+
+    def vector(p):
+        shape, centre = ellipsoid(p, kind)
+        return np.r_[shape[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]], centre]
+
+    finite = [(vector(parameters + step) - vector(parameters - step)) / 2e-6 for step in 1e-6 * np.eye(9)]
+    np.testing.assert_allclose(_slopes(parameters, basis_of(kind)), np.transpose(finite), atol=1e-8)
 
 
 def test_bootstrap_refuses_what_it_cannot_do():

@@ -53,6 +53,17 @@ def test_mean_curvature_of_an_ellipsoid_at_its_poles():
     assert float(found[0]) == pytest.approx((c / a**2 + c / b**2) / 2, rel=1e-12)
 
 
+def test_slope_of_the_mean_curvature():
+    z = jnp.asarray((TURN * SEMI @ cases.directions(6, 5).T).T * np.random.default_rng(2).uniform(0.3, 2.0, (6, 1)))
+    change = np.random.default_rng(1).normal(size=(3, 3))
+    d_shape, d_z = jnp.asarray(change + change.T) / 10, jnp.asarray(np.random.default_rng(6).normal(size=z.shape))
+    found = jax.jvp(mean_curvature, (jnp.asarray(SHAPE), z), (d_shape, d_z))[1]
+    ahead, back = (mean_curvature(SHAPE + step * d_shape, z + step * d_z) for step in (1e-5, -1e-5))
+    np.testing.assert_allclose(found, (ahead - back) / 2e-5, rtol=1e-6, atol=1e-8)
+    at_centre = jax.jvp(mean_curvature, (jnp.asarray(SHAPE), jnp.zeros((1, 3))), (d_shape, jnp.ones((1, 3))))[1]
+    assert np.isfinite(at_centre).all()
+
+
 @pytest.mark.parametrize("residuals", [distance_residuals, radial_residuals])
 def test_residuals_alone_under_jit_vmap_and_grad(residuals):
     model = MagModel(jnp.asarray(cases.MILD.soft_iron), jnp.asarray(cases.MILD.hard_iron))
