@@ -58,7 +58,7 @@ def _root_slopes(shape: np.ndarray) -> np.ndarray:
     return vectors @ ((vectors.T @ _UNIT @ vectors) / (mu[:, None] + mu)) @ vectors.T
 
 
-@functools.cache
+@functools.lru_cache(maxsize=64)
 def grids(inclination: float) -> list[tuple[np.ndarray, np.ndarray]]:
     """Attitudes and unit fields at level, and at 20 degrees of tilt in eight directions."""
     headings = np.arange(24) * np.pi / 12
@@ -84,7 +84,7 @@ def _across(attitudes: np.ndarray, directions: np.ndarray) -> np.ndarray:
     return (y[:, None] * along_x - x[:, None] * along_y) / (x**2 + y**2)[:, None]
 
 
-@functools.cache
+@functools.lru_cache(maxsize=64)
 def _grids_across(inclination: float) -> list[np.ndarray]:
     return [_across(*grid) for grid in grids(inclination)]
 
