@@ -1,11 +1,22 @@
-"""Strict JAX settings for every test, and the way to numbers recorded by others."""
+"""Strict JAX settings for every test, one cache of compiled programs for a run, and the way to numbers recorded by others."""
 
 import os
 import pathlib
+import shutil
+import tempfile
 
 # Nine tenths of a run is compilation, and much of that optimisation, which makes the same programs faster: a run takes a quarter less
 # without it. Commands that tests start as processes are optimised; so is everything with XLA_FLAGS= in the environment.
 os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true")
+# Many programs are compiled more than once: by each process, by the commands, workers and notebooks they start, and for functions that are
+# made anew. One folder for them all saves a fifth of a run. What counts compilations counts what is looked up there too.
+_CACHE = None
+if "JAX_COMPILATION_CACHE_DIR" not in os.environ:  # the processes of a run find the folder of the first
+    _CACHE = tempfile.mkdtemp(prefix="jaxcal-tests-")
+    os.environ |= {
+        "JAX_COMPILATION_CACHE_DIR": _CACHE, "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.01",
+        "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": "-1",
+    }  # fmt: skip
 
 import jax
 import matplotlib
@@ -15,6 +26,12 @@ matplotlib.use("Agg")
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
+
+
+def pytest_unconfigure():
+    """Remove the cache of this run, in the process that made it."""
+    if _CACHE is not None:
+        shutil.rmtree(_CACHE, ignore_errors=True)
 
 
 @pytest.fixture(params=["float64", "float32"])
