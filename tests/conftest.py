@@ -8,16 +8,6 @@ import tempfile
 # Nine tenths of a run is compilation, and much of that optimisation, which makes the same programs faster: a run takes a quarter less
 # without it. Commands that tests start as processes are optimised; so is everything with XLA_FLAGS= in the environment.
 os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true")
-# Many programs are compiled more than once: by each process, by the commands, workers and notebooks they start, and for functions that are
-# made anew. One folder for them all saves a fifth of a run. What counts compilations counts what is looked up there too.
-_CACHE = None
-if "JAX_COMPILATION_CACHE_DIR" not in os.environ:  # the processes of a run find the folder of the first
-    _CACHE = tempfile.mkdtemp(prefix="jaxcal-tests-")
-    os.environ |= {
-        "JAX_COMPILATION_CACHE_DIR": _CACHE, "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.01",
-        "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": "-1",
-    }  # fmt: skip
-
 import jax
 import matplotlib
 import pytest
@@ -26,6 +16,16 @@ matplotlib.use("Agg")
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
+
+# Many programs are compiled more than once: by each process, and by the commands, workers and notebooks they start. One folder for all of
+# them saves a twelfth of a run. What counts compilations counts programs that are found there too.
+_CACHE = None
+if "JAX_COMPILATION_CACHE_DIR" not in os.environ:  # processes find the folder of the one that started them
+    _CACHE = tempfile.mkdtemp(prefix="jaxcal-tests-")
+    limits = {"jax_persistent_cache_min_compile_time_secs": 0.01, "jax_persistent_cache_min_entry_size_bytes": -1}
+    for name, value in {"jax_compilation_cache_dir": _CACHE, **limits}.items():
+        os.environ[name.upper()] = str(value)
+        jax.config.update(name, value)
 
 
 def pytest_unconfigure():
