@@ -1,12 +1,13 @@
-"""Strict JAX settings for every test, and the way to numbers recorded by others."""
+"""Strict JAX settings for every test, one cache of compiled programs for a run, and the way to numbers recorded by others."""
 
 import os
 import pathlib
+import shutil
+import tempfile
 
 # Nine tenths of a run is compilation, and much of that optimisation, which makes the same programs faster: a run takes a quarter less
 # without it. Commands that tests start as processes are optimised; so is everything with XLA_FLAGS= in the environment.
 os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true")
-
 import jax
 import matplotlib
 import pytest
@@ -15,6 +16,22 @@ matplotlib.use("Agg")
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
+
+# Many programs are compiled more than once: by each process, and by the commands, workers and notebooks they start. One folder for all of
+# them saves a twelfth of a run. What counts compilations counts programs that are found there too.
+_CACHE = None
+if "JAX_COMPILATION_CACHE_DIR" not in os.environ:  # processes find the folder of the one that started them
+    _CACHE = tempfile.mkdtemp(prefix="jaxcal-tests-")
+    limits = {"jax_persistent_cache_min_compile_time_secs": 0.01, "jax_persistent_cache_min_entry_size_bytes": -1}
+    for name, value in {"jax_compilation_cache_dir": _CACHE, **limits}.items():
+        os.environ[name.upper()] = str(value)
+        jax.config.update(name, value)
+
+
+def pytest_unconfigure():
+    """Remove the cache of this run, in the process that made it."""
+    if _CACHE is not None:
+        shutil.rmtree(_CACHE, ignore_errors=True)
 
 
 @pytest.fixture(params=["float64", "float32"])

@@ -193,7 +193,7 @@ class _Run:
                 job = waiting.popleft()
                 try:
                     flying[crew.submit(answer, str(job.path), *self.call)] = job
-                except (BrokenExecutor, RuntimeError) as error:
+                except Exception as error:  # every library has its own: BrokenExecutor, RuntimeError, Dask's ClosedClientError
                     raise self._stopped(error) from error
 
         while waiting or flying:
@@ -210,10 +210,12 @@ class _Run:
                     waiting.appendleft(job)
                 else:
                     self._keep(job.path, text)  # before a worker is given the next: what is lost by a kill is what workers hold
-            hand_out()
-            for job, text, seconds in back:
-                if text is not None:
-                    self._settle(job.path, text, seconds)
+            try:
+                hand_out()
+            finally:  # what is on the disk is in the manifest too, where the executor takes no more
+                for job, text, seconds in back:
+                    if text is not None:
+                        self._settle(job.path, text, seconds)
 
     def _outcome(self, job: _Job, future: Future, killed: bool, timeout: float | None) -> tuple[str | None, float | None]:
         """Text of the result file, or None to try again; and seconds."""
@@ -238,7 +240,7 @@ class _Run:
         return lost(str(job.path), *self.call, reason=f"{job.path.name}: {reason}")
 
     def _stopped(self, error: BaseException) -> DataError:
-        done = f"{len(self.entries)} of {len(self.logs)} logs are done"
+        done = f"{sum(entry.status == 'done' for entry in self.entries.values())} of {len(self.logs)} logs are done"
         kept = f" and kept in {self.store.folder}; the same call goes on from there" if self.store is not None else ""
         return DataError(f"the executor takes no more logs ({type(error).__name__}: {error}). {done}{kept}")
 

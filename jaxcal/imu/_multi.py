@@ -111,7 +111,7 @@ def multi_position(
     Examples
     --------
     >>> import jaxcal
-    >>> log = jaxcal.imu.simulate(poses=18, seed=0)
+    >>> log = jaxcal.imu.simulate(poses=18, rate=50, still=3, turn=2, seed=0)
     >>> found = jaxcal.imu.multi_position(log, gravity=9.81)
     >>> print(found.verdict, len(found.still))
     good 18

@@ -90,7 +90,7 @@ def test_tierms_traced(data):
     np.testing.assert_array_equal(traced.alpha, eager.alpha)
     assert np.isnan(traced.upper).all()
     options["alpha"] = 0
-    gradient = jax.grad(lambda y: jnp.sum(deviation(y, 10.0, **options).deviation))(jnp.asarray(y))
+    gradient = jax.jit(jax.grad(lambda y: jnp.sum(deviation(y, 10.0, **options).deviation)))(jnp.asarray(y))
     for i in (0, 50, 99):
         ends = [np.sum(deviation(y + s * 1e-6 * (np.arange(100) == i), 10.0, **options).deviation) for s in (1, -1)]
         np.testing.assert_allclose(gradient[i], (ends[0] - ends[1]) / 2e-6, rtol=1e-5, atol=1e-8)

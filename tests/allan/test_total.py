@@ -175,14 +175,14 @@ def test_totdev_traced_is_totdev():
             np.testing.assert_allclose(getattr(traced, name), getattr(eager, name), rtol=1e-6, err_msg=name)
     one = jnp.asarray(y[:, 0])
     weights = jnp.asarray([1.0, -0.5, 2.0, 0.3])
-    gradient = jax.grad(lambda y: weights @ deviation(y, 10.0, kind="totdev", m=m, alpha=0).deviation)(one)
+    gradient = jax.jit(jax.grad(lambda y: weights @ deviation(y, 10.0, kind="totdev", m=m, alpha=0).deviation))(one)
     for i in (0, 7, 79):
         ends = [
             np.asarray(weights) @ deviation(y[:, 0] + s * 1e-6 * (np.arange(80) == i), 10.0, kind="totdev", m=m, alpha=0).deviation
             for s in (1, -1)
         ]
         np.testing.assert_allclose(gradient[i], (ends[0] - ends[1]) / 2e-6, rtol=2e-6, atol=1e-9)
-    batch = jax.vmap(lambda y: deviation(y, 10.0, kind="totdev", m=m, alpha=0).deviation)(jnp.asarray(y.T))
+    batch = jax.jit(jax.vmap(lambda y: deviation(y, 10.0, kind="totdev", m=m, alpha=0).deviation))(jnp.asarray(y.T))
     np.testing.assert_allclose(batch, deviation(y, 10.0, kind="totdev", m=m, alpha=0).deviation.T, rtol=1e-10)
     with pytest.raises(Exception, match="a traced totdev needs a record without gaps"):
         jax.block_until_ready(jax.jit(lambda y: deviation(y, 1.0, kind="totdev", m=[2], alpha=0).deviation)(one.at[3].set(jnp.nan)))

@@ -40,7 +40,7 @@ def test_gradient_equals_finite_differences(kind):
     def loss(y):
         return jnp.sum(jnp.asarray(weights) * deviation(y, 10.0, kind=kind, m=M).deviation)
 
-    gradient = jax.grad(loss)(jnp.asarray(y))
+    gradient = jax.jit(jax.grad(loss))(jnp.asarray(y))
     step = 1e-6
     for i in (0, 7, 30, 59):
         shifted = [weights @ deviation(y + sign * step * (np.arange(60) == i), 10.0, kind=kind, m=M).deviation for sign in (1, -1)]
@@ -48,14 +48,14 @@ def test_gradient_equals_finite_differences(kind):
 
 
 def test_gradient_leaves_gaps_alone():
-    gradient = jax.grad(lambda y: jnp.sum(deviation(y, 10.0, m=M).deviation))(jnp.asarray(record(gaps=True)))
+    gradient = jax.jit(jax.grad(lambda y: jnp.sum(deviation(y, 10.0, m=M).deviation)))(jnp.asarray(record(gaps=True)))
     assert np.all(np.isfinite(gradient))
     assert np.all(np.asarray(gradient)[[20, 21, 150]] == 0.0)
 
 
 def test_vmap_equals_a_loop_and_channels():
     y = np.random.default_rng(2).standard_normal((3, 150))
-    batch = jax.vmap(lambda y: deviation(y, 10.0, m=M).deviation)(jnp.asarray(y))
+    batch = jax.jit(jax.vmap(lambda y: deviation(y, 10.0, m=M).deviation))(jnp.asarray(y))
     loop = np.stack([deviation(row, 10.0, m=M).deviation for row in y])
     np.testing.assert_allclose(batch, loop, rtol=1e-10)
     channels = jax.jit(lambda y: deviation(y, 10.0, m=M).deviation)(jnp.asarray(y.T))

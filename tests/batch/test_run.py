@@ -13,8 +13,12 @@ import pytest
 import jaxcal
 from jaxcal import DataError
 from jaxcal.batch import run
+from jaxcal.imu import multi_position
 
+from ..imu import cases
 from .conftest import counts, make_logs, results
+
+INDICES = [f"{i},{j}" for i in range(3) for j in range(3)]
 
 
 @pytest.fixture(scope="module")
@@ -201,3 +205,22 @@ def test_a_wrong_call_is_said_before_anything_is_done(tasks, room, tmp_path, poo
     assert said in str(caught.value)
     assert not (tmp_path / "out").exists()
     assert counts(room) == {}
+
+
+def test_a_fleet_of_multi_position_recordings(tmp_path, pool):
+    """Three units, the second of which was hardly moved; the others hold the truth of the simulation."""
+    for i, poses in enumerate((cases.POSES, 6, cases.POSES)):
+        log = cases.recording(i, poses=poses, up=cases.UP[:poses])
+        np.savez(tmp_path / f"unit{i}.npz", time=log.time, gyro=log.gyro, accel=log.accel)
+    fleet = run(tmp_path, "imu", executor=pool, workers=1, options={"gravity": cases.GRAVITY, "held_out": False})
+    assert [entry.status for entry in fleet] == ["done", "failed", "done"]
+    assert "the full model needs 9 at least" in fleet.failed[0].reason
+    sensors = [f"{sensor}.{part}" for sensor, part in (("accel", "matrix"), ("accel", "bias"), ("gyro", "matrix"), ("gyro", "bias"))]
+    names = [f"{sensor}[{k}]" for sensor in sensors for k in (["0", "1", "2"] if "bias" in sensor else INDICES)]
+    truth = dict(zip([*names, *(f"gyro.g_sensitivity[{k}]" for k in INDICES)], cases.turned_truth(), strict=True))
+    for entry in fleet.done:
+        assert set(truth) - set(entry.coefficients) == {"accel.matrix[1,0]", "accel.matrix[2,0]", "accel.matrix[2,1]"}  # zero by the frame
+        inside = [one.low <= truth[name] <= one.high for name, one in entry.coefficients.items()]
+        assert sum(inside) >= 25  # of 30, each with 95 %; fewer has a chance of 0.3 %
+    alone = multi_position(jaxcal.read(fleet.done[0].path, quiet=True), gravity=cases.GRAVITY, held_out=False)
+    assert [fleet.done[0].coefficients[name].value for name in names[-3:]] == alone.gyro.bias.tolist()

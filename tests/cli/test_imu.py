@@ -10,7 +10,8 @@ from jaxcal.imu._simulate import ACCEL, GYRO
 
 from .conftest import listing
 
-LOG = ("simulate", "imu", "--out", "log.csv", "--rate", "25", "--poses", "18", "--still", "3", "--turn", "2")
+# padded as those of tests/imu: one set of programs
+LOG = ("simulate", "imu", "--out", "log.csv", "--rate", "50", "--poses", "18", "--still", "3", "--turn", "2")
 
 
 def test_a_simulated_log_is_calibrated(call, folder):

@@ -51,7 +51,7 @@ def test_a_triad_is_traced_like_any_function():
     eager = np.asarray(gyro.correct(y, f))
     np.testing.assert_allclose(jax.jit(lambda t, a, b: t.correct(a, b))(gyro, y, f), eager, rtol=1e-12)
     np.testing.assert_allclose(jax.vmap(gyro.correct)(y, f), eager, rtol=1e-12)
-    slope = jax.grad(lambda t: jnp.sum(t.correct(y, f)[:, 0]))(gyro)
+    slope = jax.jit(jax.grad(lambda t: jnp.sum(t.correct(y, f)[:, 0])))(gyro)
     np.testing.assert_allclose(slope.bias, -5 * np.linalg.inv(gyro.matrix)[0], rtol=1e-12)
 
 
@@ -139,7 +139,7 @@ def test_conventions_are_the_three_factors_of_one_product():
     np.testing.assert_allclose(np.triu(lower, 1), 0, atol=1e-17)
     np.testing.assert_allclose(full, scipy.linalg.sqrtm(gram), rtol=1e-9)
     for name in ("upper", "lower", "full"):
-        slope = jax.jacfwd(lambda d, name=name: turned_to(d, name))(jnp.asarray(correction))
+        slope = jax.jit(jax.jacfwd(lambda d, name=name: turned_to(d, name)))(jnp.asarray(correction))
         change = 1e-3 * np.random.default_rng(0).normal(size=(3, 3)) * np.abs(correction).max()
         step = 1e-3
         finite = (turned_to(correction + step * change, name) - turned_to(correction - step * change, name)) / (2 * step)
@@ -153,9 +153,9 @@ def test_rotations_are_those_of_scipy_and_have_derivatives_at_the_identity(angle
     q = _rotation.exponential(v)
     np.testing.assert_allclose(_rotation.matrix(q), Rotation.from_rotvec(angle * axis).as_matrix(), atol=1e-14)
     np.testing.assert_allclose(_rotation.logarithm(q), v, atol=1e-12)
-    slope = jax.jacfwd(lambda v: _rotation.logarithm(_rotation.exponential(v)))(v)
+    slope = jax.jit(jax.jacfwd(lambda v: _rotation.logarithm(_rotation.exponential(v))))(v)
     np.testing.assert_allclose(slope, np.eye(3), atol=1e-7)
-    second = jax.hessian(lambda v: _rotation.exponential(v)[0])(v)
+    second = jax.jit(jax.hessian(lambda v: _rotation.exponential(v)[0]))(v)
     assert np.isfinite(second).all()
     if angle == 0:
         np.testing.assert_allclose(second, -np.eye(3) / 4, atol=1e-12)
@@ -199,7 +199,7 @@ def test_derivatives_of_the_attitude(integrator):
     step = 1e-5
     ends = [attitude(matrix + s * along[0], column + s * along[1], dt, integrator) for s in (step, -step)]
     np.testing.assert_allclose(slope, (ends[0] - ends[1]) / (2 * step), atol=1e-8)
-    back = jax.grad(lambda a: jnp.sum(attitude(a, column, dt, integrator)[:, 1]))(matrix)
+    back = jax.jit(jax.grad(lambda a: jnp.sum(attitude(a, column, dt, integrator)[:, 1])))(matrix)
     forward = jax.jvp(lambda a: jnp.sum(attitude(a, column, dt, integrator)[:, 1]), (matrix,), (along[0],))[1]
     assert float(jnp.sum(back * along[0])) == pytest.approx(float(forward), rel=1e-10)
     # padding with steps of no length changes nothing

@@ -17,7 +17,7 @@ from jaxcal.imu._simulate import NOISE
 
 from . import cases
 
-RUNS = 60
+RUNS = 40
 KNOWN = {sensor: {"N": value} for sensor, value in NOISE.items()}
 
 
@@ -36,19 +36,19 @@ def test_intervals_hold_the_truth(repeated):
     free = np.diag(repeated[0].covariance) > 0
     inside = np.array([(f.interval[:, 0] <= truth) & (truth <= f.interval[:, 1]) for f in repeated])[:, free]
     assert free.sum() == 30
-    # 60 fits of 30 parameters in groups that hang together: the standard error of the share is about 0.8 %
-    assert 0.93 <= inside.mean() <= 0.97
+    # 40 fits of 30 parameters in groups that hang together: the standard error of the share is about 1 %, of a third of them 1.8 %
+    assert 0.925 <= inside.mean() <= 0.975
     for part in (slice(0, 9), slice(9, 18), slice(18, 30)):
-        assert 0.91 <= inside[:, part].mean() <= 0.99
+        assert 0.905 <= inside[:, part].mean() <= 0.995
 
 
 def test_the_scatter_is_the_information_bound(repeated):
     free, inverse = cases.bound(repeated[0])
     errors = np.array([f.values for f in repeated])[:, free] - cases.turned_truth()[free]
     ratio = np.sqrt(np.mean(errors**2, axis=0) / np.diag(inverse))
-    # one ratio of 60 runs is known to 9 %, the mean of thirty to about 3 %
-    assert np.sqrt(np.mean(ratio**2)) == pytest.approx(1.0, abs=0.1)
-    assert ratio.max() < 1.35
+    # one ratio of 40 runs is known to 11 %, the mean of thirty to about 3.5 %
+    assert np.sqrt(np.mean(ratio**2)) == pytest.approx(1.0, abs=0.12)
+    assert ratio.max() < 1.42
     predicted = np.sqrt(np.mean([np.diag(f.covariance)[free] for f in repeated], axis=0) / np.diag(inverse))
     np.testing.assert_allclose(predicted, 1.0, atol=0.1)
 

@@ -163,7 +163,7 @@ def test_derivative_equals_finite_differences():
     def coefficient(y):
         return fit(y, RATE).noise.N
 
-    gradient = np.asarray(jax.grad(coefficient)(jnp.asarray(y)))
+    gradient = np.asarray(jax.jit(jax.grad(coefficient))(jnp.asarray(y)))
     direction = np.random.default_rng(0).standard_normal(600) * np.std(y)
     step = 1e-3  # the minimum is found to 1e-8, which a smaller step would magnify
     slope = (coefficient(y + step * direction) - coefficient(y - step * direction)) / (2 * step)

@@ -16,7 +16,7 @@ TERMS = ("Q", "N", "B", "K")
 
 @pytest.mark.parametrize(("noise", "tested"), [(Noise(N=1.0, B=0.3), "K"), (Noise(N=1.0), "K"), (Noise(N=1.0, K=0.02), "Q")])
 def test_skewness_of_the_statistic(noise, tested):
-    samples, runs = 2048, 3000
+    samples, runs = 2048, 2000
     y = np.stack([noise.simulate(samples, 1.0, seed=s) for s in range(runs)], axis=1)
     m = np.unique(np.round(np.logspace(0, np.log10(samples // 4), 18)).astype(int))
     found = jaxcal.allan.deviation(y, 1.0, m=m, alpha=0)

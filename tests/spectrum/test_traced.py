@@ -42,7 +42,7 @@ def test_gradient_equals_finite_differences(method):
         found = density(y, 10.0, method=method, sided=1)
         return jnp.sum(jnp.asarray(weights) * jnp.log(found.density))
 
-    gradient = jax.grad(loss)(jnp.asarray(y))
+    gradient = jax.jit(jax.grad(loss))(jnp.asarray(y))
     step = 1e-6
     for i in (0, 7, 40, 79):
         shifted = [
@@ -55,7 +55,7 @@ def test_gradient_equals_finite_differences(method):
 def test_vmap_equals_a_loop_and_channels(method):
     y = record(150, channels=3)
     loop = np.stack([density(column, 10.0, method=method).density for column in y.T])
-    batch = jax.vmap(lambda y: density(y, 10.0, method=method).density)(jnp.asarray(y.T))
+    batch = jax.jit(jax.vmap(lambda y: density(y, 10.0, method=method).density))(jnp.asarray(y.T))
     np.testing.assert_allclose(batch, loop, rtol=1e-9)
     channels = jax.jit(lambda y: density(y, 10.0, method=method).density)(jnp.asarray(y))
     np.testing.assert_allclose(channels, loop.T, rtol=1e-9)
