@@ -11,6 +11,7 @@ from jax import lax
 from .._types import Array, Float, Int
 from ._phase import BLOCK, running_sum_of_phase
 
+_ENDS = 64  # sums of a lane that are added one after another
 _LANE = 4096  # points per vector operation; BLOCK // _LANE of them are unrolled
 _WIDE: dict[str, bool | str] = {"xla_cpu_prefer_vector_width": "512"}  # a quarter quicker where a core has such vectors
 
@@ -90,7 +91,7 @@ def stacked_block_sums(
     parts = tuple(part.reshape(-1) for part in parts)
 
     def cluster(base, size, number):
-        def squares(start):
+        def differences(start):
             def take(array, shift):
                 if strided:
                     return array[base + (start + jnp.arange(_LANE) + shift) * size]
@@ -98,18 +99,22 @@ def stacked_block_sums(
 
             return _difference(parts, take, order)
 
-        def whole(block, total):
-            pieces = [squares(block * BLOCK + q * _LANE) for q in range(BLOCK // _LANE)]
-            return total + functools.reduce(operator.add, [d * d for d in pieces])
+        def summed(start, lanes):
+            pieces = [differences(start + q * _LANE) for q in range(lanes)]
+            return functools.reduce(operator.add, [d * d for d in pieces])
 
-        def cut(piece, total):
-            start = piece * _LANE
-            d = jnp.where(start + jnp.arange(_LANE) < number, squares(start), 0.0)
-            return total + d * d
+        blocks, last = number // BLOCK, number // _LANE * _LANE
 
-        blocks = number // BLOCK
-        total = lax.fori_loop(0, blocks, whole, jnp.zeros(_LANE, theta.dtype))
-        return jnp.sum(lax.fori_loop(blocks * (BLOCK // _LANE), (number + _LANE - 1) // _LANE, cut, total))
+        def rest(lanes):
+            """What is left beyond the whole blocks: so many lanes, and the one in which the record ends."""
+            d = jnp.where(last + jnp.arange(_LANE) < number, differences(last), 0.0)
+            return d * d + summed(blocks * BLOCK, lanes) if lanes else d * d
+
+        total = lax.switch((last - blocks * BLOCK) // _LANE, [functools.partial(rest, lanes) for lanes in range(BLOCK // _LANE)])
+        total = lax.fori_loop(0, blocks, lambda block, total: total + summed(block * BLOCK, BLOCK // _LANE), total)
+        while len(total) > _ENDS:  # a plain sum waits for every addition
+            total = total[: len(total) // 2] + total[len(total) // 2 :]
+        return jnp.sum(total)
 
     def record(args):
         index, sizes, numbers = args
