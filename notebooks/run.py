@@ -103,6 +103,11 @@ def main(names):
             run(client, notebook, place)
             tidy(notebook)
             nbformat.write(notebook, path)
+            first = next(
+                (output for cell in notebook.cells for output in cell.get("outputs", ()) if "image/png" in output.get("data", {})), None
+            )
+            if first is not None:  # the pages of the documentation show it
+                (FOLDER / "pictures" / f"{path.stem}.png").write_bytes(base64.b64decode(first.data["image/png"]))
             print(path.name, path.stat().st_size // 1000, "kB", flush=True)
 
 
