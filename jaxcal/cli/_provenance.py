@@ -12,6 +12,7 @@ def signed(log: Any, command: str, reading: Reading, options: Mapping[str, Any])
 
     from ..calibration import provenance
 
-    asked = {name: value for name, value in vars(reading).items() if value is not None and value is not False}
+    plain = Reading()
+    asked = {name: value for name, value in vars(reading).items() if value != getattr(plain, name)}
     found = provenance(log, command, {**options, **asked}, rate_given=reading.rate is not None)
     return eqx.tree_at(lambda one: one.provenance, log, found)

@@ -157,7 +157,8 @@ def _read(
         digest = pool.submit(_fingerprint, sources)
         found = _parse(kind, sources, topics, units, raw)
         size, sha256 = digest.result()
-    if isinstance(found, Table) and found.saved is not None and not columns and not units and rate is None and not phase:
+    plain = not (columns or units or phase) and rate is None and missing is None
+    if isinstance(found, Table) and found.saved is not None and plain:
         where = {"file": path.name, "size": size, "sha256": sha256, "format": kind}
         signals = interpret(found, {"time": None}, _SI, found.saved.rate)
         return restore(found.saved, signals.sensors, where)

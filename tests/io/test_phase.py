@@ -38,6 +38,16 @@ def test_phase_with_a_gap(tmp_path):
     np.testing.assert_allclose(log.gyro, expected, rtol=1e-9)
 
 
+def test_a_missing_value_of_a_converted_log(tmp_path):
+    """In SI, as the file has it."""
+    x = np.random.default_rng(0).normal(size=(300, 3))
+    x[7, 2] = 8.0
+    np.savez(tmp_path / "raw.npz", gyro=x, rate=10.0)
+    jaxcal.io.convert(tmp_path / "raw.npz", tmp_path / "a.npz", units="gyro=rad/s", quiet=True)
+    log = jaxcal.read(tmp_path / "a.npz", missing=8, quiet=True)
+    assert np.argwhere(np.isnan(log.gyro)).tolist() == [[7, 2]]
+
+
 def test_modified_julian_dates(tmp_path):
     """One reading a second from 2020-01-01 (58849) on; a first column of the day, in days."""
     rng = np.random.default_rng(0)
