@@ -170,6 +170,9 @@ class OwnCrew:
             )
         return begun
 
+    def ask(self) -> None:
+        """Our own processes tell when they end."""
+
     def overdue(self, seconds: float) -> list[Future]:
         """Kill the workers whose log takes longer; their futures."""
         late = [future for future, lane in self._busy.items() if lane.started and time.monotonic() - lane.began > seconds]
@@ -187,6 +190,7 @@ class GivenCrew:
 
     def __init__(self, executor: Executor, logs: int) -> None:
         self._executor, self._logs, self._flying = executor, logs, set()
+        self._question: Future | None = None
 
     @property
     def room(self) -> bool:
@@ -201,9 +205,15 @@ class GivenCrew:
         self._flying.remove(future)
         return False
 
+    def ask(self) -> None:
+        """Raise what the executor raises when it takes no more: one whose cluster is gone may never answer for the logs it holds."""
+        if self._question is not None:
+            self._question.cancel()
+        self._question = self._executor.submit(int)
+
     def overdue(self, seconds: float) -> list[Future]:
         return []
 
     def close(self, *, at_once: bool) -> None:
-        for future in list(self._flying):
+        for future in [*self._flying, *([] if self._question is None else [self._question])]:
             future.cancel()

@@ -26,6 +26,7 @@ from ._tasks import check_task, identity, reading_options
 
 _TRIES = 2  # workers that a log may kill, or executors that may lose it
 _LOOK = 0.5  # s between looks at the clock, and at the disk for the manifest every so often
+_SILENCE = 5.0  # s without an answer after which an executor is asked whether it still is there
 _MANIFEST_EVERY = 30.0  # s
 
 
@@ -187,6 +188,7 @@ class _Run:
 
     def _work(self, crew: Any, waiting: collections.deque, timeout: float | None) -> None:
         flying: dict[Future, _Job] = {}
+        heard = time.monotonic()
 
         def hand_out() -> None:
             while waiting and crew.room:
@@ -199,6 +201,14 @@ class _Run:
         while waiting or flying:
             hand_out()
             ready, _ = concurrent.futures.wait(flying, timeout=_LOOK, return_when=concurrent.futures.FIRST_COMPLETED)
+            if ready:
+                heard = time.monotonic()
+            elif time.monotonic() - heard > _SILENCE:
+                heard = time.monotonic()
+                try:
+                    crew.ask()
+                except Exception as error:
+                    raise self._stopped(error) from error
             for future in crew.overdue(timeout) if timeout is not None else ():
                 flying[future].late = True
             back = []
