@@ -1,7 +1,7 @@
 """jaxcal.magnetometer beside scipy's least_squares in one run, and the Monte Carlo tables, with fixed seeds.
 
     python benchmarks/magnetometer.py                  everything (minutes)
-    python benchmarks/magnetometer.py --only speed     one part: speed, partial, scenarios, coverage
+    python benchmarks/magnetometer.py --only speed     one part: speed, partial, scenarios, coverage, penalty
     python benchmarks/magnetometer.py --runs 300       more runs per cell of the tables
 
 Times are the best of several after compilation; compilation is timed on its own. Ratios above 1 favour jaxcal.
@@ -10,12 +10,11 @@ Times are the best of several after compilation; compilation is timed on its own
 import argparse
 import itertools
 import time
-import warnings
 
 import numpy as np
 import scipy.optimize
 
-from jaxcal.magnetometer import MagModel, body_field, bootstrap, fit, heading, scenario
+from jaxcal.magnetometer import MagModel, body_field, bootstrap, fit, scenario
 from jaxcal.magnetometer._uncertainty import heading_error
 
 MILD = MagModel(np.array([[1.10, 0.06, -0.04], [0.06, 0.92, 0.05], [-0.04, 0.05, 1.0]]), np.array([0.8, -0.5, 0.3]))
@@ -131,11 +130,10 @@ def partial(runs):
 
 
 def heading_errors(model):
+    """Errors at eight level headings in degrees, from the angle itself: also where `heading` would call the field too steep."""
     level = np.stack([HEADINGS, 0 * HEADINGS, 0 * HEADINGS], axis=1)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # where there is no heading it is NaN
-        found = heading(model.correct(PAPER.measure(body_field(level, FIELD, DIP))), np.tile([0.0, 0.0, -9.81], (8, 1)))
-    return np.rad2deg(np.angle(np.exp(1j * (found - HEADINGS))))
+    x, y, _ = np.asarray(model.correct(PAPER.measure(body_field(level, FIELD, DIP)))).T
+    return np.rad2deg(np.angle(np.exp(1j * (np.arctan2(-y, x) - HEADINGS))))
 
 
 def least_heading_error(field, sigma):
@@ -153,20 +151,23 @@ def least_heading_error(field, sigma):
 
 def scenarios(runs):
     print("\nrms heading error in degrees at eight level headings, of the bound and of each method; then for ml the ratio to the bound and")
-    print("to the prediction, the share of runs with all eight below 1 degree, and the verdicts. (n): runs without a heading, left out")
+    print("to the prediction, the share of runs with all eight below 1 degree, the verdicts, and how often the penalty had a part.")
+    print("ml 0: without it. (n): runs without an ellipsoid, left out")
     for sigma in (0.05, 0.1, 0.2, 0.5, 1.0):
         for name in ("all", "three_turns", "twelve_points"):
             fields = [body_field(scenario(name, seed=run), FIELD, DIP) for run in range(runs)]
             least = np.sqrt(np.mean([least_heading_error(field, sigma) ** 2 for field in fields]))
             cells = []
-            for method in ("ml", "constrained", "li_griffiths", "algebraic"):
-                rng, errors, predicted, verdicts = np.random.default_rng(3), [], [], []
+            for method in ("ml", "ml 0", "constrained", "li_griffiths", "algebraic"):
+                options = {"method": "ml", "penalty": 0.0} if method == "ml 0" else {"method": method}
+                rng, errors, predicted, verdicts, held = np.random.default_rng(3), [], [], [], 0
                 for field in fields:
                     m = PAPER.measure(field) + sigma * rng.normal(size=field.shape)
-                    found = fit(m, method=method, model="symmetric", inclination=DIP)
+                    found = fit(m, model="symmetric", inclination=DIP, **options)
                     verdicts.append(found.verdict)
-                    if found.model is not None and np.isfinite(off := heading_errors(found.model)).all():
-                        errors.append(off)
+                    held += found.penalty > 0
+                    if found.model is not None:
+                        errors.append(heading_errors(found.model))
                         predicted.append(np.rad2deg(found.heading_error[0]))
                 rms = np.sqrt(np.mean(np.square(errors)))
                 text = f"{method} {rms:.3g}" + (f" ({runs - len(errors)})" if len(errors) < runs else "")
@@ -174,9 +175,51 @@ def scenarios(runs):
                     ratio = rms / np.sqrt(np.mean(np.square(predicted)))
                     below = np.sum(np.max(np.abs(errors), axis=1) < 1) / runs
                     share = ", ".join(f"{word} {verdicts.count(word) / runs:.0%}" for word in ("good", "weak", "refused"))
-                    about = f"{rms / least:.2f}, {ratio:.2f}, {below:.2f}; {share}"
+                    spread = [np.sqrt(np.mean(np.square(errors)[rng.integers(runs, size=runs)])) / least for _ in range(400)]
+                    about = f"{rms / least:.2f}+-{np.std(spread):.2f}, {ratio:.2f}, {below:.2f}; {share}; penalty {held / runs:.0%}"
                 cells.append(text)
             print(f"{sigma:4.2f} uT {name:14s} bound {least:.3g};  " + ";  ".join(cells) + f";  ml: {about}", flush=True)
+
+
+STRETCHED = MagModel(PAPER.soft_iron, np.array([0.5, -1.0, 0.7]))
+#: sensor, number of readings, cosine of the cap's half angle, noise; field of norm 1
+FEW = {
+    "half sphere, 30 readings": (MILD, 30, 0.0, 0.05),
+    "cap of 60 degrees, 100 readings": (MILD, 100, 0.5, 0.02),
+    "whole sphere, 14 readings": (MILD, 14, -1.0, 0.05),
+    "half sphere, stretched, 40 readings": (STRETCHED, 40, 0.0, 0.04),
+}
+
+
+def penalties(runs):
+    print("\nrms / median / 95th percentile of the direction error in degrees (twelve points: heading error), by the weight of the penalty")
+    sphere = directions(300, np.random.default_rng(99))
+    for name, (sensor, count, lowest, sigma) in {"twelve points, 1 uT": (PAPER, 12, 0.0, 1.0), **FEW}.items():
+        rng, errors = np.random.default_rng(5), {weight: [] for weight in (0.0, 0.25, 0.5, 1.0)}
+        for run in range(4 * runs):
+            if sensor is PAPER:
+                field = body_field(scenario("twelve_points", seed=run), FIELD, DIP)
+            else:
+                field = directions(8 * count, rng)
+                field = np.concatenate([field, directions(8 * count, rng)])
+                field = field[field[:, 2] > lowest][:count]
+            m = sensor.measure(field) + sigma * rng.normal(size=field.shape)
+            for weight, kept in errors.items():
+                model = fit(m, model="symmetric", penalty=weight).model
+                if model is None:
+                    kept.append(np.nan)
+                elif sensor is PAPER:
+                    kept.append(np.sqrt(np.mean(heading_errors(model) ** 2)))
+                else:
+                    y = model.correct(sensor.measure(sphere))
+                    cosine = np.sum(sphere * y, axis=1) / np.linalg.norm(y, axis=1)
+                    kept.append(np.rad2deg(np.sqrt(np.mean(np.arccos(np.clip(cosine, -1, 1)) ** 2))))
+        cells = []
+        for weight, kept in errors.items():
+            e = np.array(kept)[np.isfinite(kept)]
+            left = f" ({len(kept) - len(e)} without an ellipsoid)" if len(e) < len(kept) else ""
+            cells.append(f"{weight:g}: {np.sqrt(np.mean(e**2)):.2f} / {np.median(e):.2f} / {np.percentile(e, 95):.1f}{left}")
+        print(f"{name}: " + ";  ".join(cells), flush=True)
 
 
 def covered(runs):
@@ -195,7 +238,7 @@ def covered(runs):
         print(f"{name}, {sigma} uT, {4 * runs} fits: {' '.join(f'{100 * s:.1f}' for s in share)}; mean {100 * share.mean():.1f} %")
 
 
-PARTS = {"speed": speed, "partial": partial, "scenarios": scenarios, "coverage": covered}
+PARTS = {"speed": speed, "partial": partial, "scenarios": scenarios, "coverage": covered, "penalty": penalties}
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)

@@ -62,6 +62,7 @@ def mag(
     place: tuple[float, float] | None = None,
     date: str | None = None,
     loss: Literal["none", "huber", "cauchy", "tukey"] = "none",
+    penalty: float = 0.5,
     align: Literal["none", "accel", "gyro"] = "none",
     force: bool = False,
     reading: Reading = Reading(),
@@ -91,6 +92,8 @@ def mag(
         Day of the log for --place, as 2026-05-31.
     loss
         Robust loss for logs with outliers.
+    penalty
+        Weight of what keeps fits of few readings from running off; 0 for none.
     align
         Find the rotation that norms cannot see, from poses at rest (accel) or from rates (gyro).
     force
@@ -103,7 +106,7 @@ def mag(
         with progress(f"reading {log.name}", running.quiet):
             options = {
                 "method": method, "model": model, "field": field, "inclination": inclination, "place": place, "date": date, "loss": loss,
-                "align": align,
+                "penalty": penalty, "align": align,
             }  # fmt: skip
             from ._provenance import signed
 
@@ -111,7 +114,7 @@ def mag(
         show_log(screen, recording)
         with progress("fitting", running.quiet):
             keep_compiled()
-            found = _fit(recording, method, model, earth, inclination, loss, align)
+            found = _fit(recording, method, model, earth, inclination, loss, penalty, align)
             _show(screen, found)
             if found.verdict == "refused" and not force:
                 import jaxcal
@@ -143,7 +146,7 @@ def _earth(field: float | None, inclination: float | None, place: tuple[float, f
         raise CallError(f"--place {place[0]:g} {place[1]:g} --date {date}: {error}") from error
 
 
-def _fit(log: Any, method: str, model: str, field: Any, inclination: float | None, loss: str, align: str) -> Any:
+def _fit(log: Any, method: str, model: str, field: Any, inclination: float | None, loss: str, penalty: float, align: str) -> Any:
     import numpy as np
 
     import jaxcal
@@ -156,6 +159,7 @@ def _fit(log: Any, method: str, model: str, field: Any, inclination: float | Non
     found = jaxcal.magnetometer.fit(
         log.mag[kept], method=method, model=model, field=field,
         inclination=None if inclination is None else np.deg2rad(inclination), loss=None if loss == "none" else loss,
+        penalty=penalty,
     )  # fmt: skip
     if align == "none" or found.model is None:
         return found

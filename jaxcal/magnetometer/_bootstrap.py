@@ -10,9 +10,11 @@ from .._errors import DataError
 from .._precision import host_float64
 from .._solve import solve_many
 from .._types import AnyArray
-from ._orthogonal import CURVED, bounds_of, padded
+from ._efficiency import Penalty
+from ._orthogonal import bounds_of, padded
 from ._quadric import Frame
-from ._residuals import Readings, distances, orthogonal, shape_and_centre
+from ._refined import CURVED
+from ._residuals import Readings, distances, guarded, orthogonal, shape_and_centre
 from ._result import MagFit
 from ._start import PLANAR, basis_of, parameters_of
 
@@ -70,9 +72,12 @@ def bootstrap(m: Any, found: MagFit, *, replicas: int = 1000, seed: int = 0) -> 
     weight[:, : len(m)] = np.sqrt(counts)
     basis = basis_of(found.kind)
     curved = found.noise * np.linalg.det(matrix) ** (1 / 3) > CURVED * frame.scale
+    noise = found.noise / frame.scale
+    penalty = Penalty.of(found.kind, noise, found.penalty) if found.penalty else None
     fits = solve_many(
-        orthogonal if curved else distances, begin, Readings(data.u, weight, 1.0, (found.noise / frame.scale) ** 2, basis),
-        batched=(False, Readings(False, True, False, False, False)), bounds=bounds_of(found.kind), max_steps=64, rtol=_PRECISE,
+        guarded if penalty else orthogonal if curved else distances, begin,
+        Readings(data.u, weight, 1.0, noise**2 if curved else 0.0, basis, penalty),
+        batched=(False, Readings(False, True, False, False, False, False)), bounds=bounds_of(found.kind), max_steps=64, rtol=_PRECISE,
     )  # fmt: skip
     shapes, centres = jax.vmap(shape_and_centre, (0, None))(jnp.asarray(fits.parameters), jnp.asarray(basis))
     shapes, centres = np.asarray(shapes) / frame.scale**2, frame.centre + frame.scale * np.asarray(centres)

@@ -26,7 +26,7 @@ METHODS = ("ml", "consistent", "algebraic", "li_griffiths", "constrained", "radi
 MODELS = ("auto", *SOLID, "planar")
 
 
-def checked(m, method, model, field, loss, inclination, choose) -> tuple[np.ndarray, float | None, float]:
+def checked(m, method, model, field, loss, inclination, choose, penalty) -> tuple[np.ndarray, float | None, float]:
     """Readings, norm of the field and dip; every option known and at home with the method."""
     if is_traced(m, field):
         raise DataError("`fit` decides on the host and cannot be traced; differentiate `distance_residuals` or `radial_residuals` instead.")
@@ -52,6 +52,8 @@ def checked(m, method, model, field, loss, inclination, choose) -> tuple[np.ndar
         raise DataError(f"Method {method!r} has no model {model!r}; it has {', '.join(map(repr, allowed))}. Method 'ml' has all.")
     if loss_name(loss) is not None and method not in ("ml", "radial"):
         raise DataError(f"Method {method!r} takes no loss; use method='ml' with loss={loss!r}.")
+    if not (isinstance(penalty, (int, float)) and 0 <= penalty < np.inf):
+        raise DataError(f"The penalty is {penalty!r}; give its weight: 0.5, 1 for Jeffreys' prior, or 0 for none.")
     norm, dip = _field(field)
     if norm is not None and model == "planar":
         raise DataError("Readings in a plane do not show the whole field: leave out `field` with model='planar'.")

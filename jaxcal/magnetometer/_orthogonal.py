@@ -11,14 +11,13 @@ import numpy as np
 from .._errors import DataError
 from .._solve import AbstractLoss, Cauchy, Fit, Huber, Tukey, covariance, solve
 from .._types import AnyArray, Array
+from ._efficiency import Penalty
 from ._residuals import Readings, orthogonal, radial
-from ._start import COUNT, PLANAR, basis_of, parameters_of, robust_start, start
+from ._start import COUNT, basis_of, parameters_of, robust_start, start
 
 LOSSES: dict[str, AbstractLoss] = {"huber": Huber(), "cauchy": Cauchy(), "tukey": Tukey()}
-CURVED = 0.02  # noise over radius above which the curvature term is worth a fit
 _ROUNDS = 5
 _PRECISE = 1e-5  # step to go, relative to the statistical uncertainty
-_LEVELLINGS, _SETTLED = 3, 3e-3
 _SMALLEST_PAD = 64
 
 
@@ -26,6 +25,8 @@ class Found(eqx.Module):
     """An ellipsoid in scaled readings: shape and centre, (9, 9) covariance of its parameters, noise, distances and weights.
 
     noise2 : the variance whose curvature term was taken off the distances.
+    penalty : weight of the penalty on directions in a corner, zero where it had no part; pull : how far it moved the fit, in
+        standard errors of what the readings alone say.
     """
 
     parameters: np.ndarray
@@ -39,14 +40,16 @@ class Found(eqx.Module):
     kind: str = eqx.field(static=True)
     message: str = eqx.field(static=True, default="")
     noise2: float = 0.0
+    penalty: float = 0.0
+    pull: float = 0.0
 
 
-def padded(u: np.ndarray, kind: str, scale: float = 1.0, noise2: float = 0.0) -> Readings:
+def padded(u: np.ndarray, kind: str, scale: float = 1.0, noise2: float = 0.0, penalty: Penalty | None = None) -> Readings:
     """Readings filled up to a power of two with weight zero, so that logs of any length share a compiled program."""
     size = max(_SMALLEST_PAD, 1 << (len(u) - 1).bit_length())
     full = np.concatenate([u, np.repeat(u[:1], size - len(u), axis=0)])
     weight = (np.arange(size) < len(u)).astype(float)
-    return Readings(full, weight, np.float64(scale), np.float64(noise2), basis_of(kind))
+    return Readings(full, weight, np.float64(scale), np.float64(noise2), basis_of(kind), penalty)
 
 
 def bounds_of(kind: str) -> tuple[np.ndarray, np.ndarray]:
@@ -55,8 +58,8 @@ def bounds_of(kind: str) -> tuple[np.ndarray, np.ndarray]:
     return np.where(idle, 0.0, -np.inf), np.where(idle, 0.0, np.inf)
 
 
-class _Solved(eqx.Module):
-    """A fit with what is asked of every one."""
+class Solved(eqx.Module):
+    """A fit of the readings with what is asked of every one."""
 
     fit: Fit
     usable: Array
@@ -64,16 +67,17 @@ class _Solved(eqx.Module):
 
 
 @functools.partial(jax.jit, static_argnames=("function", "loss"))
-def _solved(function: Callable, start: AnyArray, data: Readings, bounds: tuple[AnyArray, AnyArray], loss: str | None) -> _Solved:
-    """A fit, its covariance and whether it converged as one program: a fit of some hundred readings takes less than to call them."""
-    fit = solve(function, start, data, loss=None if loss is None else LOSSES[loss], bounds=bounds, rtol=_PRECISE)
-    return _Solved(eqx.tree_at(lambda f: f.problem, fit, None), fit.usable, covariance(fit, scaled=True))
+def attempt(function: Callable, start: AnyArray, data: Readings, bounds: tuple[AnyArray, AnyArray], loss: str | None) -> Solved:
+    """A fit, its covariance and whether it converged as one program: a fit of some hundred readings takes less than to call them.
 
-
-def geometric(u: np.ndarray, kind: str, loss: str | None = None, cost: str = "orthogonal") -> Found:
-    """Least squares of orthogonal (or radial) distances, from the best algebraic start."""
-    found = flat(u, kind, loss, cost)
-    return found if cost == "radial" else levelled(found, u, loss)
+    Several rows of `start` are tried, and the best is kept. Residuals beyond those of the readings, a penalty's, move the fit and
+    are then left out: covariance and weights are those of the readings.
+    """
+    begin, starts = (start, None) if start.ndim == 1 else (start[0], start)
+    fit = solve(function, begin, data, loss=None if loss is None else LOSSES[loss], bounds=bounds, starts=starts, rtol=_PRECISE)
+    own = lambda f: (f.residuals, f.jacobian, f.weights, f.curvature)  # noqa: E731
+    fit = eqx.tree_at(own, fit, tuple(x[: len(data.u)] for x in own(fit)))
+    return Solved(eqx.tree_at(lambda f: f.problem, fit, None), fit.usable, covariance(fit, scaled=True))
 
 
 def flat(u: np.ndarray, kind: str, loss: str | None = None, cost: str = "orthogonal", begin: np.ndarray | None = None) -> Found:
@@ -82,7 +86,7 @@ def flat(u: np.ndarray, kind: str, loss: str | None = None, cost: str = "orthogo
         begin = parameters_of(kind, *(start if loss is None else robust_start)(u, kind))
     function = radial if cost == "radial" else orthogonal
     if loss is None:
-        solved, scale = _solved(function, begin, padded(u, kind), bounds_of(kind), None), 1.0
+        solved, scale = attempt(function, begin, padded(u, kind), bounds_of(kind), None), 1.0
     else:
         solved, scale = _robust(function, begin, u, kind, loss)
     if cost == "radial":
@@ -90,33 +94,17 @@ def flat(u: np.ndarray, kind: str, loss: str | None = None, cost: str = "orthogo
         found = described(np.asarray(solved.fit.parameters), u, kind)
         news = (bool(solved.usable), np.asarray(solved.fit.weights)[: len(u)])
         return eqx.tree_at(lambda f: (f.converged, f.weight), found, news)
-    return _found(solved, scale, len(u), kind)
+    return described_by(solved, scale, len(u), kind)
 
 
-def levelled(found: Found, u: np.ndarray, loss: str | None = None) -> Found:
-    """The fit with sigma^2 times the mean curvature taken off, where the noise is large enough to matter."""
-    radius = float(np.linalg.det(found.shape)) ** (-1 / 6)
-    if not 0.5 * radius > found.noise > CURVED * radius:
-        return found
-    # readings in a plane have no noise across it: of the two principal curvatures one counts
-    share = 0.5 if found.kind in PLANAR else 1.0
-    scale = 1.0 if loss is None else found.noise
-    for _ in range(_LEVELLINGS):
-        noise2 = share * found.noise**2
-        solved = _solved(orthogonal, found.parameters, padded(u, found.kind, scale, noise2), bounds_of(found.kind), loss)
-        last, found = found.noise, _found(solved, scale, len(u), found.kind, noise2)
-        if abs(found.noise - last) < _SETTLED * last:
-            break
-    return found
-
-
-def _found(solved: _Solved, scale: float, count: int, kind: str, noise2: float = 0.0) -> Found:
+def described_by(solved: Solved, scale: float, count: int, kind: str, noise2: float = 0.0) -> Found:
+    """What a solution says of the ellipsoid; infinite covariance where the readings alone do not determine it."""
     fit, usable = solved.fit, bool(solved.usable)
-    parameters, residuals = np.asarray(fit.parameters), np.asarray(fit.residuals)
+    parameters, residuals, covariance = np.asarray(fit.parameters), np.asarray(fit.residuals), np.asarray(solved.covariance)
     return Found(
         parameters,
         *ellipsoid(parameters, kind),
-        np.asarray(solved.covariance),
+        covariance if np.isfinite(covariance).all() else np.full_like(covariance, np.inf),
         _sigma(residuals, fit.robust, scale, count, kind),
         scale * residuals[:count],
         np.asarray(fit.weights)[:count],
@@ -127,12 +115,18 @@ def _found(solved: _Solved, scale: float, count: int, kind: str, noise2: float =
     )
 
 
-def ellipsoid(parameters: np.ndarray, kind: str) -> tuple[np.ndarray, np.ndarray]:
-    """Shape matrix and centre (`shape_and_centre` in NumPy, which has nothing to dispatch)."""
+def upper_of(parameters: np.ndarray, kind: str) -> tuple[np.ndarray, np.ndarray]:
+    """U and the centre (`upper_and_centre` in NumPy, which has nothing to dispatch)."""
     full = basis_of(kind) @ parameters
     upper = np.zeros((3, 3))
     upper[np.triu_indices(3)] = full[:6]
-    return upper.T @ upper, full[6:]
+    return upper, full[6:]
+
+
+def ellipsoid(parameters: np.ndarray, kind: str) -> tuple[np.ndarray, np.ndarray]:
+    """Shape matrix and centre."""
+    upper, centre = upper_of(parameters, kind)
+    return upper.T @ upper, centre
 
 
 def _spread(residuals, count: int, free: int) -> float:
@@ -141,12 +135,12 @@ def _spread(residuals, count: int, free: int) -> float:
     return size * float(np.sqrt(count / max(count - free, 1)))
 
 
-def _robust(function, begin, u, kind, loss) -> tuple[_Solved, float]:
+def _robust(function, begin, u, kind, loss) -> tuple[Solved, float]:
     """Fit and scale by turns, from a start of high breakdown point; Tukey's loss, which has many minima, could start nowhere else."""
     count, free = len(u), COUNT[kind]
     scale = max(_spread(_residuals(function, jnp.asarray(begin), _jax(padded(u, kind))), count, free), 1e-13)
     for _ in range(_ROUNDS):
-        solved = _solved(function, begin, padded(u, kind, scale), bounds_of(kind), loss)
+        solved = attempt(function, begin, padded(u, kind, scale), bounds_of(kind), loss)
         begin, last = np.asarray(solved.fit.parameters), scale
         scale = max(_spread(solved.fit.residuals, count, free) * scale, 1e-13)
         if abs(scale - last) < 1e-3 * last:

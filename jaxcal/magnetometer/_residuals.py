@@ -5,6 +5,7 @@ import jax.numpy as jnp
 
 from .._types import Any, Array
 from ._distance import levelled_distance, signed_distance
+from ._efficiency import shortfall
 from ._model import MagModel
 
 
@@ -14,6 +15,7 @@ class Readings(eqx.Module):
     u : (n, 3) scaled readings. weight : (n,), zero for padding. scale : of a residual.
     noise2 : noise variance that the curvature term takes off.
     basis : (9, 9) from the parameters to the upper triangle of U by rows, and the centre; columns of zeros have no meaning.
+    penalty : `Penalty` of `guarded`, which alone has one.
     """
 
     u: Any
@@ -21,14 +23,20 @@ class Readings(eqx.Module):
     scale: Any
     noise2: Any
     basis: Any
+    penalty: Any = None
+
+
+def upper_and_centre(parameters: Array, basis: Array) -> tuple[Array, Array]:
+    """U and the centre of {x : |U (x - centre)| = 1}."""
+    a, b, c, d, e, f, *centre = basis @ parameters
+    zero = jnp.zeros_like(a)
+    return jnp.stack([jnp.stack([a, b, c]), jnp.stack([zero, d, e]), jnp.stack([zero, zero, f])]), jnp.stack(centre)
 
 
 def shape_and_centre(parameters: Array, basis: Array) -> tuple[Array, Array]:
-    """A = U'U, positive whatever the parameters are, and the centre of {x : |U (x - centre)| = 1}."""
-    a, b, c, d, e, f, *centre = basis @ parameters
-    zero = jnp.zeros_like(a)
-    upper = jnp.stack([jnp.stack([a, b, c]), jnp.stack([zero, d, e]), jnp.stack([zero, zero, f])])
-    return upper.T @ upper, jnp.stack(centre)
+    """A = U'U, positive whatever the parameters are, and the centre."""
+    upper, centre = upper_and_centre(parameters, basis)
+    return upper.T @ upper, centre
 
 
 def distances(parameters: Array, data: Readings) -> Array:
@@ -44,6 +52,13 @@ def orthogonal(parameters: Array, data: Readings) -> Array:
     """
     shape, centre = shape_and_centre(parameters, data.basis)
     return data.weight * levelled_distance(shape, data.u - centre[None, :], data.noise2) / data.scale
+
+
+def guarded(parameters: Array, data: Readings) -> Array:
+    """Those of `orthogonal`, and one more whose square is the penalty on an ellipsoid that leaves the directions in a corner."""
+    upper, centre = upper_and_centre(parameters, data.basis)
+    last = shortfall(upper, data.u - centre[None, :], data.weight, data.penalty) / data.scale
+    return jnp.concatenate([orthogonal(parameters, data), last[None]])
 
 
 def radial(parameters: Array, data: Readings) -> Array:

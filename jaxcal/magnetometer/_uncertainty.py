@@ -6,6 +6,7 @@ import equinox as eqx
 import numpy as np
 
 from ._attitude import body_field, rotation
+from ._efficiency import BASES, natural_rows
 from ._orthogonal import Found
 from ._quadric import Frame, matrix_of, triangle
 from ._start import PLANAR, basis_of
@@ -145,16 +146,6 @@ def _angle(attitudes, y):
     return np.arctan2(-level[:, 1], level[:, 0])
 
 
-_BASES = {"symmetric": np.eye(9), "diagonal": np.eye(9)[:, [0, 2, 5, 6, 7, 8]], "ellipse": np.eye(9)[:, _PLANAR]}
-_BASES["sphere"] = np.concatenate([np.eye(9)[:, [0, 2, 5]].sum(axis=1, keepdims=True) / np.sqrt(3), np.eye(9)[:, 6:]], axis=1)
-_BASES["circle"] = np.concatenate([np.eye(9)[:, [0, 2]].sum(axis=1, keepdims=True) / np.sqrt(2), np.eye(9)[:, 6:8]], axis=1)
-
-
-def _rows(directions: np.ndarray) -> np.ndarray:
-    x, y, z = directions.T
-    return np.stack([x * x, 2 * x * y, y * y, 2 * x * z, 2 * y * z, z * z, -2 * x, -2 * y, -2 * z], axis=1) / 2
-
-
 class Information(eqx.Module):
     """How well directions determine a model.
 
@@ -174,8 +165,8 @@ def information(directions: np.ndarray, kind: str, relative_noise: float) -> Inf
     Columns keep their natural scale: with columns of unit length a thin band of directions looks well conditioned. A row is
     (u'Qu - 2c'u)/2 for the change Q of A and c of the centre; noise of size s across u alone moves it by s |(Qu - c)_across|.
     """
-    basis = _BASES[kind]
-    values, vectors = np.linalg.svd(triangle(_rows(directions) @ basis) / np.sqrt(len(directions)))[1:]
+    basis = BASES[kind]
+    values, vectors = np.linalg.svd(triangle(natural_rows(directions) @ basis) / np.sqrt(len(directions)))[1:]
     condition = float(values[0] / values[-1]) if len(values) == basis.shape[1] and values[-1] > 1e-12 * values[0] else np.inf
     weak = basis @ vectors[-1]
     slope = directions @ matrix_of(weak[:6] * np.array([1, 2, 1, 2, 2, 1])) - weak[6:]

@@ -18,6 +18,7 @@ _MANY_OUTLIERS = 0.01
 _NOISY, _TOO_NOISY = 0.1, 0.2
 _ILL, _SINGULAR = 1000.0, 1e8
 _BY_NOISE = 0.5
+_BY_PENALTY = 0.5  # standard errors
 
 
 class Judgement(eqx.Module):
@@ -106,5 +107,8 @@ def _by_size(found: Found, error: np.ndarray, told: Information, limits, planar:
             f"{len(found.distance)} readings leave the noise uncertain by a factor of {doubt:.2g}: the heading may be wrong by "
             f"{level * doubt:.2g} degrees rms."
         )
+    if found.pull > _BY_PENALTY:
+        size = f"by {found.pull:.2g} standard errors" if found.pull < 100 else "without limit"
+        weak.append(f"The readings alone leave the ellipsoid open: the penalty on small coverage moved it {size}.")
     if told.condition > _ILL:
         weak.append(f"The readings hardly determine {told.weakest} (condition number {told.condition:.0f}).")

@@ -36,11 +36,12 @@ def paper_readings(name, sigma, seed, **options):
     return readings(PAPER, body_field(attitudes, FIELD, DIP), sigma, seed)
 
 
-def heading_errors(model, sensor=PAPER, field=FIELD, dip=DIP):
-    """Errors at the eight level test headings, in degrees, readings without noise."""
+def heading_errors(model, sensor=PAPER, field=FIELD, dip=DIP, steep=False):
+    """Errors at the eight level test headings, in degrees, readings without noise; steep: also of a field too steep for `heading`."""
     level = np.stack([HEADINGS, 0 * HEADINGS, 0 * HEADINGS], axis=1)
     up = np.tile([0.0, 0.0, -9.81], (8, 1))
-    found = heading(model.correct(sensor.measure(body_field(level, field, dip))), up)
+    corrected = model.correct(sensor.measure(body_field(level, field, dip)))
+    found = np.arctan2(-corrected[:, 1], corrected[:, 0]) if steep else heading(corrected, up)
     return np.rad2deg(np.angle(np.exp(1j * (found - HEADINGS))))
 
 

@@ -272,6 +272,8 @@ BAD = [
     ({"field": 1.0, "model": "planar"}, "leave out `field`"),
     ({"inclination": 2.0}, "inclination"),
     ({"choose": "aic"}, "no way to choose"),
+    ({"penalty": -0.5}, "penalty is -0.5"),
+    ({"penalty": np.nan}, "penalty is nan"),
 ]
 
 

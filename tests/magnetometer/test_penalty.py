@@ -1,0 +1,123 @@
+"""The penalty on directions in a corner of the sphere: its derivatives, its minimum, and fits that would run off without it."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import scipy.optimize
+
+from jaxcal.magnetometer import bootstrap, fit
+from jaxcal.magnetometer._distance import levelled_distance
+from jaxcal.magnetometer._efficiency import BASES, Penalty, half_log_det, natural_rows, shortfall
+from jaxcal.magnetometer._start import COUNT, PLANAR
+
+from . import cases
+
+UPPER = np.array([[1.1, 0.2, -0.1], [0.0, 0.8, 0.3], [0.0, 0.0, 0.9]])
+CAP = cases.directions(40, 3, "hemisphere")
+
+
+def log_det(upper, z, kind):
+    """log det M / 2, written out."""
+    v = z @ upper.T
+    rows = natural_rows(v / np.linalg.norm(v, axis=1, keepdims=True)) @ BASES[kind]
+    return np.linalg.slogdet(rows.T @ rows / len(z))[1] / 2
+
+
+@pytest.mark.parametrize("kind", COUNT)
+def test_the_penalty_and_its_slopes(kind):
+    z, upper = CAP.copy(), UPPER.copy()
+    if kind in PLANAR:
+        z[:, 2] = upper[:2, 2] = 0.0
+    form = Penalty.of(kind, 0.1, 0.5)
+    weight = np.ones(len(z))
+    value, by_upper, by_z = half_log_det(upper, z, weight, form.basis, form.idle)
+    assert value == pytest.approx(log_det(upper, z, kind), abs=1e-5)
+    steps = [(1e-6 * np.eye(9)[i].reshape(3, 3), by_upper.ravel()[i]) for i in ((0, 1, 4) if kind in PLANAR else range(9))]
+    for step, slope in steps:
+        finite = (log_det(upper + step, z, kind) - log_det(upper - step, z, kind)) / 2e-6
+        assert slope == pytest.approx(finite, abs=1e-5)
+    step = 1e-6 * np.random.default_rng(0).normal(size=z.shape) * (np.arange(3) < (2 if kind in PLANAR else 3))
+    finite = (log_det(upper, z + step, kind) - log_det(upper, z - step, kind)) / 2
+    assert np.sum(by_z * step) == pytest.approx(finite, rel=1e-4)
+    # as a residual: eager, compiled, and its derivative; no directions whatever are better than the bound
+    square = 0.5 * 0.1**2 * (form.top - 2 * value)
+    arrays = [jnp.asarray(x) for x in (upper, z, weight)]
+    form = jax.tree.map(jnp.asarray, form)
+    assert square > 0
+    for function in (shortfall, jax.jit(shortfall)):
+        assert float(function(*arrays, form)) ** 2 == pytest.approx(square, rel=1e-9)
+    slope = jax.jvp(lambda u: shortfall(u, *arrays[1:], form), (arrays[0],), (jnp.eye(3),))[1]
+    assert float(slope) == pytest.approx(-0.5 * 0.1**2 * np.trace(by_upper) / np.sqrt(square), rel=1e-9)
+
+
+def test_even_coverage_is_the_best_of_all():
+    """log det M of the whole sphere from its moments: 1/3 of x^2, 1/5 of x^4, 1/15 of x^2 y^2."""
+    dense = cases.directions(200_000, 0)
+    even = (3 * np.log(1 / 3) + np.log(1 / 12) + 5 * np.log(1 / 30) + 3 * np.log(2)) / 2  # the couplings have rows 2xy
+    assert log_det(np.eye(3), dense, "symmetric") == pytest.approx(even, abs=0.01)
+    assert log_det(np.eye(3), CAP, "symmetric") < even - 1
+    assert Penalty.of("symmetric", 1.0, 1.0).top > 2 * even
+
+
+def few(seed, sigma=1.0):
+    return cases.paper_readings("twelve_points", sigma, seed)
+
+
+def test_the_fit_is_the_minimum_of_what_it_says():
+    """Sum of squared distances over 2 sigma^2, less w/2 log det M, from the definitions; sigma is the fit's own."""
+    m = few(1)
+    found = fit(m, model="symmetric", penalty=1.0)
+    assert found.penalty == 1.0
+    matrix = np.linalg.inv(found.model.soft_iron) / found.field
+    radius = found.field
+    assert found.noise < 0.02 * radius  # else the curvature term would have its part
+
+    @jax.jit
+    def cost(p):
+        upper = jnp.zeros((3, 3)).at[np.triu_indices(3)].set(p[:6]) / radius
+        z = jnp.asarray(m) - p[None, 6:] * radius
+        v = z @ upper.T
+        rows = natural_rows(v / jnp.linalg.norm(v, axis=1, keepdims=True), jnp)
+        distance = levelled_distance(upper.T @ upper, z, jnp.asarray(0.0))
+        return jnp.sum(distance**2) / (2 * found.noise**2) - jnp.linalg.slogdet(rows.T @ rows / len(m))[1] / 2
+
+    best = np.r_[np.linalg.cholesky(matrix.T @ matrix).T[np.triu_indices(3)] * radius, found.model.hard_iron / radius]
+    both = jax.jit(jax.value_and_grad(cost))
+    searched = scipy.optimize.minimize(lambda p: tuple(np.asarray(x, dtype=float) for x in both(jnp.asarray(p))), best * 1.02, jac=True)
+    assert float(cost(jnp.asarray(best))) == pytest.approx(searched.fun, abs=1e-5)
+    assert float(cost(jnp.asarray(best * 1.02))) > searched.fun + 0.01
+
+
+def test_readings_that_say_enough_are_left_alone():
+    m = cases.paper_readings("all", 0.2, 0)
+    found, plain = fit(m), fit(m, penalty=0.0)
+    assert found.penalty == 0.0
+    np.testing.assert_array_equal(found.model.hard_iron, plain.model.hard_iron)
+    np.testing.assert_array_equal(found.model.soft_iron, plain.model.soft_iron)
+
+
+def test_a_fit_that_ran_off_is_held_and_says_so():
+    # the first draw whose likelihood has no maximum
+    off = next(m for m in map(few, range(200)) if "did not converge" in fit(m, model="symmetric", penalty=0.0).reason)
+    found = fit(off, model="symmetric")
+    assert np.linalg.norm(found.model.hard_iron - cases.PAPER.hard_iron) < cases.FIELD
+    assert found.verdict != "good"
+    assert "penalty on small coverage moved it" in found.reason
+
+
+def test_the_bootstrap_has_the_penalty_too():
+    m = cases.readings(cases.MILD, cases.directions(60, 5, "hemisphere"), 0.05, 5)
+    found = fit(m, model="symmetric")
+    assert found.penalty == 0.5
+    drawn = bootstrap(m, found, replicas=200)
+    assert np.std(drawn[:, 6:], axis=0) == pytest.approx(found.hard_iron_error, rel=0.4)
+
+
+def test_outliers_and_the_penalty():
+    m = cases.readings(cases.MILD, cases.directions(30, 5, "hemisphere"), 0.05, 5)
+    m[7] += 3.0
+    found = fit(m, model="symmetric", loss="tukey")
+    assert found.penalty == 0.5
+    assert 7 in found.outliers
+    assert cases.direction_error(found.model, cases.MILD) < 15
