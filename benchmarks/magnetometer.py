@@ -1,7 +1,7 @@
 """jaxcal.magnetometer beside scipy's least_squares in one run, and the Monte Carlo tables, with fixed seeds.
 
     python benchmarks/magnetometer.py                  everything (minutes)
-    python benchmarks/magnetometer.py --only speed     one part: speed, partial, scenarios, coverage, penalty
+    python benchmarks/magnetometer.py --only speed     one part: speed, partial, scenarios, coverage, penalty, known
     python benchmarks/magnetometer.py --runs 300       more runs per cell of the tables
 
 Times are the best of several after compilation; compilation is timed on its own. Ratios above 1 favour jaxcal.
@@ -181,6 +181,26 @@ def scenarios(runs):
             print(f"{sigma:4.2f} uT {name:14s} bound {least:.3g};  " + ";  ".join(cells) + f";  ml: {about}", flush=True)
 
 
+def known(runs):
+    print("\nhalf a sphere, 300 readings, by the standard deviation of the given field: rms hard-iron error in per cent of the field,")
+    print("mean share of it inside the intervals of 95 %; the given norms have that error")
+    size = np.linalg.det(MILD.soft_iron) ** (1 / 3)
+    for sigma in (0.02, 0.05):
+        cells = []
+        for error in (None, 0.05, 0.02, 0.01):
+            rng, offsets, inside = np.random.default_rng(7), [], []
+            for _ in range(4 * runs):
+                m = MILD.measure(directions(300, rng, "hemisphere"))
+                m = m + sigma * rng.normal(size=m.shape)
+                norm = size * np.exp((error or 0.0) * rng.normal())
+                found = fit(m, model="symmetric", field=norm, field_error=error)
+                offsets.append(found.model.hard_iron - MILD.hard_iron)
+                inside.append(np.abs(offsets[-1]) < 1.96 * found.hard_iron_error)
+            rms = 100 * np.sqrt(np.mean(np.sum(np.square(offsets), axis=1)))
+            cells.append(f"{error if error else 'none'}: {rms:.2f}, {100 * np.mean(inside):.1f} %")
+        print(f"{100 * sigma:g} % noise: " + ";  ".join(cells), flush=True)
+
+
 STRETCHED = MagModel(PAPER.soft_iron, np.array([0.5, -1.0, 0.7]))
 #: sensor, number of readings, cosine of the cap's half angle, noise; field of norm 1
 FEW = {
@@ -238,7 +258,7 @@ def covered(runs):
         print(f"{name}, {sigma} uT, {4 * runs} fits: {' '.join(f'{100 * s:.1f}' for s in share)}; mean {100 * share.mean():.1f} %")
 
 
-PARTS = {"speed": speed, "partial": partial, "scenarios": scenarios, "coverage": covered, "penalty": penalties}
+PARTS = {"speed": speed, "partial": partial, "scenarios": scenarios, "coverage": covered, "penalty": penalties, "known": known}
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)

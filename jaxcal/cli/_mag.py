@@ -1,6 +1,7 @@
 """`jaxcal mag`: hard and soft iron of a magnetometer from a log of it in many attitudes."""
 
 import datetime
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -59,6 +60,7 @@ def mag(
     model: Model = "auto",
     field: float | None = None,
     inclination: float | None = None,
+    field_error: float | None = None,
     place: tuple[float, float] | None = None,
     date: str | None = None,
     loss: Literal["none", "huber", "cauchy", "tukey"] = "none",
@@ -84,6 +86,8 @@ def mag(
         What to fit: sphere (hard iron), diagonal, symmetric (soft iron), or planar for turns about one axis.
     field
         Norm of Earth's field there, in uT; by default the size of the readings stays.
+    field_error
+        Relative standard deviation of that norm in the log's unit, such as 0.02: the fit then uses it.
     inclination
         Dip of the field in degrees, for the heading error; by default 57.
     place
@@ -106,7 +110,7 @@ def mag(
         with progress(f"reading {log.name}", running.quiet):
             options = {
                 "method": method, "model": model, "field": field, "inclination": inclination, "place": place, "date": date, "loss": loss,
-                "penalty": penalty, "align": align,
+                "penalty": penalty, "align": align, "field_error": field_error,
             }  # fmt: skip
             from ._provenance import signed
 
@@ -114,7 +118,11 @@ def mag(
         show_log(screen, recording)
         with progress("fitting", running.quiet):
             keep_compiled()
-            found = _fit(recording, method, model, earth, inclination, loss, penalty, align)
+            chosen = {
+                "method": method, "model": model, "field": earth, "field_error": field_error, "penalty": penalty,
+                "inclination": None if inclination is None else math.radians(inclination), "loss": None if loss == "none" else loss,
+            }  # fmt: skip
+            found = _fit(recording, align, chosen)
             _show(screen, found)
             if found.verdict == "refused" and not force:
                 import jaxcal
@@ -146,7 +154,7 @@ def _earth(field: float | None, inclination: float | None, place: tuple[float, f
         raise CallError(f"--place {place[0]:g} {place[1]:g} --date {date}: {error}") from error
 
 
-def _fit(log: Any, method: str, model: str, field: Any, inclination: float | None, loss: str, penalty: float, align: str) -> Any:
+def _fit(log: Any, align: str, options: dict[str, Any]) -> Any:
     import numpy as np
 
     import jaxcal
@@ -156,15 +164,11 @@ def _fit(log: Any, method: str, model: str, field: Any, inclination: float | Non
     if align != "none" and getattr(log, align) is None:
         raise jaxcal.DataError(f"--align {align}: the log has no {align}; name its columns with --columns {align}=...")
     kept = np.isfinite(log.mag).all(axis=1)
-    found = jaxcal.magnetometer.fit(
-        log.mag[kept], method=method, model=model, field=field,
-        inclination=None if inclination is None else np.deg2rad(inclination), loss=None if loss == "none" else loss,
-        penalty=penalty,
-    )  # fmt: skip
+    found = jaxcal.magnetometer.fit(log.mag[kept], **options)
     if align == "none" or found.model is None:
         return found
-    options = {"accel": log.accel} if align == "accel" else {"gyro": log.gyro, "rate": log.rate}
-    return jaxcal.magnetometer.aligned(found, log.mag, **options)
+    other = {"accel": log.accel} if align == "accel" else {"gyro": log.gyro, "rate": log.rate}
+    return jaxcal.magnetometer.aligned(found, log.mag, **other)
 
 
 def _show(screen: Screen, found: Any) -> None:

@@ -10,7 +10,7 @@ from .._errors import DataError
 from .._precision import host_float64
 from .._solve import solve_many
 from .._types import AnyArray
-from ._efficiency import Penalty
+from ._efficiency import Penalty, Size
 from ._orthogonal import bounds_of, padded
 from ._quadric import Frame
 from ._refined import CURVED
@@ -73,7 +73,8 @@ def bootstrap(m: Any, found: MagFit, *, replicas: int = 1000, seed: int = 0) -> 
     basis = basis_of(found.kind)
     curved = found.noise * np.linalg.det(matrix) ** (1 / 3) > CURVED * frame.scale
     noise = found.noise / frame.scale
-    penalty = Penalty.of(found.kind, noise, found.penalty) if found.penalty else None
+    size = None if found.field_error is None else Size(float(np.log(found.field / frame.scale)), found.field_error)
+    penalty = Penalty.of(found.kind, noise, found.penalty, size) if found.penalty or size else None
     fits = solve_many(
         guarded if penalty else orthogonal if curved else distances, begin,
         Readings(data.u, weight, 1.0, noise**2 if curved else 0.0, basis, penalty),

@@ -26,7 +26,7 @@ METHODS = ("ml", "consistent", "algebraic", "li_griffiths", "constrained", "radi
 MODELS = ("auto", *SOLID, "planar")
 
 
-def checked(m, method, model, field, loss, inclination, choose, penalty) -> tuple[np.ndarray, float | None, float]:
+def checked(m, method, model, field, loss, inclination, choose, penalty, field_error) -> tuple[np.ndarray, float | None, float]:
     """Readings, norm of the field and dip; every option known and at home with the method."""
     if is_traced(m, field):
         raise DataError("`fit` decides on the host and cannot be traced; differentiate `distance_residuals` or `radial_residuals` instead.")
@@ -57,6 +57,11 @@ def checked(m, method, model, field, loss, inclination, choose, penalty) -> tupl
     norm, dip = _field(field)
     if norm is not None and model == "planar":
         raise DataError("Readings in a plane do not show the whole field: leave out `field` with model='planar'.")
+    if field_error is not None:
+        if norm is None or method != "ml":
+            raise DataError("A field error needs the `field` that it is of, and method='ml'.")
+        if not (isinstance(field_error, (int, float)) and 0 < field_error < 1):
+            raise DataError(f"The field error is {field_error!r}; give the relative standard deviation of `field`, such as 0.02.")
     if inclination is not None:
         dip = float(inclination)
     elif dip is None:

@@ -36,30 +36,46 @@ def natural_rows(directions: Any, xp: ModuleType = np) -> Any:
     return xp.stack([x * x, 2 * x * y, y * y, 2 * x * z, 2 * y * z, z * z, -2 * x, -2 * y, -2 * z], axis=1) / 2
 
 
+class Size(eqx.Module):
+    """What is known of the mean semi-axis beforehand: its logarithm, and the standard deviation of that."""
+
+    log: float
+    error: float
+
+
 class Penalty(eqx.Module):
-    """The penalty for one kind of model.
+    """The penalty for one kind of model, and the prior of its size.
 
     basis : (9, 9) columns of `BASES`, filled up with zeros; idle : (9,) one for those.
     top : a bound of log det M; strength : w times the variance of a distance.
+    size : logarithm of the mean semi-axis; firmness : standard deviation of a distance over that of `size`, zero where it is open.
     """
 
     basis: Any
     idle: Any
     top: Any
     strength: Any
+    size: Any
+    firmness: Any
 
     @staticmethod
-    def of(kind: str, noise: float, weight: float) -> "Penalty":
+    def of(kind: str, noise: float, weight: float, size: Size | None = None) -> "Penalty":
         count = COUNT[kind]
         basis = np.zeros((9, 9))
         basis[:, :count] = BASES[kind]
+        known = (0.0, 0.0) if size is None else (size.log, noise / size.error)
         # the eigenvalues sum to |j|^2 at most: their product is largest where they are equal
-        return Penalty(basis, (np.arange(9) >= count).astype(float), count * np.log(_MOST / count), weight * noise**2)
+        return Penalty(basis, (np.arange(9) >= count).astype(float), count * np.log(_MOST / count), weight * noise**2, *known)
 
 
 def shortfall(upper: Float[Array, "3 3"], z: Float[Array, "n 3"], weight: Float[Array, " n"], penalty: Penalty) -> Float[Array, ""]:
     """Residual whose square is strength (top - log det M), for the directions U z."""
-    return jnp.sqrt(penalty.strength * (penalty.top - 2 * _half_log_det(upper, z, weight, penalty.basis, penalty.idle)))
+    return jnp.sqrt(penalty.strength) * jnp.sqrt(penalty.top - 2 * _half_log_det(upper, z, weight, penalty.basis, penalty.idle))
+
+
+def misfit(upper: Float[Array, "3 3"], penalty: Penalty) -> Float[Array, ""]:
+    """Residual of the prior of the size: the mean semi-axis is the cube root of 1/det U."""
+    return penalty.firmness * (-jnp.sum(jnp.log(jnp.abs(jnp.diagonal(upper)))) / 3 - penalty.size)
 
 
 @jax.custom_jvp

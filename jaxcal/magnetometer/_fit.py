@@ -11,6 +11,7 @@ from ._align import Alignment, align
 from ._checks import DIRECT, SOLID, checked
 from ._choice import by_bic, by_held_out, candidates
 from ._coverage import covered, sphere_grid
+from ._efficiency import Size
 from ._model import MagModel
 from ._orthogonal import Found, described
 from ._quadric import Frame, NotEllipsoid, extents
@@ -45,6 +46,7 @@ def fit(
     method: str = "ml",
     model: str = "auto",
     field: Any = None,
+    field_error: float | None = None,
     loss: str | None = None,
     inclination: float | None = None,
     choose: str = "bic",
@@ -77,6 +79,8 @@ def fit(
         one axis), or "auto": "ml" chooses, the other methods take the largest they have.
     field : norm of the true field, or the field vector (north, east, down), whose dip is then used too; in the unit of the
         readings. Without it the corrected readings keep the unit and mean size of the readings.
+    field_error : relative standard deviation with which the norm `field` is known in the unit of the readings: the sensor's sensitivity
+        and the mean stretch of its soft iron, not the field model alone. The fit then uses it, which helps most with part of a sphere.
     loss : None, "huber", "cauchy" or "tukey" for readings with outliers; "ml" and "radial" only.
     inclination : dip of the field in rad for `heading_error`; that of `field`, or 57 degrees (Ankara), unless given.
     choose : "bic" or "held_out", how "auto" compares models.
@@ -115,7 +119,7 @@ def fit(
     J. F. Vasconcelos et al., IEEE Trans. Aerosp. Electron. Syst. 47 (2011) 1293 (maximum likelihood); I. Markovsky et al., Numer.
     Math. 98 (2004) 177 (consistent); the magnetometer paper's equations 6 to 16 (constrained); the thesis, chapter 6.
     """
-    m, norm, dip = checked(m, method, model, field, loss, inclination, choose, penalty)
+    m, norm, dip = checked(m, method, model, field, loss, inclination, choose, penalty, field_error)
     whole, used = m, None
     if per_direction is not None and len(m) > LONG and method not in _EXTREMES:
         used = thinned(Frame.of(m).scaled(m), _at_least_one(per_direction), loss)
@@ -130,6 +134,7 @@ def fit(
             f"There are {distinct} distinct readings; a sphere needs at least 5, and soft iron 10.",
         )
     u = frame.scaled(m)
+    prior = None if field_error is None or norm is None else Size(float(np.log(norm / frame.scale)), float(field_error))
     spread = extents(u)
     if spread[1] < _LINE:
         return _refusal(m, method, dip, "The readings lie on a line: turn the sensor through all attitudes.")
@@ -158,14 +163,14 @@ def fit(
             fits = candidates(u, SOLID, loss, distinct)
             found = fits[by_bic(fits, u) if choose == "bic" else by_held_out(fits, u, loss)]
             notes = _unseen(fits, found, distinct)
-            found = refined(found, u, loss, penalty)
+            found = refined(found, u, loss, penalty, prior)
         else:
-            found = _single(u, method, kind, loss, penalty)
+            found = _single(u, method, kind, loss, penalty, prior)
     except NotEllipsoid as error:
         return _refusal(m, method, dip, (f"{NEAR_PLANAR_SENTENCE} " if flat else "") + f"{str(error)[0].upper()}{str(error)[1:]}.")
     if planar == "chosen":
         notes = ["The readings are near-planar, and were fitted in their plane."]
-    result = _result(m, u, frame, found, method, norm, dip, loss, limits, plane, notes, penalty)
+    result = _result(m, u, frame, found, method, norm, dip, loss, limits, plane, notes, penalty, field_error)
     result = result if used is None else _of_all(result, found, frame, whole, len(used))
     if result.model is None or (accel is None and gyro is None and headings is None):
         return result
@@ -271,13 +276,13 @@ def _unseen(fits: dict[str, Found], found: Found, distinct: int) -> list[str]:
     ]
 
 
-def _single(u, method, kind, loss, penalty) -> Found:
+def _single(u, method, kind, loss, penalty, prior) -> Found:
     if method in ("ml", "radial"):
-        return geometric(u, kind, loss, "orthogonal" if method == "ml" else "radial", penalty)
+        return geometric(u, kind, loss, "orthogonal" if method == "ml" else "radial", penalty, prior)
     return described(parameters_of(kind, *DIRECT[method][kind](u)), u, kind)
 
 
-def _result(m, u, frame, found, method, norm, dip, loss, limits, plane, notes, penalty) -> MagFit:
+def _result(m, u, frame, found, method, norm, dip, loss, limits, plane, notes, penalty, field_error) -> MagFit:
     planar = plane is not None
     matrix = root(found.shape)
     radius = np.linalg.det(found.shape[:2, :2]) ** -0.25 if planar else np.linalg.det(found.shape) ** (-1 / 6)
@@ -326,6 +331,7 @@ def _result(m, u, frame, found, method, norm, dip, loss, limits, plane, notes, p
         method=method,
         kind=found.kind,
         penalty=found.penalty,
+        field_error=field_error,
     )
 
 

@@ -26,7 +26,7 @@ class Found(eqx.Module):
 
     noise2 : the variance whose curvature term was taken off the distances.
     penalty : weight of the penalty on directions in a corner, zero where it had no part; pull : how far it moved the fit, in
-        standard errors of what the readings alone say.
+        standard errors of what the readings alone say. discord : of the field that the readings alone give and the known one.
     """
 
     parameters: np.ndarray
@@ -42,6 +42,7 @@ class Found(eqx.Module):
     noise2: float = 0.0
     penalty: float = 0.0
     pull: float = 0.0
+    discord: float = 0.0
 
 
 def padded(u: np.ndarray, kind: str, scale: float = 1.0, noise2: float = 0.0, penalty: Penalty | None = None) -> Readings:
@@ -70,8 +71,8 @@ class Solved(eqx.Module):
 def attempt(function: Callable, start: AnyArray, data: Readings, bounds: tuple[AnyArray, AnyArray], loss: str | None) -> Solved:
     """A fit, its covariance and whether it converged as one program: a fit of some hundred readings takes less than to call them.
 
-    Several rows of `start` are tried, and the best is kept. Residuals beyond those of the readings, a penalty's, move the fit and
-    are then left out: covariance and weights are those of the readings.
+    Several rows of `start` are tried, and the best is kept. Residuals beyond those of the readings, of penalty and prior, move the fit
+    and are then left out: covariance and weights are those of the readings.
     """
     begin, starts = (start, None) if start.ndim == 1 else (start[0], start)
     fit = solve(function, begin, data, loss=None if loss is None else LOSSES[loss], bounds=bounds, starts=starts, rtol=_PRECISE)

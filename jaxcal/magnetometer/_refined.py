@@ -5,41 +5,47 @@ import contextlib
 import equinox as eqx
 import numpy as np
 
-from ._efficiency import Penalty, half_log_det
+from ._efficiency import Penalty, Size, half_log_det
 from ._orthogonal import Found, attempt, bounds_of, described_by, flat, padded, upper_of
-from ._quadric import NotEllipsoid
+from ._quadric import NotEllipsoid, triangle
 from ._residuals import guarded, orthogonal
-from ._start import PLANAR, basis_of, parameters_of, start
+from ._start import COUNT, PLANAR, basis_of, parameters_of, start
 
 CURVED = 0.02  # noise over radius above which the curvature term is worth a fit
 _IDLE = 0.1  # standard errors: a penalty that moves a fit by less is left out
 _FAR = 1.0  # standard errors: beyond, the fit without the penalty may have run off
 _LEVELLINGS, _SETTLED = 3, 3e-3
+_SINGULAR = 1e8
 
 
-def geometric(u: np.ndarray, kind: str, loss: str | None = None, cost: str = "orthogonal", penalty: float = 0.0) -> Found:
+def geometric(
+    u: np.ndarray, kind: str, loss: str | None = None, cost: str = "orthogonal", penalty: float = 0.0, size: Size | None = None
+) -> Found:
     """Least squares of orthogonal (or radial) distances, from the best algebraic start."""
     found = flat(u, kind, loss, cost)
-    return found if cost == "radial" else refined(found, u, loss, penalty)
+    return found if cost == "radial" else refined(found, u, loss, penalty, size)
 
 
-def refined(found: Found, u: np.ndarray, loss: str | None = None, penalty: float = 0.0) -> Found:
-    """The fit with sigma^2 times the mean curvature taken off where the noise matters, and with the penalty where that does."""
-    size = _pull(found, u, penalty) if penalty else 0.0
-    if not penalty or (found.converged and size < _IDLE):
+def refined(found: Found, u: np.ndarray, loss: str | None = None, penalty: float = 0.0, size: Size | None = None) -> Found:
+    """The fit with the curvature term where the noise matters, the penalty where that does, and the size that is known."""
+    pull = _step(found, u, penalty)[1] if penalty else 0.0
+    if found.converged and pull < _IDLE:
+        penalty = 0.0
+    if not penalty and size is None:
         return _levelled(found, u, loss)
-    return _guarded(found, u, loss, penalty, size)
+    return _guarded(found, u, loss, penalty, pull, size)
 
 
-def _pull(found: Found, u: np.ndarray, penalty: float) -> float:
-    """Length of the step that the penalty asks for, in standard errors of the readings alone."""
+def _step(found: Found, u: np.ndarray, penalty: float) -> tuple[np.ndarray, float]:
+    """How far the penalty moves a fit, to first order: in the parameters, and in standard errors of the readings alone."""
     if not np.isfinite(found.covariance).all():
-        return np.inf
+        return np.zeros(9), np.inf
     upper, centre = upper_of(found.parameters, found.kind)
     form = Penalty.of(found.kind, found.noise, penalty)
     _, by_upper, by_z = half_log_det(upper, u - centre, (found.weight > 0.5).astype(float), form.basis, form.idle)
-    asked = penalty * basis_of(found.kind).T @ np.concatenate([by_upper[np.triu_indices(3)], -by_z.sum(axis=0)])
-    return float(np.sqrt(max(asked @ found.covariance @ asked, 0.0)))
+    slope = basis_of(found.kind).T @ np.concatenate([by_upper[np.triu_indices(3)], -by_z.sum(axis=0)])
+    step = penalty * found.covariance @ slope
+    return step, float(np.sqrt(max(penalty * slope @ step, 0.0)))
 
 
 def _noise2(found: Found) -> float:
@@ -62,19 +68,53 @@ def _levelled(found: Found, u: np.ndarray, loss: str | None) -> Found:
     return found
 
 
-def _guarded(found: Found, u: np.ndarray, loss: str | None, penalty: float, size: float) -> Found:
-    """The fit with the penalty; from a sphere too where the fit without it may have run off.
+def _guarded(found: Found, u: np.ndarray, loss: str | None, penalty: float, pull: float, size: Size | None) -> Found:
+    """The fit with penalty and prior; from a sphere too where the fit without them may have run off.
 
-    The noise is that of the fit without it, whose degrees of freedom are known: what the penalty adds to the distances is none.
+    The noise is that of the fit without them, whose degrees of freedom are known: what they add to the distances is none.
     """
-    noise, begin = max(found.noise, 1e-12), [found.parameters]
+    alone, noise, begin = found, max(found.noise, 1e-12), [found.parameters]
     scale = 1.0 if loss is None else noise
-    if not found.converged or size > _FAR:
+    if not found.converged or pull > _FAR:
         with contextlib.suppress(NotEllipsoid):  # then the one start has to do
             begin.append(parameters_of(found.kind, *start(u[found.weight > 0.5], "circle" if found.kind in PLANAR else "sphere")))
     noise2 = _noise2(found)
-    data = padded(u, found.kind, scale, noise2, Penalty.of(found.kind, noise, penalty))
-    found = described_by(attempt(guarded, np.array(begin), data, bounds_of(found.kind), loss), scale, len(u), found.kind, noise2)
-    covariance = found.covariance * (noise / max(found.noise, 1e-300)) ** 2
+    data = padded(u, found.kind, scale, noise2, Penalty.of(found.kind, noise, penalty, size))
+    solved = attempt(guarded, np.array(begin), data, bounds_of(found.kind), loss)
+    found = described_by(solved, scale, len(u), found.kind, noise2)
+    # penalty and prior make a solution where the readings have none, so the solver does not say that they have none
+    known = _determined(np.asarray(solved.fit.jacobian)[: len(u), : COUNT[found.kind]])
+    covariance = found.covariance * (noise / max(found.noise, 1e-300)) ** 2 if known else np.full((9, 9), np.inf)
     found = eqx.tree_at(lambda f: (f.noise, f.covariance, f.penalty), found, (noise, covariance, penalty))
-    return eqx.tree_at(lambda f: f.pull, found, _pull(found, u, penalty))
+    if penalty:
+        # what it moved the fit by is a bias: known in size, so part of the uncertainty
+        step, pull = _step(found, u, penalty)
+        found = eqx.tree_at(lambda f: (f.covariance, f.pull), found, (found.covariance + np.outer(step, step), pull))
+    return found if size is None else _with_size(found, alone, size)
+
+
+def _determined(jacobian: np.ndarray) -> bool:
+    """Whether the readings alone determine every parameter, to half the digits."""
+    column = np.linalg.norm(jacobian, axis=0)
+    return bool(np.linalg.cond(triangle(jacobian / np.where(column > 0, column, 1))) < _SINGULAR)
+
+
+def _log_size(found: Found) -> tuple[float, np.ndarray]:
+    """Logarithm of the mean semi-axis, and its derivative with respect to the parameters."""
+    diagonal = np.diag(upper_of(found.parameters, found.kind)[0])
+    slope = np.zeros(9)
+    slope[[0, 3, 5]] = -1 / (3 * diagonal)
+    return -float(np.mean(np.log(np.abs(diagonal)))), basis_of(found.kind).T @ slope
+
+
+def _with_size(found: Found, alone: Found, size: Size) -> Found:
+    """The prior's information in the covariance, and how far it is from what the readings alone say."""
+    value, slope = _log_size(alone)
+    discord = 0.0
+    if alone.converged and np.isfinite(alone.covariance).all():
+        discord = abs(value - size.log) / float(np.sqrt(size.error**2 + slope @ alone.covariance @ slope))
+    covariance = found.covariance
+    if np.isfinite(covariance).all():
+        gain = covariance @ _log_size(found)[1]
+        covariance = covariance - np.outer(gain, gain) / (size.error**2 + _log_size(found)[1] @ gain)
+    return eqx.tree_at(lambda f: (f.covariance, f.discord), found, (covariance, discord))

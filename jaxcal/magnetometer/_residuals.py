@@ -5,7 +5,7 @@ import jax.numpy as jnp
 
 from .._types import Any, Array
 from ._distance import levelled_distance, signed_distance
-from ._efficiency import shortfall
+from ._efficiency import misfit, shortfall
 from ._model import MagModel
 
 
@@ -55,10 +55,10 @@ def orthogonal(parameters: Array, data: Readings) -> Array:
 
 
 def guarded(parameters: Array, data: Readings) -> Array:
-    """Those of `orthogonal`, and one more whose square is the penalty on an ellipsoid that leaves the directions in a corner."""
+    """Those of `orthogonal`, one of the prior of the size, and one whose square is the penalty on directions in a corner."""
     upper, centre = upper_and_centre(parameters, data.basis)
-    last = shortfall(upper, data.u - centre[None, :], data.weight, data.penalty) / data.scale
-    return jnp.concatenate([orthogonal(parameters, data), last[None]])
+    last = shortfall(upper, data.u - centre[None, :], data.weight, data.penalty)
+    return jnp.concatenate([orthogonal(parameters, data), jnp.stack([misfit(upper, data.penalty), last]) / data.scale])
 
 
 def radial(parameters: Array, data: Readings) -> Array:

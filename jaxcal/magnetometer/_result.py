@@ -37,6 +37,7 @@ class MagFit(eqx.Module):
     alignment : `Alignment` with the accelerometer, gyroscope or headings that were given; its rotation is in `model`. None otherwise.
     warnings : sentences.
     names : of the parameters of `covariance`.
+    field_error : relative standard deviation with which the given field took part in the fit; None where it only scales.
     penalty : weight of the penalty on directions in a corner of the sphere; zero where the readings alone decided.
     method, kind : name of the method; "sphere", "diagonal", "symmetric", or in a plane "circle" and "ellipse".
     """
@@ -62,6 +63,7 @@ class MagFit(eqx.Module):
     kind: str = eqx.field(static=True)
     alignment: Any = None
     penalty: float = 0.0
+    field_error: float | None = None
 
     @property
     def hard_iron_error(self) -> np.ndarray:

@@ -18,7 +18,7 @@ _MANY_OUTLIERS = 0.01
 _NOISY, _TOO_NOISY = 0.1, 0.2
 _ILL, _SINGULAR = 1000.0, 1e8
 _BY_NOISE = 0.5
-_BY_PENALTY = 0.5  # standard errors
+_BY_PENALTY, _DISCORD = 0.5, 3.0  # standard errors
 
 
 class Judgement(eqx.Module):
@@ -106,6 +106,11 @@ def _by_size(found: Found, error: np.ndarray, told: Information, limits, planar:
         weak.append(
             f"{len(found.distance)} readings leave the noise uncertain by a factor of {doubt:.2g}: the heading may be wrong by "
             f"{level * doubt:.2g} degrees rms."
+        )
+    if found.discord > _DISCORD:
+        weak.append(
+            f"The field that the readings alone give is {found.discord:.2g} standard errors from the given one: its unit, the sensitivity, "
+            "or the field error is off."
         )
     if found.pull > _BY_PENALTY:
         size = f"by {found.pull:.2g} standard errors" if found.pull < 100 else "without limit"

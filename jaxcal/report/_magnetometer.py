@@ -35,6 +35,7 @@ def mag_document(found: MagFit, log: Log | None = None) -> dict[str, Any]:
         "field": plain(found.field),
         "noise": plain(found.noise),
         "penalty": plain(found.penalty),
+        "field_error": plain(found.field_error),
         "heading_error": plain(found.heading_error),
         "inclination": plain(found.inclination),
         "covariance": {"parameters": list(found.names), "values": plain(found.covariance)},

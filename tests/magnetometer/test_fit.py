@@ -273,6 +273,9 @@ BAD = [
     ({"inclination": 2.0}, "inclination"),
     ({"choose": "aic"}, "no way to choose"),
     ({"penalty": -0.5}, "penalty is -0.5"),
+    ({"field_error": 0.01}, "needs the `field`"),
+    ({"field_error": 0.01, "field": 1.0, "method": "algebraic"}, "method='ml'"),
+    ({"field_error": 2.0, "field": 1.0}, "field error is 2.0"),
     ({"penalty": np.nan}, "penalty is nan"),
 ]
 
