@@ -90,7 +90,7 @@ def batch(
     above = next((folder for folder in (out.absolute(), *out.absolute().parents) if folder.exists()), out)
     if not os.access(above, os.W_OK | os.X_OK) or not above.is_dir():
         raise CallError(f"--out {out}: cannot write into {above}; give another folder")
-    options, known = _options(option), _reading(reading)
+    options, known = _options(option), {name: _joined(value) for name, value in reading.asked().items()}
     try:
         check_task(task, options)
         reading_options(known)
@@ -142,12 +142,8 @@ def _options(words: tuple[str, ...] | None) -> dict[str, Any]:
     return found
 
 
-def _reading(reading: Reading) -> dict[str, Any]:
-    joined = {name: ",".join(words) for name in ("columns", "units", "topics") if (words := getattr(reading, name))}
-    plain = {name: value for name in ("rate", "format", "missing", "start", "stop") if (value := getattr(reading, name)) is not None}
-    plain |= {"raw": True} if reading.raw else {}
-    plain |= {"data": reading.data} if reading.data != "rate" else {}
-    return joined | plain
+def _joined(value: Any) -> Any:
+    return ",".join(value) if isinstance(value, tuple) else value
 
 
 def _show(screen: Screen, fleet: Any) -> None:

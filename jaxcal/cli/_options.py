@@ -1,6 +1,6 @@
 """Options that the commands share."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Literal
 
@@ -54,6 +54,11 @@ class Reading:
     format: str | None = None
     start: float | None = None
     stop: float | None = None
+
+    def asked(self) -> dict[str, Any]:
+        """Options that were given, by name."""
+        plain = {field.name: field.default for field in fields(self)}
+        return {name: value for name, value in vars(self).items() if value != plain[name]}
 
 
 @Parameter(name="*", group=RUNNING)

@@ -12,7 +12,5 @@ def signed(log: Any, command: str, reading: Reading, options: Mapping[str, Any])
 
     from ..calibration import provenance
 
-    plain = Reading()
-    asked = {name: value for name, value in vars(reading).items() if value != getattr(plain, name)}
-    found = provenance(log, command, {**options, **asked}, rate_given=reading.rate is not None)
+    found = provenance(log, command, {**options, **reading.asked()}, rate_given=reading.rate is not None)
     return eqx.tree_at(lambda one: one.provenance, log, found)
