@@ -6,6 +6,7 @@ from .._errors import ExportError
 from .._types import AnyArray
 from ..calibration import Calibration
 from ..magnetometer import Moments
+from ..magnetometer._admission import APART, CELLS, MOST
 from ._matrices import correction, triads, unknown_field
 from ._options import Options, Product
 from ._text import number, numbers
@@ -49,6 +50,51 @@ static inline void mag_moments_add(mag_moments *s, const float m[3])
     }
     for (int i = 0; i < MAG_MOMENTS; i++)
         s->sums[i] += powers[0][mag_exponents[i][0]] * powers[1][mag_exponents[i][1]] * powers[2][mag_exponents[i][2]];
+}
+
+/* Which readings to add: new ones, and from all directions alike, so that a device at rest does not fill the sums with one
+   direction. 4 x 4 cells on each face of a cube about c0, %d readings in each, %g s0 from the one before.
+   jaxcal.magnetometer.Admission(c0, s0).admit does the same. */
+#define MAG_CELLS %d
+typedef struct {
+    double c0[3], s0;
+    float last[MAG_CELLS][3];
+    unsigned char count[MAG_CELLS];
+} mag_admission;
+
+static inline void mag_admission_clear(mag_admission *s, const double c0[3], double s0)
+{
+    for (int i = 0; i < 3; i++)
+        s->c0[i] = c0[i];
+    s->s0 = s0;
+    for (int i = 0; i < MAG_CELLS; i++)
+        s->count[i] = 0;
+}
+
+/* 1 where the reading is to be added, 0 where not. */
+static inline int mag_admission_ask(mag_admission *s, const float m[3])
+{
+    double z[3], size[3], far = 0.0;
+    int axis = 0, cell;
+    for (int i = 0; i < 3; i++) {
+        z[i] = (double)m[i] - s->c0[i];
+        size[i] = z[i] < 0 ? -z[i] : z[i];
+        if (size[i] > size[axis])
+            axis = i;
+    }
+    cell = 32 * axis + (z[axis] < 0 ? 16 : 0);
+    for (int k = 1; k < 3; k++) {
+        int place = (int)(2.0 * (z[(axis + k) %% 3] / (size[axis] > 0 ? size[axis] : 1.0) + 1.0));
+        cell += (place > 3 ? 3 : place) * (k == 1 ? 4 : 1);
+    }
+    for (int i = 0; i < 3; i++)
+        far += ((double)m[i] - s->last[cell][i]) * ((double)m[i] - s->last[cell][i]);
+    if (s->count[cell] >= %d || (s->count[cell] > 0 && far < %g * %g * s->s0 * s->s0))
+        return 0;
+    s->count[cell]++;
+    for (int i = 0; i < 3; i++)
+        s->last[cell][i] = m[i];
+    return 1;
 }
 """
 
@@ -94,7 +140,7 @@ def header(calibration: Calibration, options: Options) -> Product:
     if options.accumulator:
         exponents = Moments(np.zeros(3), 1.0).exponents
         rows = ["    " + " ".join(f"{{{a}, {b}, {c}}}," for a, b, c in exponents[i : i + 7]) + "\n" for i in range(0, len(exponents), 7)]
-        text += _MOMENTS % "".join(rows)
+        text += _MOMENTS % ("".join(rows), MOST, APART, CELLS, MOST, APART, APART)
     return Product(text + "\n#endif\n", tuple(warnings), _spread(calibration))
 
 

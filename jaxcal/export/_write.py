@@ -66,7 +66,7 @@ def write(
     instance : number of the sensors on the vehicle, from 0.
     gyro_bias : whether "ardupilot" gets the gyroscope's bias, which it learns anew at every start.
     prefix : of the names in C.
-    accumulator : whether the header has the accumulator for the next magnetometer calibration; see `jaxcal.magnetometer.Moments`.
+    accumulator : whether the header has the accumulator for the next magnetometer calibration; see `Moments` and `Admission`.
     force : write a calibration whose verdict is "weak" or "refused" too.
     provenance : whether to begin with comments on origin, units and on what was left out. imu_tk, motioncal and csv have no comments.
 

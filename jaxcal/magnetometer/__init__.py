@@ -1,5 +1,6 @@
 """Magnetometers: hard and soft iron from readings in many attitudes, heading, coverage."""
 
+from ._admission import Admission as Admission
 from ._align import Alignment as Alignment, align as align
 from ._attitude import body_field as body_field, scenario as scenario
 from ._bootstrap import bootstrap as bootstrap

@@ -9,7 +9,8 @@ import pytest
 
 import jaxcal
 from jaxcal import DataError, ExportError
-from jaxcal.magnetometer import Moments, fit
+from jaxcal.magnetometer import Admission, Moments, fit
+from jaxcal.magnetometer._admission import cells
 
 from . import cases
 
@@ -56,6 +57,50 @@ def test_what_moments_cannot_do():
         Moments(M[0], 1.0).update(np.tile(M[0], (20, 1))).fit()
 
 
+def test_a_device_at_rest_does_not_fill_the_sums():
+    rest = cases.readings(cases.MILD, np.tile([0.0, 0.6, 0.8], (5000, 1)), 0.02, 4)
+    admission, new = Admission([0.7, -0.4, 0.2], 1.0).admit(np.concatenate([rest, M]))
+    # noise alone moves a still reading by 0.05 now and then, but no more than 32 times in a cell
+    assert new[:5000].sum() <= 64
+    assert new[5000:].sum() > 300
+    assert admission.count.max() <= 32
+    np.testing.assert_array_equal(admission.count, np.bincount(cells(np.concatenate([rest, M])[new] - [0.7, -0.4, 0.2]), minlength=96))
+    # chunk by chunk it is the same
+    part, kept = Admission([0.7, -0.4, 0.2], 1.0), []
+    for chunk in np.array_split(np.concatenate([rest, M]), 9):
+        part, mask = part.admit(chunk)
+        kept.append(mask)
+    np.testing.assert_array_equal(np.concatenate(kept), new)
+    found = Moments(M[0], 1.0).update(np.concatenate([rest, M])[new]).fit().model
+    assert np.linalg.norm(found.hard_iron - cases.MILD.hard_iron) < 0.01
+
+
+def test_cells_part_the_sphere():
+    u = cases.directions(200_000, 1)
+    count = np.bincount(cells(u), minlength=96)
+    edge = np.linspace(-1, 1, 5)
+    corner = np.arctan(np.outer(edge, edge) / np.sqrt(1 + edge[:, None] ** 2 + edge**2))
+    share = np.tile(np.diff(np.diff(corner, axis=0), axis=1).ravel(), 6) / (4 * np.pi)  # solid angles
+    np.testing.assert_allclose(share.sum(), 1.0, rtol=1e-12)
+    assert np.abs((count - 200_000 * share) / np.sqrt(200_000 * share)).max() < 4.5
+    for face in range(6):
+        axis, sign = face // 2, 1 - 2 * (face % 2)
+        inside = cells(u) // 16 == face
+        assert np.all(u[inside, axis] * sign >= np.abs(u[inside]).max(axis=1) - 1e-15)
+    assert cells(np.zeros((1, 3)))[0] < 96
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [((np.zeros(2), 1.0), "centre"), ((np.zeros(3), 0.0), "positive scale"), ((np.zeros(3), 1.0, np.zeros(5)), "96 cells")],
+)
+def test_bad_admission(arguments, words):
+    with pytest.raises(DataError, match=words):
+        Admission(*arguments)
+    with pytest.raises(DataError, match="not finite"):
+        Admission(np.zeros(3), 1.0).admit(np.full((1, 3), np.nan))
+
+
 PROGRAM = r"""
 #include <stdio.h>
 #include "mag.h"
@@ -63,12 +108,14 @@ int main(void)
 {
     float m[3], y[3];
     mag_moments s;
+    mag_admission a;
     const double c0[3] = {JAXCAL_MAG_BIAS[0], JAXCAL_MAG_BIAS[1], JAXCAL_MAG_BIAS[2]};
     mag_moments_clear(&s, c0, JAXCAL_MAG_FIELD);
+    mag_admission_clear(&a, c0, JAXCAL_MAG_FIELD);
     while (scanf("%f %f %f", &m[0], &m[1], &m[2]) == 3) {
         mag_moments_add(&s, m);
         jaxcal_apply(JAXCAL_MAG_MATRIX, JAXCAL_MAG_BIAS, m, y);
-        printf("%.9g %.9g %.9g\n", y[0], y[1], y[2]);
+        printf("%.9g %.9g %.9g %d\n", y[0], y[1], y[2], mag_admission_ask(&a, m));
     }
     for (int i = 0; i < MAG_MOMENTS; i++)
         printf("%.17g\n", s.sums[i]);
@@ -78,7 +125,8 @@ int main(void)
 
 
 def test_the_c_header_does_what_python_does(tmp_path):
-    m = (50e-6 * M).astype(np.float32).astype(float)
+    # one attitude held for a while, as on a bench
+    m = (50e-6 * np.concatenate([M[:200], np.repeat(M[200:201], 100, axis=0), M[200:]])).astype(np.float32).astype(float)
     found = fit(m, field=50e-6)
     device = jaxcal.Calibration(magnetometer=found, device="unit 7")
     assert jaxcal.export.write(device, tmp_path / "mag.h", format="c", accumulator=True) == ()
@@ -94,12 +142,15 @@ def test_the_c_header_does_what_python_does(tmp_path):
     subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
     rows = "\n".join(" ".join(f"{x:.9g}" for x in row) for row in m)
     out = subprocess.run([str(tmp_path / "main")], input=rows, text=True, capture_output=True, check=True).stdout.split()
-    corrected, sums = np.array(out[: 3 * len(m)], dtype=float).reshape(-1, 3), np.array(out[3 * len(m) :], dtype=float)
+    corrected, sums = np.array(out[: 4 * len(m)], dtype=float).reshape(-1, 4), np.array(out[4 * len(m) :], dtype=float)
+    corrected, admitted = corrected[:, :3], corrected[:, 3] == 1
     np.testing.assert_allclose(corrected, found.model.correct(m), atol=1e-6 * 50e-6)
     offset = np.asarray(found.model.hard_iron, dtype=np.float32).astype(float)
     moments = Moments(offset, float(np.float32(50e-6)), sums)
     np.testing.assert_allclose(sums, Moments(offset, float(np.float32(50e-6))).update(m).sums, rtol=1e-6, atol=1e-6)
     assert moments.count == len(m)
+    assert 100 < admitted.sum() < len(m)
+    np.testing.assert_array_equal(admitted, Admission(offset, float(np.float32(50e-6))).admit(m)[1])
     exact = fit(m, method="consistent", field=50e-6).model
     np.testing.assert_allclose(moments.fit(field=50e-6).model.hard_iron, exact.hard_iron, atol=1e-6 * 50e-6)
 
