@@ -15,7 +15,7 @@ from ._efficiency import Size
 from ._model import MagModel
 from ._orthogonal import Found, described
 from ._quadric import Frame, NotEllipsoid, extents
-from ._refined import geometric, refined
+from ._refined import geometric, left_out, refined
 from ._result import MagFit
 from ._start import COUNT, PLANAR, parameters_of
 from ._thin import LONG, all_distances, thinned
@@ -151,26 +151,25 @@ def fit(
             dip,
             f"There are {distinct} distinct readings; model {'planar' if planar else least!r} needs at least {COUNT[least] + 1}.",
         )
-    plane, notes = None, []
+    plane, notes, unseen = None, [], np.zeros(9)
     try:
         if planar:
             plane = np.linalg.svd(u, full_matrices=False)[2]
             plane[2] *= np.sign(np.linalg.det(plane))
             u = np.concatenate([u @ plane[:2].T, np.zeros((len(u), 1))], axis=1)
-            fits = candidates(u, PLANAR, loss, distinct)
-            found = refined(fits[by_bic(fits, u)], u, loss, penalty)
-        elif kind is None:
-            fits = candidates(u, SOLID, loss, distinct)
-            found = fits[by_bic(fits, u) if choose == "bic" else by_held_out(fits, u, loss)]
-            notes = _unseen(fits, found, distinct)
-            found = refined(found, u, loss, penalty, prior)
+        if kind is None:
+            fits = candidates(u, PLANAR if planar else SOLID, loss, distinct)
+            chosen = fits[by_held_out(fits, u, loss) if choose == "held_out" and not planar else by_bic(fits, u)]
+            notes = _unseen(fits, chosen, distinct, frame, dip, limits[0])
+            unseen = left_out(fits, chosen, u, loss, penalty)
+            found = refined(chosen, u, loss, penalty, prior)
         else:
             found = _single(u, method, kind, loss, penalty, prior)
     except NotEllipsoid as error:
         return _refusal(m, method, dip, (f"{NEAR_PLANAR_SENTENCE} " if flat else "") + f"{str(error)[0].upper()}{str(error)[1:]}.")
     if planar == "chosen":
-        notes = ["The readings are near-planar, and were fitted in their plane."]
-    result = _result(m, u, frame, found, method, norm, dip, loss, limits, plane, notes, penalty, field_error)
+        notes = ["The readings are near-planar, and were fitted in their plane.", *notes]
+    result = _result(m, u, frame, found, method, norm, dip, loss, limits, plane, notes, penalty, field_error, unseen)
     result = result if used is None else _of_all(result, found, frame, whole, len(used))
     if result.model is None or (accel is None and gyro is None and headings is None):
         return result
@@ -265,15 +264,17 @@ def _of_all(result: MagFit, found: Found, frame: Frame, m: np.ndarray, used: int
     )
 
 
-def _unseen(fits: dict[str, Found], found: Found, distinct: int) -> list[str]:
-    """A smaller model says little where the largest could not be tried: what it leaves out was not seen to be absent."""
-    full = fits.get("symmetric")
-    if found.kind == "symmetric" or (full is not None and full.converged and np.isfinite(full.covariance).all()):
+def _unseen(fits: dict[str, Found], chosen: Found, distinct: int, frame: Frame, dip: float, limit: float) -> list[str]:
+    """A smaller model says little where the largest could not be tried, or leaves the heading open: what is left out was not seen."""
+    largest = "ellipse" if chosen.kind in PLANAR else "symmetric"
+    full = fits.get(largest)
+    if chosen.kind == largest:
         return []
-    few = f"{distinct} distinct readings" if distinct <= COUNT["symmetric"] else "The readings"
-    return [
-        f"{few} cannot show a full soft iron matrix; model {found.kind!r} was fitted, and what it leaves out was not seen to be absent."
-    ]
+    if full is not None and full.converged and heading_error(full.shape / frame.scale**2, covariance_of(full, frame), dip)[0] <= limit:
+        return []
+    few = f"{distinct} distinct readings" if distinct <= COUNT[largest] else "The readings"
+    what = "an ellipse" if chosen.kind in PLANAR else "a full soft iron matrix"
+    return [f"{few} cannot show {what}; model {chosen.kind!r} was fitted, and what it leaves out was not seen to be absent."]
 
 
 def _single(u, method, kind, loss, penalty, prior) -> Found:
@@ -282,11 +283,11 @@ def _single(u, method, kind, loss, penalty, prior) -> Found:
     return described(parameters_of(kind, *DIRECT[method][kind](u)), u, kind)
 
 
-def _result(m, u, frame, found, method, norm, dip, loss, limits, plane, notes, penalty, field_error) -> MagFit:
+def _result(m, u, frame, found, method, norm, dip, loss, limits, plane, notes, penalty, field_error, unseen) -> MagFit:
     planar = plane is not None
     matrix = root(found.shape)
     radius = np.linalg.det(found.shape[:2, :2]) ** -0.25 if planar else np.linalg.det(found.shape) ** (-1 / 6)
-    covariance = covariance_of(found, frame)
+    covariance = covariance_of(found, frame, unseen)
     raw = found.shape / frame.scale**2
     error = heading_error(raw, covariance, dip)
     if method not in _EXACT:

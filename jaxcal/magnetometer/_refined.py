@@ -10,6 +10,7 @@ from ._orthogonal import Found, attempt, bounds_of, described_by, flat, padded, 
 from ._quadric import NotEllipsoid, triangle
 from ._residuals import guarded, orthogonal
 from ._start import COUNT, PLANAR, basis_of, parameters_of, start
+from ._uncertainty import entries_of
 
 CURVED = 0.02  # noise over radius above which the curvature term is worth a fit
 _IDLE = 0.1  # standard errors: a penalty that moves a fit by less is left out
@@ -34,6 +35,25 @@ def refined(found: Found, u: np.ndarray, loss: str | None = None, penalty: float
     if not penalty and size is None:
         return _levelled(found, u, loss)
     return _guarded(found, u, loss, penalty, pull, size)
+
+
+def left_out(fits: dict[str, Found], chosen: Found, u: np.ndarray, loss: str | None, penalty: float) -> np.ndarray:
+    """Bias of a chosen model by what it leaves out, (9,), as far as the largest model shows it.
+
+    The step to the largest model is that bias and noise, whose share of the likelihood ratio is one for each parameter left out
+    (positive-part James and Stein). A model that is chosen for want of evidence is not more certain than one that is not.
+    """
+    largest = fits[max(fits, key=lambda kind: COUNT[kind])]
+    more = COUNT[largest.kind] - COUNT[chosen.kind]
+    if not more:
+        return np.zeros(9)
+    if penalty and not (largest.converged and _step(largest, u, penalty)[1] < _IDLE):
+        largest = refined(largest, u, loss, penalty)
+    if not np.isfinite(largest.covariance).all():
+        return np.zeros(9)  # the verdict says that it could not be tried
+    weight = largest.weight
+    gain = float(np.sum(weight * chosen.distance**2) - np.sum(weight * largest.distance**2)) / max(largest.noise, 1e-300) ** 2
+    return np.sqrt(max(1 - more / max(gain, 1e-300), 0.0)) * (entries_of(largest) - entries_of(chosen))
 
 
 def _step(found: Found, u: np.ndarray, penalty: float) -> tuple[np.ndarray, float]:

@@ -19,7 +19,8 @@ class MagFit(eqx.Module):
     ----------
     model : `MagModel`; None where the readings allow none.
     covariance : (9, 9) of A_xx, A_xy, A_yy, A_xz, A_yz, A_zz and the hard iron, in the units of the readings (see `names`), where
-        (m - b)'A(m - b) = 1 is the ellipsoid. Methods other than "ml": the least that readings of this noise allow. In a plane (5, 5).
+        (m - b)'A(m - b) = 1 is the ellipsoid; with what a model that was chosen may leave out. Methods other than "ml": the least that
+        readings of this noise allow. In a plane (5, 5).
     heading_error : (2,) predicted rms error of the heading in rad, at level and at 20 degrees of tilt, for the dip `inclination`,
         readings without noise and a true vertical. For methods other than "ml" and "consistent" it includes the distance from "ml".
     coverage : `Coverage` of the corrected readings; None without a model.

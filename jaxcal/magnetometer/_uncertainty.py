@@ -36,14 +36,24 @@ def _slopes(parameters: np.ndarray, basis: np.ndarray) -> np.ndarray:
     return np.concatenate([(half + np.swapaxes(half, 1, 2))[:, j, k].T, basis[6:]])
 
 
-def covariance_of(found: Found, frame: Frame) -> np.ndarray:
-    """Covariance of the shape's entries and the centre in the units of the readings: (9, 9), or (5, 5) in a plane."""
+def entries_of(found: Found) -> np.ndarray:
+    """(A_xx, A_xy, A_yy, A_xz, A_yz, A_zz, b), (9,), in scaled units."""
+    j, k = np.transpose(_ENTRIES)
+    return np.concatenate([found.shape[j, k], found.centre])
+
+
+def covariance_of(found: Found, frame: Frame, bias: np.ndarray | None = None) -> np.ndarray:
+    """Covariance of the shape's entries and the centre in the units of the readings: (9, 9), or (5, 5) in a plane.
+
+    bias : (9,) of them in scaled units; its square is added.
+    """
     rows = np.arange(9) if found.kind not in PLANAR else np.array(_PLANAR)
     if not np.isfinite(found.covariance).all():
         return np.full((len(rows), len(rows)), np.inf)
-    slopes = _slopes(found.parameters, basis_of(found.kind))[rows]
-    slopes = slopes * np.where(rows < 6, frame.scale**-2, frame.scale)[:, None]
-    return slopes @ found.covariance @ slopes.T
+    unit = np.where(rows < 6, frame.scale**-2, frame.scale)
+    slopes = _slopes(found.parameters, basis_of(found.kind))[rows] * unit[:, None]
+    off = np.zeros(len(rows)) if bias is None else bias[rows] * unit
+    return slopes @ found.covariance @ slopes.T + np.outer(off, off)
 
 
 def root(shape: np.ndarray) -> np.ndarray:
