@@ -202,9 +202,7 @@ def known(runs):
 
 
 def chosen(runs):
-    print(
-        "\nmodel='auto', 300 readings of a cap, 2 % noise: models chosen, verdicts, rms of the real and of the predicted heading error (degrees)"
-    )
+    print("\nmodel='auto', 300 readings of a cap, 2 % noise: models, verdicts, rms heading error in degrees, real and predicted")
     attitudes, field = grids(DIP)[0]
     for name, soft in (
         ("none", np.eye(3)),
