@@ -64,6 +64,7 @@ def mag(
     loss: Literal["none", "huber", "cauchy", "tukey"] = "none",
     penalty: float = 0.5,
     align: Literal["none", "accel", "gyro"] = "none",
+    joint: bool = False,
     force: bool = False,
     reading: Reading = Reading(),
     writing: Writing = Writing(),
@@ -96,17 +97,21 @@ def mag(
         Weight of what keeps fits of few readings from running off; 0 for none.
     align
         Find the rotation that norms cannot see, from poses at rest (accel) or from rates (gyro).
+    joint
+        Fit norms and the sensor of --align together; with little tilt far better than one after the other.
     force
         Write a refused fit too, to look at.
     """
     plan, folder = _outputs(log, writing)
     screen = Screen(running.quiet)
+    if joint and (align == "none" or method != "ml" or model not in ("auto", "symmetric")):
+        raise CallError("--joint goes with --align accel or gyro, and with the full soft iron by --method ml")
     earth = _earth(field, inclination, place, date)
     with staged(plan, inputs=[log], folder=folder) as places:
         with progress(f"reading {log.name}", running.quiet):
             options = {
                 "method": method, "model": model, "field": field, "inclination": inclination, "place": place, "date": date, "loss": loss,
-                "penalty": penalty, "align": align,
+                "penalty": penalty, "align": align, "joint": joint,
             }  # fmt: skip
             from ._provenance import signed
 
@@ -114,7 +119,7 @@ def mag(
         show_log(screen, recording)
         with progress("fitting", running.quiet):
             keep_compiled()
-            found = _fit(recording, method, model, earth, inclination, loss, penalty, align)
+            found = _fit(recording, method, model, earth, inclination, loss, penalty, align, joint)
             _show(screen, found)
             if found.verdict == "refused" and not force:
                 import jaxcal
@@ -146,7 +151,9 @@ def _earth(field: float | None, inclination: float | None, place: tuple[float, f
         raise CallError(f"--place {place[0]:g} {place[1]:g} --date {date}: {error}") from error
 
 
-def _fit(log: Any, method: str, model: str, field: Any, inclination: float | None, loss: str, penalty: float, align: str) -> Any:
+def _fit(
+    log: Any, method: str, model: str, field: Any, inclination: float | None, loss: str, penalty: float, align: str, joint: bool
+) -> Any:  # fmt: skip
     import numpy as np
 
     import jaxcal
@@ -164,7 +171,7 @@ def _fit(log: Any, method: str, model: str, field: Any, inclination: float | Non
     if align == "none" or found.model is None:
         return found
     options = {"accel": log.accel} if align == "accel" else {"gyro": log.gyro, "rate": log.rate}
-    return jaxcal.magnetometer.aligned(found, log.mag, **options)
+    return jaxcal.magnetometer.aligned(found, log.mag, joint=joint, **options)
 
 
 def _show(screen: Screen, found: Any) -> None:

@@ -38,6 +38,7 @@ class MagFit(eqx.Module):
     warnings : sentences.
     names : of the parameters of `covariance`.
     penalty : weight of the penalty on directions in a corner of the sphere; zero where the readings alone decided.
+    joint : whether norms and the other sensor were fitted together; then `heading_error` has what ellipsoid and rotation have in common.
     method, kind : name of the method; "sphere", "diagonal", "symmetric", or in a plane "circle" and "ellipse".
     """
 
@@ -62,6 +63,7 @@ class MagFit(eqx.Module):
     kind: str = eqx.field(static=True)
     alignment: Any = None
     penalty: float = 0.0
+    joint: bool = eqx.field(static=True, default=False)
 
     @property
     def hard_iron_error(self) -> np.ndarray:
