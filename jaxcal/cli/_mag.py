@@ -104,8 +104,8 @@ def mag(
     """
     plan, folder = _outputs(log, writing)
     screen = Screen(running.quiet)
-    if joint and (align == "none" or method != "ml" or model not in ("auto", "symmetric")):
-        raise CallError("--joint goes with --align accel or gyro, and with the full soft iron by --method ml")
+    if joint and (align == "none" or method != "ml" or model not in ("auto", "symmetric") or loss != "none"):
+        raise CallError("--joint goes with --align accel or gyro, and with the full soft iron by --method ml without --loss")
     earth = _earth(field, inclination, place, date)
     with staged(plan, inputs=[log], folder=folder) as places:
         with progress(f"reading {log.name}", running.quiet):

@@ -91,7 +91,7 @@ def fit(
     accel, gyro, rate, headings : one of the three, for the rotation, as for `align`.
     joint : fit norms and `accel`, or `gyro`, together, each residual over its own standard deviation: full soft iron, hard iron and
         rotation at once. Rates show the hard iron where norms leave it open, as with a vehicle that tilts by 20 degrees; then this is
-        far better than one after the other. Model "auto" or "symmetric", method "ml". Of long logs the same readings are fitted as
+        far better than one after the other. Model "auto" or "symmetric", method "ml", no loss. Of long logs the same readings are fitted as
         without; rates are integrated before any is left out.
 
     Returns
@@ -123,7 +123,7 @@ def fit(
     """
     m, norm, dip = checked(m, method, model, field, loss, inclination, choose, penalty)
     if joint:
-        checked_joint(method, model, accel, gyro, rate, headings)
+        checked_joint(method, model, accel, gyro, rate, headings, loss)
     whole, used = m, None
     if per_direction is not None and len(m) > LONG and method not in _EXTREMES:
         used = thinned(Frame.of(m).scaled(m), _at_least_one(per_direction), loss)
@@ -180,7 +180,7 @@ def fit(
     after = with_rotation(result, align(whole, result.model, accel=accel, gyro=gyro, rate=rate, headings=headings), field)
     if not joint:
         return after
-    return jointly(after, whole, limits=limits, accel=accel, gyro=gyro, rate=rate, loss=loss, rows=used)
+    return jointly(after, whole, limits=limits, accel=accel, gyro=gyro, rate=rate, rows=used)
 
 
 @host_float64

@@ -18,7 +18,7 @@ from ._coverage import covered, sphere_grid
 from ._joint_residuals import CENTRE, EXTRA, TURN, UPPER, JointPoses, JointTurns, joint_pose_residuals, joint_turn_residuals
 from ._joint_verdict import judged
 from ._model import MagModel
-from ._orthogonal import LOSSES, Found
+from ._orthogonal import Found
 from ._quadric import Frame, NotEllipsoid, sphere, triangle
 from ._refined import CURVED
 from ._result import MagFit
@@ -29,14 +29,15 @@ from ._verdict import outliers
 
 _ROUNDS, _SETTLED = 6, 3e-3
 _LEAST = 1e-11  # of a standard deviation, in scaled units: exact data have none
-_PRECISE = 1e-5
+_PRECISE, _STEPS = 1e-5, 64
 _SMALLEST_PAD = 64
 _FEWEST = 13
+_DIAGONAL, _FLAT = [0, 3, 5], 1e-3
 _PER_DIRECTION = 32
 LIMITS = (np.deg2rad(1.0), np.deg2rad(5.0))
 
 
-def checked_joint(method: str, model: str, accel: Any, gyro: Any, rate: Any, headings: Any) -> None:
+def checked_joint(method: str, model: str, accel: Any, gyro: Any, rate: Any, headings: Any, loss: Any = None) -> None:
     """Options that `joint` needs, and those that it has no part in."""
     if headings is not None or (accel is None) == (gyro is None):
         raise DataError("A joint fit needs `accel`, or `gyro` with `rate`, and not both; known headings are aligned to after the fit.")
@@ -44,6 +45,10 @@ def checked_joint(method: str, model: str, accel: Any, gyro: Any, rate: Any, hea
         raise DataError("The gyroscope is integrated: give `rate`, the readings per second.")
     if method != "ml":
         raise DataError(f"A joint fit is one of maximum likelihood: leave out method={method!r}, or joint.")
+    if loss is not None:
+        raise DataError(
+            f"A joint fit has no robust loss: leave out loss={loss!r}, or joint; take away the outliers of a fit without joint."
+        )
     if model not in ("auto", "symmetric"):
         raise DataError(f"A joint fit has the full soft iron: leave out model={model!r}, or joint.")
 
@@ -86,9 +91,9 @@ class Solution(eqx.Module):
         return self.base.T @ self.upper
 
 
-@functools.partial(jax.jit, static_argnames=("function", "loss"))
-def _attempt(function: Callable, start: AnyArray, data: Any, bounds: Any, loss: str | None) -> Fit:
-    fit = solve(function, start, data, loss=None if loss is None else LOSSES[loss], bounds=bounds, rtol=_PRECISE)
+@functools.partial(jax.jit, static_argnames=("function",))
+def _attempt(function: Callable, start: AnyArray, data: Any, bounds: Any) -> Fit:
+    fit = solve(function, start, data, bounds=bounds, rtol=_PRECISE, max_steps=_STEPS)
     return eqx.tree_at(lambda f: f.problem, fit, None)
 
 
@@ -101,11 +106,13 @@ class Pairs(eqx.Module):
     paired: Any = None
     gyro: Any = None
     rate: float = 0.0
+    step: float = 0.0
 
     @staticmethod
     def of(m: np.ndarray, rows: np.ndarray, accel: Any, gyro: Any, rate: Any) -> "Pairs":
         if accel is None:
-            return Pairs(m, rows, gyro=like(gyro, m, "rates"), rate=float(rate))
+            gyro = like(gyro, m, "rates")
+            return Pairs(m, rows, gyro=gyro, rate=float(rate), step=_noise_of(gyro) / float(rate))
         force = like(accel, m, "specific force")
         rest = still(force)
         safe = np.where(rest[:, None], force, [0.0, 0.0, 1.0])
@@ -123,7 +130,8 @@ class Pairs(eqx.Module):
         first = (full(u, u[:1]), full(np.ones(n)))
         if self.force is not None:
             return JointPoses(*first, full(self.paired.astype(float)), sigma, np.float64(noise2), base, full(self.force, self.force[:1]))
-        segment, attitude, slope = (x[self.rows] for x in attitudes_in_segments(self.gyro - bias, self.rate, SEGMENT))
+        segment_of_all, attitude, slope = attitudes_in_segments(self.gyro - bias, self.rate, SEGMENT)
+        segment, attitude, slope = (x[self.rows] for x in (segment_of_all, attitude, slope))
         there = segment >= 0
         number, member = np.unique(segment[there], return_inverse=True)
         place = np.zeros(n, dtype=int)
@@ -136,10 +144,23 @@ class Pairs(eqx.Module):
         np.add.at(total, place, metric)
         total[len(number) :] = np.eye(3)
         normal = (u - parameters[CENTRE]) @ (upper.T @ upper)
+        # noise of the rates adds up to a random walk, whose slowest part in n steps, the mean taken off, has n^2/pi^2 their variance;
+        # all of it has n/6, and cannot be more than what is left along the surface
+        steps = np.bincount(segment_of_all[segment_of_all >= 0])[np.maximum(segment, 0)]
+        radius = float(np.linalg.det(upper)) ** (-1 / 3)
+        walk = np.minimum((self.step * radius / sigma[1]) ** 2, 6 / steps)
+        heard = there / np.sqrt(1 + walk * (steps / np.pi) ** 2)
         return JointTurns(
-            *first, full(there.astype(float)), sigma, np.float64(noise2), base, full(place), full(attitude, np.eye(3)[None]), full(slope),
+            *first, full(heard), sigma, np.float64(noise2), base, full(place), full(attitude, np.eye(3)[None]), full(slope),
             full(_across(normal)), full(metric), np.linalg.inv(total),
         )  # fmt: skip
+
+
+def _noise_of(gyro: np.ndarray) -> float:
+    """Standard deviation of white noise of the rates, from their second differences; motion that is as fast counts as noise."""
+    second = np.diff(gyro, 2, axis=0)
+    second = second[np.isfinite(second).all(axis=1)]
+    return 1.4826 * float(np.median(np.abs(second))) / np.sqrt(6) if len(second) else 0.0
 
 
 def _filled(values: np.ndarray, row: Any = None, *, size: int) -> np.ndarray:
@@ -179,7 +200,7 @@ def _nearest(rotation: np.ndarray) -> np.ndarray:
     return max(permutations(), key=lambda p: np.trace(p.T @ rotation))
 
 
-def _solved(u, pairs: Pairs, begin, base, noise: float, dip: float | None, loss: str | None) -> Solution:
+def _solved(u, pairs: Pairs, begin, base, noise: float, dip: float | None) -> Solution:
     """Fit and standard deviations by turns."""
     accel = pairs.force is not None
     bias, sigma = np.zeros(3), np.full(2, max(noise, _LEAST))
@@ -190,19 +211,22 @@ def _solved(u, pairs: Pairs, begin, base, noise: float, dip: float | None, loss:
     low, high = np.full(len(parameters), -np.inf), np.full(len(parameters), np.inf)
     if dip is not None and accel:
         low[EXTRA] = high[EXTRA] = extra
-    for _ in range(_ROUNDS):
+    # a sign of U would mirror the field
+    low[_DIAGONAL] = _FLAT * np.abs(parameters[_DIAGONAL])
+    for turn in range(_ROUNDS):
         radius = float(np.linalg.det(_upper(parameters))) ** (-1 / 3)
         noise2 = sigma[0] ** 2 if 0.5 * radius > sigma[0] > CURVED * radius else 0.0
         data = pairs.data(u, parameters, base, sigma, noise2, bias)
-        fit = _attempt(pairs.function, parameters, data, (low, high), loss)
+        fit = _attempt(pairs.function, parameters, data, (low, high))
         parameters = np.array(fit.parameters)
         base = base @ Rotation.from_rotvec(parameters[TURN]).as_matrix()
         parameters[TURN] = 0.0
         if not accel:
             bias = bias + parameters[EXTRA]
             parameters[EXTRA] = 0.0
-        last, sigma = sigma, _sizes(fit, data, parameters, base, sigma, loss, accel)
-        if np.all(np.abs(sigma - last) <= _SETTLED * np.maximum(last, 10 * _LEAST)) or not np.isfinite(sigma).all():
+        last, sigma = sigma, _sizes(fit, data, parameters, base, sigma, accel)
+        settled = np.all(np.abs(sigma - last) <= _SETTLED * np.maximum(last, 10 * _LEAST))
+        if settled or not np.isfinite(sigma).all() or (turn and not bool(fit.usable)):
             break
     return Solution(parameters, base, fit, pairs.function, data, sigma, noise2, bias, len(u))  # type: ignore[possibly-unbound]
 
@@ -218,10 +242,12 @@ def _mean_product(u, pairs: Pairs, begin, base) -> float:
     return float(np.mean(np.sum(y * pairs.force, axis=1)[pairs.paired]))
 
 
-def _sizes(fit: Fit, data: Any, parameters, base, sigma, loss: str | None, accel: bool) -> np.ndarray:
+def _sizes(fit: Fit, data: Any, parameters, base, sigma, accel: bool) -> np.ndarray:
     """Standard deviations of both kinds of residual, each by its own degrees of freedom: its number less what the fit took from it."""
-    residuals, jacobian = np.asarray(fit.residuals), np.asarray(fit.jacobian)
+    residuals, jacobian = np.array(fit.residuals), np.asarray(fit.jacobian)
     n = len(data.u)
+    weight = np.repeat(data.paired, 1 if accel else 2)
+    residuals[n:] /= np.where(weight > 0, weight, 1.0)
     scaled = jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
     taken = np.sum((scaled @ np.linalg.pinv(triangle(scaled), rcond=1e-10)) ** 2, axis=1)
     segments = 0 if accel else len(np.unique(data.member[data.paired > 0]))
@@ -229,10 +255,7 @@ def _sizes(fit: Fit, data: Any, parameters, base, sigma, loss: str | None, accel
     ratio = []
     for part, there, nuisance in parts:
         r, free = residuals[part][there], there.sum() - taken[part].sum() - nuisance
-        if loss is None:
-            ratio.append(np.sum(r**2) / max(free, 1.0))
-        else:
-            ratio.append((1.4826 * np.median(np.abs(r))) ** 2 * len(r) / max(free, 1.0) if len(r) else 1.0)
+        ratio.append(np.sum(r**2) / max(free, 1.0))
     first = max(sigma[0] * np.sqrt(ratio[0]), _LEAST)
     if not accel:
         return np.array([first, max(sigma[1] * np.sqrt(ratio[1]), _LEAST)])
@@ -258,14 +281,14 @@ def _shares(data: JointPoses, parameters, base) -> tuple[np.ndarray, np.ndarray]
 
 def jointly(
     after: MagFit, m: Any, *, limits: tuple[float, float] = LIMITS, accel: Any = None, gyro: Any = None, rate: Any = None,
-    dip: float | None = None, loss: str | None = None, rows: np.ndarray | None = None,
+    dip: float | None = None, rows: np.ndarray | None = None,
 ) -> MagFit:  # fmt: skip
     """The fit of norms and second sensor, from that of one after the other; of some `rows`, or of all that a long log needs."""
     m = array(m, "readings")
     there = np.flatnonzero(np.isfinite(m).all(axis=1))
     whole = m[there]
     if rows is None:
-        rows = there[thinned(Frame.of(whole).scaled(whole), _PER_DIRECTION, loss)] if len(there) > LONG else there
+        rows = there[thinned(Frame.of(whole).scaled(whole), _PER_DIRECTION, None)] if len(there) > LONG else there
     if len(rows) < _FEWEST:
         raise DataError(f"{len(rows)} readings are left for a joint fit; at least {_FEWEST} are needed, in attitudes that differ.")
     pairs = Pairs.of(m, rows, accel, gyro, rate)
@@ -275,8 +298,8 @@ def jointly(
     if after.verdict != "good" and (other := _sphere_start(u, begins[0][1])) is not None:
         begins.append(other)
     noise = after.noise / frame.scale
-    tries = [_solved(u, pairs, *begin, noise, dip, loss) for begin in begins]
-    return _result(after, min(tries, key=_order), frame, u, whole, limits, loss, accel is None)
+    tries = [_solved(u, pairs, *begin, noise, dip) for begin in begins]
+    return _result(after, min(tries, key=_order), frame, u, whole, limits, accel is None)
 
 
 def _spread(found: Solution, u: np.ndarray) -> float:
@@ -304,7 +327,7 @@ def _order(found: Solution) -> tuple[bool, float]:
     return not bool(found.fit.usable), float(found.count * np.log(found.sigma[0]) + along)
 
 
-def _result(after: MagFit, found: Solution, frame: Frame, u, whole, limits, loss, rates: bool) -> MagFit:
+def _result(after: MagFit, found: Solution, frame: Frame, u, whole, limits, rates: bool) -> MagFit:
     upper, matrix = _upper(found.parameters), found.matrix
     shape = upper.T @ upper
     n, soft = len(u), np.asarray(after.model.soft_iron)  # type: ignore[union-attr]
@@ -318,10 +341,11 @@ def _result(after: MagFit, found: Solution, frame: Frame, u, whole, limits, loss
         found.parameters[:9], shape, found.parameters[CENTRE], np.zeros((9, 9)), float(found.sigma[0]), distance,
         np.asarray(found.fit.weights)[:n], bool(found.fit.usable), "symmetric", noise2=found.noise2,
     )  # fmt: skip
-    verdict = judged(found, after.inclination, limits, loss, len(outliers(ellipsoid)))
+    left = _spread(found, u)
+    verdict = judged(found, left, after.inclination, limits, len(outliers(ellipsoid)))
     ellipsoid = eqx.tree_at(lambda f: f.covariance, ellipsoid, verdict.covariance[:9, :9])
     covariance = covariance_of(ellipsoid, frame)
-    spread = np.array([after.alignment.spread[0], _spread(found, u)])
+    spread = np.array([after.alignment.spread[0], left])
     pairs, source = int(np.sum(found.data.paired > 0)), after.alignment.source
     said = alignment_of(
         symmetric, rotation, _nearest(rotation), verdict.turned, spread, pairs, source, found.fit,

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 
 from .._types import Any, Array
-from ._distance import foot, mean_curvature
+from ._distance import mean_curvature, signed_distance
 from ._residuals import upper_and_centre
 from ._turn import turn
 
@@ -21,7 +21,8 @@ UPPER, CENTRE, TURN, EXTRA = slice(0, 6), slice(6, 9), slice(9, 12), slice(12, N
 class JointTurns(eqx.Module):
     """Scaled readings beside attitudes from rates.
 
-    u : (n, 3). weight, paired : (n,), zero for padding, and for readings without rates. sigma : (2,) across and along the surface.
+    u : (n, 3). weight, paired : (n,), zero for padding, and for readings without rates; below one where the noise
+    of the rates adds up. sigma : (2,) across and along the surface.
     noise2 : as in `Readings`. base : (3, 3) rotation to start from. member, attitude, slope : as in `Turns`.
     tangent : (n, 3, 2) two directions along the surface. metric, inverse : (n, 3, 3) and (segments, 3, 3), the weights with which a
     segment's field is averaged, and the inverse of their sum.
@@ -54,14 +55,22 @@ class JointPoses(eqx.Module):
 
 
 def _on_surface(parameters: Array, data: Any) -> tuple[Array, Array, Array, Array]:
-    """U, the unit directions U x of the nearest points, the normals there, and the weighted distances over their sigma."""
+    """U, unit directions of the points next to the readings, the normals there, and the weighted distances over their sigma.
+
+    The points are the nearest ones but for the square of the distance.
+    """
     upper, centre = upper_and_centre(parameters[:9], jnp.eye(9, dtype=parameters.dtype))
     shape, z = upper.T @ upper, data.u - centre[None, :]
-    t, x = foot(shape, z)
-    normal = x @ shape
-    length = jnp.sqrt(jnp.sum(normal**2, axis=1))
-    distance = t * length - data.noise2 * mean_curvature(shape, z)
-    return upper, x @ upper.T, normal / length[:, None], data.weight * distance / data.sigma[0]
+    distance = signed_distance(shape, z)
+    normal = _unit(z @ shape)
+    unit = _unit((z - distance[:, None] * normal) @ upper.T)
+    levelled = distance - data.noise2 * mean_curvature(shape, z)
+    return upper, unit, normal, data.weight * levelled / data.sigma[0]
+
+
+def _unit(v: Array) -> Array:
+    square = jnp.sum(v**2, axis=1, keepdims=True)
+    return v / jnp.sqrt(jnp.where(square > 0, square, 1))
 
 
 def joint_turn_residuals(parameters: Array, data: JointTurns) -> Array:

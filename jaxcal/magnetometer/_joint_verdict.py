@@ -82,7 +82,7 @@ def _heading_error(found: Any, covariance: np.ndarray, inclination: float) -> np
 
 def _covariance(found: Any) -> tuple[np.ndarray, bool]:
     """Covariance, and whether it is one: where the data leave something open, large along that."""
-    jacobian = np.sqrt(np.asarray(found.fit.curvature))[:, None] * np.asarray(found.fit.jacobian)
+    jacobian = np.asarray(found.fit.jacobian)
     held = np.asarray(found.fit.at_bound)
     jacobian = np.where(held, 0.0, jacobian)
     column = np.linalg.norm(jacobian, axis=0)
@@ -92,7 +92,7 @@ def _covariance(found: Any) -> tuple[np.ndarray, bool]:
     free = (~held).sum()
     inverse = vectors.T / np.maximum(s, least) / column[:, None]
     inverse = np.where(held[:, None], 0.0, inverse)
-    return inverse @ inverse.T, bool(s[free - 1] > least)
+    return inverse @ inverse.T, bool(s[free - 1] > least) and not held[:9].any()
 
 
 @functools.partial(jax.jit, static_argnames="function")
@@ -122,6 +122,8 @@ def _condition(found: Any, natural: np.ndarray) -> float:
     jacobian = np.asarray(found.fit.jacobian)
     size = np.full(len(jacobian), found.size_along)
     size[: found.padded] = found.data.sigma[0]
+    heard = np.repeat(found.data.paired, (len(jacobian) - found.padded) // found.padded)
+    size[found.padded :] /= np.where(heard > 0, heard, 1.0)
     free = ~np.asarray(found.fit.at_bound)
     jacobian = (jacobian * size[:, None])[:, free]
     column = np.linalg.norm(jacobian, axis=0)
@@ -146,7 +148,7 @@ def _contradiction(across: float, along: float) -> tuple[list[str], list[str]]:
     return (said, []) if along > _MUCH and along > _FOURFOLD * across else ([], said)
 
 
-def judged(found: Any, inclination: float, limits: tuple[float, float], loss: str | None, outliers: int) -> Known:
+def judged(found: Any, spread: float, inclination: float, limits: tuple[float, float], outliers: int) -> Known:
     """Verdict with the sentences that lead to it, the gravest first."""
     covariance, known = _covariance(found)
     natural, angles = _natural(found)
@@ -168,7 +170,7 @@ def judged(found: Any, inclination: float, limits: tuple[float, float], loss: st
         refused.append(f"Readings and {sensor} show {_words(vectors[:, spoilt].T)} through their noise only: {cure}.")
     elif not bool(found.fit.usable):
         refused.append(f"The joint fit did not converge; least certain is {_words(vectors[:, -1:].T)}: {cure}.")
-    across, along = found.sigma[0] / radius, found.sigma[1] / (radius if rates else 1.0)
+    across, along = found.sigma[0] / radius, spread * np.sqrt(1.5) if rates else found.sigma[1]
     if across > _NOISY and (not refused or across < 1):
         said = f"The readings scatter by {100 * across:.0f} % of the field about the best ellipsoid."
         (refused if across > _TOO_NOISY else weak).append(said)
@@ -187,8 +189,8 @@ def judged(found: Any, inclination: float, limits: tuple[float, float], loss: st
             (weak if level <= most else refused).append(f"The heading would be wrong {large}{at}; least certain is {weakest}.")
         if condition > _ILL:
             weak.append(f"Readings and {sensor} hardly determine {weakest} (condition number {condition:.3g}).")
-    if loss is None and outliers > max(_MANY_OUTLIERS * found.count, 2):
-        weak.append(f"{outliers} of {found.count} readings are outliers; use loss='huber' or 'tukey', or leave them out.")
+    if outliers > max(_MANY_OUTLIERS * found.count, 2):
+        weak.append(f"{outliers} of {found.count} readings are outliers; leave them out.")
     said = (
         f"Norms and {sensor} were fitted together; the heading error to expect is {level:.2g} degrees rms at level and {tilted:.2g} "
         "at 20 degrees of tilt, that of the rotation included."

@@ -1,7 +1,5 @@
 """Norms and a second sensor together: exact data, partial coverage, intervals, what stays open."""
 
-import json
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,7 +9,6 @@ from scipy.spatial.transform import Rotation
 from jaxcal import DataError
 from jaxcal.magnetometer import MagModel, aligned, fit
 from jaxcal.magnetometer._joint import Pairs
-from jaxcal.magnetometer._joint_residuals import joint_pose_residuals, joint_turn_residuals
 
 from . import cases
 
@@ -30,6 +27,7 @@ def attitudes(kind, t, phase):
     found = {
         "all": [0.8 * t + phase[0], swing(69, 0.5, 1), 0.67 * t + phase[2]],
         "cap": [swing(40, 0.31, 0), swing(28, 0.6, 1), swing(28, 0.83, 2)],
+        "corner": [swing(15.6, 0.31, 0), swing(12, 1.3, 1), swing(12, 1.83, 2)],
         "tilt": [once, swing(20, 0.7, 1), swing(20, 0.53, 2)],
         "yaw": [once, 0 * t, 0 * t],
     }
@@ -113,3 +111,120 @@ def test_partial_coverage_gains_by_a_large_factor_and_says_so_rightly(partial, n
         assert f.alignment.spread[1] <= f.alignment.spread[0]
         assert f.needed.shape == (3, 3)
         assert len(f.residual) == f.used == COUNT
+
+
+def test_intervals_and_the_rotation_hold_the_truth(partial):
+    """Nine parameters and three angles of 24 logs: 288 intervals of 95 %, correlated within a log."""
+    inverse = np.linalg.inv(SENSOR.soft_iron)
+    shape = inverse.T @ inverse
+    values, vectors = np.linalg.eigh(shape)
+    true_turn = (vectors * np.sqrt(values)) @ vectors.T @ SENSOR.soft_iron
+    pick = ([0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2])
+    inside = []
+    for _, found in (*partial["gyro"], *partial["accel"]):
+        matrix = np.linalg.inv(found.model.soft_iron) / found.field
+        away = np.concatenate([(matrix.T @ matrix - shape)[pick], found.model.hard_iron - SENSOR.hard_iron])
+        angle = Rotation.from_matrix(true_turn.T @ found.alignment.rotation).as_rotvec()
+        inside += [*(np.abs(away) < 1.96 * np.sqrt(np.diag(found.covariance)))]
+        inside += [*(np.abs(angle) < 1.96 * np.sqrt(np.diag(found.alignment.covariance)))]
+    assert 0.90 < np.mean(inside) < 0.99
+
+
+def test_a_refused_fit_of_norms_is_a_start():
+    """A corner of 20 degrees."""
+    m, other = sensors(log("corner", 3))
+    before, found = (fit(m, model="symmetric", joint=joint, **other["gyro"]) for joint in (False, True))
+    assert before.verdict == "refused"
+    assert found.verdict == "good"
+    assert heading_error(found.model) < 2 * np.rad2deg(found.heading_error[0])
+
+
+@pytest.mark.parametrize(("name", "words"), [("gyro", "turn about a second axis"), ("accel", "tilt the sensor about two axes")])
+@pytest.mark.parametrize("sigma", [NOISE, 0.0])
+def test_turns_about_one_axis_leave_the_field_along_it_open(name, words, sigma):
+    m, other = sensors(log("yaw", 0, sigma=sigma, exact=not sigma))
+    found = fit(m, joint=True, **other[name])
+    assert found.verdict == "refused"
+    assert words in found.reason
+    if not sigma:
+        assert "scale along z" in found.reason
+        assert np.isinf(found.heading_error).all()
+        assert np.isinf(found.covariance).all()
+        assert found.alignment.verdict == "refused"
+
+
+@pytest.mark.parametrize("factor", [0.0, -1.0])
+def test_rates_that_contradict_the_readings(factor):
+    m, other = sensors(log("all", 0))
+    found = fit(m, joint=True, gyro=factor * other["gyro"]["gyro"], rate=RATE)
+    assert found.verdict == "refused"
+    assert "from where the rates put them" in found.reason
+    slow = fit(m, joint=True, gyro=0.9 * other["gyro"]["gyro"], rate=RATE)
+    assert slow.verdict == "weak"
+
+
+def test_rows_without_a_value_and_a_known_dip():
+    m, other = sensors(log("all", 1))
+    gyro = {**other["gyro"], "gyro": other["gyro"]["gyro"].copy()}
+    gyro["gyro"][300:310] = np.nan
+    m[500] = np.nan
+    there = np.isfinite(m).all(axis=1)
+    found = aligned(fit(m[there], field=1.0), m, joint=True, **gyro)
+    assert found.used == COUNT - 1
+    assert found.alignment.used == COUNT - 11
+    np.testing.assert_allclose(found.model.soft_iron, SENSOR.soft_iron, atol=4e-3)
+    assert found.field == pytest.approx(1.0, abs=1e-12)
+    known = aligned(fit(m[there], field=1.0), m[there], joint=True, accel=other["accel"]["accel"][there], dip=cases.DIP)
+    assert known.alignment.dip == pytest.approx(cases.DIP, abs=1e-12)
+
+
+def test_long_logs_are_thinned_after_the_rates_are_integrated():
+    m, other = sensors(log("all", 2))
+    # the same turns, sampled 21 times as often with all in between: only some readings can be fitted
+    m, gyro = np.repeat(m, 21, axis=0), np.repeat(other["gyro"]["gyro"], 21, axis=0)
+    found = fit(m, field=1.0, joint=True, gyro=gyro, rate=21 * RATE, per_direction=8)
+    assert 513 <= found.used <= 1000
+    assert len(found.residual) == len(m)
+    assert off(found.model) < 0.01
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({}, "needs `accel`, or `gyro`"),
+        ({"accel": 1, "gyro": 1, "rate": 5.0}, "and not both"),
+        ({"gyro": 1}, "give `rate`"),
+        ({"accel": 1, "headings": np.ones(50)}, "headings are aligned to after"),
+        ({"accel": 1, "method": "consistent"}, "leave out method='consistent'"),
+        ({"accel": 1, "model": "planar"}, "leave out model='planar'"),
+        ({"accel": 1, "loss": "huber"}, "no robust loss"),
+        ({"accel": 1, "model": "sphere"}, "leave out model='sphere'"),
+    ],
+)
+def test_bad_options_are_an_error_that_says_so(options, words):
+    rows = cases.directions(50, 0)
+    options = {name: rows if name in ("accel", "gyro") else value for name, value in options.items()}
+    with pytest.raises(DataError, match=words):
+        fit(rows, joint=True, **options)
+
+
+def test_residuals_under_jit_vmap_and_grad():
+    m, gyro, accel = log("all", 0)
+    m, gyro, accel = m[:40], gyro[:40], accel[:40]
+    rows = np.arange(40)
+    start = np.concatenate([np.eye(3)[np.triu_indices(3)], cases.MILD.hard_iron, [0.1, -0.2, 0.05]])
+    for pairs, more in ((Pairs.of(m, rows, None, gyro, RATE), np.zeros(3)), (Pairs.of(m, rows, accel, None, None), np.array([-0.8]))):
+        data = jax.tree.map(jnp.asarray, pairs.data(m, start, np.eye(3), np.array([0.01, 0.02]), 1e-4, np.zeros(3)))
+        begin = jnp.asarray(np.concatenate([start, more]))
+        eager = pairs.function(begin, data)
+        run = jax.jit(lambda p, f=pairs.function, d=data: f(p, d))
+        np.testing.assert_allclose(run(begin), eager, rtol=1e-9, atol=1e-9)
+        slope, several = jax.jit(lambda p, f=pairs.function, d=data: (jax.jacfwd(f)(p, d), jax.vmap(lambda q: f(q, d))(jnp.stack([p, p]))))(
+            begin
+        )
+        np.testing.assert_allclose(several[1], eager, rtol=1e-9, atol=1e-9)
+        for i, step in enumerate(1e-6 * np.eye(len(begin))):
+            finite = (np.asarray(run(begin + step)) - np.asarray(run(begin - step))) / 2e-6
+            np.testing.assert_allclose(slope[:, i], finite, rtol=1e-4, atol=1e-4)
+        cost = jax.jit(jax.grad(lambda p, r=run: 0.5 * jnp.sum(r(p) ** 2)))(begin)
+        np.testing.assert_allclose(cost, slope.T @ eager, rtol=1e-8, atol=1e-6)
