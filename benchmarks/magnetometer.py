@@ -1,7 +1,7 @@
 """jaxcal.magnetometer beside scipy's least_squares in one run, and the Monte Carlo tables, with fixed seeds.
 
     python benchmarks/magnetometer.py                  everything (minutes)
-    python benchmarks/magnetometer.py --only speed     one part: speed, partial, scenarios, coverage, penalty, known, chosen
+    python benchmarks/magnetometer.py --only speed     one part: speed, partial, scenarios, coverage, penalty, known, chosen, joint
     python benchmarks/magnetometer.py --runs 300       more runs per cell of the tables
 
 Times are the best of several after compilation; compilation is timed on its own. Ratios above 1 favour jaxcal.
@@ -13,6 +13,7 @@ import time
 
 import numpy as np
 import scipy.optimize
+from scipy.spatial.transform import Rotation
 
 from jaxcal.magnetometer import MagModel, body_field, bootstrap, fit, scenario
 from jaxcal.magnetometer._uncertainty import _angle, grids, heading_error
@@ -282,8 +283,68 @@ def covered(runs):
         print(f"{name}, {sigma} uT, {4 * runs} fits: {' '.join(f'{100 * s:.1f}' for s in share)}; mean {100 * share.mean():.1f} %")
 
 
+TURNED = MagModel(MILD.soft_iron @ Rotation.from_rotvec(np.deg2rad([2.0, -1.0, 3.0])).as_matrix(), MILD.hard_iron)
+NORTH = np.array([np.cos(DIP), 0.0, np.sin(DIP)])
+
+
+def driven(kind, count, rate, rng, sigma):
+    """Readings, rates (0.1 deg/s white a sample, bias 0.2 deg/s) and specific force (0.5 % white) of a smooth motion."""
+    fine, phase = 4, rng.uniform(0, 2 * np.pi, 3)
+    t = np.arange(-1, fine * count + 1) / (fine * rate)
+    swing = lambda most, pace, i: np.deg2rad(most) * np.sin(pace * t + phase[i])  # noqa: E731
+    euler = {
+        "everywhere": [0.8 * t + phase[0], swing(69, 0.5, 1), 0.67 * t + phase[2]],
+        "three turns, tilt 20": [6 * np.pi * t * rate / count + phase[0], swing(20, 0.7, 1), swing(20, 0.53, 2)],
+        "cap 40": [swing(40, 0.31, 0), swing(28, 0.6, 1), swing(28, 0.83, 2)],
+    }[kind]
+    body = Rotation.from_euler("ZYX", np.stack(euler, axis=1))
+    rates = (body[:-2].inv() * body[2:]).as_rotvec()[::fine] * fine * rate / 2
+    body = body[1:-1][::fine].inv()
+    m = TURNED.measure(body.apply(NORTH)) + sigma * rng.normal(size=rates.shape)
+    gyro = rates + np.deg2rad([0.2, -0.14, 0.1]) + np.deg2rad(0.1) * rng.normal(size=rates.shape)
+    return m, gyro, 9.81 * (0.005 * rng.normal(size=rates.shape) - body.apply([0.0, 0.0, 1.0]))
+
+
+def headings_off(model):
+    yaw = np.arange(24) * np.pi / 12
+    field = Rotation.from_euler("ZYX", np.stack([yaw, 0 * yaw, 0 * yaw], axis=1)).inv().apply(NORTH)
+    x, y, _ = np.asarray(model.correct(TURNED.measure(field))).T
+    return np.rad2deg(np.sqrt(np.mean(np.angle(np.exp(1j * (np.arctan2(-y, x) - yaw))) ** 2)))
+
+
+def jointly(runs):
+    print(
+        "\nrms over the runs of the hard-iron error, per cent of the field, and of the heading error, degrees: after, joint; the prediction"
+    )
+    print("of both; the shares called good; share of truths (A and b) inside the joint intervals of 95 %")
+    inverse, pick = np.linalg.inv(TURNED.soft_iron), ([0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2])
+    truth = np.r_[(inverse.T @ inverse)[pick], TURNED.hard_iron]
+    for sensor, kind in itertools.product(("gyro", "accel"), ("everywhere", "three turns, tilt 20", "cap 40")):
+        rows, inside = [], []
+        for run in range(runs):
+            m, gyro, accel = driven(kind, 1000, 50.0, np.random.default_rng([run, 5]), 0.01)
+            other = {"gyro": gyro, "rate": 50.0} if sensor == "gyro" else {"accel": accel}
+            both = [fit(m, joint=joint, **other) for joint in (False, True)]
+            rows.append([
+                [100 * np.linalg.norm(f.model.hard_iron - TURNED.hard_iron), headings_off(f.model), np.rad2deg(f.heading_error[0]),
+                 f.verdict == "good"] for f in both
+            ])  # fmt: skip
+            matrix = np.linalg.inv(both[1].model.soft_iron) / both[1].field
+            value = np.r_[(matrix.T @ matrix)[pick], both[1].model.hard_iron]
+            inside.append(np.abs(value - truth) < 1.96 * np.sqrt(np.diag(both[1].covariance)))
+        table = np.array(rows)
+        rms = np.sqrt(np.mean(table[..., :3] ** 2, axis=0))
+        good = 100 * table[..., 3].mean(axis=0)
+        print(
+            f"{sensor}, {kind}, {runs} runs: hard iron {rms[0, 0]:.2f}, {rms[1, 0]:.2f}; heading {rms[0, 1]:.2f}, {rms[1, 1]:.2f}; "
+            f"predicted {rms[0, 2]:.2f}, {rms[1, 2]:.2f}; good {good[0]:.0f} %, {good[1]:.0f} %; inside {100 * np.mean(inside):.1f} %",
+            flush=True,
+        )  # fmt: skip
+
+
 PARTS = {
     "speed": speed, "partial": partial, "scenarios": scenarios, "coverage": covered, "penalty": penalties, "known": known, "chosen": chosen,
+    "joint": jointly,
 }  # fmt: skip
 
 if __name__ == "__main__":

@@ -66,6 +66,7 @@ def mag(
     loss: Literal["none", "huber", "cauchy", "tukey"] = "none",
     penalty: float = 0.5,
     align: Literal["none", "accel", "gyro"] = "none",
+    joint: bool = False,
     force: bool = False,
     reading: Reading = Reading(),
     writing: Writing = Writing(),
@@ -100,17 +101,21 @@ def mag(
         Weight of what keeps fits of few readings from running off; 0 for none.
     align
         Find the rotation that norms cannot see, from poses at rest (accel) or from rates (gyro).
+    joint
+        Fit norms and the sensor of --align together; with little tilt far better than one after the other.
     force
         Write a refused fit too, to look at.
     """
     plan, folder = _outputs(log, writing)
     screen = Screen(running.quiet)
+    if joint and (align == "none" or method != "ml" or model not in ("auto", "symmetric") or loss != "none"):
+        raise CallError("--joint goes with --align accel or gyro, and with the full soft iron by --method ml without --loss")
     earth = _earth(field, inclination, place, date)
     with staged(plan, inputs=[log], folder=folder) as places:
         with progress(f"reading {log.name}", running.quiet):
             options = {
                 "method": method, "model": model, "field": field, "inclination": inclination, "place": place, "date": date, "loss": loss,
-                "penalty": penalty, "align": align, "field_error": field_error,
+                "penalty": penalty, "align": align, "field_error": field_error, "joint": joint,
             }  # fmt: skip
             from ._provenance import signed
 
@@ -122,7 +127,7 @@ def mag(
                 "method": method, "model": model, "field": earth, "field_error": field_error, "penalty": penalty,
                 "inclination": None if inclination is None else math.radians(inclination), "loss": None if loss == "none" else loss,
             }  # fmt: skip
-            found = _fit(recording, align, chosen)
+            found = _fit(recording, align, joint, chosen)
             _show(screen, found)
             if found.verdict == "refused" and not force:
                 import jaxcal
@@ -154,7 +159,7 @@ def _earth(field: float | None, inclination: float | None, place: tuple[float, f
         raise CallError(f"--place {place[0]:g} {place[1]:g} --date {date}: {error}") from error
 
 
-def _fit(log: Any, align: str, options: dict[str, Any]) -> Any:
+def _fit(log: Any, align: str, joint: bool, options: dict[str, Any]) -> Any:
     import numpy as np
 
     import jaxcal
@@ -168,7 +173,7 @@ def _fit(log: Any, align: str, options: dict[str, Any]) -> Any:
     if align == "none" or found.model is None:
         return found
     other = {"accel": log.accel} if align == "accel" else {"gyro": log.gyro, "rate": log.rate}
-    return jaxcal.magnetometer.aligned(found, log.mag, **other)
+    return jaxcal.magnetometer.aligned(found, log.mag, joint=joint, **other)
 
 
 def _show(screen: Screen, found: Any) -> None:

@@ -157,7 +157,7 @@ def _weight(count: int) -> np.ndarray:
     return full
 
 
-def _unit(v: np.ndarray) -> np.ndarray:
+def unit(v: np.ndarray) -> np.ndarray:
     return v / np.linalg.norm(v, axis=1, keepdims=True)
 
 
@@ -186,7 +186,7 @@ def still(accel: np.ndarray) -> np.ndarray:
 def _by_dip(y, model, accel, dip, mounting) -> Alignment:
     kept = still(accel) & np.isfinite(y).all(axis=1)
     _enough(int(kept.sum()), "poses at rest")
-    y, f = _unit(y[kept]), _unit(accel[kept])
+    y, f = unit(y[kept]), unit(accel[kept])
     base = np.eye(3)
     if mounting == "any":
         # the best constant: about it the products scatter least
@@ -202,7 +202,7 @@ def _by_dip(y, model, accel, dip, mounting) -> Alignment:
     names = list(fit.names)  # type: ignore[union-attr]
     order = [i for i, name in enumerate(names) if "rho" in name]
     matrix = np.asarray(covariance(fit, scaled=True))[np.ix_(order, order)]  # type: ignore[arg-type]
-    return _alignment(model, rotation, base, matrix, spread, len(y), "accel", fit, dip=-float(np.arcsin(np.clip(s, -1, 1))))
+    return alignment_of(model, rotation, base, matrix, spread, len(y), "accel", fit, dip=-float(np.arcsin(np.clip(s, -1, 1))))
 
 
 def _by_headings(y, model, accel, headings) -> Alignment:
@@ -219,7 +219,7 @@ def _by_headings(y, model, accel, headings) -> Alignment:
         fit = solve(heading_residuals, start, data)
         spread.append(np.sqrt(np.mean(_values(heading_residuals, start, data)[: len(y)] ** 2)))
         rotation = rotation @ np.asarray(turn(fit.model["rho"]))
-    return _alignment(model, rotation, np.eye(3), np.asarray(covariance(fit, scaled=True)), np.array(spread), len(y), "headings", fit)  # type: ignore[arg-type]
+    return alignment_of(model, rotation, np.eye(3), np.asarray(covariance(fit, scaled=True)), np.array(spread), len(y), "headings", fit)  # type: ignore[arg-type]
 
 
 def _by_rates(y, model, gyro, rate) -> Alignment:
@@ -242,10 +242,10 @@ def _by_rates(y, model, gyro, rate) -> Alignment:
     free = np.asarray(fit.degrees_of_freedom)  # type: ignore[union-attr]
     matrix = np.asarray(covariance(fit, scaled=True)) * free / max(free - 3 * len(number), 1)  # type: ignore[arg-type]
     order = [i for i, name in enumerate(fit.names) if "rho" in name]  # type: ignore[union-attr]
-    return _alignment(model, rotation, np.eye(3), matrix[np.ix_(order, order)], np.array(spread), count, "gyro", fit, bias=bias)
+    return alignment_of(model, rotation, np.eye(3), matrix[np.ix_(order, order)], np.array(spread), count, "gyro", fit, bias=bias)
 
 
-def _alignment(model, rotation, base, matrix, spread, used, source, fit, dip=float("nan"), bias=None) -> Alignment:
+def alignment_of(model, rotation, base, matrix, spread, used, source, fit, dip=float("nan"), bias=None) -> Alignment:
     rho = rotation_vector(base.T @ rotation)
     angle = float(np.linalg.norm(rho))
     along = rho / angle if angle > 1e-12 else np.full(3, 3**-0.5)

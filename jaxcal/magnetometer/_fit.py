@@ -12,6 +12,7 @@ from ._checks import DIRECT, SOLID, checked
 from ._choice import by_bic, by_held_out, candidates
 from ._coverage import covered, sphere_grid
 from ._efficiency import Size
+from ._joint import checked_joint, jointly
 from ._model import MagModel
 from ._orthogonal import Found, described
 from ._quadric import Frame, NotEllipsoid, extents
@@ -57,6 +58,7 @@ def fit(
     gyro: Any = None,
     rate: float | int | None = None,
     headings: Any = None,
+    joint: bool = False,
 ) -> MagFit:
     r"""Hard and soft iron from readings in many attitudes of a field of constant norm.
 
@@ -91,6 +93,10 @@ def fit(
         M being the information of the corrected directions. It is left out where it would move a fit by less than a tenth of a
         standard error. 1 is Jeffreys' prior (Firth), 0 plain maximum likelihood; 0.5 has the least errors in Monte Carlo.
     accel, gyro, rate, headings : one of the three, for the rotation, as for `align`.
+    joint : fit norms and `accel`, or `gyro`, together, each residual over its own standard deviation: full soft iron, hard iron and
+        rotation at once. Rates show the hard iron where norms leave it open, as with a vehicle that tilts by 20 degrees; then this is
+        far better than one after the other. Model "auto" or "symmetric", method "ml", no loss. Of long logs the same readings are fitted as
+        without; rates are integrated before any is left out.
 
     Returns
     -------
@@ -120,6 +126,8 @@ def fit(
     Math. 98 (2004) 177 (consistent); the magnetometer paper's equations 6 to 16 (constrained); the thesis, chapter 6.
     """
     m, norm, dip = checked(m, method, model, field, loss, inclination, choose, penalty, field_error)
+    if joint:
+        checked_joint(method, model, accel, gyro, rate, headings, loss, field_error)
     whole, used = m, None
     if per_direction is not None and len(m) > LONG and method not in _EXTREMES:
         used = thinned(Frame.of(m).scaled(m), _at_least_one(per_direction), loss)
@@ -173,17 +181,21 @@ def fit(
     result = result if used is None else _of_all(result, found, frame, whole, len(used))
     if result.model is None or (accel is None and gyro is None and headings is None):
         return result
-    return with_rotation(result, align(whole, result.model, accel=accel, gyro=gyro, rate=rate, headings=headings), field)
+    after = with_rotation(result, align(whole, result.model, accel=accel, gyro=gyro, rate=rate, headings=headings), field)
+    if not joint:
+        return after
+    return jointly(after, whole, limits=limits, accel=accel, gyro=gyro, rate=rate, rows=used)
 
 
 @host_float64
-def aligned(found: MagFit, m: Any, **options: Any) -> MagFit:
+def aligned(found: MagFit, m: Any, *, joint: bool = False, **options: Any) -> MagFit:
     """A fit with the rotation that another sensor shows, where that sensor has readings of its own.
 
     Parameters
     ----------
     found : a fit with a model, of these readings or of some of them.
     m : (n, 3) readings; rows with NaN are left out.
+    joint : fit these readings anew, norms and other sensor together, as `fit` with `joint` does; `found` is where it starts.
     options : those of `align`.
 
     Returns
@@ -210,7 +222,10 @@ def aligned(found: MagFit, m: Any, **options: Any) -> MagFit:
     """
     if found.model is None:
         raise DataError(f"The fit has no model to turn: {found.reason}")
-    return with_rotation(found, align(m, found.model, **options), None)
+    if joint:
+        checked_joint(found.method, "auto", *(options.get(name) for name in ("accel", "gyro", "rate", "headings")), None, None)
+    after = with_rotation(found, align(m, found.model, **options), None)
+    return jointly(after, m, **{name: options[name] for name in ("accel", "gyro", "rate", "dip") if name in options}) if joint else after
 
 
 def with_rotation(result: MagFit, alignment: Alignment, field: Any) -> MagFit:

@@ -40,6 +40,7 @@ class MagFit(eqx.Module):
     names : of the parameters of `covariance`.
     field_error : relative standard deviation with which the given field took part in the fit; None where it only scales.
     penalty : weight of the penalty on directions in a corner of the sphere; zero where the readings alone decided.
+    joint : whether norms and the other sensor were fitted together; then `heading_error` has what ellipsoid and rotation have in common.
     method, kind : name of the method; "sphere", "diagonal", "symmetric", or in a plane "circle" and "ellipse".
     """
 
@@ -65,6 +66,7 @@ class MagFit(eqx.Module):
     alignment: Any = None
     penalty: float = 0.0
     field_error: float | None = None
+    joint: bool = eqx.field(static=True, default=False)
 
     @property
     def hard_iron_error(self) -> np.ndarray:

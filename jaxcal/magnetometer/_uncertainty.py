@@ -13,9 +13,9 @@ from ._start import PLANAR, basis_of
 
 NAMES = ("A_xx", "A_xy", "A_yy", "A_xz", "A_yz", "A_zz", "b_x", "b_y", "b_z")
 PLANAR_NAMES = ("A_11", "A_12", "A_22", "b_1", "b_2")
-_ENTRIES = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
-_UNIT = np.array([[[float((p, q) in ((j, k), (k, j))) for q in range(3)] for p in range(3)] for j, k in _ENTRIES])
-_WORDS = (
+ENTRIES = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
+_UNIT = np.array([[[float((p, q) in ((j, k), (k, j))) for q in range(3)] for p in range(3)] for j, k in ENTRIES])
+WORDS = (
     "scale along x", "coupling of x and y", "scale along y", "coupling of x and z", "coupling of y and z", "scale along z",
     "hard iron along x", "hard iron along y", "hard iron along z",
 )  # fmt: skip
@@ -32,13 +32,13 @@ def _slopes(parameters: np.ndarray, basis: np.ndarray) -> np.ndarray:
     change = np.zeros((10, 3, 3))
     change[:, *np.triu_indices(3)] = np.concatenate([basis[:6].T, (basis[:6] @ parameters)[None]])
     half = change[-1].T @ change[:-1]
-    j, k = np.transpose(_ENTRIES)
+    j, k = np.transpose(ENTRIES)
     return np.concatenate([(half + np.swapaxes(half, 1, 2))[:, j, k].T, basis[6:]])
 
 
 def entries_of(found: Found) -> np.ndarray:
     """(A_xx, A_xy, A_yy, A_xz, A_yz, A_zz, b), (9,), in scaled units."""
-    j, k = np.transpose(_ENTRIES)
+    j, k = np.transpose(ENTRIES)
     return np.concatenate([found.shape[j, k], found.centre])
 
 
@@ -62,7 +62,7 @@ def root(shape: np.ndarray) -> np.ndarray:
     return (vectors * np.sqrt(values)) @ vectors.T
 
 
-def _root_slopes(shape: np.ndarray) -> np.ndarray:
+def root_slopes(shape: np.ndarray) -> np.ndarray:
     """Derivative of the symmetric root with respect to the six entries, (6, 3, 3)."""
     values, vectors = np.linalg.eigh(shape)
     mu = np.sqrt(values)
@@ -96,7 +96,7 @@ def _across(attitudes: np.ndarray, directions: np.ndarray) -> np.ndarray:
 
 
 @functools.lru_cache(maxsize=64)
-def _grids_across(inclination: float) -> list[np.ndarray]:
+def grids_across(inclination: float) -> list[np.ndarray]:
     return [_across(*grid) for grid in grids(inclination)]
 
 
@@ -108,7 +108,7 @@ def heading_slopes(shape: np.ndarray, attitudes: np.ndarray, directions: np.ndar
 def _heading_slopes(shape: np.ndarray, directions: np.ndarray, across: np.ndarray) -> np.ndarray:
     matrix = root(shape)
     z = directions @ np.linalg.inv(matrix)
-    by_shape = (across[:, :, None] * z[:, None, :]).reshape(-1, 9) @ _root_slopes(shape).reshape(6, 9).T
+    by_shape = (across[:, :, None] * z[:, None, :]).reshape(-1, 9) @ root_slopes(shape).reshape(6, 9).T
     return np.concatenate([by_shape, -across @ matrix], axis=1)
 
 
@@ -119,12 +119,12 @@ def heading_error(shape: np.ndarray, covariance: np.ndarray, inclination: float)
     if len(covariance) == 5:
         attitudes = grids(inclination)[0][0]
         directions = np.stack([np.cos(attitudes[:, 0]), -np.sin(attitudes[:, 0]), np.zeros(len(attitudes))], axis=1)
-        return np.array([_rms(heading_slopes(shape, attitudes, directions)[:, _PLANAR], covariance), np.inf])
-    both = zip(grids(inclination), _grids_across(inclination), strict=True)
-    return np.array([_rms(_heading_slopes(shape, directions, across), covariance) for (_, directions), across in both])
+        return np.array([rms(heading_slopes(shape, attitudes, directions)[:, _PLANAR], covariance), np.inf])
+    both = zip(grids(inclination), grids_across(inclination), strict=True)
+    return np.array([rms(_heading_slopes(shape, directions, across), covariance) for (_, directions), across in both])
 
 
-def _rms(slopes: np.ndarray, covariance: np.ndarray) -> float:
+def rms(slopes: np.ndarray, covariance: np.ndarray) -> float:
     """Root of the mean variance s'Cs over all rows s."""
     return float(np.sqrt(np.mean(np.sum(slopes @ covariance * slopes, axis=1))))
 
@@ -136,7 +136,7 @@ def turned_heading_error(covariance: np.ndarray, inclination: float) -> np.ndarr
         change = np.cross(np.eye(3)[None], directions[:, None])
         x, y, _ = np.moveaxis(_levelled(attitudes, directions), -1, 0)
         dx, dy, _ = np.moveaxis(_levelled(attitudes, change), -1, 0)
-        errors.append(_rms((y[:, None] * dx - x[:, None] * dy) / (x**2 + y**2)[:, None], covariance))
+        errors.append(rms((y[:, None] * dx - x[:, None] * dy) / (x**2 + y**2)[:, None], covariance))
     return np.array(errors)
 
 
@@ -183,9 +183,9 @@ def information(directions: np.ndarray, kind: str, relative_noise: float) -> Inf
     across = slope - np.sum(slope * directions, axis=1, keepdims=True) * directions
     noise = relative_noise**2 * float(np.mean(np.sum(across**2, axis=1)))
     by_noise = min(noise / float(values[-1]) ** 2, 1.0) if np.isfinite(condition) else 0.0
-    chosen = [word for word, share in zip(_WORDS, np.abs(weak), strict=True) if share > 0.5 * np.abs(weak).max()]
+    chosen = [word for word, share in zip(WORDS, np.abs(weak), strict=True) if share > 0.5 * np.abs(weak).max()]
     if kind in PLANAR:
-        chosen = [_IN_PLANE[_WORDS.index(word)] for word in chosen]
+        chosen = [_IN_PLANE[WORDS.index(word)] for word in chosen]
     return Information(condition, by_noise, ", ".join(chosen))
 
 

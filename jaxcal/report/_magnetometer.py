@@ -36,6 +36,7 @@ def mag_document(found: MagFit, log: Log | None = None) -> dict[str, Any]:
         "noise": plain(found.noise),
         "penalty": plain(found.penalty),
         "field_error": plain(found.field_error),
+        "joint": found.joint,
         "heading_error": plain(found.heading_error),
         "inclination": plain(found.inclination),
         "covariance": {"parameters": list(found.names), "values": plain(found.covariance)},
@@ -70,7 +71,8 @@ def mag_body(found: MagFit, log: Log | None) -> Markup:
     parts += [recording(log), _meaning()]
     known: dict[str, Any] = {
         "Made by": f"jaxcal {version}",
-        "Method": f"{_METHODS.get(found.method, found.method)}{', penalised' if found.penalty else ''}, model {found.kind}",
+        "Method": f"{_METHODS.get(found.method, found.method)}{', penalised' if found.penalty else ''}, model {found.kind}"
+        + (f", jointly with {found.alignment.source}" if found.joint else ""),
     }
     known |= {key: str(value) for key, value in plain(log.provenance if log is not None else {}).items()}
     items = [piece for key, value in known.items() for piece in (tag("dt", key), tag("dd", value))]

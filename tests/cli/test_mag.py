@@ -131,3 +131,14 @@ def test_a_log_without_a_magnetometer(call, log):
     found = call("mag", "imu.csv")
     assert found.status == 1
     assert "no magnetometer of three axes" in found.reason
+
+
+def test_both_sensors_at_once(simulated, folder):
+    call, truth = simulated
+    found = call("mag", "tumble.csv", "--align", "accel", "--joint", "--field", "47", "--json", "mag.json")
+    assert (found.status, found.err) == (0, "")
+    document = json.loads((folder / "mag.json").read_text())
+    assert document["joint"] is True
+    assert document["provenance"]["options"]["joint"] is True
+    np.testing.assert_allclose(document["soft_iron"], truth, atol=6e-3)
+    assert call("mag", "tumble.csv", "--joint").status == 2

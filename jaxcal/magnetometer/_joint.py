@@ -1,0 +1,383 @@
+"""Hard iron, soft iron and rotation together, from norms and a second sensor."""
+
+import dataclasses
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from .._errors import DataError
+from .._solve import Fit, solve
+from .._types import AnyArray
+from ._align import SEGMENT, alignment_of, array, like, still, unit
+from ._coverage import covered, sphere_grid
+from ._joint_residuals import CENTRE, EXTRA, TURN, UPPER, JointPoses, JointTurns, joint_pose_residuals, joint_turn_residuals
+from ._joint_verdict import judged
+from ._model import MagModel
+from ._orthogonal import Found
+from ._quadric import Frame, NotEllipsoid, sphere, triangle
+from ._refined import CURVED
+from ._result import MagFit
+from ._thin import LONG, all_distances, thinned
+from ._turn import attitudes_in_segments, permutations
+from ._uncertainty import NAMES, covariance_of, needed, root
+from ._verdict import outliers
+
+_ROUNDS, _SETTLED = 6, 3e-3
+_LEAST = 1e-11  # of a standard deviation, in scaled units: exact data have none
+_PRECISE, _STEPS = 1e-5, 64
+_SMALLEST_PAD = 64
+_FEWEST = 13
+_DIAGONAL, _FLAT = [0, 3, 5], 1e-3
+_PER_DIRECTION = 32
+LIMITS = (np.deg2rad(1.0), np.deg2rad(5.0))
+
+
+def checked_joint(method: str, model: str, accel: Any, gyro: Any, rate: Any, headings: Any, loss: Any, field_error: Any) -> None:
+    """Options that `joint` needs, and those that it has no part in."""
+    if headings is not None or (accel is None) == (gyro is None):
+        raise DataError("A joint fit needs `accel`, or `gyro` with `rate`, and not both; known headings are aligned to after the fit.")
+    if gyro is not None and (rate is None or not rate > 0):
+        raise DataError("The gyroscope is integrated: give `rate`, the readings per second.")
+    if method != "ml":
+        raise DataError(f"A joint fit is one of maximum likelihood: leave out method={method!r}, or joint.")
+    if field_error is not None:
+        raise DataError("A joint fit takes the size from the readings alone: leave out the field error, or joint.")
+    if loss is not None:
+        raise DataError(
+            f"A joint fit has no robust loss: leave out loss={loss!r}, or joint; take away the outliers of a fit without joint."
+        )
+    if model not in ("auto", "symmetric"):
+        raise DataError(f"A joint fit has the full soft iron: leave out model={model!r}, or joint.")
+
+
+class Solution(eqx.Module):
+    """Parameters with rotation at zero, what the fit says of them, and the standard deviations it stands on."""
+
+    parameters: np.ndarray
+    base: np.ndarray
+    fit: Fit
+    function: Callable = eqx.field(static=True)
+    data: Any
+    sigma: np.ndarray
+    noise2: float
+    bias: np.ndarray
+    count: int
+
+    @property
+    def upper(self) -> np.ndarray:
+        upper = np.zeros((3, 3))
+        upper[np.triu_indices(3)] = self.parameters[UPPER]
+        return upper
+
+    @property
+    def padded(self) -> int:
+        """Number of readings with their padding: so many residuals are distances."""
+        return len(self.data.u)
+
+    @property
+    def size_along(self) -> float:
+        """Standard deviation that a residual of the second sensor was divided by, of a field of norm one."""
+        if isinstance(self.data, JointTurns):
+            return float(self.data.sigma[1])
+        by_reading, by_force = _shares(self.data, self.parameters, self.base)
+        return float(np.sqrt(np.mean(self.data.sigma[0] ** 2 * by_reading + self.data.sigma[1] ** 2 * by_force)))
+
+    @property
+    def matrix(self) -> np.ndarray:
+        """W: the unit field in the second sensor's axes is W (u - centre)."""
+        return self.base.T @ self.upper
+
+
+@functools.partial(jax.jit, static_argnames=("function",))
+def _attempt(function: Callable, start: AnyArray, data: Any, bounds: Any) -> Fit:
+    fit = solve(function, start, data, bounds=bounds, rtol=_PRECISE, max_steps=_STEPS)
+    return eqx.tree_at(lambda f: f.problem, fit, None)
+
+
+class Pairs(eqx.Module):
+    """What the second sensor said, on the rows that are fitted: of all rows at first, as rates are integrated before any is left out."""
+
+    m: np.ndarray
+    rows: np.ndarray
+    force: Any = None
+    paired: Any = None
+    gyro: Any = None
+    rate: float = 0.0
+    step: float = 0.0
+
+    @staticmethod
+    def of(m: np.ndarray, rows: np.ndarray, accel: Any, gyro: Any, rate: Any) -> "Pairs":
+        if accel is None:
+            gyro = like(gyro, m, "rates")
+            return Pairs(m, rows, gyro=gyro, rate=float(rate), step=_noise_of(gyro) / float(rate))
+        force = like(accel, m, "specific force")
+        rest = still(force)
+        safe = np.where(rest[:, None], force, [0.0, 0.0, 1.0])
+        return Pairs(m, rows, force=unit(safe)[rows], paired=rest[rows])
+
+    @property
+    def function(self) -> Callable:
+        return joint_turn_residuals if self.force is None else joint_pose_residuals
+
+    def data(self, u: np.ndarray, parameters: np.ndarray, base: np.ndarray, sigma: np.ndarray, noise2: float, bias: np.ndarray) -> Any:
+        """Everything that the residuals stand on but do not vary with the parameters, padded."""
+        n = len(u)
+        size = max(_SMALLEST_PAD, 1 << (n - 1).bit_length())
+        full = functools.partial(_filled, size=size)
+        first = (full(u, u[:1]), full(np.ones(n)))
+        if self.force is not None:
+            return JointPoses(*first, full(self.paired.astype(float)), sigma, np.float64(noise2), base, full(self.force, self.force[:1]))
+        segment_of_all, attitude, slope = attitudes_in_segments(self.gyro - bias, self.rate, SEGMENT)
+        segment, attitude, slope = (x[self.rows] for x in (segment_of_all, attitude, slope))
+        there = segment >= 0
+        number, member = np.unique(segment[there], return_inverse=True)
+        place = np.zeros(n, dtype=int)
+        place[there] = member
+        upper = np.zeros((3, 3))
+        upper[np.triu_indices(3)] = parameters[UPPER]
+        iron = np.linalg.inv(upper) @ base
+        metric = there[:, None, None] * (attitude @ (iron.T @ iron) @ np.swapaxes(attitude, 1, 2))
+        total = np.zeros((max(_SMALLEST_PAD, 1 << max(len(number) - 1, 0).bit_length()), 3, 3))
+        np.add.at(total, place, metric)
+        total[len(number) :] = np.eye(3)
+        normal = (u - parameters[CENTRE]) @ (upper.T @ upper)
+        # noise of the rates adds up to a random walk, whose slowest part in n steps, the mean taken off, has n^2/pi^2 their variance;
+        # all of it has n/6, and cannot be more than what is left along the surface
+        steps = np.bincount(segment_of_all[segment_of_all >= 0])[np.maximum(segment, 0)]
+        radius = float(np.linalg.det(upper)) ** (-1 / 3)
+        walk = np.minimum((self.step * radius / sigma[1]) ** 2, 6 / steps)
+        heard = there / np.sqrt(1 + walk * (steps / np.pi) ** 2)
+        return JointTurns(
+            *first, full(heard), sigma, np.float64(noise2), base, full(place), full(attitude, np.eye(3)[None]), full(slope),
+            full(_across(normal)), full(metric), np.linalg.inv(total),
+        )  # fmt: skip
+
+
+def _noise_of(gyro: np.ndarray) -> float:
+    """Standard deviation of white noise of the rates, from their second differences; motion that is as fast counts as noise."""
+    second = np.diff(gyro, 2, axis=0)
+    second = second[np.isfinite(second).all(axis=1)]
+    return 1.4826 * float(np.median(np.abs(second))) / np.sqrt(6) if len(second) else 0.0
+
+
+def _filled(values: np.ndarray, row: Any = None, *, size: int) -> np.ndarray:
+    rest = np.zeros_like(values, shape=(size - len(values), *values.shape[1:]))
+    return np.concatenate([values, rest if row is None else rest + row])
+
+
+def _across(normal: np.ndarray) -> np.ndarray:
+    """Two unit vectors at right angles to each normal, (n, 3, 2)."""
+    normal = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    least = np.eye(3)[np.argmin(np.abs(normal), axis=1)]
+    first = np.cross(normal, least)
+    first /= np.maximum(np.linalg.norm(first, axis=1, keepdims=True), 1e-300)
+    return np.stack([first, np.cross(normal, first)], axis=2)
+
+
+def _start_of(model: MagModel, frame: Frame, field: float) -> tuple[np.ndarray, np.ndarray]:
+    """Parameters of a model, and its rotation."""
+    matrix = np.linalg.inv(np.asarray(model.soft_iron)) * frame.scale / field
+    upper = np.linalg.cholesky(matrix.T @ matrix).T
+    centre = (np.asarray(model.hard_iron) - frame.centre) / frame.scale
+    return np.concatenate([upper[np.triu_indices(3)], centre, np.zeros(3)]), upper @ np.linalg.inv(matrix)
+
+
+def _sphere_start(u: np.ndarray, base: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    """A sphere with the axes merely exchanged: a rotation found with an ellipsoid that ran off is no start."""
+    try:
+        shape, centre = sphere(u)
+    except NotEllipsoid:
+        return None
+    upper = np.eye(3) * np.linalg.det(shape) ** (1 / 6)
+    return np.concatenate([upper[np.triu_indices(3)], centre, np.zeros(3)]), _nearest(base)
+
+
+def _nearest(rotation: np.ndarray) -> np.ndarray:
+    """The exchange of axes nearest to a rotation."""
+    return max(permutations(), key=lambda p: np.trace(p.T @ rotation))
+
+
+def _solved(u, pairs: Pairs, begin, base, noise: float, dip: float | None) -> Solution:
+    """Fit and standard deviations by turns."""
+    accel = pairs.force is not None
+    bias, sigma = np.zeros(3), np.full(2, max(noise, _LEAST))
+    extra = np.zeros(3)
+    if accel:
+        extra = np.array([-np.sin(dip) if dip is not None else _mean_product(u, pairs, begin, base)])
+    parameters = np.concatenate([begin, extra])
+    low, high = np.full(len(parameters), -np.inf), np.full(len(parameters), np.inf)
+    if dip is not None and accel:
+        low[EXTRA] = high[EXTRA] = extra
+    # a sign of U would mirror the field
+    low[_DIAGONAL] = _FLAT * np.abs(parameters[_DIAGONAL])
+    for turn in range(_ROUNDS):
+        radius = float(np.linalg.det(_upper(parameters))) ** (-1 / 3)
+        noise2 = sigma[0] ** 2 if 0.5 * radius > sigma[0] > CURVED * radius else 0.0
+        data = pairs.data(u, parameters, base, sigma, noise2, bias)
+        fit = _attempt(pairs.function, parameters, data, (low, high))
+        parameters = np.array(fit.parameters)
+        base = base @ Rotation.from_rotvec(parameters[TURN]).as_matrix()
+        parameters[TURN] = 0.0
+        if not accel:
+            bias = bias + parameters[EXTRA]
+            parameters[EXTRA] = 0.0
+        last, sigma = sigma, _sizes(fit, data, parameters, base, sigma, accel)
+        settled = np.all(np.abs(sigma - last) <= _SETTLED * np.maximum(last, 10 * _LEAST))
+        if settled or not np.isfinite(sigma).all() or (turn and not bool(fit.usable)):
+            break
+    return Solution(parameters, base, fit, pairs.function, data, sigma, noise2, bias, len(u))  # type: ignore[possibly-unbound]
+
+
+def _upper(parameters: np.ndarray) -> np.ndarray:
+    upper = np.zeros((3, 3))
+    upper[np.triu_indices(3)] = parameters[UPPER]
+    return upper * np.sign(np.linalg.det(upper)) if np.linalg.det(upper) else upper
+
+
+def _mean_product(u, pairs: Pairs, begin, base) -> float:
+    y = unit((u - begin[CENTRE]) @ _upper(begin).T @ base)
+    return float(np.mean(np.sum(y * pairs.force, axis=1)[pairs.paired]))
+
+
+def _sizes(fit: Fit, data: Any, parameters, base, sigma, accel: bool) -> np.ndarray:
+    """Standard deviations of both kinds of residual, each by its own degrees of freedom: its number less what the fit took from it."""
+    residuals, jacobian = np.array(fit.residuals), np.asarray(fit.jacobian)
+    n = len(data.u)
+    weight = np.repeat(data.paired, 1 if accel else 2)
+    residuals[n:] /= np.where(weight > 0, weight, 1.0)
+    scaled = jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
+    taken = np.sum((scaled @ np.linalg.pinv(triangle(scaled), rcond=1e-10)) ** 2, axis=1)
+    segments = 0 if accel else len(np.unique(data.member[data.paired > 0]))
+    parts = (slice(0, n), data.weight > 0, 0), (slice(n, None), np.repeat(data.paired > 0, 1 if accel else 2), 2 * segments)
+    ratio = []
+    for part, there, nuisance in parts:
+        r, free = residuals[part][there], there.sum() - taken[part].sum() - nuisance
+        ratio.append(np.sum(r**2) / max(free, 1.0))
+    first = max(sigma[0] * np.sqrt(ratio[0]), _LEAST)
+    if not accel:
+        return np.array([first, max(sigma[1] * np.sqrt(ratio[1]), _LEAST)])
+    # what the noise of the readings does not explain is that of the force
+    by_reading, by_force = _shares(data, parameters, base)
+    there, r = data.paired > 0, residuals[n:]
+    before = sigma[0] ** 2 * by_reading + sigma[1] ** 2 * by_force
+    total = np.sum((before * r**2)[there]) * there.sum() / max(there.sum() - taken[n:].sum(), 1.0)
+    more = (total - first**2 * np.sum(by_reading[there])) / max(np.sum(by_force[there]), 1e-300)
+    return np.array([first, np.sqrt(max(more, _LEAST**2))])
+
+
+def _shares(data: JointPoses, parameters, base) -> tuple[np.ndarray, np.ndarray]:
+    """Variance of the products per variance of a reading, and of the force's direction."""
+    upper = _upper(parameters)
+    y = unit((data.u - parameters[CENTRE]) @ upper.T)
+    force = data.force @ base.T
+    normal = unit(y @ upper)
+    slope = force @ upper
+    slope = slope - np.sum(slope * normal, axis=1, keepdims=True) * normal
+    return np.sum(slope**2, axis=1), 1 - np.sum(y * force, axis=1) ** 2
+
+
+def jointly(
+    after: MagFit, m: Any, *, limits: tuple[float, float] = LIMITS, accel: Any = None, gyro: Any = None, rate: Any = None,
+    dip: float | None = None, rows: np.ndarray | None = None,
+) -> MagFit:  # fmt: skip
+    """The fit of norms and second sensor, from that of one after the other; of some `rows`, or of all that a long log needs."""
+    m = array(m, "readings")
+    there = np.flatnonzero(np.isfinite(m).all(axis=1))
+    whole = m[there]
+    if rows is None:
+        rows = there[thinned(Frame.of(whole).scaled(whole), _PER_DIRECTION, None)] if len(there) > LONG else there
+    if len(rows) < _FEWEST:
+        raise DataError(f"{len(rows)} readings are left for a joint fit; at least {_FEWEST} are needed, in attitudes that differ.")
+    pairs = Pairs.of(m, rows, accel, gyro, rate)
+    frame = Frame.of(m[rows])
+    u = frame.scaled(m[rows])
+    begins = [_start_of(after.model, frame, after.field)]  # type: ignore[arg-type]
+    if after.verdict != "good" and (other := _sphere_start(u, begins[0][1])) is not None:
+        begins.append(other)
+    noise = after.noise / frame.scale
+    tries = [_solved(u, pairs, *begin, noise, dip) for begin in begins]
+    return _result(after, min(tries, key=_order), frame, u, whole, limits, accel is None)
+
+
+def _spread(found: Solution, u: np.ndarray) -> float:
+    """What `Alignment.spread` has: of the dip, or of an axis of the unit field while the sensor turns, rad."""
+    data, there = found.data, found.data.paired[: len(u)] > 0
+    y = unit((u - found.parameters[CENTRE]) @ found.matrix.T)[there]
+    if isinstance(data, JointPoses):
+        return float(np.std(np.arcsin(np.clip(np.sum(y * data.force[: len(u)][there], axis=1), -1, 1))))
+    back = np.einsum("nij,nj->ni", data.attitude[: len(u)][there], y)
+    number, member = np.unique(data.member[: len(u)][there], return_inverse=True)
+    total = np.zeros((len(number), 3))
+    np.add.at(total, member, back)
+    off = back - (total / np.bincount(member)[:, None])[member]
+    return float(np.sqrt(np.sum(off**2) / (3 * max(len(y) - len(number), 1))))
+
+
+def _order(found: Solution) -> tuple[bool, float]:
+    """Worth of a solution among those from several starts: -log of the likelihood, of lengths among the readings."""
+    data = found.data
+    pairs = data.paired > 0
+    along = 2 * np.sum(pairs) * np.log(found.sigma[1])
+    if isinstance(data, JointPoses):
+        by_reading, by_force = _shares(data, found.parameters, found.base)
+        along = 0.5 * np.sum(np.log(found.sigma[0] ** 2 + found.sigma[1] ** 2 * by_force / np.maximum(by_reading, 1e-12))[pairs])
+    return not bool(found.fit.usable), float(found.count * np.log(found.sigma[0]) + along)
+
+
+def _result(after: MagFit, found: Solution, frame: Frame, u, whole, limits, rates: bool) -> MagFit:
+    upper, matrix = _upper(found.parameters), found.matrix
+    shape = upper.T @ upper
+    n, soft = len(u), np.asarray(after.model.soft_iron)  # type: ignore[union-attr]
+    radius = np.linalg.det(shape) ** (-1 / 6)
+    given = abs(abs(np.linalg.det(soft)) - 1) > 1e-9 and after.plane is None
+    size = after.field / frame.scale if given else radius
+    symmetric = MagModel(np.linalg.inv(root(shape) * size), frame.centre + frame.scale * found.parameters[CENTRE])
+    rotation = root(shape) @ np.linalg.inv(matrix)
+    distance = np.asarray(found.fit.residuals)[:n] * np.asarray(found.data.sigma)[0]
+    ellipsoid = Found(
+        found.parameters[:9], shape, found.parameters[CENTRE], np.zeros((9, 9)), float(found.sigma[0]), distance,
+        np.asarray(found.fit.weights)[:n], bool(found.fit.usable), "symmetric", noise2=found.noise2,
+    )  # fmt: skip
+    left = _spread(found, u)
+    verdict = judged(found, left, after.inclination, limits, len(outliers(ellipsoid)))
+    ellipsoid = eqx.tree_at(lambda f: f.covariance, ellipsoid, verdict.covariance[:9, :9])
+    covariance = covariance_of(ellipsoid, frame)
+    spread = np.array([after.alignment.spread[0], left])
+    pairs, source = int(np.sum(found.data.paired > 0)), after.alignment.source
+    said = alignment_of(
+        symmetric, rotation, _nearest(rotation), verdict.turned, spread, pairs, source, found.fit,
+        dip=float("nan") if rates else -float(np.arcsin(np.clip(found.parameters[12], -1, 1))), bias=found.bias,
+    )  # fmt: skip
+    if len(whole) > n:
+        distance = all_distances(ellipsoid, frame.scaled(whole))
+        ellipsoid = eqx.tree_at(lambda f: (f.distance, f.weight), ellipsoid, (distance, np.ones(len(whole))))
+    corrected = np.asarray((frame.scaled(whole) - found.parameters[CENTRE]) @ matrix.T)
+    all_finite = np.isfinite(covariance).all()
+    return dataclasses.replace(
+        after,
+        model=said.model,
+        covariance=covariance,
+        heading_error=verdict.heading_error,
+        coverage=covered(corrected),
+        residual=distance * frame.scale,
+        noise=float(found.sigma[0]) * frame.scale,
+        field=size * frame.scale,
+        outliers=outliers(ellipsoid),
+        used=n,
+        needed=needed(shape / frame.scale**2, covariance, sphere_grid()) @ rotation if all_finite else np.zeros((0, 3)),
+        condition=verdict.condition,
+        plane=None,
+        verdict=verdict.verdict,
+        reason=verdict.reason,
+        names=NAMES,
+        kind="symmetric",
+        alignment=said,
+        penalty=0.0,
+        field_error=None,
+        joint=True,
+    )

@@ -1,0 +1,104 @@
+"""Residuals of the joint fit: distances to the ellipsoid, and what a second sensor says of the places on it, traced.
+
+Noise of a reading across the surface is in the distance, noise along it in the second sensor's residual: to first order they are
+independent. Both are lengths among the readings. Angles of the corrected field would be smaller on a larger ellipsoid, and the fit
+would drift there.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from .._types import Any, Array
+from ._distance import mean_curvature, signed_distance
+from ._residuals import upper_and_centre
+from ._turn import turn
+
+#: U by rows, centre, rotation vector; then the bias of the rates, or the sine
+UPPER, CENTRE, TURN, EXTRA = slice(0, 6), slice(6, 9), slice(9, 12), slice(12, None)
+
+
+class JointTurns(eqx.Module):
+    """Scaled readings beside attitudes from rates.
+
+    u : (n, 3). weight, paired : (n,), zero for padding, and for readings without rates; below one where the noise
+    of the rates adds up. sigma : (2,) across and along the surface.
+    noise2 : as in `Readings`. base : (3, 3) rotation to start from. member, attitude, slope : as in `Turns`.
+    tangent : (n, 3, 2) two directions along the surface. metric, inverse : (n, 3, 3) and (segments, 3, 3), the weights with which a
+    segment's field is averaged, and the inverse of their sum.
+    """
+
+    u: Any
+    weight: Any
+    paired: Any
+    sigma: Any
+    noise2: Any
+    base: Any
+    member: Any
+    attitude: Any
+    slope: Any
+    tangent: Any
+    metric: Any
+    inverse: Any
+
+
+class JointPoses(eqx.Module):
+    """Scaled readings beside unit specific forces; sigma : (2,) of a reading, and of a direction of the force in rad."""
+
+    u: Any
+    weight: Any
+    paired: Any
+    sigma: Any
+    noise2: Any
+    base: Any
+    force: Any
+
+
+def _on_surface(parameters: Array, data: Any) -> tuple[Array, Array, Array, Array]:
+    """U, unit directions of the points next to the readings, the normals there, and the weighted distances over their sigma.
+
+    The points are the nearest ones but for the square of the distance.
+    """
+    upper, centre = upper_and_centre(parameters[:9], jnp.eye(9, dtype=parameters.dtype))
+    shape, z = upper.T @ upper, data.u - centre[None, :]
+    distance = signed_distance(shape, z)
+    normal = _unit(z @ shape)
+    unit = _unit((z - distance[:, None] * normal) @ upper.T)
+    levelled = distance - data.noise2 * mean_curvature(shape, z)
+    return upper, unit, normal, data.weight * levelled / data.sigma[0]
+
+
+def _unit(v: Array) -> Array:
+    square = jnp.sum(v**2, axis=1, keepdims=True)
+    return v / jnp.sqrt(jnp.where(square > 0, square, 1))
+
+
+def joint_turn_residuals(parameters: Array, data: JointTurns) -> Array:
+    """Distances, and how far the readings lie along the surface from where the field of their segment, turned back, puts them.
+
+    That field is the least-squares estimate; its weights are those at the start, whose derivative has no part to first order.
+    """
+    upper, unit, _, across = _on_surface(parameters, data)
+    rotation = data.base @ turn(parameters[TURN])
+    body = unit @ rotation
+    body = body - jnp.cross(jnp.einsum("nij,j->ni", data.slope, parameters[EXTRA]), body)
+    still = jnp.einsum("nij,nj->ni", data.attitude, body)
+    total = jax.ops.segment_sum(jnp.einsum("nij,nj->ni", data.metric, still), data.member, num_segments=len(data.inverse))
+    field = jnp.einsum("sij,sj->si", data.inverse, total)
+    off = body - jnp.einsum("nji,nj->ni", data.attitude, field[data.member])
+    along = jnp.einsum("nik,ni->nk", data.tangent, off @ rotation.T @ jnp.linalg.inv(upper).T)
+    return jnp.concatenate([across, (data.paired[:, None] * along / data.sigma[1]).ravel()])
+
+
+def joint_pose_residuals(parameters: Array, data: JointPoses) -> Array:
+    """Distances, and products y'f less the sine over their standard deviation, which both sensors' noise gives."""
+    upper, unit, normal, across = _on_surface(parameters, data)
+    rotation = data.base @ turn(parameters[TURN])
+    force = data.force @ rotation.T
+    product = jnp.sum(unit * force, axis=1)
+    by_reading = force @ upper
+    by_reading = by_reading - jnp.sum(by_reading * normal, axis=1)[:, None] * normal
+    variance = data.sigma[0] ** 2 * jnp.sum(by_reading**2, axis=1) + data.sigma[1] ** 2 * (1 - product**2)
+    # a force along the field tells nothing; padding neither
+    off = jnp.where(variance > 0, product - parameters[12], 0) / jnp.sqrt(jnp.where(variance > 0, variance, 1))
+    return jnp.concatenate([across, data.paired * off])
