@@ -223,7 +223,8 @@ def aligned(found: MagFit, m: Any, *, joint: bool = False, **options: Any) -> Ma
     if found.model is None:
         raise DataError(f"The fit has no model to turn: {found.reason}")
     if joint:
-        checked_joint(found.method, "auto", *(options.get(name) for name in ("accel", "gyro", "rate", "headings")), None, None)
+        accel, gyro, rate, headings = (options.get(name) for name in ("accel", "gyro", "rate", "headings"))
+        checked_joint(found.method, "auto", accel, gyro, rate, headings, None, None)
     after = with_rotation(found, align(m, found.model, **options), None)
     return jointly(after, m, **{name: options[name] for name in ("accel", "gyro", "rate", "dip") if name in options}) if joint else after
 

@@ -68,8 +68,7 @@ def off(model):
     return float(np.linalg.norm(np.asarray(model.hard_iron) - SENSOR.hard_iron))
 
 
-@pytest.mark.parametrize("kind", ["all", "cap"])
-@pytest.mark.parametrize("name", ["gyro", "accel"])
+@pytest.mark.parametrize(("kind", "name"), [("cap", "gyro"), ("all", "accel")])
 def test_exact_data_give_the_whole_soft_iron_and_the_hard_iron(kind, name):
     m, other = sensors(log(kind, 0, sigma=0.0, exact=True))
     found = fit(m, field=1.0, joint=True, **other[name])
@@ -139,8 +138,9 @@ def test_a_refused_fit_of_norms_is_a_start():
     assert heading_error(found.model) < 2 * np.rad2deg(found.heading_error[0])
 
 
-@pytest.mark.parametrize(("name", "words"), [("gyro", "turn about a second axis"), ("accel", "tilt the sensor about two axes")])
-@pytest.mark.parametrize("sigma", [NOISE, 0.0])
+@pytest.mark.parametrize(
+    ("name", "words", "sigma"), [("gyro", "turn about a second axis", 0.0), ("accel", "tilt the sensor about two axes", NOISE)]
+)
 def test_turns_about_one_axis_leave_the_field_along_it_open(name, words, sigma):
     m, other = sensors(log("yaw", 0, sigma=sigma, exact=not sigma))
     found = fit(m, joint=True, **other[name])
@@ -153,10 +153,9 @@ def test_turns_about_one_axis_leave_the_field_along_it_open(name, words, sigma):
         assert found.alignment.verdict == "refused"
 
 
-@pytest.mark.parametrize("factor", [0.0, -1.0])
-def test_rates_that_contradict_the_readings(factor):
+def test_rates_that_contradict_the_readings():
     m, other = sensors(log("all", 0))
-    found = fit(m, joint=True, gyro=factor * other["gyro"]["gyro"], rate=RATE)
+    found = fit(m, joint=True, gyro=-other["gyro"]["gyro"], rate=RATE)
     assert found.verdict == "refused"
     assert "from where the rates put them" in found.reason
     slow = fit(m, joint=True, gyro=0.9 * other["gyro"]["gyro"], rate=RATE)
@@ -199,6 +198,7 @@ def test_long_logs_are_thinned_after_the_rates_are_integrated():
         ({"accel": 1, "model": "planar"}, "leave out model='planar'"),
         ({"accel": 1, "loss": "huber"}, "no robust loss"),
         ({"accel": 1, "model": "sphere"}, "leave out model='sphere'"),
+        ({"accel": 1, "field": 1.0, "field_error": 0.01}, "leave out the field error"),
     ],
 )
 def test_bad_options_are_an_error_that_says_so(options, words):
@@ -208,7 +208,7 @@ def test_bad_options_are_an_error_that_says_so(options, words):
         fit(rows, joint=True, **options)
 
 
-def test_residuals_under_jit_vmap_and_grad():
+def test_residuals_compiled_and_their_slopes():
     m, gyro, accel = log("all", 0)
     m, gyro, accel = m[:40], gyro[:40], accel[:40]
     rows = np.arange(40)
@@ -219,12 +219,7 @@ def test_residuals_under_jit_vmap_and_grad():
         eager = pairs.function(begin, data)
         run = jax.jit(lambda p, f=pairs.function, d=data: f(p, d))
         np.testing.assert_allclose(run(begin), eager, rtol=1e-9, atol=1e-9)
-        slope, several = jax.jit(lambda p, f=pairs.function, d=data: (jax.jacfwd(f)(p, d), jax.vmap(lambda q: f(q, d))(jnp.stack([p, p]))))(
-            begin
-        )
-        np.testing.assert_allclose(several[1], eager, rtol=1e-9, atol=1e-9)
-        for i, step in enumerate(1e-6 * np.eye(len(begin))):
-            finite = (np.asarray(run(begin + step)) - np.asarray(run(begin - step))) / 2e-6
-            np.testing.assert_allclose(slope[:, i], finite, rtol=1e-4, atol=1e-4)
-        cost = jax.jit(jax.grad(lambda p, r=run: 0.5 * jnp.sum(r(p) ** 2)))(begin)
-        np.testing.assert_allclose(cost, slope.T @ eager, rtol=1e-8, atol=1e-6)
+        slope = jax.jit(lambda p, f=pairs.function, d=data: jax.jacfwd(f)(p, d))(begin)
+        for step in 1e-6 * np.random.default_rng(0).normal(size=(3, len(begin))):
+            finite = np.asarray(run(begin + step)) - np.asarray(run(begin - step))
+            np.testing.assert_allclose(slope @ (2 * step), finite, rtol=1e-4, atol=1e-9)
