@@ -1,5 +1,6 @@
 """Strict JAX settings for every test, one cache of compiled programs for a run, and the way to numbers recorded by others."""
 
+import gc
 import os
 import pathlib
 import shutil
@@ -32,6 +33,20 @@ def pytest_unconfigure():
     """Remove the cache of this run, in the process that made it."""
     if _CACHE is not None:
         shutil.rmtree(_CACHE, ignore_errors=True)
+
+
+#: memory maps of a process beyond which compiled programs are let go; Linux allows 65,530, and a compiler that gets no more of them crashes
+_MOST_MAPS = 30_000
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _programs_let_go():
+    """Every program compiled holds memory maps: a process that runs half of all tests would have more than it may."""
+    yield
+    maps = pathlib.Path("/proc/self/maps")
+    if maps.exists() and maps.read_bytes().count(b"\n") > _MOST_MAPS:
+        jax.clear_caches()
+        gc.collect()
 
 
 @pytest.fixture(params=["float64", "float32"])
