@@ -21,10 +21,10 @@ class Admission(eqx.Module):
 
     Parameters
     ----------
-    centre : (3,) c0, the last known hard iron; or a first guess, off by less than the field.
+    centre : (3,) c0 in the unit of the readings, the last known hard iron; or a first guess, off by less than the field.
     scale : s0, norm of the field in the unit of the readings.
     count : (96,) readings admitted in each cell; None for none.
-    last : (96, 3) the last of them.
+    last : (96, 3) the last of them, in the unit of the readings.
 
     Raises
     ------

@@ -13,11 +13,11 @@ from .._solve import covariance, solve
 from .._types import AnyArray
 from ._aided import Known, Poses, Turns, dip_residuals, heading_residuals, turn_residuals
 from ._model import MagModel
+from ._start import padded_length
 from ._turn import attitudes_in_segments, permutations, rotation_vector, turn
 
 _STILL = 0.03  # departure of the specific force from its median beyond which a pose is not at rest
 SEGMENT = 2.0  # rad travelled in one segment: rates of a slightly wrong scale go astray with the angle
-_SMALLEST_PAD = 64
 _WEAK, _REFUSED = np.deg2rad(1.0), np.deg2rad(5.0)
 _FEWEST = 5
 _AXES = ("x", "y", "z")
@@ -147,12 +147,12 @@ def like(values: Any, y: np.ndarray, name: str) -> np.ndarray:
 
 
 def _padded(values: np.ndarray) -> np.ndarray:
-    size = max(_SMALLEST_PAD, 1 << (len(values) - 1).bit_length())
+    size = padded_length(len(values))
     return np.concatenate([values, np.repeat(values[:1], size - len(values), axis=0)])
 
 
 def _weight(count: int) -> np.ndarray:
-    full = np.zeros(max(_SMALLEST_PAD, 1 << (count - 1).bit_length()))
+    full = np.zeros(padded_length(count))
     full[:count] = 1.0
     return full
 

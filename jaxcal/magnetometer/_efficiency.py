@@ -18,11 +18,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._types import Array, Float
-from ._start import COUNT
+from ._start import COUNT, PLANAR_ROWS
 
-_PLANAR = [0, 1, 2, 6, 7]
 #: from the changes of a kind to the six entries of A and the centre
-BASES = {"symmetric": np.eye(9), "diagonal": np.eye(9)[:, [0, 2, 5, 6, 7, 8]], "ellipse": np.eye(9)[:, _PLANAR]}
+BASES = {"symmetric": np.eye(9), "diagonal": np.eye(9)[:, [0, 2, 5, 6, 7, 8]], "ellipse": np.eye(9)[:, PLANAR_ROWS]}
 BASES["sphere"] = np.concatenate([np.eye(9)[:, [0, 2, 5]].sum(axis=1, keepdims=True) / np.sqrt(3), np.eye(9)[:, 6:]], axis=1)
 BASES["circle"] = np.concatenate([np.eye(9)[:, [0, 2]].sum(axis=1, keepdims=True) / np.sqrt(2), np.eye(9)[:, 6:8]], axis=1)
 

@@ -9,9 +9,9 @@ from .._precision import host_float64
 from .._types import AnyArray
 from ._attitude import body_field
 from ._result import MagFit
+from ._start import PLANAR_ROWS
 from ._uncertainty import heading_slopes
 
-_PLANAR = [0, 1, 2, 6, 7]
 _WAYS = 8
 
 
@@ -66,6 +66,6 @@ def heading_uncertainty(found: MagFit, headings: Any, *, tilt: float | int = 0.0
             basis = np.asarray(found.plane)
             level = np.stack([np.cos(headings), -np.sin(headings), 0 * headings], axis=1)
             attitudes[:, 1:] = 0.0
-            slopes = heading_slopes(basis @ shape @ basis.T, attitudes, level)[:, _PLANAR]
+            slopes = heading_slopes(basis @ shape @ basis.T, attitudes, level)[:, PLANAR_ROWS]
         variance += np.einsum("ni,ij,nj->n", slopes, np.asarray(found.covariance), slopes)
     return np.sqrt(variance / len(ways))

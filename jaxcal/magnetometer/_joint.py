@@ -15,13 +15,14 @@ from .._solve import Fit, solve
 from .._types import AnyArray
 from ._align import SEGMENT, alignment_of, array, like, still, unit
 from ._coverage import covered, sphere_grid
-from ._joint_residuals import CENTRE, EXTRA, TURN, UPPER, JointPoses, JointTurns, joint_pose_residuals, joint_turn_residuals
+from ._joint_residuals import CENTRE, EXTRA, TURN, JointPoses, JointTurns, joint_pose_residuals, joint_turn_residuals
 from ._joint_verdict import judged
 from ._model import MagModel
-from ._orthogonal import Found
+from ._orthogonal import Found, upper_of
 from ._quadric import Frame, NotEllipsoid, sphere, triangle
 from ._refined import CURVED
 from ._result import MagFit
+from ._start import padded_length
 from ._thin import LONG, all_distances, thinned
 from ._turn import attitudes_in_segments, permutations
 from ._uncertainty import NAMES, covariance_of, needed, root
@@ -30,7 +31,6 @@ from ._verdict import outliers
 _ROUNDS, _SETTLED = 6, 3e-3
 _LEAST = 1e-11  # of a standard deviation, in scaled units: exact data have none
 _PRECISE, _STEPS = 1e-5, 64
-_SMALLEST_PAD = 64
 _FEWEST = 13
 _DIAGONAL, _FLAT = [0, 3, 5], 1e-3
 _PER_DIRECTION = 32
@@ -70,9 +70,7 @@ class Solution(eqx.Module):
 
     @property
     def upper(self) -> np.ndarray:
-        upper = np.zeros((3, 3))
-        upper[np.triu_indices(3)] = self.parameters[UPPER]
-        return upper
+        return _upper(self.parameters)
 
     @property
     def padded(self) -> int:
@@ -127,7 +125,7 @@ class Pairs(eqx.Module):
     def data(self, u: np.ndarray, parameters: np.ndarray, base: np.ndarray, sigma: np.ndarray, noise2: float, bias: np.ndarray) -> Any:
         """Everything that the residuals stand on but do not vary with the parameters, padded."""
         n = len(u)
-        size = max(_SMALLEST_PAD, 1 << (n - 1).bit_length())
+        size = padded_length(n)
         full = functools.partial(_filled, size=size)
         first = (full(u, u[:1]), full(np.ones(n)))
         if self.force is not None:
@@ -138,11 +136,10 @@ class Pairs(eqx.Module):
         number, member = np.unique(segment[there], return_inverse=True)
         place = np.zeros(n, dtype=int)
         place[there] = member
-        upper = np.zeros((3, 3))
-        upper[np.triu_indices(3)] = parameters[UPPER]
+        upper = _upper(parameters)
         iron = np.linalg.inv(upper) @ base
         metric = there[:, None, None] * (attitude @ (iron.T @ iron) @ np.swapaxes(attitude, 1, 2))
-        total = np.zeros((max(_SMALLEST_PAD, 1 << max(len(number) - 1, 0).bit_length()), 3, 3))
+        total = np.zeros((padded_length(len(number)), 3, 3))
         np.add.at(total, place, metric)
         total[len(number) :] = np.eye(3)
         normal = (u - parameters[CENTRE]) @ (upper.T @ upper)
@@ -234,9 +231,7 @@ def _solved(u, pairs: Pairs, begin, base, noise: float, dip: float | None) -> So
 
 
 def _upper(parameters: np.ndarray) -> np.ndarray:
-    upper = np.zeros((3, 3))
-    upper[np.triu_indices(3)] = parameters[UPPER]
-    return upper * np.sign(np.linalg.det(upper)) if np.linalg.det(upper) else upper
+    return upper_of(parameters[:9], "symmetric")[0]
 
 
 def _mean_product(u, pairs: Pairs, begin, base) -> float:

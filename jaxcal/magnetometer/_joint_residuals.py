@@ -15,17 +15,14 @@ from ._residuals import upper_and_centre
 from ._turn import turn
 
 #: U by rows, centre, rotation vector; then the bias of the rates, or the sine
-UPPER, CENTRE, TURN, EXTRA = slice(0, 6), slice(6, 9), slice(9, 12), slice(12, None)
+CENTRE, TURN, EXTRA = slice(6, 9), slice(9, 12), slice(12, None)
 
 
-class JointTurns(eqx.Module):
-    """Scaled readings beside attitudes from rates.
+class Joint(eqx.Module):
+    """Scaled readings that a second sensor speaks of.
 
-    u : (n, 3). weight, paired : (n,), zero for padding, and for readings without rates; below one where the noise
-    of the rates adds up. sigma : (2,) across and along the surface.
-    noise2 : as in `Readings`. base : (3, 3) rotation to start from. member, attitude, slope : as in `Turns`.
-    tangent : (n, 3, 2) two directions along the surface. metric, inverse : (n, 3, 3) and (segments, 3, 3), the weights with which a
-    segment's field is averaged, and the inverse of their sum.
+    u : (n, 3). weight, paired : (n,), zero for padding, and for readings that it says nothing of. sigma : (2,) of a reading across the
+    surface, and of what the sensor says. noise2 : as in `Readings`. base : (3, 3) rotation to start from.
     """
 
     u: Any
@@ -34,6 +31,15 @@ class JointTurns(eqx.Module):
     sigma: Any
     noise2: Any
     base: Any
+
+
+class JointTurns(Joint):
+    """Beside attitudes from rates: sigma is that along the surface; paired is below one where the noise of the rates adds up.
+
+    member, attitude, slope : as in `Turns`. tangent : (n, 3, 2) two directions along the surface. metric, inverse : (n, 3, 3) and
+    (segments, 3, 3), the weights with which a segment's field is averaged, and the inverse of their sum.
+    """
+
     member: Any
     attitude: Any
     slope: Any
@@ -42,15 +48,9 @@ class JointTurns(eqx.Module):
     inverse: Any
 
 
-class JointPoses(eqx.Module):
-    """Scaled readings beside unit specific forces; sigma : (2,) of a reading, and of a direction of the force in rad."""
+class JointPoses(Joint):
+    """Beside unit specific forces (n, 3): sigma is that of a direction of the force in rad."""
 
-    u: Any
-    weight: Any
-    paired: Any
-    sigma: Any
-    noise2: Any
-    base: Any
     force: Any
 
 

@@ -13,12 +13,11 @@ from .._solve import AbstractLoss, Cauchy, Fit, Huber, Tukey, covariance, solve
 from .._types import AnyArray, Array
 from ._efficiency import Penalty
 from ._residuals import Readings, orthogonal, radial
-from ._start import COUNT, basis_of, parameters_of, robust_start, start
+from ._start import COUNT, basis_of, padded_length, parameters_of, robust_start, start
 
 LOSSES: dict[str, AbstractLoss] = {"huber": Huber(), "cauchy": Cauchy(), "tukey": Tukey()}
 _ROUNDS = 5
 _PRECISE = 1e-5  # step to go, relative to the statistical uncertainty
-_SMALLEST_PAD = 64
 
 
 class Found(eqx.Module):
@@ -47,7 +46,7 @@ class Found(eqx.Module):
 
 def padded(u: np.ndarray, kind: str, scale: float = 1.0, noise2: float = 0.0, penalty: Penalty | None = None) -> Readings:
     """Readings filled up to a power of two with weight zero, so that logs of any length share a compiled program."""
-    size = max(_SMALLEST_PAD, 1 << (len(u) - 1).bit_length())
+    size = padded_length(len(u))
     full = np.concatenate([u, np.repeat(u[:1], size - len(u), axis=0)])
     weight = (np.arange(size) < len(u)).astype(float)
     return Readings(full, weight, np.float64(scale), np.float64(noise2), basis_of(kind), penalty)

@@ -135,6 +135,7 @@ def _with_size(found: Found, alone: Found, size: Size) -> Found:
         discord = abs(value - size.log) / float(np.sqrt(size.error**2 + slope @ alone.covariance @ slope))
     covariance = found.covariance
     if np.isfinite(covariance).all():
-        gain = covariance @ _log_size(found)[1]
-        covariance = covariance - np.outer(gain, gain) / (size.error**2 + _log_size(found)[1] @ gain)
+        slope = _log_size(found)[1]
+        gain = covariance @ slope
+        covariance = covariance - np.outer(gain, gain) / (size.error**2 + slope @ gain)
     return eqx.tree_at(lambda f: (f.covariance, f.discord), found, (covariance, discord))

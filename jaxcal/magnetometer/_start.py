@@ -16,6 +16,9 @@ _KEPT, _ROUNDS = 10, 4
 #: parameters of each kind
 COUNT = {"sphere": 4, "diagonal": 6, "symmetric": 9, "circle": 3, "ellipse": 5}
 PLANAR = ("circle", "ellipse")
+#: rows of (A_xx, A_xy, A_yy, A_xz, A_yz, A_zz, b) that a plane has
+PLANAR_ROWS = [0, 1, 2, 6, 7]
+_SMALLEST_PAD = 64
 
 #: entries of (U_11, U_12, U_13, U_22, U_23, U_33, b) that each parameter moves. A planar fit has no third coordinate: U_33 is idle,
 #: and follows U_11 so that A stays regular.
@@ -26,6 +29,11 @@ _MOVES = {
     "circle": ((0, 3, 5), (6,), (7,)),
     "ellipse": ((0, 5), (1,), (3,), (6,), (7,)),
 }
+
+
+def padded_length(count: int) -> int:
+    """Power of two to which arrays are filled up, so that logs of any length share a compiled program."""
+    return max(_SMALLEST_PAD, 1 << max(count - 1, 0).bit_length())
 
 
 @functools.cache

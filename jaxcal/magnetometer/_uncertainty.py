@@ -9,7 +9,7 @@ from ._attitude import body_field, rotation
 from ._efficiency import BASES, natural_rows
 from ._orthogonal import Found
 from ._quadric import Frame, matrix_of, triangle
-from ._start import PLANAR, basis_of
+from ._start import PLANAR, PLANAR_ROWS, basis_of
 
 NAMES = ("A_xx", "A_xy", "A_yy", "A_xz", "A_yz", "A_zz", "b_x", "b_y", "b_z")
 PLANAR_NAMES = ("A_11", "A_12", "A_22", "b_1", "b_2")
@@ -23,7 +23,6 @@ _IN_PLANE = {
     0: "scale along the plane's first axis", 1: "coupling of the plane's axes", 2: "scale along the plane's second axis",
     6: "hard iron along the plane's first axis", 7: "hard iron along the plane's second axis",
 }  # fmt: skip
-_PLANAR = [0, 1, 2, 6, 7]
 _TILT = np.deg2rad(20.0)
 
 
@@ -47,7 +46,7 @@ def covariance_of(found: Found, frame: Frame, bias: np.ndarray | None = None) ->
 
     bias : (9,) of them in scaled units; its square is added.
     """
-    rows = np.arange(9) if found.kind not in PLANAR else np.array(_PLANAR)
+    rows = np.arange(9) if found.kind not in PLANAR else np.array(PLANAR_ROWS)
     if not np.isfinite(found.covariance).all():
         return np.full((len(rows), len(rows)), np.inf)
     unit = np.where(rows < 6, frame.scale**-2, frame.scale)
@@ -119,7 +118,7 @@ def heading_error(shape: np.ndarray, covariance: np.ndarray, inclination: float)
     if len(covariance) == 5:
         attitudes = grids(inclination)[0][0]
         directions = np.stack([np.cos(attitudes[:, 0]), -np.sin(attitudes[:, 0]), np.zeros(len(attitudes))], axis=1)
-        return np.array([rms(heading_slopes(shape, attitudes, directions)[:, _PLANAR], covariance), np.inf])
+        return np.array([rms(heading_slopes(shape, attitudes, directions)[:, PLANAR_ROWS], covariance), np.inf])
     both = zip(grids(inclination), grids_across(inclination), strict=True)
     return np.array([rms(_heading_slopes(shape, directions, across), covariance) for (_, directions), across in both])
 
