@@ -19,7 +19,7 @@ import jax
 import numpy as np
 
 import jaxcal
-from jaxcal._solve import solve
+from jaxcal.fitting import solve
 from jaxcal.imu import ImuTk, multi_position
 from jaxcal.imu._norms import GyroParameters
 from jaxcal.imu._simulate import NOISE

@@ -12,8 +12,8 @@ import numpy as np
 
 from .._errors import DataError
 from .._precision import host_float64, is_traced
-from .._solve import Outcome, solve
 from .._types import Array
+from ..fitting import Outcome, solve
 from ._begin import begin
 from ._describe import know, physical
 from ._equation import WEAK

@@ -11,7 +11,7 @@ import numpy as np
 import scipy.stats
 
 from .._rotation import matrix as rotation_matrix
-from .._solve import Fit, Huber, covariance, solve
+from ..fitting import Fit, Huber, covariance, solve
 from ._gravity import EARTH_RATE
 from ._joint import ImuParameters, Joint, Poses, attitudes, joint_residuals, parts
 from ._linear import least_squares

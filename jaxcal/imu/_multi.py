@@ -8,7 +8,7 @@ import scipy.stats
 
 from .._errors import DataError
 from .._precision import host_float64, is_traced
-from .._solve import Outcome
+from ..fitting import Outcome
 from ._estimate import (
     Estimate,
     Means,

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import scipy.stats
 
-from .._solve import Outcome, solve
+from ..fitting import Outcome, solve
 from ._estimate import Options, padded, spread
 from ._joint import ImuParameters
 from ._norms import AccelParameters, GyroParameters, Norms, norm_residuals

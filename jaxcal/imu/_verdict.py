@@ -3,7 +3,7 @@
 import equinox as eqx
 import numpy as np
 
-from .._solve import Fit, Outcome
+from ..fitting import Fit, Outcome
 from ._observe import ILL, Observability
 
 _FEW_POSES, _FEW_TURNS = 12, 10

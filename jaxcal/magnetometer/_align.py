@@ -9,8 +9,8 @@ import numpy as np
 
 from .._errors import DataError
 from .._precision import host_float64
-from .._solve import covariance, solve
 from .._types import AnyArray
+from ..fitting import covariance, solve
 from ._aided import Known, Poses, Turns, dip_residuals, heading_residuals, turn_residuals
 from ._model import MagModel
 from ._start import padded_length

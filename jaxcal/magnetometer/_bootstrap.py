@@ -8,8 +8,8 @@ import numpy as np
 
 from .._errors import DataError
 from .._precision import host_float64
-from .._solve import solve_many
 from .._types import AnyArray
+from ..fitting import solve_many
 from ._efficiency import Penalty, Size
 from ._orthogonal import bounds_of, padded
 from ._quadric import Frame

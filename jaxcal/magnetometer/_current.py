@@ -7,8 +7,8 @@ import numpy as np
 
 from .._errors import DataError
 from .._precision import host_float64
-from .._solve import covariance, solve
 from .._types import AnyArray, Array
+from ..fitting import covariance, solve
 from ._align import array
 from ._distance import signed_distance
 from ._fit import fit

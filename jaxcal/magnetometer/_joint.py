@@ -11,8 +11,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from .._errors import DataError
-from .._solve import Fit, solve
 from .._types import AnyArray
+from ..fitting import Fit, solve
 from ._align import SEGMENT, alignment_of, array, like, still, unit
 from ._coverage import covered, sphere_grid
 from ._joint_residuals import CENTRE, EXTRA, TURN, JointPoses, JointTurns, joint_pose_residuals, joint_turn_residuals

@@ -8,9 +8,9 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from .._solve import nonnegative
-from .._solve._positive import solve_positive
 from .._types import Any, Array, Bool, Float
+from ..fitting import nonnegative
+from ..fitting._positive import solve_positive
 
 
 class Curve(eqx.Module):

@@ -20,8 +20,8 @@ import numpy as np
 
 from .._errors import FitError
 from .._precision import is_traced
-from .._solve import solve
 from ..allan import Deviation
+from ..fitting import solve
 from ._allanfit import freedom
 from ._curve import Curve, whitened
 from ._estimator import Weighted, settle

@@ -11,8 +11,8 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from .._solve._positive import solve_positive
 from .._types import Array, Bool, Float
+from ..fitting._positive import solve_positive
 from ._curve import Curve, inverse
 
 #: relative change of the modelled variance at which the weights have settled

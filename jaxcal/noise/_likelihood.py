@@ -13,8 +13,8 @@ import jax
 import jax.numpy as jnp
 
 from .._precision import array_module
-from .._solve import nonnegative
 from .._types import AnyArray, Array, Float
+from ..fitting import nonnegative
 from ._curve import inverse
 from ._ordinates import Bins
 

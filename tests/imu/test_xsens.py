@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import jaxcal
-from jaxcal._solve import solve
+from jaxcal.fitting import solve
 from jaxcal.imu import ImuTk, multi_position
 from jaxcal.imu._frames import in_convention
 from jaxcal.imu._norms import GyroParameters

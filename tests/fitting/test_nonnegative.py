@@ -6,7 +6,7 @@ import pytest
 import scipy.optimize
 
 from jaxcal._errors import FitError
-from jaxcal._solve import nonnegative
+from jaxcal.fitting import nonnegative
 
 solve = jax.jit(nonnegative)
 many = jax.jit(jax.vmap(nonnegative))

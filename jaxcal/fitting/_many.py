@@ -48,7 +48,7 @@ def solve_many(
     Examples
     --------
     >>> import jax.numpy as jnp
-    >>> from jaxcal._solve import solve_many
+    >>> from jaxcal.fitting import solve_many
     >>> y = jnp.array([[1.0, 2.0, 3.0], [4.0, 4.0, 7.0]])
     >>> fits = solve_many(lambda mean, y: mean - y, 0.0, y, batched=(False, True))
     >>> print(fits.model.round(3))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.optimize
 
-from jaxcal._solve import Huber, Outcome, covariance, nonnegative, solve, solve_many, standard_errors
+from jaxcal.fitting import Huber, Outcome, covariance, nonnegative, solve, solve_many, standard_errors
 
 from . import problems as p
 

@@ -78,7 +78,7 @@ def solve(
     Examples
     --------
     >>> import jax.numpy as jnp
-    >>> from jaxcal._solve import solve
+    >>> from jaxcal.fitting import solve
     >>> def residuals(line, data):
     ...     return (line["offset"] + line["slope"] * data["x"] - data["y"]) / 0.1
     >>> x = jnp.arange(4.0)

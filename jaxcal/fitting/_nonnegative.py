@@ -71,7 +71,7 @@ def nonnegative(gram: Float[AnyArray, "p p"], moment: Float[AnyArray, " p"]) -> 
     The second unknown would be -1 without the constraint:
 
     >>> import jax.numpy as jnp
-    >>> from jaxcal._solve import nonnegative
+    >>> from jaxcal.fitting import nonnegative
     >>> solution = nonnegative(jnp.diag(jnp.array([2.0, 4.0])), jnp.array([6.0, -4.0]))
     >>> print(solution.value.round(6), solution.active, solution.cost.round(3))
     [3. 0.] [ True False] -18.0

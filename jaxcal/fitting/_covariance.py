@@ -43,7 +43,7 @@ def covariance(fit: Fit, *, scaled: bool = False, clusters: AnyArray | None = No
     Examples
     --------
     >>> import jax.numpy as jnp
-    >>> from jaxcal._solve import covariance, solve
+    >>> from jaxcal.fitting import covariance, solve
     >>> fit = solve(lambda mean, y: (mean - y) / 2, 0.0, jnp.array([1.0, 5.0, 3.0, 3.0]))
     >>> float(covariance(fit)[0, 0].round(6))
     1.0

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.optimize
 
-from jaxcal._solve import Cauchy, Huber, SoftL1, Tukey, covariance, solve, solve_many
+from jaxcal.fitting import Cauchy, Huber, SoftL1, Tukey, covariance, solve, solve_many
 
 from . import problems as p
 

@@ -1,4 +1,9 @@
-"""Least squares for every calibration: the only user of optimistix and lineax in the package."""
+"""Least squares for every calibration, and for models of your own.
+
+A calibration is a residual problem: a model (any tree of numbers, as a rule an Equinox module) and a function
+`residuals(model, data) -> array` of residuals in units of their standard deviation. `solve` fits it; the other functions say how
+well the parameters are known. Every estimator of jaxcal stands on this package, the only one that uses optimistix.
+"""
 
 from ._covariance import covariance as covariance, standard_errors as standard_errors
 from ._fit import solve as solve

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxcal._solve import identifiability, solve, standard_errors
+from jaxcal.fitting import identifiability, solve, standard_errors
 
 
 def misra1a(b, data):

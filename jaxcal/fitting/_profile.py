@@ -55,7 +55,7 @@ def profile_interval(fit: Fit, name: str, *, confidence: float = 0.95, scaled: b
     Examples
     --------
     >>> import jax.numpy as jnp
-    >>> from jaxcal._solve import profile_interval, solve
+    >>> from jaxcal.fitting import profile_interval, solve
     >>> fit = solve(lambda model, y: (model["mean"] - y) / 2, {"mean": 0.0}, jnp.array([1.0, 5.0, 3.0, 3.0]))
     >>> interval = profile_interval(fit, "mean")
     >>> round(interval.low, 3), round(interval.high, 3)

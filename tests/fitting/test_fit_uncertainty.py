@@ -8,7 +8,7 @@ import scipy.optimize
 import scipy.stats
 
 from jaxcal._errors import FitError
-from jaxcal._solve import Outcome, covariance, identifiability, profile_interval, solve, solve_many, standard_errors
+from jaxcal.fitting import Outcome, covariance, identifiability, profile_interval, solve, solve_many, standard_errors
 
 from . import problems as p
 

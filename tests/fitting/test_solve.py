@@ -8,7 +8,7 @@ import pytest
 import scipy.optimize
 
 from jaxcal._errors import FitError
-from jaxcal._solve import Cauchy, Outcome, covariance, identifiability, profile_interval, solve, solve_many, standard_errors
+from jaxcal.fitting import Cauchy, Outcome, covariance, identifiability, profile_interval, solve, solve_many, standard_errors
 
 from . import problems as p
 

@@ -76,7 +76,7 @@ def identifiability(fit: Fit) -> Identifiability:
     Examples
     --------
     >>> import jax.numpy as jnp
-    >>> from jaxcal._solve import identifiability, solve
+    >>> from jaxcal.fitting import identifiability, solve
     >>> def residuals(model, y):
     ...     return model["scale"] * (9.81 + model["bias"]) - y
     >>> fit = solve(residuals, {"bias": 0.0, "scale": 1.0}, jnp.array([9.9, 9.8, 9.9]))
