@@ -8,7 +8,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int, Num, PyTree
 AnyArray = Array | np.ndarray
 
 #: A result that is an array of JAX in a trace, and a number or array of NumPy outside of it.
-Value = Array | np.ndarray | np.generic
+Value = Array | np.ndarray | np.number
 
 #: One recording of one channel, or several channels with time first.
 Series = Num[AnyArray, " n"] | Num[AnyArray, "n channels"]

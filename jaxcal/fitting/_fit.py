@@ -121,8 +121,12 @@ def _run(problem: Problem) -> Fit:
 
 
 def run(problem: Problem) -> Fit:
-    """Solve, and say where the data do not determine every parameter; arrays of NumPy outside of a trace."""
-    fit = to_numpy(_run(problem))
+    """Solve, and say where the data do not determine every parameter.
+
+    Outside of a trace what describes the model is arrays of NumPy, with which the host computes without compiling.
+    """
+    found = _run(problem)
+    fit = dataclasses.replace(to_numpy(found), model=found.model)
     lost = array_module(fit).logical_and(rank_of(fit) < fit.parameters.size, fit.outcome != Outcome.not_finite)
     if is_traced(lost):
         return dataclasses.replace(fit, outcome=Outcome.where(lost, Outcome.unidentifiable, fit.outcome))

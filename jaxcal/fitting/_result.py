@@ -49,7 +49,7 @@ class Fit(eqx.Module):
     problem: Problem | None = None
 
     @property
-    def usable(self) -> Value:
+    def usable(self) -> Value | np.bool_:
         """True where the fit converged, inside its bounds or on one."""
         return array_module(self).logical_or(self.outcome == Outcome.converged, self.outcome == Outcome.at_bound)
 
@@ -111,5 +111,5 @@ class Fit(eqx.Module):
 
 
 def to_numpy(tree: Any) -> Any:
-    """Arrays of NumPy, with which the host computes without compiling; a traced tree stays as it is."""
+    """The same tree with arrays of NumPy, outside of a trace."""
     return tree if is_traced(tree) else jax.tree.map(lambda leaf: np.asarray(leaf) if eqx.is_array(leaf) else leaf, tree)

@@ -47,7 +47,7 @@ def _from(problem: Problem, x: Array) -> Found:
         return value, (slope[:, None] * jacobian, (r, jacobian))
 
     if problem.solver is None:
-        solver = BoundedLevenbergMarquardt(problem.rtol, problem.lower, problem.upper)
+        solver = BoundedLevenbergMarquardt(rtol=problem.rtol, lower=problem.lower, upper=problem.upper)
         end = optx.least_squares(evaluated, solver, x, problem, has_aux=True, max_steps=problem.max_steps, throw=False)
         x, last, newton, (r, jacobian) = end.value, end.state.linear, end.state.newton, end.state.seen
     else:  # the default solver scales by itself; another one gets parameters that move the residuals by one
