@@ -13,7 +13,7 @@ from ._estimate import solved
 from ._linear import least_squares
 from ._model import Imu
 from ._poses import Rests
-from ._residuals import Pieces, Weighted, arrays, pieces, whitening
+from ._residuals import Pieces, Weighted, pieces, reweighted
 from ._scales import excess, leverage, mean_variance
 from ._triad import Triad
 
@@ -46,13 +46,7 @@ class Joint(eqx.Module):
 
 def described(model: Imu, data: Weighted) -> Pieces:
     """Residuals in physical units, as NumPy arrays."""
-    return jax.tree.map(np.asarray, pieces(*arrays((model, data))))
-
-
-def reweighted(data: Weighted, found: Pieces) -> Weighted:
-    """The same data with the covariance of the turns that belongs to the sizes of the errors."""
-    tangent, whiten = whitening(*arrays((data, found)))
-    return dataclasses.replace(data, tangent=np.asarray(tangent), whiten=np.asarray(whiten))
+    return jax.tree.map(np.asarray, pieces(model, data))
 
 
 def rest_start(rests: Rests, force: np.ndarray, with_force: bool, earth: np.ndarray) -> tuple[np.ndarray, np.ndarray, bool]:
@@ -107,7 +101,7 @@ def refitted(start: Imu, data: Weighted, options: Options) -> Fit:
 def joint_fit(start: Imu, data: Weighted, rests: Rests, options: Options, paid: int) -> Joint:
     """Fit, find the sizes of the errors, and fit again; `paid` is the number of parameters of the accelerometer."""
     found = described(start, data)
-    data = reweighted(data, found)
+    data = dataclasses.replace(data, tangent=found.tangent)
     # still rates and norms are in order from the start; turns are not
     per_axis = 1 + 3 * options.g_sensitivity + (start.drift is not None)
     turns: Any = data.turns
@@ -118,7 +112,7 @@ def joint_fit(start: Imu, data: Weighted, rests: Rests, options: Options, paid: 
     for _ in range(_ROUNDS - 1):
         found = described(fit.model, data)
         data, sizes = _sized(data, found, rests, options, fit.model.gyro, _paid(fit, rests.slots))
-        data = reweighted(data, found)
+        data = jax.tree.map(np.asarray, reweighted(fit.model, data, found))
         fit = refitted(fit.model, data, options)
     return Joint(fit, data, described(fit.model, data), sizes)
 

@@ -19,7 +19,7 @@ from ._model import Imu, entries, freed, values
 from ._observe import SINGULAR, Observability, observability
 from ._poses import Rests, padded, rests_of, turns_of
 from ._recording import Recording, not_still, pinned, recording, stuck, wrong_units
-from ._residuals import Weighted
+from ._residuals import Weighted, pieces
 from ._result import ImuFit, intervals
 from ._scales import coefficients, excess, sandwich
 from ._start import explanation, nominal_start, scanned_scale
@@ -43,7 +43,7 @@ def multi_position(
     method: str = "joint",
     model: Any = "full",
     g_sensitivity: bool = True,
-    loss: AbstractLoss | None = _HUBER,
+    loss: Any = _HUBER,
     latitude: float | None = None,
     noise: Any = None,
     raw: bool = False,
@@ -152,10 +152,11 @@ def _joint(record: Recording, choice: Choice, model: Imu, needed: int, options: 
         return _refusal(record, options, "joint", reason, choice.still)
     rests = rests_of(record, start, stop)
     begin = Imu(nominal_start(model.accel, rests.accel, options.gravity) if raw else model.accel)
-    fit = solved(begin, norms(rests.accel, rests.slots, options.gravity), options.convention, options.misalignment, rtol=None)
-    accel = jax.tree.map(np.asarray, fit.model.accel)
-    force = np.asarray(accel.correct(rests.accel))
-    up = force / np.linalg.norm(force, axis=1, keepdims=True)
+    data = norms(rests.accel, rests.slots, options.gravity)
+    fit = solved(begin, data, options.convention, options.misalignment, rtol=None)
+    at_rest = pieces(fit.model, data)
+    up, size = np.asarray(at_rest.vertical)[: len(start)], options.gravity - np.asarray(at_rest.norm)[: len(start)]
+    accel, force = jax.tree.map(np.asarray, fit.model.accel), size[:, None] * up
     seen = observability(up, not options.misalignment)
     if not seen.condition <= SINGULAR:
         return _refusal(record, options, "joint", seen.sentence, choice.still, seen)

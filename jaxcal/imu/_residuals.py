@@ -88,17 +88,17 @@ class Pieces(eqx.Module):
     turned: Any = None
     rest: Any = None
     rotation: Any = None
+    tangent: Any = None
 
 
 def _unit(f: Array) -> Array:
     return f / jnp.sqrt(jnp.sum(f**2, axis=-1, keepdims=True))
 
 
-def _rotations(model: Imu, data: Weighted) -> Array:
+def _rotations(model: Imu, poses: Poses, turns: Turns) -> Array:
     """Rotation of every turn, from the corrected rates."""
-    turns: Any = data.turns
     accel, gyro = model.accel, model.gyro
-    time = jnp.zeros_like(turns.sigma) if model.drift is None else data.poses.time[:-1]
+    time = jnp.zeros_like(turns.sigma) if model.drift is None else poses.time[:-1]
     if not model.plain:
         readings = turns.gyro if model.drift is None else turns.gyro - (time[:, None] * model.drift[None, :])[:, None, :]
         force = accel.correct(turns.accel.reshape(-1, 3))
@@ -127,20 +127,18 @@ def _norths(north: Array, vertical: Array, rotation: Array, sigma: Array) -> Arr
 
 
 @eqx.filter_jit
-def pieces(model: Imu, data: Weighted) -> Pieces:
-    """Residuals of norms, turns and still rates before they are weighted."""
-    poses, turns = data.poses, data.turns
+def _pieces(model: Imu, poses: Poses, turns: Turns | None, gravity: Array, latitude: Array | None) -> Pieces:
     force = model.accel.correct(poses.accel)
     size = jnp.sqrt(jnp.sum(force**2, axis=-1))
     vertical = force / size[:, None]
-    norm = data.gravity - size
+    norm = gravity - size
     if turns is None:
         return Pieces(norm, vertical)
-    rotation = _rotations(model, data)
+    rotation = _rotations(model, poses, turns)
     moved, earth = vertical[:-1], jnp.zeros_like(force)
-    if data.latitude is not None:
+    if latitude is not None:
         north = _norths(model.north, vertical, rotation, turns.sigma)
-        earth = EARTH_RATE * (jnp.sin(data.latitude) * vertical + jnp.cos(data.latitude) * north)
+        earth = EARTH_RATE * (jnp.sin(latitude) * vertical + jnp.cos(latitude) * north)
         # against the stars the vertical of a resting table turns with the Earth
         still = closed_form(earth[:-1], earth[:-1], jnp.sum(turns.dt, axis=1, keepdims=True)).rotation
         moved = jnp.einsum("sij,sj->si", still, moved)
@@ -148,7 +146,10 @@ def pieces(model: Imu, data: Weighted) -> Pieces:
     rest = poses.gyro - model.gyro.measure(earth, force)
     if model.drift is not None:
         rest = rest - poses.time[:, None] * model.drift[None, :]
-    return Pieces(norm, vertical, turned, rest, rotation)
+    # two unit vectors across each vertical after a turn, from the axis of the sensor that is farthest from it
+    aside = jnp.eye(3, dtype=vertical.dtype)[jnp.argmin(jnp.abs(vertical[1:]), axis=1)]
+    right = _unit(jnp.cross(vertical[1:], aside))
+    return Pieces(norm, vertical, turned, rest, rotation, jnp.stack([right, jnp.cross(vertical[1:], right)], axis=2))
 
 
 @eqx.filter_jit
@@ -195,32 +196,25 @@ def residuals(model: Imu, data: Weighted) -> Array:
     return jnp.concatenate(parts)
 
 
-def tangents(vertical: Array) -> Array:
-    """Two unit vectors across each vertical, (s, 3, 2)."""
-    right = _unit(jnp.cross(vertical, jnp.eye(3, dtype=vertical.dtype)[jnp.argmin(jnp.abs(vertical), axis=1)]))
-    return jnp.stack([right, jnp.cross(vertical, right)], axis=2)
-
-
 @eqx.filter_jit
-def whitening(data: Weighted, found: Pieces) -> tuple[Array, Array]:
-    """Tangents, and the inverse Cholesky factor (2s, 2s) of the covariance of the turns' residuals.
+def whitening(sigma: Array, turn: Array, gravity: Array, tangent: Array, rotation: Array) -> Array:
+    """Inverse Cholesky factor (2s, 2s) of the covariance of the turns' residuals, zero for turns that are left out.
 
-    The vertical of a pose closes one turn and opens the next, so that neighbours share its error.
+    The vertical of a pose closes one turn and opens the next, so that neighbours share its error. `sigma` is that of the poses, `turn`
+    that of the turns.
     """
-    turns: Any = data.turns
-    tangent = tangents(found.vertical[1:]) if data.tangent is None else data.tangent
-    count, valid, known = len(turns.sigma), jnp.isfinite(turns.sigma), jnp.isfinite(data.poses.sigma)
+    count, valid, known = len(turn), jnp.isfinite(turn), jnp.isfinite(sigma)
     # rows left out get a variance of one; the double where keeps infinities from the derivative
-    upright = (jnp.where(known, data.poses.sigma, 0) / data.gravity) ** 2
-    own = jnp.where(valid, jnp.where(valid, turns.sigma, 0) ** 2 + upright[:-1] + upright[1:], 1)
+    upright = (jnp.where(known, sigma, 0) / gravity) ** 2
+    own = jnp.where(valid, jnp.where(valid, turn, 0) ** 2 + upright[:-1] + upright[1:], 1)
     shared = jnp.where(valid[:-1] & valid[1:], -upright[1:-1], 0)
-    cross = shared[:, None, None] * jnp.einsum("sia,sij,sjb->sab", tangent[:-1], found.rotation[1:], tangent[1:])
-    cross = jnp.concatenate([cross, jnp.zeros_like(cross[:1])])
+    cross = shared[:, None, None] * jnp.einsum("sia,sij,sjb->sab", tangent[:-1], rotation[1:], tangent[1:])
+    cross = jnp.concatenate([cross, jnp.zeros((1, 2, 2), dtype=own.dtype)])
     after = (jnp.eye(count, k=1, dtype=own.dtype)[:, None, :, None] * cross[:, :, None, :]).reshape(2 * count, 2 * count)
     factor = jnp.linalg.cholesky(jnp.diag(jnp.repeat(own, 2)) + after + after.T)
     inverted = jax.scipy.linalg.solve_triangular(factor, jnp.eye(2 * count, dtype=own.dtype), lower=True)
     keep = jnp.repeat(valid, 2)
-    return tangent, jnp.where(keep[:, None] & keep[None, :], inverted, 0)
+    return jnp.where(keep[:, None] & keep[None, :], inverted, 0)
 
 
 @host_float64
@@ -254,9 +248,16 @@ def arrays(tree: Any) -> Any:
     return jax.tree.map(lambda leaf: jnp.asarray(leaf) if isinstance(leaf, float) or hasattr(leaf, "dtype") else leaf, tree)
 
 
-def reweighted(model: Imu, data: Weighted) -> Weighted:
-    """The same data with the covariance of the turns linearised at a model."""
+def reweighted(model: Imu, data: Weighted, found: Pieces | None = None) -> Weighted:
+    """The same data with the covariance of the turns at a model, whose pieces may be at hand. The tangents stay once they are there."""
     if data.turns is None:
         return data
-    tangent, whiten = whitening(data, pieces(model, data))
+    found = pieces(model, data) if found is None else found
+    tangent = found.tangent if data.tangent is None else data.tangent
+    whiten = whitening(*arrays((data.poses.sigma, data.turns.sigma, data.gravity, tangent, found.rotation)))
     return Weighted(data.poses, data.turns, data.gravity, data.latitude, tangent, whiten)
+
+
+def pieces(model: Imu, data: Weighted) -> Pieces:
+    """Residuals of norms, turns and still rates before they are weighted."""
+    return _pieces(*arrays((model, data.poses, data.turns, data.gravity, data.latitude)))

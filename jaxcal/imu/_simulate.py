@@ -142,15 +142,15 @@ def simulate(
     if directions.shape != (poses, 3):
         raise DataError(f"up has shape {directions.shape}; expected ({poses}, 3)")
     directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
-    attitudes = [_attitude_with(u, h) for u, h in zip(directions, rng.uniform(0, 2 * np.pi, poses), strict=True)]
+    held = [_attitude_with(u, h) for u, h in zip(directions, rng.uniform(0, 2 * np.pi, poses), strict=True)]
     rest, moving = round(float(still) * rate), round(float(turn) * rate)
     body, rates = [], []
-    for i, attitude in enumerate(attitudes):
+    for i, attitude in enumerate(held):
         samples = round(float(initial) * rate) if i == 0 else rest
         body.append(np.broadcast_to(attitude, (samples, 3, 3)))
         rates.append(np.zeros((samples, 3)))
         if i + 1 < poses:
-            vector = _turn_vector(attitude, attitudes[i + 1])
+            vector = _turn_vector(attitude, held[i + 1])
             x = (np.arange(moving) + 1) / (moving + 1)
             part, speed = x**3 * (10 - 15 * x + 6 * x**2), 30 * x**2 * (1 - x) ** 2 * rate / (moving + 1)
             body.append(attitude @ _quaternion_matrix(part[:, None] * vector))
