@@ -10,8 +10,7 @@ from .._errors import DataError
 from .._precision import host_float64, is_traced
 from .._types import Array
 from ._closed import Closed, bias_and_scale, four_point, maximum, opposed, quadrature, scale_first, single_reading, triad
-from ._equation import distance
-from ._frames import EARTH_RATE, wrap
+from ._frames import EARTH_RATE, distance, wrap
 from ._level import Level
 from ._positions import Readings, check_latitude, harmonics, mean_at, measured, need
 from ._verdict import NO_NUMBER, Verdict, sentence, word

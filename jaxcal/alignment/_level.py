@@ -10,7 +10,7 @@ import numpy as np
 from .._errors import DataError
 from .._precision import host_float64, is_traced
 from .._types import Array
-from ._equation import WEAK, distance
+from ._equation import WEAK
 from ._frames import GRAVITY, wrap
 from ._positions import Readings, check_gravity, harmonics, mean_at, need
 from ._verdict import Verdict, sentence, word

@@ -3,6 +3,7 @@
 import equinox as eqx
 import numpy as np
 
+from .._precision import is_traced
 from .._types import Any
 
 
@@ -59,6 +60,17 @@ _MORE: dict[str, dict[str, str]] = {
     },
     "undecided": {"bias_and_scale": "The roots agree in their scale factor, which cannot decide."},
 }
+
+
+def decided(*cases: tuple[Any, Any]) -> Any:
+    """Of (condition, verdict) the verdict of the last condition that holds, or ok; conditions may be traced."""
+    found = Verdict.ok
+    for condition, verdict in cases:
+        if is_traced(condition):
+            found = Verdict.where(condition, verdict, found)
+        elif bool(condition):
+            found = verdict
+    return found
 
 
 def word(verdict: Any) -> str:
