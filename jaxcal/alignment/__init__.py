@@ -12,4 +12,4 @@ from ._positions import Positions as Positions, Readings as Readings, Sensor as 
 from ._result import AlignmentFit as AlignmentFit, Bound as Bound
 from ._simulate import simulate as simulate
 from ._table import Table as Table, residuals as residuals, tabulate as tabulate
-from ._verdict import Verdict as Verdict
+from ._verdict import NO_NUMBER as NO_NUMBER, Verdict as Verdict, verdict_name as verdict_name

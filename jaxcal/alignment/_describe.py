@@ -23,8 +23,8 @@ class Knowledge(eqx.Module):
     """
 
     covariance: AnyArray
-    rank: AnyArray
-    rank_with_priors: AnyArray
+    rank: Any
+    rank_with_priors: Any
     hidden: AnyArray
     lost: AnyArray
 
@@ -55,7 +55,7 @@ def know(jacobian: AnyArray, rows: int, free: np.ndarray, sizes: AnyArray) -> Kn
     return Knowledge(covariance, rank, whole, free & ~seen, lost)
 
 
-def _decompose(matrix: AnyArray) -> tuple[AnyArray, AnyArray, AnyArray, AnyArray]:
+def _decompose(matrix: AnyArray) -> tuple[Any, AnyArray, AnyArray, AnyArray]:
     """Rank, which parameters are determined, the null space with zeros for the other directions, and the lengths of the columns.
 
     A column below 1e-9 of the largest is not normalised: its rounding would pass as information.

@@ -198,7 +198,7 @@ def _described(found: Fit, table: Table, readings: Readings, sizes: Any, other: 
     return AlignmentFit(
         model=with_values(found.model, values), names=names, values=values, covariance=covariance, free=free, rank=known_of.rank,
         hidden=known_of.hidden, lost=known_of.lost,
-        prior_only=free & (table.certainty > 0) & (xp.diagonal(covariance) * table.certainty**2 > 0.95**2),
+        prior_only=free & (table.certainty > 0) & (xp.diagonal(finite) * table.certainty**2 > 0.95**2),
         accel_residual=r[: len(readings.positions)], gyro_residual=r[n : n + len(readings.positions)], chi_square=chi_square,
         degrees_of_freedom=dof, p_value=p_value, other=xp.where(twofold, other, mirror if _mirrored(readings, o) else 0 * other),
         noise_known=o.noise_known, verdict=verdict,

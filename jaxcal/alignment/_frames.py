@@ -1,5 +1,7 @@
 """Frames: north-east-down N, table T, body B; the Earth's rate and the vertical in table axes."""
 
+from typing import Any
+
 import jax.numpy as jnp
 import numpy as np
 
@@ -19,17 +21,17 @@ AXES: dict[str, np.ndarray] = {
 }
 
 
-def wrap(angle: AnyArray) -> AnyArray:
+def wrap(angle: Any) -> Any:
     """The angle in (-pi, pi]."""
     return angle - 2 * np.pi * array_module(angle).ceil((angle - np.pi) / (2 * np.pi))
 
 
-def distance(first: AnyArray, second: AnyArray) -> AnyArray:
+def distance(first: Any, second: Any) -> Any:
     """Size of the angle between two azimuths."""
     return abs(wrap(first - second))
 
 
-def table_from_nav(phi: AnyArray, theta: AnyArray, psi: AnyArray) -> AnyArray:
+def table_from_nav(phi: Any, theta: Any, psi: Any) -> AnyArray:
     """C_TN = Rx(phi) Ry(theta) Rz(psi), (3, 3)."""
     xp = array_module(phi, theta, psi)
     sf, cf, st, ct, sp, cp = (f(a) for a in (phi, theta, psi) for f in (xp.sin, xp.cos))

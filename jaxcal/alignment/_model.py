@@ -151,9 +151,7 @@ def names_of(model: Any) -> tuple[str, ...]:
     other = [name for name, leaf in found if np.shape(leaf)]
     if not isinstance(model, Turntable) or other:
         what = f"{other[0]} is an array" if other else f"it is {type(model).__name__}"
-        raise DataError(
-            f"A model is a `Turntable` or a subclass with numbers as fields, but {what}; give one field for each number."
-        )
+        raise DataError(f"A model is a `Turntable` or a subclass with numbers as fields, but {what}; give one field for each number.")
     return tuple(name for name, _ in found)
 
 
@@ -166,5 +164,4 @@ def turntable(attitude: Any, latitude: Any, accel: Sensor, gyro: Sensor) -> Turn
     """The model of two sensors on a table."""
     (a1, a2), (g1, g2) = accel.misalignment, gyro.misalignment
     errors = (accel.bias, accel.scale_error, gyro.bias, gyro.scale_error, a1, a2, g1, g2, accel.bias_rate, gyro.bias_rate)
-    return Turntable(*attitude, *errors, latitude)
-
+    return with_values(Turntable(), [*attitude, *errors, latitude])

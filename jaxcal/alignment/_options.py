@@ -43,11 +43,13 @@ def _check(names: Any, what: str, known: tuple[str, ...]) -> None:
 
 def priors_of(priors: Any, known: tuple[str, ...]) -> tuple[dict[str, Any], dict[str, Any]]:
     """Means and one over the standard deviations by name; a prior is a standard deviation about zero, or (mean, deviation)."""
-    mean, certainty = {}, {}
+    mean: dict[str, Any] = {}
+    certainty: dict[str, Any] = {}
     _check(priors or {}, "parameter for a prior", known)
     for name, given in (priors or {}).items():
         pair = isinstance(given, (tuple, list)) or getattr(given, "ndim", 0)
-        centre, size = given if pair else (0.0, given)
+        both: Any = given if pair else (0.0, given)
+        centre, size = both
         if name in _ANGLES and not pair:
             raise DataError(f"The prior of {name} is {given!r}; an angle's prior needs its mean: (mean, standard deviation) in rad.")
         if not is_traced(size) and not float(size) > 0:

@@ -46,7 +46,7 @@ class Plan(eqx.Module):
     pair: float
 
 
-def best_angle(attitude: Any, latitude: Any) -> Array:
+def best_angle(attitude: Any, latitude: Any) -> Any:
     r"""Table angle at which the sensitive axis feels the azimuth most.
 
     .. math:: \tau_0 = \mathrm{atan2}(\partial W_y/\partial\psi,\ \partial W_x/\partial\psi)
@@ -292,8 +292,8 @@ def _arrays(o: _Options) -> tuple[Turntable, Any, Any, Any]:
 def _variances(places: Places, count: Any, free: tuple[bool, ...], models: Any, noise: Any, certainty: Array, gravity: Array) -> Array:
     """Variance of the azimuth for every attitude, (k,), where the first `count` places are measured."""
     here, zeros = jnp.arange(places.angle.size) < count, jnp.zeros_like(places.angle)
-    weights = [whitening(*pair, places, here) for pair in noise]
-    table = Table(geometry(places, gravity), zeros, zeros, *weights, 0 * certainty, certainty)
+    weights = [whitening(white, walk, places, here) for white, walk in noise]
+    table = Table(geometry(places, gravity), zeros, zeros, weights[0], weights[1], 0 * certainty, certainty)
     index = np.flatnonzero(free)
 
     def one(model: Turntable) -> Array:

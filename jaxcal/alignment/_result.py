@@ -5,8 +5,9 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
-from ._model import Turntable
-from ._verdict import NO_NUMBER, Verdict, word
+from .._results import NORMAL95, Result, Row
+from ._model import UNITS, Turntable
+from ._verdict import NO_NUMBER, Verdict, verdict_name
 
 
 class _Known(eqx.Module):
@@ -74,7 +75,7 @@ class Bound(_Known):
     """
 
 
-class AlignmentFit(_Known):
+class AlignmentFit(_Known, Result):
     """The joint fit of attitude, sensor errors and latitude.
 
     Attributes
@@ -105,8 +106,9 @@ class AlignmentFit(_Known):
     notes: tuple[str, ...] = eqx.field(static=True, default=())
 
     def _value(self, name: str) -> float | None:
-        gone = name in self.undetermined or (name == "psi" and word(self.verdict) in {word(item) for item in NO_NUMBER})
-        return None if gone or word(self.verdict) == word(Verdict.unfinished) else float(self.values[self.names.index(name)])
+        said = verdict_name(self.verdict)
+        gone = name in self.undetermined or said == "unfinished" or (name == "psi" and said in {verdict_name(item) for item in NO_NUMBER})
+        return None if gone else float(self.values[self.names.index(name)])
 
     @property
     def phi(self) -> float | None:
@@ -134,7 +136,17 @@ class AlignmentFit(_Known):
         return {name: self._value(name) for name in self._named(self.free)}
 
     @property
+    def warnings(self) -> tuple[str, ...]:
+        """The notes."""
+        return self.notes
+
+    def _rows(self) -> list[Row]:
+        half = {name: NORMAL95 * std for name, std in self.std.items()}
+        known = {name: value for name, value in self.parameters.items() if value is not None}
+        return [Row(name, x, x - half[name], x + half[name], UNITS.get(name, "")) for name, x in known.items()]
+
+    @property
     def reason(self) -> str:
         """What the verdict means here, and what the readings leave open (host only)."""
-        more = f" {self.observability}" if word(self.verdict) == "unobservable" else ""
+        more = f" {self.observability}" if verdict_name(self.verdict) == "unobservable" else ""
         return Verdict[self.verdict] + more

@@ -39,7 +39,7 @@ def initial_guess(
     third = xp.where(seen[2], down[2], xp.where(upside_down, -flat, flat))
     phi = chosen("phi", xp.arctan2(down[1], third))
     theta = chosen("theta", xp.arctan2(-down[0], xp.hypot(down[1], third)))
-    column = weight_gyro * ("b_g" in free)
+    column = weight_gyro * float("b_g" in free)
     if "latitude" in free and "latitude" not in known:
         side = xp.sqrt(xp.maximum(1 - rate[0] ** 2 - rate[1] ** 2, 0))
         pairs = [_levelled(xp, rate[:2], xp.where(turns[2], rate[2], z), phi, theta) for z in (side, -side)]
@@ -73,23 +73,23 @@ def _vector(axes: AnyArray, reading: AnyArray, weight: AnyArray, offset: bool) -
     return vector[:3], hidden[:3] < 1e-6
 
 
-def _levelled(xp: Any, plane: AnyArray, third: AnyArray, phi: AnyArray, theta: AnyArray) -> tuple[AnyArray, AnyArray]:
+def _levelled(xp: Any, plane: AnyArray, third: Any, phi: Any, theta: Any) -> tuple[Any, Any]:
     """Azimuth and latitude of an Earth's rate in table axes."""
     h = table_from_nav(phi, theta, xp.zeros_like(third)).T @ xp.stack([*plane, third])
     return xp.arctan2(-h[1], h[0]), xp.arctan2(-h[2], xp.hypot(h[0], h[1]))
 
 
-def _preference(xp: Any, psi: AnyArray, latitude: AnyArray, hint: Any, hemisphere: Any) -> AnyArray:
+def _preference(xp: Any, psi: Any, latitude: Any, hint: Any, hemisphere: Any) -> Any:
     """How far a candidate is from what was said before: 0 where nothing was."""
     return (0.0 if hint is None else distance(psi, hint)) + xp.where(hemisphere * latitude < 0, 10.0, 0.0)
 
 
-def _search(xp, phi, theta, latitude, axes, gyro, weight, column, hint, noise) -> tuple[AnyArray, AnyArray, AnyArray]:
+def _search(xp, phi, theta, latitude, axes, gyro, weight, column, hint, noise) -> tuple[Any, Any, Any]:
     """Lowest misfit of the gyro over a grid of azimuths, the next minimum, and whether it is as good."""
     grid = xp.arange(_GRID, dtype=gyro.dtype) * (2 * np.pi / _GRID)
     east, north = (table_from_nav(phi, theta, angle)[:, 0] for angle in (np.pi / 2, 0.0))
     vertical = table_from_nav(phi, theta, 0.0)[:, 2] * xp.sin(latitude)
-    waves = xp.stack([xp.cos(grid), xp.sin(grid)], axis=1) @ xp.stack([north, east]) * xp.cos(latitude) - vertical
+    waves = xp.stack([xp.cos(grid), xp.sin(grid)], axis=1) @ xp.stack([north, east]) * xp.cos(latitude) - vertical[None, :]
     misfit = weight[None, :] * (gyro[None, :] - waves @ axes.T)
     square = column @ column
     along = misfit @ column / xp.where(square > 0, square, 1)

@@ -4,11 +4,12 @@ from typing import Any
 
 import equinox as eqx
 import jax
+import jax.core
 import jax.numpy as jnp
 import numpy as np
 
 from .._precision import array_module
-from .._types import AnyArray, Array
+from .._types import AnyArray
 from ._frames import AXES, GRAVITY
 from ._model import Geometry, geometry
 from ._positions import Positions, Readings
@@ -19,14 +20,14 @@ _SMALLEST_PAD = 16
 class Places(eqx.Module):
     """The arrays of `Positions`, filled up to a power of two with rows that are never measured."""
 
-    angle: AnyArray
-    axes: AnyArray
-    dwell: AnyArray
-    start: AnyArray
-    time: AnyArray
-    rate: AnyArray
-    acceleration: AnyArray
-    width: AnyArray
+    angle: Any
+    axes: Any
+    dwell: Any
+    start: Any
+    time: Any
+    rate: Any
+    acceleration: Any
+    width: Any
 
 
 class Table(eqx.Module):
@@ -47,8 +48,8 @@ class Table(eqx.Module):
     gyro: AnyArray
     weight_accel: AnyArray
     weight_gyro: AnyArray
-    prior: AnyArray | None = None
-    certainty: AnyArray | None = None
+    prior: Any = None
+    certainty: Any = None
 
     @property
     def measured(self) -> list[AnyArray]:
@@ -56,7 +57,7 @@ class Table(eqx.Module):
         return [(weight if weight.ndim == 1 else weight.diagonal()) > 0 for weight in (self.weight_accel, self.weight_gyro)]
 
 
-def residuals(model: Any, data: Any) -> Array:
+def residuals(model: Any, data: Any) -> Any:
     r"""Residuals of a turntable model in units of their standard deviation: accelerometer, gyro, priors.
 
     .. math:: r = \left(W_a (\hat a - a),\; W_g (\hat w - w),\; (x - x_0)/\sigma_0\right)
@@ -121,7 +122,8 @@ def tabulate(readings: Readings, gravity: Any = GRAVITY, noise: Any = None, prio
     xp = array_module(readings, gravity, noise, prior, certainty)
     noise = noise or [(readings.white(name), readings.walk(name)) for name in ("accel", "gyro")]
     places = padded(readings.positions)
-    values, weights = [], []
+    values: list[Any] = []
+    weights: list[Any] = []
     for name, (white, walk) in zip(("accel", "gyro"), noise, strict=True):
         given = getattr(readings, name)
         size = len(readings.positions)
@@ -130,7 +132,7 @@ def tabulate(readings: Readings, gravity: Any = GRAVITY, noise: Any = None, prio
         value = xp.concatenate([given, xp.zeros(places.dwell.size - size, dtype=given.dtype)])
         values.append(xp.where(here, value, 0))
         weights.append(whitening(white, walk, places, here))
-    table = Table(geometry(places, gravity, readings.lever_arm), *values, *weights, prior, certainty)
+    table = Table(geometry(places, gravity, readings.lever_arm), values[0], values[1], weights[0], weights[1], prior, certainty)
     return in_one_type(table, values[0].dtype if readings.accel is not None else values[1].dtype)
 
 
@@ -146,7 +148,7 @@ def whitening(white: Any, walk: Any, places: Places, here: AnyArray) -> AnyArray
     return xp.where(both, xp.linalg.solve(factor, xp.eye(here.size, dtype=factor.dtype)), 0)
 
 
-def walk_covariance(start: Any, dwell: Any) -> Array:
+def walk_covariance(start: Any, dwell: Any) -> AnyArray:
     """Covariance of the means over dwells of a unit random walk that starts with the test, (n, n), s."""
     xp = array_module(start, dwell)
     start = start - start.min()

@@ -73,13 +73,20 @@ def decided(*cases: tuple[Any, Any]) -> Any:
     return found
 
 
-def word(verdict: Any) -> str:
-    """Name of a verdict (host only)."""
+def verdict_name(verdict: Any) -> str:
+    """Name of a verdict (host only), which is an item of `Verdict`.
+
+    Examples
+    --------
+    >>> from jaxcal.alignment import Verdict, verdict_name
+    >>> verdict_name(Verdict.weak)
+    'weak'
+    """
     number = int(np.asarray(verdict._value))
     return next(name for name, item in Verdict._name_to_item.items() if int(np.asarray(item._value)) == number)
 
 
 def sentence(verdict: Any, method: str) -> str:
     """What the verdict means for a method (host only)."""
-    more = _MORE.get(word(verdict), {}).get(method)
+    more = _MORE.get(verdict_name(verdict), {}).get(method)
     return Verdict[verdict] + (f" {more}" if more else "")
