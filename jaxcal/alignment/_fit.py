@@ -13,7 +13,7 @@ import scipy.special
 
 from .._errors import DataError
 from .._precision import array_module, host_float64, is_traced
-from ..fitting import Fit, Outcome, solve
+from ..fitting import Fit, solve
 from ._describe import know, sizes_of
 from ._equation import WEAK
 from ._frames import GRAVITY, wrap
@@ -184,8 +184,7 @@ def _described(found: Fit, table: Table, readings: Readings, sizes: Any, other: 
     mirror = xp.concatenate([xp.stack([wrap(np.pi - values[0]), values[1], wrap(-values[2])]), values[3:]])
     # the solver's own test fails on readings without noise, whose residuals are rounding, and along open combinations
     gradient = jacobian.T @ r
-    settled = (gradient @ finite @ gradient < _DONE**2) & (found.outcome != Outcome.not_finite)
-    usable = (found.outcome == Outcome.converged) | (found.outcome == Outcome.at_bound) | settled
+    usable = xp.asarray(found.usable) | (gradient @ finite @ gradient < _DONE**2)
     weak = free[2] & (covariance[2, 2] > WEAK**2)
     verdict = decided(
         (weak, Verdict.weak),
