@@ -120,7 +120,7 @@ def test_exports_hold_what_the_calibration_says(simulated, folder):
     hard = jaxcal.Calibration.load(folder / "device.json").magnetometer.model.hard_iron
     for name, given in (("mag.csv", "csv"), ("motioncal.bin", "motioncal")):
         read = jaxcal.export.read(folder / name, format=given).magnetometer
-        np.testing.assert_allclose(read["hard_iron"], hard, rtol=1e-6)
+        np.testing.assert_allclose(read.model.hard_iron, hard, rtol=1e-6)
     assert "JAXCAL_MAG_BIAS" in (folder / "calibration.h").read_text()
     refused = call("mag", "tumble.csv", "--export", "kalibr")
     assert refused.status == 2
