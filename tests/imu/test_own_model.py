@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy.stats
 
 import jaxcal
 from jaxcal import DataError
@@ -66,7 +67,7 @@ def test_the_intervals_of_a_model_of_ones_own_hold_the_truth():
     assert usable.all()
     free = errors[0] > 0
     assert free.sum() == 12
-    half = scipy_t(len(UP) - 12) * errors
+    half = scipy.stats.t.ppf(0.975, len(UP) - 12) * errors
     inside = (np.abs(values - TRUTH) <= half)[:, free]
     assert 0.93 <= inside.mean() <= 0.97
     assert 0.93 <= inside[:, -3:].mean() <= 0.97
@@ -76,12 +77,6 @@ def test_the_intervals_of_a_model_of_ones_own_hold_the_truth():
     assert found.names[-3:] == ("accel.square[0]", "accel.square[1]", "accel.square[2]")
     np.testing.assert_allclose(found.values, values[0], rtol=1e-7, atol=1e-10)
     assert isinstance(found.model.accel, Quadratic)
-
-
-def scipy_t(freedom):
-    import scipy.stats
-
-    return scipy.stats.t.ppf(0.975, freedom)
 
 
 def test_derivatives_of_the_estimate_are_those_of_finite_differences():
@@ -106,35 +101,43 @@ def test_derivatives_of_the_estimate_are_those_of_finite_differences():
 
 
 @pytest.fixture(scope="module")
-def found():
-    """A recording of the sensor with its gyroscope."""
+def recorded():
+    """A recording of the sensor with its gyroscope: that of a plain triad, and the term."""
     log = cases.recording(0)
-    force = np.linalg.solve(MATRIX_OF_CASES, (log.accel - cases.ACCEL.bias).T).T
-    return multi_position(
-        jaxcal.Log(None, accel=log.accel + SQUARE * force**2, gyro=log.gyro, rate=log.rate), gravity=G, model=START, held_out=False
-    )
+    force = np.linalg.solve(cases.ACCEL.matrix, (log.accel - cases.ACCEL.bias).T).T
+    return jaxcal.Log(None, accel=log.accel + SQUARE * force**2, gyro=log.gyro, rate=log.rate)
 
 
-MATRIX_OF_CASES = np.asarray(cases.ACCEL.matrix)
+@pytest.fixture(scope="module")
+def found(recorded):
+    return multi_position(recorded, gravity=G, model=START, held_out=False)
 
 
-def test_a_recording_is_fitted_drawn_and_applied(found):
+def test_a_recording_is_fitted_drawn_stored_and_applied(recorded, found, tmp_path):
     assert found.verdict != "refused"
     assert isinstance(found.accel, Quadratic)
     assert found.names[33:] == ("accel.square[0]", "accel.square[1]", "accel.square[2]")
-    low, high = found.interval[33:].T
     assert np.all(np.abs(found.values[33:] - SQUARE) <= 5 * found.standard_error[33:])
-    assert np.all(low < high)
+    assert np.all(found.interval[33:, 0] < found.interval[33:, 1])
     assert "accel.square[2]" in found.summary()
     assert len(jaxcal.plot.imu(found)) == 3
     value, covariance = found.propagate(lambda accel, gyro: accel.square)
     np.testing.assert_allclose(value, found.accel.square, rtol=1e-12)
     np.testing.assert_allclose(covariance, found.covariance[33:, 33:], rtol=1e-9)
-    # gravity, to the noise of a mean, in every pose: a plain triad leaves 0.02 m/s^2
-    y = MATRIX @ np.array([0.0, 0.0, G]) + BIAS
-    assert np.shape(found.accel.correct(y)) == (3,)
+
+    jaxcal.Calibration(imu=found).save(tmp_path / "device.json")
+    again = jaxcal.Calibration.load(tmp_path / "device.json")
+    part = again.imu.accel
+    assert isinstance(part.model, Quadratic)
+    np.testing.assert_array_equal(part.model.square, found.accel.square)
+    assert part.covariance.parameters[-3:] == ("square[0]", "square[1]", "square[2]")
+    np.testing.assert_array_equal(part.covariance.values[-3:, -3:], found.covariance[33:, 33:])
+    # the norm of every rest is gravity, where the term alone is 0.02 m/s^2
+    force = again.correct(recorded).accel
+    rests = np.array([np.linalg.norm(force[i:j].mean(axis=0)) for i, j in zip(found.still.start, found.still.stop, strict=True)])
+    np.testing.assert_allclose(rests, G, atol=5e-3)
     with pytest.raises(DataError, match="take convention='upper' or 'lower'"):
-        multi_position(jaxcal.Log(None, accel=np.zeros((9, 3)), rate=1.0), gravity=G, model=START, convention="full")
+        multi_position(recorded, gravity=G, model=START, convention="full")
 
 
 def test_poses_that_do_not_determine_the_term_are_refused():
