@@ -74,7 +74,8 @@ def covariance(
     0.666667
     """
     xp = array_module(fit)
-    bread = _bread(fit, information).covariance
+    known = _bread(fit, information)
+    bread = known.root @ known.root.T
     prior = fit.prior_jacobian.T @ fit.prior_jacobian
     if kind == "model":
         if blocks is not None:
@@ -90,7 +91,8 @@ def covariance(
         matrix = refits(fit, fit.problem, labels, count) + bread @ prior @ bread
     else:
         raise FitError(f"There is no covariance of kind {kind!r}; the kinds are 'model', 'sandwich' and 'jackknife'.")
-    return xp.where(fit.outcome == Outcome.unidentifiable, np.inf, matrix)
+    lost = xp.logical_or(known.rank < xp.sum(~fit.at_bound), fit.outcome == Outcome.unidentifiable)
+    return xp.where(lost, np.inf, matrix)
 
 
 def intervals(
