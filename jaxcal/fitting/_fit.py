@@ -23,7 +23,7 @@ from ._search import cost, search
 
 
 def solve(
-    residuals: Callable[[M, Any], Array],
+    residuals: Callable[[Any, Any], Array],
     start: M,
     data: Any = None,
     *,

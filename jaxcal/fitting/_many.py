@@ -15,7 +15,7 @@ from ._result import Fit, M
 
 
 def solve_many(
-    residuals: Callable[[M, Any], Array],
+    residuals: Callable[[Any, Any], Array],
     start: M,
     data: Any,
     *,
