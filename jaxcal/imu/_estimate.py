@@ -148,6 +148,13 @@ def placed(fitted: tuple[str, ...], matrix: AnyArray, names: tuple[str, ...]) ->
     return xp.pad(xp.asarray(matrix), ((0, 1), (0, 1)))[place][:, place]
 
 
+def sandwich(fit: Fit, blocks: np.ndarray) -> np.ndarray:
+    """Covariance over blocks of residuals (host); infinite where the blocks are too few or the parameters not determined."""
+    if len(np.unique(blocks[np.asarray(fit.counted)])) <= len(fit.names) or not bool(fit.usable):
+        return np.full((len(fit.names),) * 2, np.inf)
+    return np.asarray(covariance(fit, "sandwich", blocks=blocks))
+
+
 @eqx.filter_jit
 def _turned(model: Imu, convention: str) -> tuple[Imu, AnyArray]:
     turned = in_convention(model, convention)
