@@ -114,7 +114,8 @@ def estimate(
         raise DataError("A subclass of Triad cannot be turned into the frame 'full'; take convention='upper' or 'lower'.")
     start, data = arrays((start, Weighted(poses, turns, gravity, latitude)))
     data = reweighted(start, data)
-    return described(solved(start, data, convention, misalignment, g_sensitivity, loss), data, convention)
+    # to the end, not to the statistical uncertainty: differences of two estimates are then as good as their derivatives
+    return described(solved(start, data, convention, misalignment, g_sensitivity, loss, rtol=None), data, convention)
 
 
 def solved(
