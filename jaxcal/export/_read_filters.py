@@ -177,10 +177,7 @@ def _mapping(found: dict[str, Any], key: str) -> dict[str, Any]:
 
 
 def _number(found: dict[str, Any], key: str) -> float:
-    value = found.get(key)
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) < 1e15:
-        raise DataError(f"{key} is {'missing' if value is None else repr(value)[:80]}; expected a number")
-    return float(value)
+    return float(_array(found, key, 1)[0])
 
 
 def _vector(found: dict[str, Any], key: str) -> AnyArray:
@@ -193,8 +190,13 @@ def _matrix(found: dict[str, Any], key: str) -> AnyArray:
 
 def _array(found: dict[str, Any], key: str, size: int) -> AnyArray:
     value = found.get(key)
-    rows = value if isinstance(value, list) else []
-    flat = [item for row in rows for item in (row if isinstance(row, list) else [row])]
-    if len(flat) != size or not all(isinstance(item, (int, float)) and not isinstance(item, bool) and abs(item) < 1e15 for item in flat):
-        raise DataError(f"{key} is {'missing' if value is None else repr(value)[:80]}; expected {size} numbers")
-    return np.array(flat, dtype=np.float64)
+    flat = [item for row in (value if isinstance(value, list) else [value]) for item in (row if isinstance(row, list) else [row])]
+    try:
+        # YAML takes 1e-3, without a point, for a word
+        values = np.array([float("nan") if isinstance(item, bool) else float(item) for item in flat])
+    except (TypeError, ValueError, OverflowError):
+        values = np.array([])
+    if len(values) != size or not np.all(np.abs(values) < 1e15):
+        expected = f"{size} numbers" if size > 1 else "a number"
+        raise DataError(f"{key} is {'missing' if value is None else repr(value)[:80]}; expected {expected}")
+    return values
