@@ -257,8 +257,8 @@ def test_yaml_of_opencv_and_numbers_without_a_point(tmp_path):
     (tmp_path / "a.yaml").write_text(f"%YAML:1.0\n---\n{matrix}{lines}")
     noise = read(tmp_path / "a.yaml", format="orbslam3").noise
     assert (noise.gyro.N[0], noise.accel.N[1], noise.gyro.K[2], noise.accel.K[0], noise.rate) == (1e-3, 2e-3, 3e-5, 4.0, 200.0)
-    with pytest.raises(DataError, match=r"line 2: 'IMU.NoiseGyro' is no name, or stands there twice"):
-        (tmp_path / "a.yaml").write_text("IMU.NoiseGyro: 1\n" + lines)
+    (tmp_path / "a.yaml").write_text("IMU.NoiseGyro: 1\n" + lines)
+    with pytest.raises(DataError, match=r"line 1: 'IMU.NoiseGyro' is no name, or stands there twice"):
         read(tmp_path / "a.yaml", format="orbslam3")
 
 
