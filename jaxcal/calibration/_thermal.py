@@ -35,7 +35,7 @@ class Powers(AbstractCurve):
 
     def value(self, t: Any) -> AnyArray:
         """The polynomial at the temperatures `t`, degC."""
-        return polynomial.polyval(np.asarray(t) - self.reference, np.concatenate([[0.0], self.coefficients]))
+        return np.asarray(polynomial.polyval(np.asarray(t) - self.reference, np.concatenate([[0.0], self.coefficients])))
 
 
 class Thermal(eqx.Module):

@@ -177,9 +177,8 @@ def _matrix(found: dict[str, Any], key: str) -> AnyArray:
 
 def _array(found: dict[str, Any], key: str, size: int) -> AnyArray:
     value = found.get(key)
-    flat: list[Any] = [
-        item for row in (value if isinstance(value, list) else [value]) for item in (row if isinstance(row, list) else [row])
-    ]
+    rows = value if isinstance(value, list) else [value]
+    flat: list[Any] = [item for row in rows for item in (row if isinstance(row, list) else [row])]
     try:
         # YAML takes 1e-3, without a point, for a word
         values = np.array([float("nan") if isinstance(item, bool) else float(item) for item in flat])
