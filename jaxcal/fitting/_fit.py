@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 
+from .._compile import filter_jit
 from .._errors import FitError
 from .._precision import array_module, is_traced
 from .._types import Array
@@ -99,7 +100,7 @@ def solve(
     return dataclasses.replace(fit, problem=problem)
 
 
-@eqx.filter_jit
+@filter_jit
 def _run(problem: Problem) -> Fit:
     """Solve and describe the solution, but for its rank."""
     found = search(problem)

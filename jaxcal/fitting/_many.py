@@ -7,6 +7,7 @@ from typing import Any, Literal
 import equinox as eqx
 import jax
 
+from .._compile import filter_jit
 from .._types import Array
 from ._fit import run
 from ._parameters import common_dtype, to_floats
@@ -64,7 +65,7 @@ def solve_many(
     return _each(template, mapped, shared, batch == "vmap")
 
 
-@eqx.filter_jit
+@filter_jit
 def _each(template: Problem, mapped: Any, shared: Any, together: bool) -> Fit:
     def one(item: Any) -> Fit:
         start, data = eqx.combine(item, shared)
