@@ -241,7 +241,5 @@ def _with_z(readings: Readings, gravity: Array, both: bool) -> Level:
         (angle_covariance[0, 0] > WEAK**2, Verdict.weak), (jnp.hypot(a[1], a[2]) < _SINGULAR * scale, Verdict.degenerate),
         (scale < 0.01, Verdict.infeasible), (~present, Verdict.missing),
     )  # fmt: skip
-    zero = jnp.zeros_like(scale)
-    return Level(
-        phi, theta, phi[None], angle_covariance, (x[0] + x[2]) / 2 * gravity, scale, 1 + (alpha - 1) / 2, zero, verdict, "bias_and_scale"
-    )
+    zero, bias = jnp.zeros_like(scale), (x[0] + x[2]) / 2 * gravity
+    return Level(phi, theta, phi[None], angle_covariance, bias, scale, 1 + (alpha - 1) / 2, zero, verdict, "bias_and_scale")
