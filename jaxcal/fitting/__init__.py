@@ -17,6 +17,7 @@ from ._loss import AbstractLoss as AbstractLoss, Cauchy as Cauchy, Huber as Hube
 from ._many import solve_many as solve_many
 from ._nonnegative import Nonnegative as Nonnegative, nonnegative as nonnegative
 from ._outcome import Outcome as Outcome
+from ._parameters import names_of as names_of
 from ._prior import AbstractPrior as AbstractPrior, Gaussian as Gaussian
 from ._profile import Interval as Interval, profile_interval as profile_interval
 from ._result import Fit as Fit
