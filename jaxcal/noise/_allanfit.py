@@ -11,7 +11,7 @@ import scipy.stats
 from .._types import AnyArray
 from ._curve import GUESSED, Curve, Lanes, estimate, fixed_point, least_squares, whitened
 from ._limits import Limits, find_limits
-from ._minimise import Value, inverse, namespace
+from ._minimise import inverse, namespace
 from ._skewness import Response, as_normal, skewness
 
 #: misfit of the deviation that does not count against a model, and the chance of a worse chi-square at which a band is refused
@@ -89,9 +89,9 @@ class Fitted(eqx.Module):
     theta: AnyArray
     covariance: AnyArray
     limits: Limits
-    goodness: Value
-    inflation: Value
-    step: Value
+    goodness: Any
+    inflation: Any
+    step: Any
     modelled: AnyArray
     edf: AnyArray
 

@@ -117,7 +117,9 @@ def _judged(data: Curve, used, theta):
     return tail(freedom(used, theta[0]) / 2.0, chi / 2.0)
 
 
-def _result(theta, data: Curve, used, unit, curve: Deviation, samples: int, terms: tuple[str, ...], inside, confidence: float, method: str) -> NoiseFit:
+def _result(
+    theta, data: Curve, used, unit, curve: Deviation, samples: int, terms: tuple[str, ...], inside, confidence: float, method: str
+) -> NoiseFit:
     """`NoiseFit` of squared coefficients about which nothing more is known."""
     traced = is_traced(curve.deviation)
     xp = jnp if traced else np

@@ -37,14 +37,18 @@ def curve_of(curve: Deviation, samples: int, terms: tuple[str, ...], variance, i
     tail = -1.0 / curve.tau**2 if "Q" not in terms else -allan_column("Q", curve.tau, dt)
     columns = xp.stack([*(allan_column(term, curve.tau, dt) for term in terms), tail], axis=1)
     tensor = covariance_tensor(samples, tuple(int(m) for m in curve.m), dt, terms)
-    return Curve(
-        v=xp.where(used, variance / unit, 1.0),
-        columns=columns.astype(dtype),
-        tensor=tensor.astype(dtype),
-        share=(1.0 + curve.skipped / curve.count).astype(dtype),
-        octave=np.log2(curve.m.astype(dtype)),
-        short=np.array([term == "Q" for term in terms]).astype(dtype),
-    ), used, unit
+    return (
+        Curve(
+            v=xp.where(used, variance / unit, 1.0),
+            columns=columns.astype(dtype),
+            tensor=tensor.astype(dtype),
+            share=(1.0 + curve.skipped / curve.count).astype(dtype),
+            octave=np.log2(curve.m.astype(dtype)),
+            short=np.array([term == "Q" for term in terms]).astype(dtype),
+        ),
+        used,
+        unit,
+    )
 
 
 def fit_jointly(

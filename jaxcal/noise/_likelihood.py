@@ -38,7 +38,8 @@ def flat_start(bins: Bins) -> Any:
     ordinate = xp.maximum(bins.density, np.finfo(bins.density.dtype).tiny ** 0.5)
     logs = xp.where(positive, xp.log(ordinate[:, None] / xp.where(positive, bins.columns, 1.0)), 0.0)
     there = count > 0
-    return xp.where(there, xp.exp(xp.sum(logs, axis=0) / xp.where(there, count, 1.0)) / xp.maximum(xp.sum(there).astype(count.dtype), 1.0), 0.0)
+    level = xp.exp(xp.sum(logs, axis=0) / xp.where(there, count, 1.0))
+    return xp.where(there, level / xp.maximum(xp.sum(there).astype(count.dtype), 1.0), 0.0)
 
 
 def several_starts(bins: Bins) -> Any:

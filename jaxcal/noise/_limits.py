@@ -27,9 +27,9 @@ class Limits(eqx.Module):
 def find_limits(ratio: Callable[[Any, Any, Any], tuple[Any, Any]], theta, reach, start, two_sided, one_sided) -> tuple[Limits, Any]:
     """Where the likelihood ratio reaches the levels `two_sided` (both ends) and `one_sided` (upper limit), and the states at zero.
 
-    The square root of the ratio is nearly linear in the coefficient itself, so its crossing is found by false position
-    (N. Anderson and A. Bjoerck, BIT 13, 1973) on these; all searches run together. A low end is 0 where zero cannot be excluded; an end that is not found
-    within 2^11 times `reach` is infinite.
+    The square root of the ratio is nearly linear in the coefficient itself, so its crossing is found by false position (N. Anderson
+    and A. Bjoerck, BIT 13, 1973) on these; all searches run together. A low end is 0 where zero cannot be excluded; an end that is
+    not found within 2^11 times `reach` is infinite.
 
     Parameters
     ----------
@@ -79,9 +79,7 @@ def find_limits(ratio: Callable[[Any, Any, Any], tuple[Any, Any]], theta, reach,
     none, no, states = xp.zeros_like(best), xp.zeros(3 * p, dtype=bool), start[lane]
     begun = (xp.sqrt(best), -level), (none, none), no, xp.zeros(3 * p, dtype=np.int32), ~no, none, states
     kept = (none[:p], xp.zeros_like(start)), xp.zeros((), dtype=theta.dtype)
-    ((a, ga), (b, gb), found, _, _, _, _, zero, _) = iterate(
-        lambda state: xp.any(state[4]) & (state[-1] < _SEARCH), body, (*begun, *kept)
-    )
+    ((a, ga), (b, gb), found, _, _, _, _, zero, _) = iterate(lambda state: xp.any(state[4]) & (state[-1] < _SEARCH), body, (*begun, *kept))
     width = xp.where(gb > ga, gb - ga, 1.0)
     end = xp.where(gb > ga, (a * gb - b * ga) / width, b)
     ends = xp.where(found, end**2, np.inf)

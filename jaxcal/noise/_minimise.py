@@ -17,12 +17,10 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
 from .._types import AnyArray, Array
 from ..fitting import solve
-
-#: an array, or what NumPy makes of one without dimensions
-Value = AnyArray | np.generic
 
 #: problems, rows and coefficients of the compiled program; larger problems take multiples of the last two
 _LANES, _ROWS, _WIDTH = 16, 384, 8
@@ -31,7 +29,7 @@ _LANES, _ROWS, _WIDTH = 16, 384, 8
 def namespace(*trees: Any) -> ModuleType:
     """`jax.numpy` where a leaf is traced, otherwise `numpy`: cheaper than `array_module`, which also asks for a trace in progress."""
     leaves = jax.tree.leaves(trees)
-    return jnp if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves) else np
+    return jnp if any(isinstance(leaf, Tracer) for leaf in leaves) else np
 
 
 class Minima(NamedTuple):
@@ -71,7 +69,7 @@ def _either(theta: Array, data: dict[str, Array]) -> Array:
     return jax.lax.cond(data["linear"], _differences, _deviances, theta, data)
 
 
-def _one(residuals: Callable[[Array, Any], Array], data: dict[str, Array], start: Array, lower: Array) -> tuple[Array, Array, Array]:
+def _one(residuals: Callable[[Array, Any], Array], data: dict[str, Array], start: Array, lower: Array) -> tuple[Any, Any, Any]:
     fit = solve(residuals, start, data, bounds=(lower, np.inf))
     return fit.parameters, fit.cost, fit.usable
 

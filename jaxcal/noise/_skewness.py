@@ -20,10 +20,10 @@ import equinox as eqx
 import numpy as np
 
 from .._precision import array_module
-from .._types import AnyArray, Float
+from .._types import Any, AnyArray, Float
 from ._columns import spectral_column
 from ._curve import Curve, correlation, whiten
-from ._minimise import Value, inverse, namespace
+from ._minimise import inverse, namespace
 
 _SINGLE = 64  # lowest frequencies kept apart
 _PER_DECADE = 40
@@ -57,7 +57,7 @@ def response(samples: int, m, dt: float, terms: tuple[str, ...]) -> Response:
     return Response(number, kernel, xp.stack(columns, axis=1))
 
 
-def skewness(curve: Curve, used, heard: Response, at, index: int) -> Value:
+def skewness(curve: Curve, used, heard: Response, at, index: int) -> Any:
     """Skewness of the statistic that shows coefficient `index`, for the noise of coefficients `at`."""
     xp = namespace(curve, used, heard, at)
     matrix, scale = correlation(curve, used[None], at[None])

@@ -13,7 +13,7 @@ import scipy.special
 from .._types import Any, AnyArray, Int
 from ._likelihood import density, fit_from, flat_start, information, lower_of, several_starts
 from ._limits import Limits, find_limits
-from ._minimise import Value, inverse, minimise, namespace
+from ._minimise import inverse, minimise, namespace
 from ._ordinates import FILTER, Bins
 
 #: groups of bins whose mean ratio to the model is tested: the first ordinates, then log-spaced
@@ -43,11 +43,11 @@ class Attempt(eqx.Module):
     """
 
     theta: AnyArray
-    cost: Value
-    settled: Value
-    deviance: Value
-    allowed: Value
-    freedom: Value
+    cost: Any
+    settled: Any
+    deviance: Any
+    allowed: Any
+    freedom: Any
 
 
 class Fitted(eqx.Module):
@@ -61,15 +61,15 @@ class Fitted(eqx.Module):
     """
 
     theta: AnyArray
-    cost: Value
-    settled: Value
+    cost: Any
+    settled: Any
     bins: Bins
-    cut: Value
-    holds: Value
-    goodness: Value
-    inflation: Value
+    cut: Any
+    holds: Any
+    goodness: Any
+    inflation: Any
     plain: Bins
-    alone: tuple[AnyArray, Value]
+    alone: tuple[AnyArray, Any]
 
 
 def groups_of(weight, ordinates: int) -> Int[np.ndarray, " bins"]:
@@ -147,7 +147,7 @@ def fit_bins(bins: Bins, group, automatic: bool, terms: tuple[str, ...], first: 
     is no worse than one in a thousand, or what the band's upper three octaves add to it is not; then by an octave more, for
     there the model only just holds. In a band so cut the column `FILTER` takes what a low-pass leaves of white noise below its
     corner, N^2 (1 - c f^2) with c of either sign, so that N is not biased by it; it has the shape of Q and takes its place. A
-    misfit of 1 % of the density (0.5 % of the deviation) is allowed. `first` is the attempt on all bins without `FILTER`, where it is known.
+    misfit of 1 % of the density (0.5 % of the deviation) is allowed. `first` is the attempt on all bins without `FILTER`, if known.
     """
     plain = without(bins, terms, FILTER)
     found = alone = first or attempt(plain, group)
@@ -191,7 +191,7 @@ def uncertainty(fitted: Fitted, widened: AnyArray, two_sided, one_sided, terms: 
     bins, plain, theta, (theta_alone, cost_alone) = fitted.bins, fitted.plain, fitted.theta, fitted.alone
     own = np.flatnonzero([term != FILTER for term in terms])
     named = np.eye(len(terms), dtype=bool)
-    terms_alone = named[own].any(axis=0)[None, :]
+    terms_alone = np.isin(np.arange(len(terms)), own)[None, :]
     short = np.array([term == "Q" for term in terms]) & fitted.cut
 
     def ratio(lane, value, state):

@@ -150,7 +150,7 @@ def fit_traced(y, rate: float, terms: tuple[str, ...], band: tuple[float, float]
 
 def _levels(confidence: float) -> tuple[float, float]:
     """Likelihood ratios at the ends of an interval and at a one-sided upper limit."""
-    return scipy.stats.chi2.ppf(confidence, 1), scipy.stats.norm.ppf(confidence) ** 2
+    return float(scipy.stats.chi2.ppf(confidence, 1)), float(scipy.stats.norm.ppf(confidence)) ** 2
 
 
 def _inside(bins: Bins, band) -> Bins:
