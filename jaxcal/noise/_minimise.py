@@ -19,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
+from .._compile import jit
 from .._types import AnyArray, Array
 from ..fitting import solve
 
@@ -74,7 +75,7 @@ def _one(residuals: Callable[[Array, Any], Array], data: dict[str, Array], start
     return fit.parameters, fit.cost, fit.usable
 
 
-@jax.jit
+@jit
 def _first(lanes: dict[str, Array], start: Array, lower: Array, linear: Array, count: Array) -> tuple[Array, Array, Array]:
     """The first `count` of the lanes; the others cost nothing."""
 
