@@ -2,10 +2,10 @@
 
 import dataclasses
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+from .._compile import filter_jit
 from .._precision import array_module
 from .._types import AnyArray, Array
 from ._information import information
@@ -14,7 +14,7 @@ from ._result import Fit, to_numpy
 from ._search import search
 
 
-@eqx.filter_jit
+@filter_jit
 def _without(problem: Problem, keep: Array) -> tuple[Array, Array]:
     """Parameters of the refits, (m, p), and which of them converged and are determined."""
 
