@@ -114,7 +114,8 @@ def estimate(
         raise DataError("A subclass of Triad cannot be turned into the frame 'full'; take convention='upper' or 'lower'.")
     start, data = arrays((start, Weighted(poses, turns, gravity, latitude)))
     data = reweighted(start, data)
-    return described(solved(start, data, convention, misalignment, g_sensitivity, loss), data, convention)
+    # to the end, not to the statistical uncertainty: differences of two estimates are then as good as their derivatives
+    return described(solved(start, data, convention, misalignment, g_sensitivity, loss, rtol=None), data, convention)
 
 
 def solved(
@@ -146,6 +147,13 @@ def placed(fitted: tuple[str, ...], matrix: AnyArray, names: tuple[str, ...]) ->
     xp = array_module(matrix)
     place = np.array([fitted.index(name) if name in fitted else len(fitted) for name in names])
     return xp.pad(xp.asarray(matrix), ((0, 1), (0, 1)))[place][:, place]
+
+
+def sandwich(fit: Fit, blocks: np.ndarray) -> np.ndarray:
+    """Covariance over blocks of residuals (host); infinite where the blocks are too few or the parameters not determined."""
+    if len(np.unique(blocks[np.asarray(fit.counted)])) <= len(fit.names) or not bool(fit.usable):
+        return np.full((len(fit.names),) * 2, np.inf)
+    return np.asarray(covariance(fit, "sandwich", blocks=blocks))
 
 
 @eqx.filter_jit

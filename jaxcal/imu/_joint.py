@@ -8,13 +8,13 @@ import jax
 import numpy as np
 import scipy.stats
 
-from ..fitting import AbstractLoss, Fit
+from ..fitting import AbstractLoss, Fit, leverage
 from ._estimate import solved
 from ._linear import least_squares
 from ._model import Imu
 from ._poses import Rests
 from ._residuals import Pieces, Weighted, pieces, reweighted
-from ._scales import excess, leverage, mean_variance
+from ._scales import excess, mean_variance
 from ._triad import Triad
 
 _FIRST_TURN = 0.02  # rad, before the turns have told their own size
@@ -63,7 +63,7 @@ def rest_start(rests: Rests, force: np.ndarray, with_force: bool, earth: np.ndar
 
 def _paid(fit: Fit, slots: int) -> np.ndarray:
     """How many parameters each kind of residual pays for, the traces of their parts of the hat matrix: norms, turns, rests (3)."""
-    hat, turns = leverage(fit), 3 * slots - 2
+    hat, turns = np.asarray(leverage(fit)), 3 * slots - 2
     return np.array([hat[:slots].sum(), hat[slots:turns].sum(), *hat[turns : turns + 3 * slots].reshape(-1, 3).sum(axis=0)])
 
 

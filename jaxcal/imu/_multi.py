@@ -1,6 +1,8 @@
 """`multi_position`: both triads from still poses and the turns between them, without a turntable."""
 
 import dataclasses
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -9,19 +11,19 @@ import numpy as np
 
 from .._errors import DataError
 from .._precision import host_float64, is_traced
-from ..fitting import AbstractLoss, Fit, Huber, Outcome
-from ._estimate import described, framed, placed, solved, started
+from ..fitting import AbstractLoss, Fit, Huber
+from ._estimate import described, framed, placed, sandwich, solved, started
 from ._frames import CONVENTIONS
 from ._gravity import EARTH_RATE
-from ._joint import Joint, Options, held_out as left_out, joint_fit, rest_start
+from ._joint import Joint, Options, described as described_pieces, held_out as left_out, joint_fit, rest_start
 from ._known import checked_gravity
-from ._model import Imu, entries, freed, values
+from ._model import Imu, freed, values
 from ._observe import SINGULAR, Observability, observability
 from ._poses import Rests, padded, rests_of, turns_of
 from ._recording import Recording, not_still, pinned, recording, stuck, wrong_units
 from ._residuals import Weighted, pieces
 from ._result import ImuFit, intervals
-from ._scales import coefficients, excess, sandwich
+from ._scales import coefficients, excess
 from ._start import explanation, nominal_start, scanned_scale
 from ._static import StillIntervals, static_intervals, windowed_variance
 from ._tedaldi import tedaldi
@@ -161,7 +163,8 @@ def _joint(record: Recording, choice: Choice, model: Imu, needed: int, options: 
     if not seen.condition <= SINGULAR:
         return _refusal(record, options, "joint", seen.sentence, choice.still, seen)
     if record.gyro is None:
-        return _accel_only(record, choice, rests, fit, needed, seen, options, notes)
+        alone = _accel_only(rests, fit, needed, options)
+        return _result(record, choice, alone, rests, needed, seen, options, notes, np.full(2, np.nan), lambda: None)
     turns = turns_of(record, start, stop, rests.slots)
     over, valid = pinned(record.gyro), np.isfinite(turns.sigma)
     bad = np.zeros(len(valid), dtype=bool)
@@ -188,80 +191,58 @@ def _joint(record: Recording, choice: Choice, model: Imu, needed: int, options: 
     outside = left_out(found, options) if held_out else np.full(2, np.nan)
     if drift:
         notes.append("The gyroscope's bias drifts during the record (F test, 1 %); a linear drift is part of the fit. Let it warm up.")
-    return _result(record, choice, found, rests, needed, seen, options, notes, outside, vertical, bias, scale)
+    explain = partial(explanation, bias, vertical, turns, scale)
+    return _result(record, choice, found, rests, needed, seen, options, notes, outside, explain)
 
 
 def _result(
     record: Recording, choice: Choice, joint: Joint, rests: Rests, needed: int, seen: Observability, options: Options, notes: list[str],
-    outside: np.ndarray, vertical: np.ndarray, bias: np.ndarray, scale: float,
+    outside: np.ndarray, explain: Callable[[], str | None],
 ) -> ImuFit:  # fmt: skip
+    """The result of a fit with or without a gyroscope, judged."""
     fit, found, slots, count = joint.fit, joint.found, rests.slots, len(rests.accel)
-    clusters = np.concatenate([np.arange(slots), np.repeat(slots + np.arange(slots - 1), 2), np.repeat(np.arange(slots), 3), [-1, -1]])
-    turned, measured = np.asarray(found.turned), joint.data.turns
-    assert measured is not None
-    valid = np.isfinite(measured.sigma)
-    turns, own = int(valid.sum()), _count(freed(Imu(None, fit.model.gyro), options.convention, g_sensitivity=False)) - 3
-    still = 3 * (count - 1 - 3 * options.g_sensitivity)
-    by_field = {"accel": count - needed, "gyro": 2 * turns - own, "gyro.bias": still, "gyro.g_sensitivity": still}
-    names = entries(fit.model)[0]
-    freedom = np.array([by_field.get(name.split("[")[0], by_field[name.split(".")[0]]) for name in names], dtype=float)
-    angle = np.linalg.norm(turned[valid], axis=1)
-    weight = np.asarray(fit.weights)
-    pairs = weight[slots : 3 * slots - 2].reshape(-1, 2)[valid]
-    low = (np.flatnonzero(weight[:count] < 0.5), np.flatnonzero(np.min(pairs, axis=1) < 0.5))
-    model, at, plain, robust = _covariances(fit, joint.data, options, clusters[: len(weight)])
-    judged = judge(fit, at, plain, seen, count, turns, angle, low, joint.sigma, options, True, list(notes))
-    if judged.verdict == "refused" and (why := explanation(bias, vertical, measured, scale)):
+    blocks = np.concatenate([np.arange(slots), np.repeat(slots + np.arange(slots - 1), 2), np.repeat(np.arange(slots), 3), [-1, -1]])
+    weight, gyro = np.asarray(fit.weights), fit.model.gyro
+    turned, rest, pairs, turns, own = np.zeros((0, 3)), np.zeros((0, 3)), np.ones((0, 2)), 0, 0
+    if gyro is not None and joint.data.turns is not None:
+        valid = np.isfinite(joint.data.turns.sigma)
+        turned, pairs, turns = np.asarray(found.turned)[valid], weight[slots : 3 * slots - 2].reshape(-1, 2)[valid], int(valid.sum())
+        rest = np.asarray(found.rest)[:count] @ np.linalg.inv(gyro.matrix).T
+        own = _count(freed(Imu(None, gyro), options.convention, g_sensitivity=False)) - 3
+    angle = np.linalg.norm(turned, axis=1)
+    low = (np.flatnonzero(weight[:count] < 0.5), np.flatnonzero(np.min(pairs, axis=1, initial=1) < 0.5))
+
+    made = described(fit, joint.data, options.convention)
+    robust = framed(fit.model, options.convention, placed(fit.names, sandwich(fit, blocks[: len(weight)]), made.names))[1][0]
+    model, plain, robust = jax.tree.map(np.asarray, (made.model, made.covariance, robust))
+    at = values(model)
+    judged = judge(fit, at, plain, seen, count, turns, angle, low, joint.sigma, options, gyro is not None, list(notes))
+    if judged.verdict == "refused" and (why := explain()):
         judged = Judgement(judged.verdict, f"{judged.reason} {why}", judged.warnings)
-    gyro = np.linalg.inv(fit.model.gyro.matrix)
-    return ImuFit(
-        accel=model.accel, gyro=model.gyro, covariance=plain, interval=intervals(at, plain, freedom), robust_covariance=robust,
-        degrees_of_freedom=freedom, residual_norm=found.norm[:count], residual_turn=angle, residual_rest=found.rest[:count] @ gyro.T,
-        sigma=joint.sigma, down_weighted=low, cost=np.array([0.5 * np.sum(found.norm[:count] ** 2), 0.5 * np.sum(turned[valid] ** 2)]),
-        held_out=outside, still=choice.still, thresholds=choice.table, observability=seen,
-        drift=np.zeros(3) if fit.model.drift is None else gyro @ fit.model.drift, rate=record.rate, gravity=options.gravity,
-        temperature=record.temperature, verdict=judged.verdict, reason=judged.reason, warnings=judged.warnings,
+    result = ImuFit(
+        accel=model.accel, gyro=model.gyro, residual_norm=found.norm[:count], residual_turn=angle, residual_rest=rest, sigma=joint.sigma,
+        down_weighted=low, cost=0.5 * np.array([np.sum(found.norm[:count] ** 2), np.sum(turned**2) if turns else np.nan]), held_out=outside,
+        still=choice.still, thresholds=choice.table, observability=seen,
+        drift=np.zeros(3) if fit.model.drift is None else np.linalg.solve(fit.model.gyro.matrix, fit.model.drift), rate=record.rate,
+        gravity=options.gravity, temperature=record.temperature, verdict=judged.verdict, reason=judged.reason, warnings=judged.warnings,
         convention=options.convention, method="joint",
     )  # fmt: skip
+    still = 3 * (count - 1 - 3 * options.g_sensitivity) if turns else 0
+    by_field = {"accel": count - needed, "gyro": 2 * turns - own, "gyro.bias": still, "gyro.g_sensitivity": still}
+    freedom = np.array([by_field.get(name.split("[")[0], by_field[name.split(".")[0]]) for name in result.names], dtype=float)
+    plain, robust = (np.asarray(placed(made.names, matrix, result.names)) for matrix in (plain, robust))
+    return dataclasses.replace(
+        result, covariance=plain, robust_covariance=robust, degrees_of_freedom=freedom, interval=intervals(result.values, plain, freedom)
+    )
 
 
-def _covariances(fit: Fit, data: Weighted, options: Options, clusters: np.ndarray) -> tuple[Imu, Any, Any, Any]:
-    """Model, its parameters, and their covariance with its sandwich form, in the frame of the convention."""
-    found = described(fit, data, options.convention)
-    model = jax.tree.map(np.asarray, found.model)
-    if bool(fit.outcome == Outcome.unidentifiable):
-        return model, values(model), np.asarray(found.covariance), np.full(found.covariance.shape, np.inf)
-    matrix = placed(fit.names, sandwich(fit, clusters), found.names)
-    return model, values(model), np.asarray(found.covariance), np.asarray(framed(fit.model, options.convention, matrix)[1][0])
-
-
-def _accel_only(
-    record: Recording, choice: Choice, rests: Rests, fit: Fit, needed: int, seen: Observability, options: Options, notes: list[str]
-) -> ImuFit:
-    """Without a gyroscope: the norms alone."""
-    count, gravity = len(rests.accel), options.gravity
-    residual = np.asarray(fit.residuals)[:count]
-    size = float(np.sqrt(excess(residual, np.zeros(count), needed)))
-    data = norms(rests.accel, rests.slots, gravity, size)
+def _accel_only(rests: Rests, fit: Fit, needed: int, options: Options) -> Joint:
+    """The norms alone, with the size of their errors."""
+    size = float(np.sqrt(excess(np.asarray(fit.residuals)[: len(rests.accel)], np.zeros(len(rests.accel)), needed)))
+    data = norms(rests.accel, rests.slots, options.gravity, size)
     if options.loss is not None:
         fit = solved(fit.model, data, options.convention, options.misalignment, loss=options.loss, rtol=None)
-        residual = np.asarray(fit.residuals)[:count] * size
-    model, at, plain, robust = _covariances(fit, data, options, np.arange(rests.slots))
-    freedom = np.full(len(at), float(count - needed))
-    low = (np.flatnonzero(np.asarray(fit.weights)[:count] < 0.5), np.zeros(0, dtype=int))
-    sigma = np.array([size, np.nan, np.nan])
-    judged = judge(fit, at, plain, seen, count, 0, np.zeros(0), low, sigma, options, False, list(notes))
-    made = ImuFit(
-        accel=model.accel, residual_norm=residual, sigma=sigma, down_weighted=low, cost=np.array([0.5 * np.sum(residual**2), np.nan]),
-        still=choice.still, thresholds=choice.table, observability=seen, rate=record.rate, gravity=gravity, temperature=record.temperature,
-        verdict=judged.verdict, reason=judged.reason, warnings=judged.warnings, convention=options.convention, method="joint",
-    )  # fmt: skip
-    names = entries(model)[0]
-    limits = [intervals(at, plain, freedom)[names.index(name)] if name in names else np.full(2, np.nan) for name in made.names]
-    return dataclasses.replace(
-        made, covariance=placed(names, plain, made.names), robust_covariance=placed(names, robust, made.names),
-        degrees_of_freedom=np.full(len(limits), float(count - needed)), interval=np.array(limits),
-    )  # fmt: skip
+    return Joint(fit, data, described_pieces(fit.model, data), np.array([size, np.nan, np.nan]))
 
 
 def _refusal(

@@ -152,7 +152,7 @@ def _pieces(model: Imu, poses: Poses, turns: Turns | None, gravity: Array, latit
     return Pieces(norm, vertical, turned, rest, rotation, jnp.stack([right, jnp.cross(vertical[1:], right)], axis=2))
 
 
-@eqx.filter_jit
+@host_float64
 def residuals(model: Imu, data: Weighted) -> Array:
     r"""Residuals of a model in units of their standard deviation, which `estimate` minimises.
 

@@ -92,7 +92,7 @@ class ImuFit(Result):
         return entries(self.model)[0]
 
     @property
-    def values(self) -> AnyArray:
+    def values(self) -> np.ndarray:
         """(p,) parameters in the order of `names`; NaN for those of a sensor that is missing."""
         return values(self.model)
 

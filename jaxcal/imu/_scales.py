@@ -7,7 +7,6 @@ import scipy.optimize
 import scipy.stats
 
 from .._errors import DataError
-from ..fitting import Fit
 
 _CLIP = 2.5
 _KEPT = float(scipy.stats.chi2.cdf(_CLIP**2, 3) + _CLIP**2 * scipy.stats.chi2.sf(_CLIP**2, 1))
@@ -54,37 +53,3 @@ def mean_variance(noise: tuple[float, float], duration: np.ndarray) -> np.ndarra
     """Variance of a mean over so many seconds: N^2/t, and the flat part of the Allan variance."""
     white, flicker = noise
     return white**2 / duration + 2 * np.log(2) / np.pi * flicker**2
-
-
-def _hat(fit: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Orthonormal rows q of the weighted Jacobian, the inverse of its triangle in units of the parameters, and the weighted residuals."""
-    root = np.sqrt(np.asarray(fit.weights))
-    jacobian = np.asarray(fit.jacobian) * root[:, None]
-    size = np.linalg.norm(jacobian, axis=0)
-    size = np.where(size > 0, size, 1)
-    q, r = np.linalg.qr(jacobian / size)
-    return q, np.linalg.pinv(r) / size[:, None], np.asarray(fit.residuals) * root
-
-
-def leverage(fit: Fit) -> np.ndarray:
-    """(n,) diagonal of the hat matrix: what each residual pays for the parameters."""
-    return np.sum(_hat(fit)[0] ** 2, axis=1)
-
-
-def sandwich(fit: Fit, clusters: np.ndarray) -> np.ndarray:
-    """Cluster-robust covariance whose clusters are freed of their own leverage, which a fit of few clusters needs.
-
-    R. M. Bell and D. F. McCaffrey, Survey Methodology 28 (2002) 169: residuals of a cluster times (1 - H)^-1/2, H its part of the
-    hat matrix; unbiased where the errors are alike.
-    """
-    q, inverse, residual = _hat(fit)
-    counted = np.asarray(fit.counted)
-    meat = np.zeros((q.shape[1],) * 2)
-    for label in np.unique(clusters):
-        rows = np.flatnonzero((clusters == label) & counted)
-        if len(rows):
-            part = q[rows]
-            values, vectors = np.linalg.eigh(np.eye(len(rows)) - part @ part.T)
-            score = part.T @ (vectors @ ((vectors.T @ residual[rows]) / np.sqrt(np.maximum(values, 1e-6))))
-            meat += np.outer(score, score)
-    return inverse @ meat @ inverse.T

@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from .._errors import DataError
 from .._log import Log
@@ -23,16 +24,6 @@ MEMS = Imu(
     ),
 )  # fmt: skip
 MEMS_NOISE = {"accel": 1.5e-3, "gyro": 1e-4}
-
-
-def _quaternion_matrix(v: np.ndarray) -> np.ndarray:
-    """Rotation matrices (..., 3, 3) of rotation vectors (..., 3), by Rodrigues' formula."""
-    angle = np.linalg.norm(v, axis=-1)[..., None, None]
-    safe = np.where(angle > 1e-12, angle, 1.0)
-    k = np.zeros((*v.shape[:-1], 3, 3))
-    k[..., 0, 1], k[..., 0, 2], k[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
-    k = (k - np.swapaxes(k, -1, -2)) / safe
-    return np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * (k @ k)
 
 
 def attitudes(poses: int = 24, seed: Any = 0) -> np.ndarray:
@@ -69,13 +60,6 @@ def _attitude_with(up: np.ndarray, heading: float) -> np.ndarray:
     level = np.stack([first, np.cross(up, first), up])
     c, s = np.cos(heading), np.sin(heading)
     return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ level
-
-
-def _turn_vector(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Rotation vector in the axes of a (body) that carries attitude a into b."""
-    from scipy.spatial.transform import Rotation
-
-    return Rotation.from_matrix(a.T @ b).as_rotvec()
 
 
 @host_float64
@@ -150,10 +134,10 @@ def simulate(
         body.append(np.broadcast_to(attitude, (samples, 3, 3)))
         rates.append(np.zeros((samples, 3)))
         if i + 1 < poses:
-            vector = _turn_vector(attitude, held[i + 1])
+            vector = Rotation.from_matrix(attitude.T @ held[i + 1]).as_rotvec()
             x = (np.arange(moving) + 1) / (moving + 1)
             part, speed = x**3 * (10 - 15 * x + 6 * x**2), 30 * x**2 * (1 - x) ** 2 * rate / (moving + 1)
-            body.append(attitude @ _quaternion_matrix(part[:, None] * vector))
+            body.append(attitude @ Rotation.from_rotvec(part[:, None] * vector).as_matrix())
             rates.append(speed[:, None] * vector)
     c_nb, w = np.concatenate(body), np.concatenate(rates)
     force = size * c_nb[:, 2, :]
@@ -208,7 +192,7 @@ def simulate_positions(
     directions = SIX if up is None else np.asarray(up, dtype=float)
     directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
     errors = levelling * rng.normal(size=directions.shape)
-    turned = np.einsum("kij,kj->ki", _quaternion_matrix(errors), directions) @ _quaternion_matrix(tilt * rng.normal(size=3)).T
+    turned = Rotation.from_rotvec(tilt * rng.normal(size=3)).apply(Rotation.from_rotvec(errors).apply(directions))
     # in NumPy: simulations call this by the hundred
     readings = float(gravity) * turned @ np.asarray(triad.matrix).T + np.asarray(triad.bias)
     return readings + sigma * rng.normal(size=directions.shape)

@@ -1,7 +1,5 @@
 """Initial guess of scales that are not known, and the unit or axes that would explain a failed fit (host, NumPy)."""
 
-import itertools
-
 import equinox as eqx
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -12,6 +10,8 @@ from ._triad import Triad
 _SCALES = 80
 _STEPS = 64
 _RADIANS = {"rad/s": 1.0, "deg/s": np.pi / 180}
+#: the 24 rotations that carry axes into axes
+_AXES = np.round(Rotation.create_group("O").as_matrix())
 
 
 def nominal_start(model: Triad, mean: np.ndarray, gravity: float) -> Triad:
@@ -49,21 +49,9 @@ def scanned_scale(bias: np.ndarray, vertical: np.ndarray, turns: Turns) -> float
     return float(grid[np.argmin(turn_costs(grid[:, None, None] * np.eye(3), bias, vertical, turns))])
 
 
-def permutations() -> list[np.ndarray]:
-    """The 24 rotations that carry axes into axes."""
-    found = []
-    for order in itertools.permutations(range(3)):
-        for signs in itertools.product((1.0, -1.0), repeat=3):
-            matrix = np.zeros((3, 3))
-            matrix[range(3), order] = signs
-            if np.linalg.det(matrix) > 0:
-                found.append(matrix)
-    return found
-
-
 def explanation(bias: np.ndarray, vertical: np.ndarray, turns: Turns, scale: float) -> str | None:
     """Another unit or another order of the gyroscope's axes that would fit at least ten times better than what was taken."""
-    tried = [(unit, factor, turn) for unit, factor in _RADIANS.items() for turn in permutations()]
+    tried = [(unit, factor, turn) for unit, factor in _RADIANS.items() for turn in _AXES]
     matrices = np.array([scale * factor * turn for _, factor, turn in tried])
     costs = turn_costs(matrices, bias, vertical, turns)
     here = turn_costs(scale * np.eye(3)[None], bias, vertical, turns)[0]

@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._types import Array
-from ..fitting import Fit, Outcome, covariance, solve
-from ._estimate import framed, placed, solved
+from ..fitting import Fit, covariance, solve
+from ._estimate import framed, placed, sandwich, solved
 from ._integrate import attitude
 from ._joint import Options
 from ._model import Imu, entries, freed, values
@@ -18,7 +18,6 @@ from ._poses import padded, turns_of
 from ._recording import Recording
 from ._residuals import Turns, arrays
 from ._result import ImuFit, intervals
-from ._scales import sandwich
 from ._start import explanation, scanned_scale
 from ._threshold import Choice, norms
 from ._triad import Triad, inverse
@@ -70,9 +69,8 @@ def tedaldi(record: Recording, choice: Choice, options: Options, least: Any, raw
     by_turn = np.repeat(np.arange(slots - 1), 3)
     plain, robust = np.zeros((33, 33)), np.zeros((33, 33))
     for part, clusters in ((fit, by_sample), (gyro, by_turn)):
-        known = bool(part.outcome != Outcome.unidentifiable)
         plain = plain + np.asarray(placed(part.names, covariance(part, scaled=True), names))
-        robust = robust + placed(part.names, sandwich(part, clusters) if known else np.full((9, 9), np.inf), names)
+        robust = robust + placed(part.names, sandwich(part, clusters), names)
     model, (plain, robust) = framed(model, options.convention, plain, robust)
     model, plain, robust = jax.tree.map(np.asarray, (model, plain, robust))
     at = values(model)

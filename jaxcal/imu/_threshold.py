@@ -6,13 +6,13 @@ import equinox as eqx
 import numpy as np
 
 from .._types import Any
+from ..fitting import leverage
 from ._estimate import solved
 from ._joint import Options
 from ._model import Imu
 from ._poses import padded, power_of_two
 from ._recording import Recording
 from ._residuals import Poses, Weighted
-from ._scales import leverage
 from ._start import nominal_start
 from ._static import StillIntervals, runs
 from ._triad import Triad
