@@ -16,7 +16,7 @@ import scipy.optimize
 from scipy.spatial.transform import Rotation
 
 from jaxcal.magnetometer import MagModel, body_field, bootstrap, fit, scenario
-from jaxcal.magnetometer._uncertainty import _angle, grids, heading_error
+from jaxcal.magnetometer._design._heading_error import _angle, grids, heading_error
 
 MILD = MagModel(np.array([[1.10, 0.06, -0.04], [0.06, 0.92, 0.05], [-0.04, 0.05, 1.0]]), np.array([0.8, -0.5, 0.3]))
 PAPER = MagModel(

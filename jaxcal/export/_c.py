@@ -6,7 +6,7 @@ from .._errors import ExportError
 from .._types import AnyArray
 from ..calibration import Calibration
 from ..magnetometer import Moments
-from ..magnetometer._admission import APART, CELLS, MOST
+from ..magnetometer._onboard._gate import APART, CELLS, MOST
 from ._matrices import correction, triads, unknown_field
 from ._options import Options, Product
 from ._text import number, numbers

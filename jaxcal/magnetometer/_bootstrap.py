@@ -10,13 +10,13 @@ from .._errors import DataError
 from .._precision import host_float64
 from .._types import AnyArray
 from ..fitting import solve_many
-from ._efficiency import Penalty, Size
-from ._orthogonal import bounds_of, padded
-from ._quadric import Frame
-from ._refined import CURVED
-from ._residuals import Readings, distances, guarded, orthogonal, shape_and_centre
+from ._ellipsoid._algebraic import Frame
+from ._ellipsoid._orthogonal import bounds_of, padded
+from ._ellipsoid._penalised import CURVED
+from ._ellipsoid._penalty import Penalty, Size
+from ._ellipsoid._residuals import Readings, distances, guarded, orthogonal, shape_and_centre
+from ._ellipsoid._start import PLANAR, basis_of, parameters_of
 from ._result import MagFit
-from ._start import PLANAR, basis_of, parameters_of
 
 #: step to go, relative to the statistical uncertainty, at which a refit is done
 _PRECISE = 1e-4

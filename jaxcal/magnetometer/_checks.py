@@ -7,10 +7,10 @@ import numpy as np
 from .._errors import DataError
 from .._precision import is_traced
 from ._attitude import INCLINATION
-from ._consistent import consistent
-from ._elementary import axes, minmax
-from ._orthogonal import loss_name
-from ._quadric import constrained, diagonal, li_griffiths, sphere, trace
+from ._ellipsoid._algebraic import constrained, diagonal, li_griffiths, sphere, trace
+from ._ellipsoid._consistent import consistent
+from ._ellipsoid._elementary import axes, minmax
+from ._ellipsoid._orthogonal import loss_name
 
 #: method -> model -> algebraic fit
 DIRECT: dict[str, dict[str, Any]] = {

@@ -9,14 +9,14 @@ from .._errors import DataError
 from .._precision import host_float64
 from .._types import AnyArray, Array
 from ..fitting import covariance, solve
-from ._align import array
-from ._distance import signed_distance
+from ._ellipsoid._algebraic import Frame
+from ._ellipsoid._distance import signed_distance
+from ._ellipsoid._orthogonal import padded
+from ._ellipsoid._residuals import shape_and_centre
+from ._ellipsoid._start import basis_of, parameters_of
 from ._fit import fit
-from ._orthogonal import padded
-from ._quadric import Frame
-from ._residuals import shape_and_centre
 from ._result import MagFit
-from ._start import basis_of, parameters_of
+from ._rotation._align import array
 
 
 class CurrentTerms(eqx.Module):

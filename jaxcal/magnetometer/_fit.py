@@ -7,20 +7,9 @@ import numpy as np
 
 from .._errors import DataError
 from .._precision import host_float64
-from ._align import Alignment, align
 from ._checks import DIRECT, SOLID, checked
-from ._choice import by_bic, by_held_out, candidates
-from ._coverage import covered, sphere_grid
-from ._efficiency import Size
-from ._joint import checked_joint, jointly
-from ._model import MagModel
-from ._orthogonal import Found, described
-from ._quadric import Frame, NotEllipsoid, extents
-from ._refined import geometric, left_out, refined
-from ._result import MagFit
-from ._start import COUNT, PLANAR, parameters_of
-from ._thin import LONG, all_distances, thinned
-from ._uncertainty import (
+from ._design._coverage import covered, sphere_grid
+from ._design._heading_error import (
     NAMES,
     PLANAR_NAMES,
     covariance_of,
@@ -31,6 +20,17 @@ from ._uncertainty import (
     root,
     turned_heading_error,
 )
+from ._ellipsoid._algebraic import Frame, NotEllipsoid, extents
+from ._ellipsoid._orthogonal import Found, described
+from ._ellipsoid._penalised import geometric, left_out, refined
+from ._ellipsoid._penalty import Size
+from ._ellipsoid._select import by_bic, by_held_out, candidates
+from ._ellipsoid._start import COUNT, PLANAR, parameters_of
+from ._ellipsoid._subsample import LONG, all_distances, thinned
+from ._model import MagModel
+from ._result import MagFit
+from ._rotation._align import Alignment, align
+from ._rotation._joint import checked_joint, jointly
 from ._verdict import NEAR_PLANAR, NEAR_PLANAR_SENTENCE, OUTLIER, judge, outliers
 
 _DIPS = np.deg2rad(5.0)

@@ -6,10 +6,10 @@ import equinox as eqx
 import numpy as np
 
 from .._errors import DataError
-from ._align import array
 from ._fit import fit
 from ._model import MagModel
 from ._result import MagFit
+from ._rotation._align import array
 
 
 def fit_several(readings: dict[str, Any], **options: Any) -> dict[str, MagFit]:

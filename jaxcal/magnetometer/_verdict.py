@@ -4,10 +4,10 @@ import equinox as eqx
 import numpy as np
 import scipy.special
 
-from ._orthogonal import Found
-from ._quadric import NotEllipsoid, ellipsoid_of, extents, nearest_quadric, sampson
-from ._start import COUNT
-from ._uncertainty import Information
+from ._design._heading_error import Information
+from ._ellipsoid._algebraic import NotEllipsoid, ellipsoid_of, extents, nearest_quadric, sampson
+from ._ellipsoid._orthogonal import Found
+from ._ellipsoid._start import COUNT
 
 NEAR_PLANAR = 0.05  # smallest singular value of the centred readings, of 0.58 for a full sphere
 NEAR_PLANAR_SENTENCE = (

@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from jaxcal import DataError
 from jaxcal.magnetometer import MagModel, align, body_field, fit, hard_iron_by_turning, scenario
-from jaxcal.magnetometer._aided import Poses, Turns, dip_residuals, turn_residuals
 from jaxcal.magnetometer._attitude import rotation as attitude_matrix
-from jaxcal.magnetometer._turn import attitudes_in_segments, turn
+from jaxcal.magnetometer._rotation._residuals import Poses, Turns, dip_residuals, turn_residuals
+from jaxcal.magnetometer._rotation._segments import attitudes_in_segments, turn
 
 from . import cases
 

@@ -9,11 +9,11 @@ import jaxcal
 from jaxcal import DataError
 from jaxcal.magnetometer import bootstrap, fit
 from jaxcal.magnetometer._checks import METHODS
-from jaxcal.magnetometer._consistent import adjusted, consistent
-from jaxcal.magnetometer._orthogonal import ellipsoid
-from jaxcal.magnetometer._quadric import NotEllipsoid, constrained, li_griffiths, monomials, trace, triangle
-from jaxcal.magnetometer._start import COUNT, basis_of
-from jaxcal.magnetometer._uncertainty import _slopes
+from jaxcal.magnetometer._design._heading_error import _slopes
+from jaxcal.magnetometer._ellipsoid._algebraic import NotEllipsoid, constrained, li_griffiths, monomials, trace, triangle
+from jaxcal.magnetometer._ellipsoid._consistent import adjusted, consistent
+from jaxcal.magnetometer._ellipsoid._orthogonal import ellipsoid
+from jaxcal.magnetometer._ellipsoid._start import COUNT, basis_of
 
 from . import cases
 

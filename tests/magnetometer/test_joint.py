@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from jaxcal import DataError
 from jaxcal.magnetometer import MagModel, aligned, fit
-from jaxcal.magnetometer._joint import Pairs
+from jaxcal.magnetometer._rotation._joint import Pairs
 
 from . import cases
 

@@ -7,9 +7,9 @@ import pytest
 import scipy.optimize
 
 from jaxcal.magnetometer import bootstrap, fit
-from jaxcal.magnetometer._distance import levelled_distance
-from jaxcal.magnetometer._efficiency import BASES, Penalty, half_log_det, natural_rows, shortfall
-from jaxcal.magnetometer._start import COUNT, PLANAR
+from jaxcal.magnetometer._ellipsoid._distance import levelled_distance
+from jaxcal.magnetometer._ellipsoid._penalty import BASES, Penalty, half_log_det, natural_rows, shortfall
+from jaxcal.magnetometer._ellipsoid._start import COUNT, PLANAR
 
 from . import cases
 

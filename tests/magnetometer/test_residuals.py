@@ -7,7 +7,7 @@ import pytest
 import scipy.optimize
 
 from jaxcal.magnetometer import MagModel, distance_residuals, radial_residuals
-from jaxcal.magnetometer._distance import mean_curvature, signed_distance
+from jaxcal.magnetometer._ellipsoid._distance import mean_curvature, signed_distance
 
 from . import cases
 

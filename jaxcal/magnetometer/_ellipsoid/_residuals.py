@@ -3,10 +3,10 @@
 import equinox as eqx
 import jax.numpy as jnp
 
-from .._types import Any, Array
+from ..._types import Any, Array
+from .._model import MagModel
 from ._distance import levelled_distance, signed_distance
-from ._efficiency import misfit, shortfall
-from ._model import MagModel
+from ._penalty import misfit, shortfall
 
 
 class Readings(eqx.Module):

@@ -8,10 +8,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._errors import DataError
-from .._types import AnyArray, Array
-from ..fitting import AbstractLoss, Cauchy, Fit, Huber, Tukey, covariance, solve
-from ._efficiency import Penalty
+from ..._errors import DataError
+from ..._types import AnyArray, Array
+from ...fitting import AbstractLoss, Cauchy, Fit, Huber, Tukey, covariance, solve
+from ._penalty import Penalty
 from ._residuals import Readings, orthogonal, radial
 from ._start import COUNT, basis_of, padded_length, parameters_of, robust_start, start
 

@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._types import Array, Float
+from ..._types import Array, Float
 from ._start import COUNT, PLANAR_ROWS
 
 #: from the changes of a kind to the six entries of A and the centre

@@ -4,9 +4,9 @@ import functools
 
 import numpy as np
 
-from . import _quadric
+from . import _algebraic as _quadric
+from ._algebraic import NotEllipsoid
 from ._consistent import consistent
-from ._quadric import NotEllipsoid
 
 _ENOUGH_FOR_ADJUSTED = 30
 _SUBSETS = 200

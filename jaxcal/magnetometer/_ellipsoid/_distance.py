@@ -3,7 +3,7 @@
 import jax
 import jax.numpy as jnp
 
-from .._types import Array, Float
+from ..._types import Array, Float
 
 #: enough for readings deep inside; those near the surface need three
 _ITERATIONS = 12

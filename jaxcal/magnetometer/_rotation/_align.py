@@ -7,14 +7,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._errors import DataError
-from .._precision import host_float64
-from .._types import AnyArray
-from ..fitting import covariance, solve
-from ._aided import Known, Poses, Turns, dip_residuals, heading_residuals, turn_residuals
-from ._model import MagModel
-from ._start import padded_length
-from ._turn import attitudes_in_segments, permutations, rotation_vector, turn
+from ..._errors import DataError
+from ..._precision import host_float64
+from ..._types import AnyArray
+from ...fitting import covariance, solve
+from .._ellipsoid._start import padded_length
+from .._model import MagModel
+from ._residuals import Known, Poses, Turns, dip_residuals, heading_residuals, turn_residuals
+from ._segments import attitudes_in_segments, permutations, rotation_vector, turn
 
 _STILL = 0.03  # departure of the specific force from its median beyond which a pose is not at rest
 SEGMENT = 2.0  # rad travelled in one segment: rates of a slightly wrong scale go astray with the angle

@@ -8,7 +8,7 @@ import equinox as eqx
 import numpy as np
 import scipy.linalg
 
-from .._errors import FitError
+from ..._errors import FitError
 
 NOT_ELLIPSOID = "the data do not determine an ellipsoid: the quadric nearest to the readings is a {}"
 

@@ -4,12 +4,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ._coverage import bins
+from .._design._coverage import bins
+from .._design._heading_error import root
+from ._algebraic import NotEllipsoid
 from ._orthogonal import Found
-from ._quadric import NotEllipsoid
 from ._residuals import Readings, orthogonal
 from ._start import basis_of, robust_start, start
-from ._uncertainty import root
 
 #: logs that are fitted whole
 LONG = 20_000

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from ._coverage import bins
+from .._design._coverage import bins
+from .._design._heading_error import root
+from ._algebraic import NotEllipsoid
 from ._orthogonal import Found, described, ellipsoid, flat
-from ._quadric import NotEllipsoid
 from ._start import COUNT, away, basis_of
-from ._uncertainty import root
 
 _TIE = 2.0
 _HOPELESS = 4.0  # times what would decide

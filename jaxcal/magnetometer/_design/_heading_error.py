@@ -5,11 +5,11 @@ import functools
 import equinox as eqx
 import numpy as np
 
-from ._attitude import body_field, rotation
-from ._efficiency import BASES, natural_rows
-from ._orthogonal import Found
-from ._quadric import Frame, matrix_of, triangle
-from ._start import PLANAR, PLANAR_ROWS, basis_of
+from .._attitude import body_field, rotation
+from .._ellipsoid._algebraic import Frame, matrix_of, triangle
+from .._ellipsoid._orthogonal import Found
+from .._ellipsoid._penalty import BASES, natural_rows
+from .._ellipsoid._start import PLANAR, PLANAR_ROWS, basis_of
 
 NAMES = ("A_xx", "A_xy", "A_yy", "A_xz", "A_yz", "A_zz", "b_x", "b_y", "b_z")
 PLANAR_NAMES = ("A_11", "A_12", "A_22", "b_1", "b_2")

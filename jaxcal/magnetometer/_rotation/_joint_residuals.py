@@ -9,10 +9,10 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from .._types import Any, Array
-from ._distance import mean_curvature, signed_distance
-from ._residuals import upper_and_centre
-from ._turn import turn
+from ..._types import Any, Array
+from .._ellipsoid._distance import mean_curvature, signed_distance
+from .._ellipsoid._residuals import upper_and_centre
+from ._segments import turn
 
 #: U by rows, centre, rotation vector; then the bias of the rates, or the sine
 CENTRE, TURN, EXTRA = slice(6, 9), slice(9, 12), slice(12, None)

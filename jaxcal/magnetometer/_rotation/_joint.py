@@ -10,23 +10,23 @@ import jax
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from .._errors import DataError
-from .._types import AnyArray
-from ..fitting import Fit, solve
+from ..._errors import DataError
+from ..._types import AnyArray
+from ...fitting import Fit, solve
+from .._design._coverage import covered, sphere_grid
+from .._design._heading_error import NAMES, covariance_of, needed, root
+from .._ellipsoid._algebraic import Frame, NotEllipsoid, sphere, triangle
+from .._ellipsoid._orthogonal import Found, upper_of
+from .._ellipsoid._penalised import CURVED
+from .._ellipsoid._start import padded_length
+from .._ellipsoid._subsample import LONG, all_distances, thinned
+from .._model import MagModel
+from .._result import MagFit
+from .._verdict import outliers
 from ._align import SEGMENT, alignment_of, array, like, still, unit
-from ._coverage import covered, sphere_grid
 from ._joint_residuals import CENTRE, EXTRA, TURN, JointPoses, JointTurns, joint_pose_residuals, joint_turn_residuals
 from ._joint_verdict import judged
-from ._model import MagModel
-from ._orthogonal import Found, upper_of
-from ._quadric import Frame, NotEllipsoid, sphere, triangle
-from ._refined import CURVED
-from ._result import MagFit
-from ._start import padded_length
-from ._thin import LONG, all_distances, thinned
-from ._turn import attitudes_in_segments, permutations
-from ._uncertainty import NAMES, covariance_of, needed, root
-from ._verdict import outliers
+from ._segments import attitudes_in_segments, permutations
 
 _ROUNDS, _SETTLED = 6, 3e-3
 _LEAST = 1e-11  # of a standard deviation, in scaled units: exact data have none

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import scipy.optimize
 
-from ._quadric import NOT_ELLIPSOID, NotEllipsoid, ellipsoid_of, monomials
+from ._algebraic import NOT_ELLIPSOID, NotEllipsoid, ellipsoid_of, monomials
 
 #: exponents (x, y, z) of the ten monomials
 _EXPONENTS = ((2, 0, 0), (1, 1, 0), (0, 2, 0), (1, 0, 1), (0, 1, 1), (0, 0, 2), (1, 0, 0), (0, 1, 0), (0, 0, 1), (0, 0, 0))

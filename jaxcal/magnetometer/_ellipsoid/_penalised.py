@@ -5,12 +5,12 @@ import contextlib
 import equinox as eqx
 import numpy as np
 
-from ._efficiency import Penalty, Size, half_log_det
+from .._design._heading_error import entries_of
+from ._algebraic import NotEllipsoid, triangle
 from ._orthogonal import Found, attempt, bounds_of, described_by, flat, padded, upper_of
-from ._quadric import NotEllipsoid, triangle
+from ._penalty import Penalty, Size, half_log_det
 from ._residuals import guarded, orthogonal
 from ._start import COUNT, PLANAR, basis_of, parameters_of, start
-from ._uncertainty import entries_of
 
 CURVED = 0.02  # noise over radius above which the curvature term is worth a fit
 _IDLE = 0.1  # standard errors: a penalty that moves a fit by less is left out
