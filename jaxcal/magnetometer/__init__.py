@@ -16,6 +16,12 @@ from ._offset import fit_offset as fit_offset
 from ._onboard._gate import Admission as Admission
 from ._onboard._moments import MomentFit as MomentFit, Moments as Moments
 from ._result import MagFit as MagFit
-from ._rotation._align import Alignment as Alignment, align as align
+from ._rotation._align import (
+    Accelerometer as Accelerometer,
+    Alignment as Alignment,
+    Gyroscope as Gyroscope,
+    Headings as Headings,
+    align as align,
+)
 from ._rotation._turning import HardIron as HardIron, hard_iron_by_turning as hard_iron_by_turning
 from ._several import fit_several as fit_several

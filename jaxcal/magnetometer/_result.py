@@ -8,6 +8,8 @@ import numpy as np
 from .._types import AnyArray
 from ._model import MagModel
 
+NOT_JUDGED = "The fit was traced: nothing was chosen and nothing is judged. Call `fit` outside of jit, vmap and grad for a verdict."
+
 
 class MagFit(eqx.Module):
     """Hard and soft iron with their uncertainty, the heading error to expect, and a verdict.
@@ -26,7 +28,8 @@ class MagFit(eqx.Module):
     coverage : `Coverage` of the corrected readings; None without a model.
     residual : (n,) orthogonal distance of each reading to the ellipsoid, in the unit of the readings, positive outside.
     noise : standard deviation of one axis of a reading, in its unit.
-    verdict : "good", "weak" or "refused".
+    verdict : "good", "weak" or "refused"; "not judged" under `jit`, `vmap` and `grad`, where coverage, outliers, `needed` and
+        `condition` are left empty.
     reason : one sentence or more.
     field : norm of the corrected field: as given, or the cube root of the product of the ellipsoid's semi-axes.
     outliers : indices of readings more than four robust standard deviations off, or weighted below one half.

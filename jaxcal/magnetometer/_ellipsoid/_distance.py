@@ -134,12 +134,12 @@ def _curvature_slopes(shape, z):
 
 
 @jax.custom_jvp
-def levelled_distance(shape: Float[Array, "3 3"], z: Float[Array, "n 3"], noise2: Float[Array, ""]) -> Float[Array, " n"]:
+def corrected_distance(shape: Float[Array, "3 3"], z: Float[Array, "n 3"], noise2: Float[Array, ""]) -> Float[Array, " n"]:
     """Signed distance less sigma^2 times the mean curvature, differentiated as one."""
     return signed_distance(shape, z) - noise2 * mean_curvature(shape, z)
 
 
-@levelled_distance.defjvp
+@corrected_distance.defjvp
 def _(primals, tangents):
     (shape, z, noise2), (d_shape, d_z, d_noise2) = primals, tangents
     distance, curvature = _distance_slopes(shape, z), _curvature_slopes(shape, z)

@@ -1,7 +1,7 @@
 """Iterative fits of scaled readings, orthogonal and radial, with robust losses, through the package's one solver."""
 
-import functools
 from collections.abc import Callable
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -9,39 +9,44 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..._errors import DataError
-from ..._types import AnyArray, Array
+from ..._precision import is_traced
+from ..._types import AnyArray
 from ...fitting import AbstractLoss, Cauchy, Fit, Huber, Tukey, covariance, solve
+from ._algebraic import triangle
 from ._penalty import Penalty
-from ._residuals import Readings, orthogonal, radial
-from ._start import COUNT, basis_of, padded_length, parameters_of, robust_start, start
+from ._residuals import Readings, orthogonal, radial, shape_and_centre
+from ._start import COUNT, PLANAR, basis_of, padded_length, parameters_of, robust_start, start, traced_start
 
 LOSSES: dict[str, AbstractLoss] = {"huber": Huber(), "cauchy": Cauchy(), "tukey": Tukey()}
-_ROUNDS = 5
-_PRECISE = 1e-5  # step to go, relative to the statistical uncertainty
+CURVED = 0.02  # noise over radius above which the curvature term is worth a fit
+ROUNDS, SETTLED = 3, 3e-3  # of fits with the curvature term, and the change of the noise that ends them
+_ROBUST_ROUNDS = 5
+_PRECISE = 1e-8  # step to go, relative to the statistical uncertainty
+_SINGULAR = 1e12
 
 
 class Found(eqx.Module):
     """An ellipsoid in scaled readings: shape and centre, (9, 9) covariance of its parameters, noise, distances and weights.
 
     noise2 : the variance whose curvature term was taken off the distances.
-    penalty : weight of the penalty on directions in a corner, zero where it had no part; pull : how far it moved the fit, in
-        standard errors of what the readings alone say. discord : of the field that the readings alone give and the known one.
+    penalty : weight of the penalty on directions in a corner, zero where it had no part; bias : how far it moved the fit, in
+        standard errors of what the readings alone say. conflict : of the field that the readings alone give and the known one.
     """
 
-    parameters: np.ndarray
-    shape: np.ndarray
-    centre: np.ndarray
-    covariance: np.ndarray
-    noise: float
-    distance: np.ndarray
-    weight: np.ndarray
-    converged: bool
+    parameters: AnyArray
+    shape: AnyArray
+    centre: AnyArray
+    covariance: AnyArray
+    noise: Any
+    distance: AnyArray
+    weight: AnyArray
+    converged: Any
     kind: str = eqx.field(static=True)
     message: str = eqx.field(static=True, default="")
-    noise2: float = 0.0
+    noise2: Any = 0.0
     penalty: float = 0.0
-    pull: float = 0.0
-    discord: float = 0.0
+    bias: float = 0.0
+    conflict: float = 0.0
 
 
 def padded(u: np.ndarray, kind: str, scale: float = 1.0, noise2: float = 0.0, penalty: Penalty | None = None) -> Readings:
@@ -58,75 +63,86 @@ def bounds_of(kind: str) -> tuple[np.ndarray, np.ndarray]:
     return np.where(idle, 0.0, -np.inf), np.where(idle, 0.0, np.inf)
 
 
-class Solved(eqx.Module):
-    """A fit of the readings with what is asked of every one."""
+def attempt(function: Callable, start: AnyArray, data: Readings, kind: str, loss: AbstractLoss | None = None) -> Fit:
+    """Fit; several rows of `start` are tried, and the best is kept.
 
-    fit: Fit
-    usable: Array
-    covariance: Array
-
-
-@functools.partial(jax.jit, static_argnames=("function", "loss"))
-def attempt(function: Callable, start: AnyArray, data: Readings, bounds: tuple[AnyArray, AnyArray], loss: str | None) -> Solved:
-    """A fit, its covariance and whether it converged as one program: a fit of some hundred readings takes less than to call them.
-
-    Several rows of `start` are tried, and the best is kept. Residuals beyond those of the readings, of penalty and prior, move the fit
-    and are then left out: covariance and weights are those of the readings.
+    Residuals beyond those of the readings, of penalty and prior, move the fit and are then dropped: covariance and weights are
+    those of the readings.
     """
     begin, starts = (start, None) if start.ndim == 1 else (start[0], start)
-    fit = solve(function, begin, data, loss=None if loss is None else LOSSES[loss], bounds=bounds, starts=starts, rtol=_PRECISE)
+    fit = solve(function, begin, data, loss=loss, bounds=bounds_of(kind), starts=starts, rtol=_PRECISE)
     own = lambda f: (f.residuals, f.jacobian, f.weights, f.curvature)  # noqa: E731
-    fit = eqx.tree_at(own, fit, tuple(x[: len(data.u)] for x in own(fit)))
-    return Solved(eqx.tree_at(lambda f: f.problem, fit, None), fit.usable, covariance(fit, scaled=True))
+    return eqx.tree_at(own, fit, tuple(x[: len(data.u)] for x in own(fit)))
 
 
-def flat(u: np.ndarray, kind: str, loss: str | None = None, cost: str = "orthogonal", begin: np.ndarray | None = None) -> Found:
-    """The same without the curvature term: enough to compare models, which all have a radius to take up its mean."""
+def flat(u: np.ndarray, kind: str, loss: AbstractLoss | None = None, cost: str = "orthogonal", begin: Any = None) -> Found:
+    """The fit without the curvature term: enough to compare models, which all have a radius to take up its mean."""
     if begin is None:
         begin = parameters_of(kind, *(start if loss is None else robust_start)(u, kind))
     function = radial if cost == "radial" else orthogonal
     if loss is None:
-        solved, scale = attempt(function, begin, padded(u, kind), bounds_of(kind), None), 1.0
+        fit, scale = attempt(function, begin, padded(u, kind), kind), 1.0
     else:
-        solved, scale = _robust(function, begin, u, kind, loss)
+        fit, scale = _robust(function, begin, u, kind, loss)
     if cost == "radial":
         # its own J'J is not the information of the readings
-        found = described(np.asarray(solved.fit.parameters), u, kind)
-        news = (bool(solved.usable), np.asarray(solved.fit.weights)[: len(u)])
-        return eqx.tree_at(lambda f: (f.converged, f.weight), found, news)
-    return described_by(solved, scale, len(u), kind)
+        found = described(np.asarray(fit.parameters), u, kind)
+        return eqx.tree_at(lambda f: (f.converged, f.weight), found, (bool(fit.usable), np.asarray(fit.weights)[: len(u)]))
+    return described_by(fit, scale, len(u), kind)
 
 
-def described_by(solved: Solved, scale: float, count: int, kind: str, noise2: float = 0.0) -> Found:
+def described_by(fit: Fit, scale: float, count: int, kind: str, noise2: Any = 0.0) -> Found:
     """What a solution says of the ellipsoid; infinite covariance where the readings alone do not determine it."""
-    fit, usable = solved.fit, bool(solved.usable)
-    parameters, residuals, covariance = np.asarray(fit.parameters), np.asarray(fit.residuals), np.asarray(solved.covariance)
+    traced = is_traced(fit)
+    xp = jnp if traced else np
+    parameters, residuals, matrix = (xp.asarray(x) for x in (fit.parameters, fit.residuals, covariance(fit, scaled=True)))
+    if fit.robust:
+        noise = scale * _spread(residuals, count, COUNT[kind])
+    else:
+        noise = scale * xp.sqrt(xp.sum(residuals**2) / max(count - COUNT[kind], 1))
     return Found(
         parameters,
-        *ellipsoid(parameters, kind),
-        covariance if np.isfinite(covariance).all() else np.full_like(covariance, np.inf),
-        _sigma(residuals, fit.robust, scale, count, kind),
+        *shape_and_centre(parameters, basis_of(kind)),
+        xp.where(xp.isfinite(matrix).all(), matrix, xp.inf),
+        noise,
         scale * residuals[:count],
-        np.asarray(fit.weights)[:count],
-        usable,
+        xp.asarray(fit.weights)[:count],
+        fit.usable if traced else bool(fit.usable),
         kind,
-        "" if usable else fit.message,
+        "" if traced or fit.usable else fit.message,
         noise2,
     )
 
 
-def upper_of(parameters: np.ndarray, kind: str) -> tuple[np.ndarray, np.ndarray]:
-    """U and the centre (`upper_and_centre` in NumPy, which has nothing to dispatch)."""
-    full = basis_of(kind) @ parameters
-    upper = np.zeros((3, 3))
-    upper[np.triu_indices(3)] = full[:6]
-    return upper, full[6:]
+def curvature_variance(found: Found) -> Any:
+    """Variance whose curvature term counts, zero where the noise is too small for it, or so large that there is no surface.
+
+    Readings in a plane have no noise across it, so of the two curvatures one does.
+    """
+    xp = jnp if is_traced(found) else np
+    radius = xp.linalg.det(found.shape) ** (-1 / 6)
+    curved = (0.5 * radius > found.noise) & (found.noise > CURVED * radius)
+    return xp.where(curved, (0.5 if found.kind in PLANAR else 1.0) * found.noise**2, 0.0)
 
 
-def ellipsoid(parameters: np.ndarray, kind: str) -> tuple[np.ndarray, np.ndarray]:
-    """Shape matrix and centre."""
-    upper, centre = upper_of(parameters, kind)
-    return upper.T @ upper, centre
+def estimate(u: Any, kind: str) -> Found:
+    """Maximum likelihood of scaled readings as one pure function: runs under `jit`, `vmap` and `grad`, and judges nothing.
+
+    The rounds are those of `flat` and `curvature_corrected`, each decision in them an expression.
+    """
+    basis, weight = jnp.asarray(basis_of(kind), dtype=u.dtype), jnp.ones(len(u), dtype=u.dtype)
+
+    def one(carry: tuple, _: None) -> tuple:
+        begin, noise2, last, settled = carry
+        data = Readings(u, weight, jnp.ones((), u.dtype), noise2, basis)
+        found = described_by(attempt(orthogonal, begin, data, kind), 1.0, len(u), kind, noise2)
+        after = curvature_variance(found)
+        settled = settled | (after == 0) | (jnp.abs(found.noise - last) < SETTLED * last)
+        return (found.parameters, jnp.where(settled, noise2, after), found.noise, settled), found
+
+    zero = jnp.zeros((), u.dtype)
+    rounds = jax.lax.scan(one, (traced_start(u, kind), zero, zero, jnp.asarray(False)), None, length=ROUNDS + 1)[1]
+    return jax.tree.map(lambda x: x[-1], rounds)
 
 
 def _spread(residuals, count: int, free: int) -> float:
@@ -135,59 +151,53 @@ def _spread(residuals, count: int, free: int) -> float:
     return size * float(np.sqrt(count / max(count - free, 1)))
 
 
-def _robust(function, begin, u, kind, loss) -> tuple[Solved, float]:
+def _robust(function: Callable, begin: np.ndarray, u: np.ndarray, kind: str, loss: AbstractLoss) -> tuple[Fit, float]:
     """Fit and scale by turns, from a start of high breakdown point; Tukey's loss, which has many minima, could start nowhere else."""
     count, free = len(u), COUNT[kind]
-    scale = max(_spread(_residuals(function, jnp.asarray(begin), _jax(padded(u, kind))), count, free), 1e-13)
-    for _ in range(_ROUNDS):
-        solved = attempt(function, begin, padded(u, kind, scale), bounds_of(kind), loss)
-        begin, last = np.asarray(solved.fit.parameters), scale
-        scale = max(_spread(solved.fit.residuals, count, free) * scale, 1e-13)
+    scale = max(_spread(_linearised(function, begin, padded(u, kind))[0], count, free), 1e-13)
+    for _ in range(_ROBUST_ROUNDS):
+        fit = attempt(function, begin, padded(u, kind, scale), kind, loss)
+        begin, last = np.asarray(fit.parameters), scale
+        scale = max(_spread(fit.residuals, count, free) * scale, 1e-13)
         if abs(scale - last) < 1e-3 * last:
             break
-    return solved, last  # type: ignore[possibly-unbound]
+    return fit, last  # type: ignore[possibly-unbound]
 
 
 @eqx.filter_jit
-def _residuals(function, parameters, data):
-    return function(parameters, data)
+def _linear_terms(function: Callable, parameters: Any, data: Readings) -> tuple[Any, Any]:
+    return function(parameters, data), jax.jacfwd(function)(parameters, data)
 
 
-def _jax(tree):
-    return jax.tree.map(jnp.asarray, tree)
+def _linearised(function: Callable, parameters: AnyArray, data: Readings) -> tuple[Any, Any]:
+    return _linear_terms(function, *jax.tree.map(jnp.asarray, (parameters, data)))
 
 
-def _sigma(residuals: np.ndarray, robust: bool, scale: float, count: int, kind: str) -> float:
-    """Noise of a reading: of all readings, or with a robust loss of most of them."""
-    if robust:
-        return scale * _spread(residuals, count, COUNT[kind])
-    return scale * float(np.sqrt(np.sum(residuals**2) / max(count - COUNT[kind], 1)))
-
-
-@jax.jit
-def _linearised(parameters, data):
-    return orthogonal(parameters, data), jax.jacfwd(orthogonal)(parameters, data)
-
-
-def described(parameters: np.ndarray, u: np.ndarray, kind: str) -> Found:
+def described(parameters: AnyArray, u: np.ndarray, kind: str) -> Found:
     """An ellipsoid that another method found, with the covariance that the readings allow there (the Cramer-Rao bound)."""
-    free = COUNT[kind]
-    distance, jacobian = (np.asarray(x)[: len(u)] for x in _linearised(jnp.asarray(parameters), _jax(padded(u, kind))))
-    noise = float(np.sqrt(np.sum(distance**2) / max(len(u) - free, 1)))
-    jacobian = jacobian[:, :free]
-    column = np.linalg.norm(jacobian, axis=0)
-    bound = np.zeros((9, 9))
-    triangle = np.linalg.qr(jacobian / np.where(column > 0, column, 1), mode="r")
-    if len(u) < free or np.linalg.cond(triangle) > 1e12:
-        bound[:free, :free] = np.inf
-    else:
-        inverse = np.linalg.inv(triangle) / column[:, None]
-        bound[:free, :free] = noise**2 * inverse @ inverse.T
-    return Found(parameters, *ellipsoid(parameters, kind), bound, noise, distance, np.ones(len(u)), True, kind)
+    residuals, jacobian = (np.asarray(x)[: len(u)] for x in _linearised(orthogonal, parameters, padded(u, kind)))
+    noise = float(np.sqrt(np.sum(residuals**2) / max(len(u) - COUNT[kind], 1)))
+    bound = noise**2 * inverse_information(jacobian, np.arange(9) < COUNT[kind])
+    return Found(parameters, *shape_and_centre(parameters, basis_of(kind)), bound, noise, residuals, np.ones(len(u)), True, kind)
 
 
-def loss_name(loss: str | None) -> str | None:
-    """The loss, checked."""
-    if loss is None or (isinstance(loss, str) and loss in LOSSES):
+def inverse_information(jacobian: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """Inverse of J'J, zero for parameters that are held; infinite where the rows do not determine all others to half the digits."""
+    column = np.linalg.norm(jacobian[:, free], axis=0)
+    factor = triangle(jacobian[:, free] / np.where(column > 0, column, 1))
+    inverse = np.zeros((jacobian.shape[1],) * 2)
+    if len(factor) < free.sum() or not np.linalg.cond(factor) < _SINGULAR:
+        return np.full_like(inverse, np.inf)
+    root = np.linalg.inv(factor) / column[:, None]
+    inverse[np.ix_(free, free)] = root @ root.T
+    return inverse
+
+
+def loss_of(loss: Any) -> AbstractLoss | None:
+    """The loss, by its name or as an object."""
+    if loss is None or isinstance(loss, AbstractLoss):
         return loss
-    raise DataError(f"There is no loss {loss!r}; known are None (least squares), {', '.join(repr(name) for name in LOSSES)}.")
+    if isinstance(loss, str) and loss in LOSSES:
+        return LOSSES[loss]
+    known = ", ".join(repr(name) for name in LOSSES)
+    raise DataError(f"There is no loss {loss!r}; known are None (least squares), {known}, and the losses of jaxcal.fitting.")

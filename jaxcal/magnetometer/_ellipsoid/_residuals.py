@@ -5,8 +5,8 @@ import jax.numpy as jnp
 
 from ..._types import Any, Array
 from .._model import MagModel
-from ._distance import levelled_distance, signed_distance
-from ._penalty import misfit, shortfall
+from ._distance import corrected_distance, signed_distance
+from ._penalty import penalty_residual, size_residual
 
 
 class Readings(eqx.Module):
@@ -14,8 +14,8 @@ class Readings(eqx.Module):
 
     u : (n, 3) scaled readings. weight : (n,), zero for padding. scale : of a residual.
     noise2 : noise variance that the curvature term takes off.
-    basis : (9, 9) from the parameters to the upper triangle of U by rows, and the centre; columns of zeros have no meaning.
-    penalty : `Penalty` of `guarded`, which alone has one.
+    basis : (12, 9) from the parameters to U by rows and the centre; columns of zeros have no meaning.
+    penalty : `Penalty` of `penalised`, which alone has one.
     """
 
     u: Any
@@ -26,14 +26,13 @@ class Readings(eqx.Module):
     penalty: Any = None
 
 
-def upper_and_centre(parameters: Array, basis: Array) -> tuple[Array, Array]:
+def upper_and_centre(parameters: Any, basis: Any) -> tuple[Any, Any]:
     """U and the centre of {x : |U (x - centre)| = 1}."""
-    a, b, c, d, e, f, *centre = basis @ parameters
-    zero = jnp.zeros_like(a)
-    return jnp.stack([jnp.stack([a, b, c]), jnp.stack([zero, d, e]), jnp.stack([zero, zero, f])]), jnp.stack(centre)
+    full = basis @ parameters
+    return full[:9].reshape(3, 3), full[9:]
 
 
-def shape_and_centre(parameters: Array, basis: Array) -> tuple[Array, Array]:
+def shape_and_centre(parameters: Any, basis: Any) -> tuple[Any, Any]:
     """A = U'U, positive whatever the parameters are, and the centre."""
     upper, centre = upper_and_centre(parameters, basis)
     return upper.T @ upper, centre
@@ -51,14 +50,14 @@ def orthogonal(parameters: Array, data: Readings) -> Array:
     Noise along the curved surface gives the distances that mean; with noise2 = 0 it stays in.
     """
     shape, centre = shape_and_centre(parameters, data.basis)
-    return data.weight * levelled_distance(shape, data.u - centre[None, :], data.noise2) / data.scale
+    return data.weight * corrected_distance(shape, data.u - centre[None, :], data.noise2) / data.scale
 
 
-def guarded(parameters: Array, data: Readings) -> Array:
+def penalised(parameters: Array, data: Readings) -> Array:
     """Those of `orthogonal`, one of the prior of the size, and one whose square is the penalty on directions in a corner."""
     upper, centre = upper_and_centre(parameters, data.basis)
-    last = shortfall(upper, data.u - centre[None, :], data.weight, data.penalty)
-    return jnp.concatenate([orthogonal(parameters, data), jnp.stack([misfit(upper, data.penalty), last]) / data.scale])
+    last = penalty_residual(upper, data.u - centre[None, :], data.weight, data.penalty)
+    return jnp.concatenate([orthogonal(parameters, data), jnp.stack([size_residual(upper, data.penalty), last]) / data.scale])
 
 
 def radial(parameters: Array, data: Readings) -> Array:
