@@ -7,7 +7,7 @@ from ._design._coverage import Coverage as Coverage, coverage as coverage
 from ._design._heading_uncertainty import heading_uncertainty as heading_uncertainty
 from ._design._plan import Plan as Plan, plan as plan, predict as predict
 from ._earth import earth_field as earth_field
-from ._ellipsoid._residuals import distance_residuals as distance_residuals, radial_residuals as radial_residuals
+from ._ellipsoid._residuals import residuals as residuals
 from ._fit import aligned as aligned, fit as fit
 from ._heading import heading as heading
 from ._known_attitudes import AttitudeFit as AttitudeFit, fit_attitudes as fit_attitudes

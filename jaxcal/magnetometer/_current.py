@@ -173,4 +173,4 @@ def fit_current(m: Any, current: Any, **options: Any) -> CurrentTerms:
     units = u / np.maximum(np.linalg.norm(u, axis=1, keepdims=True), 1e-12)
     table = np.corrcoef(np.concatenate([units, columns], axis=1).T)
     correlation = np.abs(table[3:, :3]).max(axis=1)
-    return CurrentTerms(terms, error, correlation, calibrated.noise, calibrated)
+    return CurrentTerms(terms, error, correlation, float(calibrated.noise), calibrated)

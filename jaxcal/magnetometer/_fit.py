@@ -1,6 +1,7 @@
 """`fit`: hard and soft iron from readings in a field of constant norm."""
 
 import dataclasses
+import functools
 from typing import Any
 
 import jax
@@ -23,6 +24,7 @@ from ._ellipsoid._shape import NAMES, PLANAR_NAMES, covariance_of, model_of, rad
 from ._ellipsoid._start import COUNT, PLANAR, parameters_of
 from ._ellipsoid._subsample import LONG, all_distances, thinned
 from ._model import MagModel
+from ._own_model import fit_model
 from ._result import NOT_JUDGED, MagFit
 from ._rotation._align import Alignment, align
 from ._rotation._joint import checked_joint, jointly
@@ -40,7 +42,7 @@ def fit(
     m: Any,
     *,
     method: str = "ml",
-    model: str = "auto",
+    model: str | MagModel = "auto",
     field: Any = None,
     field_error: float | None = None,
     loss: str | AbstractLoss | None = None,
@@ -51,6 +53,7 @@ def fit(
     penalty: float = 0.5,
     aid: Any = None,
     joint: bool = False,
+    conditions: dict[str, Any] | None = None,
 ) -> MagFit:
     r"""Hard and soft iron from readings in many attitudes of a field of constant norm.
 
@@ -70,7 +73,8 @@ def fit(
         constraint), "li_griffiths", "constrained" (the magnetometer paper), "radial" (norm error of the corrected field), "axes" and
         "minmax" (the thesis, from the extremes).
     model : "sphere" (4 parameters), "diagonal" (6), "symmetric" (9), "planar" (circle or ellipse, for readings of turns about
-        one axis), or "auto": "ml" chooses, the other methods take the largest they have.
+        one axis), or "auto": "ml" chooses, the other methods take the largest they have. Or a model object, a `MagModel` or a
+        subclass with fields of its own: its floating leaves are fitted by "ml", from their values or from the algebraic fit.
     field : norm of the true field, or the field vector (north, east, down), whose dip is then used too; in the unit of the
         readings. Without it the corrected readings keep the unit and mean size of the readings.
     field_error : relative standard deviation with which the norm `field` is known in the unit of the readings: the sensor's sensitivity
@@ -86,9 +90,14 @@ def fit(
         standard error. 1 is Jeffreys' prior (Firth), 0 plain maximum likelihood; 0.5 has the least errors in Monte Carlo.
     aid : `Accelerometer`, `Gyroscope` or `Headings`, for the rotation, as for `align`.
     joint : fit norms and the accelerometer, or the gyroscope, together, each residual over its own standard deviation: full
-        soft iron, hard iron and rotation at once. Rates show the hard iron where norms leave it open, as with a vehicle that tilts by 20 degrees; then this is
-        far better than one after the other. Model "auto" or "symmetric", method "ml", no loss. Of long logs the same readings are fitted as
-        without; rates are integrated before any is left out.
+        soft iron, hard iron and rotation at once. Rates show the hard iron where norms leave it open, as with a vehicle that
+        tilts by 20 degrees; then this is far better than one after the other. Model "auto" or "symmetric", method "ml", no loss.
+        Of long logs the same readings are fitted as without; rates are integrated before any is dropped.
+
+    conditions : name -> array of one row a reading: what `measure` and `correct` of a model object take beside the field.
+
+    Under `jit`, `vmap` and `grad` the fit is that of method "ml" for model "sphere", "diagonal" or "symmetric": the curvature term is
+    decided by an expression, and nothing else is: there is no penalty, no thinning, and `verdict` is "not judged".
 
     Returns
     -------
@@ -117,6 +126,10 @@ def fit(
     J. F. Vasconcelos et al., IEEE Trans. Aerosp. Electron. Syst. 47 (2011) 1293 (maximum likelihood); I. Markovsky et al., Numer.
     Math. 98 (2004) 177 (consistent); the magnetometer paper's equations 6 to 16 (constrained); the thesis, chapter 6.
     """
+    if isinstance(model, MagModel):
+        return _of_model(m, model, field, inclination, conditions or {}, limits, method, loss, field_error, aid)
+    if conditions:
+        raise DataError("Conditions need a model object whose `measure` and `correct` take them; give it as `model`.")
     if is_traced(m, field):
         given = {"method": method != "ml", "loss": loss is not None, "field_error": field_error is not None, "aid": aid is not None}
         return traced(m, model, field, inclination, [name for name, there in given.items() if there])
@@ -132,7 +145,6 @@ def fit(
     frame = Frame.of(m)
     if distinct < 2 or frame.scale < 1e-12 * np.abs(m).max():
         return _refusal(
-            m,
             method,
             dip,
             f"There are {distinct} distinct readings; a sphere needs at least 5, and soft iron 10.",
@@ -141,7 +153,7 @@ def fit(
     prior = None if field_error is None or norm is None else Size(float(np.log(norm / frame.scale)), float(field_error))
     spread = extents(u)
     if spread[1] < _LINE:
-        return _refusal(m, method, dip, "The readings lie on a line: turn the sensor through all attitudes.")
+        return _refusal(method, dip, "The readings lie on a line: turn the sensor through all attitudes.")
     flat = spread[2] < NEAR_PLANAR
     planar = "asked" if model == "planar" else "chosen" if flat and model == "auto" and method == "ml" else None
     kind = None if model == "auto" or planar else model
@@ -150,7 +162,6 @@ def fit(
     least = kind or ("circle" if planar else "sphere")
     if distinct <= COUNT[least]:
         return _refusal(
-            m,
             method,
             dip,
             f"There are {distinct} distinct readings; model {'planar' if planar else least!r} needs at least {COUNT[least] + 1}.",
@@ -170,7 +181,7 @@ def fit(
         else:
             found = _single(u, method, kind, loss, penalty, prior)
     except NotEllipsoid as error:
-        return _refusal(m, method, dip, (f"{NEAR_PLANAR_SENTENCE} " if flat else "") + f"{str(error)[0].upper()}{str(error)[1:]}.")
+        return _refusal(method, dip, (f"{NEAR_PLANAR_SENTENCE} " if flat else "") + f"{str(error)[0].upper()}{str(error)[1:]}.")
     if planar == "chosen":
         notes = ["The readings are near-planar, and were fitted in their plane.", *notes]
     result = _result(m, u, frame, found, method, norm, dip, loss, limits, plane, notes, penalty, field_error, unseen)
@@ -352,6 +363,21 @@ def _warnings(radius: float, norm: float | None) -> tuple[str, ...]:
     )
 
 
+def _of_model(m, model, field, inclination, conditions, limits, method, loss, field_error, aid) -> MagFit:
+    if method != "ml" or loss is not None or field_error is not None or aid is not None:
+        raise DataError("A model object is fitted by method='ml', without `loss`, `field_error` and `aid`.")
+    if on_trace := is_traced(m, model, field, conditions):
+        norm, dip = _norm_and_dip(field, inclination)
+    else:
+        m, norm, dip = checked(m, method, "auto", field, loss, inclination, "bic", 0.0, field_error)
+    return fit_model(m, model, norm, dip, conditions, limits, on_trace)
+
+
+def _norm_and_dip(field: Any, inclination: Any) -> tuple[Any, float]:
+    norm, dip = (jnp.linalg.norm(jnp.atleast_1d(field)), None) if isinstance(field, jax.Array) else field_of(field)
+    return norm, next(angle for angle in (inclination, dip, INCLINATION) if angle is not None)
+
+
 def traced(m: Any, kind: str, field: Any, inclination: Any, refused: list[str]) -> MagFit:
     """The fit under `jit`, `vmap` and `grad`: of a given kind by maximum likelihood, not judged."""
     if kind not in SOLID or refused:
@@ -362,20 +388,38 @@ def traced(m: Any, kind: str, field: Any, inclination: Any, refused: list[str]) 
         )
     if m.ndim != 2 or m.shape[1] != 3 or len(m) <= COUNT[kind]:
         raise DataError(f"The readings have shape {m.shape}; model {kind!r} needs (n, 3) with at least {COUNT[kind] + 1} rows.")
+    norm, dip = _norm_and_dip(field, inclination)
+    return dataclasses.replace(
+        _refusal("ml", dip, NOT_JUDGED), verdict="not judged", kind=kind, used=len(m), **_calibrated(m, norm, kind, dip)
+    )
+
+
+def _pure(m: Any, norm: Any, kind: str, dip: float) -> dict[str, Any]:
+    """What a traced fit knows, from the readings and the norm of the field."""
     frame = Frame.of(m)
     found = estimate(frame.scaled(m), kind)
-    norm, dip = (jnp.linalg.norm(jnp.atleast_1d(field)), None) if isinstance(field, jax.Array) else field_of(field)
-    dip = next(angle for angle in (inclination, dip, INCLINATION) if angle is not None)
     size = radius_of(found.shape) if norm is None else norm / frame.scale
     covariance = covariance_of(found, frame)
-    return dataclasses.replace(
-        _refusal(m, "ml", dip, NOT_JUDGED), model=model_of(found.shape, found.centre, frame, size), covariance=covariance,
-        heading_error=heading_error(found.shape / frame.scale**2, covariance, dip), residual=found.distance * frame.scale,
-        noise=found.noise * frame.scale, field=size * frame.scale, used=len(m), verdict="not judged", kind=kind,
-    )  # fmt: skip
+    return {
+        "model": model_of(found.shape, found.centre, frame, size), "covariance": covariance, "residual": found.distance * frame.scale,
+        "heading_error": heading_error(found.shape / frame.scale**2, covariance, dip), "noise": found.noise * frame.scale,
+        "field": size * frame.scale,
+    }  # fmt: skip
 
 
-def _refusal(m: np.ndarray, method: str, dip: float, reason: str) -> MagFit:
+# Many fits run one after another, each in as few steps as it needs: a batch would take as many as the slowest, and stands still now and
+# then in LAPACK. A batch of derivatives is one all the same, as `custom_vmap` has none.
+@functools.partial(jax.custom_jvp, nondiff_argnums=(2, 3))
+def _calibrated(m: Any, norm: Any, kind: str, dip: float) -> dict[str, Any]:
+    return jax.custom_batching.sequential_vmap(lambda m, norm: _pure(m, norm, kind, dip))(m, norm)
+
+
+@_calibrated.defjvp
+def _(kind: str, dip: float, primals: tuple, tangents: tuple) -> tuple:
+    return jax.jvp(lambda m, norm: _pure(m, norm, kind, dip), primals, tangents)
+
+
+def _refusal(method: str, dip: float, reason: str) -> MagFit:
     """A fit without a model."""
     return MagFit(
         model=None, covariance=np.full((9, 9), np.inf), heading_error=np.full(2, np.inf), coverage=None, residual=np.zeros(0), noise=np.inf,

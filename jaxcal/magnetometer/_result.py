@@ -4,6 +4,7 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
+import scipy.stats
 
 from .._results import NORMAL95, Result, Row
 from .._types import AnyArray
@@ -45,6 +46,7 @@ class MagFit(Result):
     field_error : relative standard deviation with which the given field took part in the fit; None where it only scales.
     penalty : weight of the penalty on directions in a corner of the sphere; zero where the readings alone decided.
     joint : whether norms and the other sensor were fitted together; then `heading_error` has what ellipsoid and rotation have in common.
+    values : of the parameters in `names`; `parameters` and `interval` have them by name.
     method, kind : name of the method; "sphere", "diagonal", "symmetric", or in a plane "circle" and "ellipse".
     """
 
@@ -53,8 +55,8 @@ class MagFit(Result):
     heading_error: AnyArray
     coverage: Any
     residual: AnyArray
-    noise: float
-    field: float
+    noise: float | AnyArray
+    field: float | AnyArray
     outliers: AnyArray
     used: int
     needed: AnyArray
@@ -71,6 +73,18 @@ class MagFit(Result):
     penalty: float = 0.0
     field_error: float | None = None
     joint: bool = eqx.field(static=True, default=False)
+    values: AnyArray = eqx.field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Value of each parameter by its name, in the units of the readings."""
+        return dict(zip(self.names, np.asarray(self.values).tolist(), strict=False))
+
+    @property
+    def interval(self) -> dict[str, tuple[float, float]]:
+        """95 % interval of each parameter by its name: (low, high), by Student's t."""
+        half = scipy.stats.t.ppf(0.975, max(self.used - len(self.names), 1)) * np.sqrt(np.diag(self.covariance))
+        return {name: (value - h, value + h) for (name, value), h in zip(self.parameters.items(), half.tolist(), strict=True)}
 
     def _rows(self) -> list[Row]:
         if self.model is None:
@@ -84,6 +98,9 @@ class MagFit(Result):
     @property
     def hard_iron_error(self) -> np.ndarray:
         """(3,) standard deviation of the hard iron, in the unit of the readings; infinite along a plane's normal."""
+        if self.plane is None and self.names and "hard_iron[0]" in self.names:
+            first = self.names.index("hard_iron[0]")
+            return np.sqrt(np.diag(self.covariance)[first : first + 3])
         if len(self.covariance) == 9:
             return np.sqrt(np.diag(self.covariance)[6:])
         if self.plane is None or not np.isfinite(self.covariance).all():

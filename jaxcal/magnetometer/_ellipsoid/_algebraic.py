@@ -30,10 +30,10 @@ class Frame(eqx.Module):
     @staticmethod
     def of(m: AnyArray) -> "Frame":
         centre = m.mean(axis=0)
-        return Frame(centre, ((m - centre) ** 2).sum(axis=1).mean() ** 0.5)
+        return Frame(centre, ((m - centre[None, :]) ** 2).sum(axis=1).mean() ** 0.5)
 
     def scaled(self, m: Any) -> Any:
-        return (m - self.centre) / self.scale
+        return (m - self.centre[None, :]) / self.scale
 
 
 def monomials(u: Any) -> tuple[Any, Any]:

@@ -128,21 +128,21 @@ def curvature_variance(found: Found) -> Any:
 def estimate(u: Any, kind: str) -> Found:
     """Maximum likelihood of scaled readings as one pure function: runs under `jit`, `vmap` and `grad`, and judges nothing.
 
-    The rounds are those of `flat` and `curvature_corrected`, each decision in them an expression.
+    The rounds are those of `flat` and of the fits with the curvature term, each decision in them an expression.
     """
-    basis, weight = jnp.asarray(basis_of(kind), dtype=u.dtype), jnp.ones(len(u), dtype=u.dtype)
+    basis, weight, one = jnp.asarray(basis_of(kind), dtype=u.dtype), jnp.ones(len(u), dtype=u.dtype), jnp.ones((), u.dtype)
 
-    def one(carry: tuple, _: None) -> tuple:
+    def again(carry: tuple, _: None) -> tuple:
         begin, noise2, last, settled = carry
-        data = Readings(u, weight, jnp.ones((), u.dtype), noise2, basis)
-        found = described_by(attempt(orthogonal, begin, data, kind), 1.0, len(u), kind, noise2)
+        fit = attempt(orthogonal, begin, Readings(u, weight, one, noise2, basis), kind)
+        found = described_by(fit, 1.0, len(u), kind, noise2)
         after = curvature_variance(found)
         settled = settled | (after == 0) | (jnp.abs(found.noise - last) < SETTLED * last)
         return (found.parameters, jnp.where(settled, noise2, after), found.noise, settled), found
 
     zero = jnp.zeros((), u.dtype)
-    rounds = jax.lax.scan(one, (traced_start(u, kind), zero, zero, jnp.asarray(False)), None, length=ROUNDS + 1)[1]
-    return jax.tree.map(lambda x: x[-1], rounds)
+    begin = (jax.lax.stop_gradient(traced_start(jax.lax.stop_gradient(u), kind)), zero, zero, jnp.asarray(False))
+    return jax.tree.map(lambda x: x[-1], jax.lax.scan(again, begin, None, length=ROUNDS + 1)[1])
 
 
 def _spread(residuals, count: int, free: int) -> float:

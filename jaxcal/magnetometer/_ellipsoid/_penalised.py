@@ -71,7 +71,7 @@ def _step(found: Found, u: np.ndarray, penalty: float) -> tuple[Any, float]:
 def _curvature_corrected(found: Found, u: np.ndarray, loss: AbstractLoss | None) -> Found:
     scale = 1.0 if loss is None else found.noise
     for _ in range(ROUNDS):
-        if not (noise2 := curvature_variance(found)):
+        if not (noise2 := float(curvature_variance(found))):
             break
         fit = attempt(orthogonal, found.parameters, padded(u, found.kind, scale, noise2), found.kind, loss)
         last, found = found.noise, described_by(fit, scale, len(u), found.kind, noise2)

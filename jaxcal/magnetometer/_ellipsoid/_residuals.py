@@ -1,6 +1,7 @@
 """Residuals of a magnetometer calibration: radial, in the calibrated space, and orthogonal, in the space of the readings."""
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 
 from ..._types import Any, Array
@@ -67,47 +68,36 @@ def radial(parameters: Array, data: Readings) -> Array:
     return data.weight * (jnp.sqrt(jnp.sum(z * (z @ shape), axis=1)) - 1) / data.scale
 
 
-def radial_residuals(model: MagModel, data: Any) -> Array:
-    r"""Relative error of the corrected field's norm.
+def surface_distances(model: MagModel, m: Any, field: Any, conditions: Any, noise2: Any) -> Array:
+    """Signed distance of each reading to the surface on which its conditions would put a field of this norm, curvature corrected.
 
-    .. math:: r_i = |C^{-1}(m_i - b)|/H - 1
-
-    Parameters
-    ----------
-    model : soft and hard iron.
-    data : (m, H), readings (n, 3) and the norm of the field, in one unit and dtype.
-
-    Returns
-    -------
-    (n,) pure numbers; traced as it is, under `jit`, `grad` and `vmap`.
-
-    Examples
-    --------
-    >>> import jax.numpy as jnp
-    >>> from jaxcal.magnetometer import MagModel, radial_residuals
-    >>> model = MagModel(jnp.eye(3), jnp.zeros(3))
-    >>> print(radial_residuals(model, (jnp.array([[3.0, 4.0, 0.0], [0.0, 6.0, 0.0]]), 5.0)).round(3))
-    [0.  0.2]
-
-    References
-    ----------
-    The cost of the calibrations on board of ArduPilot and PX4: |W (m - b)| less one.
+    About the corrected reading the model is C_i h + b_i, and its surface there an ellipsoid.
     """
-    m, field = data
     m = jnp.asarray(m)
-    z = jnp.linalg.solve(jnp.asarray(model.soft_iron, dtype=m.dtype), (m - jnp.asarray(model.hard_iron, dtype=m.dtype)[None, :]).T)
-    return jnp.linalg.norm(z, axis=0) / field - 1
+    h = jnp.asarray(model.correct(m, **conditions))
+    measured, push = jax.linearize(lambda h: model.measure(h, **conditions), h)
+    first, second, third = (push(jnp.broadcast_to(axis, h.shape)) for axis in jnp.eye(3, dtype=h.dtype))
+    # the inverse from cross products: a batch of small matrices is slow in LAPACK
+    rows = jnp.stack([jnp.cross(second, third), jnp.cross(third, first), jnp.cross(first, second)], axis=1)
+    inverse = rows / jnp.sum(rows[:, 0] * first, axis=1)[:, None, None]
+    z = m - measured + h[:, :1] * first + h[:, 1:2] * second + h[:, 2:] * third
+    shape = jnp.einsum("nki,nkj->nij", inverse, inverse)
+    square = jnp.asarray(noise2, dtype=m.dtype) / field**2
+    return field * jax.vmap(lambda a, x: corrected_distance(a, x[None], square)[0])(shape, z / field)
 
 
-def distance_residuals(model: MagModel, data: Any) -> Array:
-    r"""Signed orthogonal distance of the readings to the ellipsoid on which a field of norm H would put them.
+def residuals(model: MagModel, data: Any) -> Array:
+    r"""Signed orthogonal distance of each reading to the surface on which a field of norm H would put it.
+
+    .. math:: d_i = \pm\min_h |m_i - \mathrm{measure}(h)|,\qquad |h| = H
 
     For white noise of one variance in all axes this is the residual of maximum likelihood, whatever the unknown attitudes.
 
     Parameters
     ----------
-    model : soft and hard iron.
-    data : (m, H), readings (n, 3) and the norm of the field, in one unit and dtype.
+    model : a `MagModel`, or a subclass with `measure(h, **conditions)` and `correct(m, **conditions)`.
+    data : (m, H) or (m, H, conditions): readings (n, 3), the norm of the field in their unit, and a dictionary of arrays with a row
+        for each reading, such as the temperature.
 
     Returns
     -------
@@ -116,16 +106,14 @@ def distance_residuals(model: MagModel, data: Any) -> Array:
     Examples
     --------
     >>> import jax.numpy as jnp
-    >>> from jaxcal.magnetometer import MagModel, distance_residuals
+    >>> from jaxcal.magnetometer import MagModel, residuals
     >>> model = MagModel(jnp.diag(jnp.array([1.0, 2.0, 1.0])), jnp.zeros(3))
-    >>> print(distance_residuals(model, (jnp.array([[0.0, 11.0, 0.0], [4.0, 0.0, 0.0]]), 5.0)).round(3))
+    >>> print(residuals(model, (jnp.array([[0.0, 11.0, 0.0], [4.0, 0.0, 0.0]]), 5.0)).round(3))
     [ 1. -1.]
 
     References
     ----------
     N. I. Chernov and H. Ma, Least squares fitting of quadratic curves and surfaces, 2011, section 5 (the nearest point).
     """
-    m, field = data
-    m = jnp.asarray(m)
-    inverse = jnp.linalg.inv(jnp.asarray(model.soft_iron, dtype=m.dtype)) / field
-    return signed_distance(inverse.T @ inverse, m - jnp.asarray(model.hard_iron, dtype=m.dtype)[None, :])
+    m, field, *conditions = data
+    return surface_distances(model, m, field, conditions[0] if conditions else {}, 0.0)

@@ -56,7 +56,7 @@ def root(shape: Any) -> Any:
 
 def _root(shape: Any, xp: Any) -> Any:
     values, vectors = xp.linalg.eigh(shape)
-    return (vectors * xp.sqrt(values)) @ vectors.T
+    return (vectors * xp.sqrt(values)[None, :]) @ vectors.T
 
 
 @jax.custom_jvp

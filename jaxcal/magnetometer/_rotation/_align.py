@@ -120,7 +120,7 @@ Aid = Accelerometer | Gyroscope | Headings
 
 
 @host_float64
-def align(m: Any, model: MagModel, aid: Aid) -> Alignment:
+def align(m: Any, model: MagModel, aid: Any) -> Alignment:
     r"""Rotation of a calibrated magnetometer against an accelerometer, a gyroscope, or known headings.
 
     With the corrected field y = C^{-1}(m - b) and the other sensor's axes turned by Q:
