@@ -1,0 +1,119 @@
+"""The statistics that need a stretch without gaps (total, Theo1) or its extremes (mtie), on the host."""
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+
+from ..._errors import DataError
+from .._kinds import Kind
+from .._noise_type._identify import identify
+from ._mtie import ranges
+from ._phase import integrate
+from ._theo1 import theo1_sum
+from ._total import reflected_record, total_sum, window_sum
+
+
+def measure_whole(columns, missing: list, sizes, statistic: Kind, rate: float, data: str, alpha):
+    """Sums, counts and noise types, (clusters, channels), and a sentence for every channel of which a part was used.
+
+    Parameters
+    ----------
+    columns : (points, channels) samples of rate or of phase.
+    missing : for every channel where it is NaN, or None where it has no gap.
+    sizes : cluster sizes.
+    statistic : the statistic.
+    rate : sampling rate in Hz.
+    data : "rate" or "phase".
+    alpha : noise type, instead of the one identified.
+    """
+    order = np.argsort(sizes, kind="stable")
+    ascending, channels = sizes[order], columns.shape[1]
+    one = _extremes if statistic.family == "range" else _stretch
+
+    def channel(index):
+        name = f"channel {index}" if channels > 1 else "y"
+        total, count, noise, told = one(columns[:, index], missing[index], ascending, statistic, rate, data, alpha is None, name)
+        return total, count, noise if alpha is None else np.full(len(ascending), float(alpha)), told
+
+    with ThreadPoolExecutor(min(os.cpu_count() or 1, channels)) as pool:
+        *found, told = zip(*(pool.map if channels > 1 else map)(channel, range(channels)), strict=True)
+    back = np.argsort(order, kind="stable")
+    return *(np.stack(values, axis=1)[back] for values in found), tuple(sentence for sentence in told if sentence)
+
+
+def _stretch(column, gone, sizes, statistic: Kind, rate: float, data: str, identified: bool, name: str):
+    """One channel of a statistic that needs an unbroken stretch: of a record with gaps the longest, the first of equals."""
+    told = ""
+    if gone is not None:
+        edges = np.flatnonzero(np.diff(np.concatenate([[True], gone, [True]])))
+        starts, stops = edges[::2], edges[1::2]
+        longest = np.argmax(stops - starts)
+        a, b = int(starts[longest]), int(stops[longest])
+        told = (
+            f"{statistic.name} needs a record without gaps: of {name} the longest stretch, samples {a} .. {b - 1} "
+            f"({(b - a) / len(column):.0%} of {len(column)}), was used"
+        )
+        column = column[a:b]
+    theta, x = _phase_and_rate(column, rate, data, statistic)
+    samples = len(theta) - 1
+    fits = sizes <= statistic.largest(samples)
+    total = np.zeros(len(sizes))
+    count = np.where(fits, statistic.count(samples, sizes), 0)
+    reflected = reflected_record(theta) if statistic.name == "totdev" else None
+    for i in np.flatnonzero(fits):
+        m = int(sizes[i])
+        if reflected is not None:
+            total[i] = total_sum(reflected, m)
+        elif statistic.family == "theo1":
+            total[i] = theo1_sum(theta, m)
+        elif statistic.modified:
+            total[i] = window_sum(theta, m)
+        elif m == 1:  # a window of one sample each way has no line to take off: the plain statistic, as NIST SP 1065 has it
+            total[i] = np.sum(np.diff(x, 2) ** 2)
+        else:
+            total[i] = window_sum(x, m)
+    noise = np.zeros(len(sizes))
+    if identified and samples > 0:
+        noise = identify(theta, None, effective_sizes(sizes, statistic), statistic.plain, samples, data)
+    return total, count, noise, told
+
+
+def effective_sizes(sizes, statistic: Kind):
+    """Cluster sizes at which a plain statistic averages as long."""
+    return np.maximum(np.round(0.75 * sizes), 1).astype(np.int64) if statistic.family == "theo1" else sizes
+
+
+def _phase_and_rate(column, rate: float, data: str, statistic: Kind):
+    """Phase in samples less its constant, or the line through its ends, and for three samples the rate."""
+    if data == "rate":
+        theta = np.empty(len(column) + 1)
+        integrate(column, theta, 1)
+        return theta, column - np.mean(column)
+    line = column[0] if statistic.interval_error else np.linspace(column[0], column[-1], len(column))
+    theta = (column - line) * rate
+    return theta, np.diff(theta) if statistic.order == 3 else theta
+
+
+def _extremes(column, gone, sizes, statistic: Kind, rate: float, data: str, identified: bool, name: str):
+    """One channel of mtie: over windows without a gap."""
+    del name
+    lost = marks = None
+    if gone is not None:
+        lost = np.concatenate([[0], np.cumsum(gone)])
+        marks = lost if data == "rate" else gone.astype(np.int64)
+        filled = np.where(gone, np.mean(column[~gone]), column) if data == "rate" else np.where(gone, column[~gone][0], column)
+        column = filled
+    theta, _ = _phase_and_rate(column, rate, data, statistic)
+    greatest, count = ranges(theta, sizes, lost, 0 if data == "rate" else 1)
+    noise = identify(theta, marks, sizes, statistic.plain, len(theta) - 1, data) if identified else np.zeros(len(sizes))
+    return greatest**2 * count, count, noise, ""
+
+
+def refuse_traced(statistic: Kind) -> None:
+    """A clear word where a traced record cannot be served."""
+    if statistic.name in ("mtotdev", "ttotdev", "htotdev", "theo1", "mtie"):
+        raise DataError(
+            f"{statistic.name} is computed on the host: it can be neither differentiated, nor batched by vmap, nor compiled by jit. Of a "
+            "traced record take adev, oadev, mdev, tdev, hdev, ohdev, totdev or tierms; several records at once are channels of one y"
+        )

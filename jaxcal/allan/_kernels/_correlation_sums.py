@@ -1,0 +1,187 @@
+"""Sums of squared differences at very many cluster sizes: from correlations, or strided.
+
+A sum of squared differences over K starting points is a combination of sums of x_k x_{k+m}, x_k x_{k+2m}, ... . Over a window
+these are one correlation, less the products that fall off its two ends: sums over ranges that grow with m, which
+`half_range` finds for all m at once. A record of n samples then takes O(n log^2 n) for all n/2 cluster sizes, not O(n^2).
+
+The products are as large as x^2, the result may be far smaller. So x is cut into windows in proportion to m, and each loses
+the polynomial that the difference does not see: its line, or, for the running sum of phase, its parabola. What rounding can
+still do is estimated, and cluster sizes for which it could matter are summed directly.
+"""
+
+import functools
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+
+from .._kinds import Kind
+from ._half_range import at_lags, fast_length, half_range, products, size_above, size_below
+
+_STEP = 2  # doublings from the smallest to the largest cluster size of a range that shares its windows
+_RATIO = 4  # starting points of a window over the largest cluster size
+_CHUNK = 1 << 18  # points of the windows taken together
+_ROW = 1024  # points of a running sum that are added one by one
+_FEWEST = 64  # differences; cluster sizes with fewer are summed directly
+#: bound on the relative error of a sum beyond which it is formed directly instead
+LARGEST_ERROR = 1e-8
+#: rounding error of a sum over machine epsilon times the sum of x^2: a few times the largest measured
+_ROUNDING = {2: 400.0, 3: 1600.0}
+_ROUNDING_OF_REMOVAL = 100.0  # over its standard deviation
+
+# weights of the squared difference at lags 0, m, 2m, 3m, and of the products at the two ends as (weight, a, c) of `half_range`
+_LAGS = {2: (-8.0, 2.0), 3: (-30.0, 12.0, -2.0)}
+_SQUARES = {2: (1.0, 4.0, 1.0), 3: (1.0, 9.0, 9.0, 1.0)}
+_ENDS = {2: ((4.0, 1, 1),), 3: ((18.0, 1, 1), (6.0, 2, 1), (-6.0, 1, 2))}
+
+
+def _detrended(theta, starts, points: int, kind: Kind) -> tuple[np.ndarray, float]:
+    """Windows of phase, or of its running sum, without the polynomials that the difference does not see, (windows, points).
+
+    With them the sum of the squares that were rounded on the way: those of what the polynomials were still part of.
+    """
+    z = np.lib.stride_tricks.sliding_window_view(theta, points - 1 if kind.modified else points)[starts]
+    z -= z[:, :1]  # first, so that the fit keeps its digits
+    rounded = float(np.einsum("ij,ij->", z, z))
+    if kind.modified:
+        _remove_polynomial(z, 1)
+        z = _running_sum(z)
+        rounded += float(np.einsum("ij,ij->", z, z))
+    _remove_polynomial(z, kind.difference - 1)
+    return z, rounded
+
+
+def _remove_polynomial(z, degree: int) -> None:
+    """Takes the least-squares polynomial in time off every row, in place."""
+    t = np.linspace(-1.0, 1.0, z.shape[1])
+    basis = [np.ones_like(t), t, t**2 - np.mean(t**2)]
+    for one in basis[: degree + 1]:
+        # no matrix product: its library would start threads of its own inside ours
+        z -= (np.einsum("ij,j->i", z, one) / np.sum(one * one))[:, None] * one
+
+
+def _running_sum(z) -> np.ndarray:
+    """Sum of the values before each point, (windows, points + 1), in two steps: rounding grows with the root of a row's length."""
+    windows, points = z.shape
+    rows = -(-points // _ROW)
+    total = np.zeros((windows, rows * _ROW + 1))
+    inside = total[:, 1:].reshape(windows, rows, _ROW)  # a view
+    total[:, 1 : points + 1] = z
+    np.cumsum(inside, axis=2, out=inside)
+    inside[:, 1:] += np.cumsum(inside[:, :-1, -1], axis=1)[:, :, None]
+    return total[:, : points + 1]
+
+
+def _ends(z, order: int, base: int, doublings: int) -> np.ndarray:
+    """The products at one end, (windows, M): what the correlations of a window have too much, or lack."""
+    reach = 3 * base << doublings
+    if z.shape[1] < reach:
+        z = np.pad(z, ((0, 0), (0, reach - z.shape[1])))
+    total = np.zeros((len(z), base << doublings))
+    for weight, a, c in _ENDS[order]:
+        total += weight * half_range(z, a, c, base, doublings)
+    return total
+
+
+def _window_sums(z, order: int, base: int, doublings: int, low: int) -> tuple[np.ndarray, float]:
+    """Sums over the first _RATIO M starting points of every window, for m = low .. M-1, and the sum of squares of the windows."""
+    size = base << doublings
+    starts, m = _RATIO * size, np.arange(low, size)
+    length = fast_length(z.shape[1])
+    lagged = at_lags(products(z[:, :starts], z, length), length).sum(axis=0)
+    total = (_ends(z, order, base, doublings) - _ends(z[:, starts:], order, base, doublings))[:, low:].sum(axis=0)
+    squares = _running_sum(z * z)
+    inside = (squares[:, starts:] - squares[:, : z.shape[1] + 1 - starts]).sum(axis=0)
+    for lag, weight in enumerate(_SQUARES[order]):
+        total += weight * inside[lag * m]
+    for lag, weight in enumerate(_LAGS[order], start=1):
+        total += weight * lagged[lag * m]
+    return total, float(squares[:, -1].sum())
+
+
+def _record_sums(z, rounded: float, order: int, largest: int, low: int) -> list[Callable[[], tuple[np.ndarray, float, float]]]:
+    """The same over all starting points of one record, for m = low .. largest: three calls whose results add up."""
+    points, m = z.shape[1], np.arange(low, largest + 1)
+
+    def middle():
+        length = fast_length(points + order * largest)
+        row = z[0]
+        lagged = at_lags(products(row, row, length), length)
+        squares = _running_sum(z * z)[0]
+        total = np.zeros(len(m))
+        for lag, weight in enumerate(_SQUARES[order]):
+            total += weight * (squares[points - (order - lag) * m] - squares[lag * m])
+        for lag, weight in enumerate(_LAGS[order], start=1):
+            total += weight * lagged[lag * m]
+        return total, float(squares[-1]), rounded
+
+    def end(z):
+        return _ends(z, order, *size_above(largest + 1))[0, low : largest + 1], 0.0, 0.0
+
+    return [middle, lambda: end(z), lambda: end(z[:, ::-1])]
+
+
+def correlation_sums(theta, m, kind: Kind, workers: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    """Sums of squared differences at ascending cluster sizes m, (clusters,), and bounds on their relative errors.
+
+    The bound is infinite where the sum is not formed here: the smallest cluster sizes, and those with few differences.
+
+    Parameters
+    ----------
+    theta : (points,) phase, without gaps.
+    m : ascending cluster sizes.
+    kind : an overlapped statistic.
+    workers : threads.
+    """
+    order, points = kind.difference, len(theta) + (1 if kind.modified else 0)
+    largest = int(m[-1])
+    edges = [_FEWEST]
+    widest = points // (2 * (_RATIO + order))  # from here on a window would be more than half the record
+    if widest >= _FEWEST:
+        base, doublings = size_below(widest)
+        edges = [base << k for k in range(doublings % _STEP, doublings + 1, _STEP)]
+
+    def window(low, size, starts):
+        z, rounded = _detrended(theta, starts, (_RATIO + order) * size, kind)
+        return *_window_sums(z, order, *size_below(size), low), rounded
+
+    def tail(low, size, start):
+        calls = _record_sums(*_detrended(theta[start:], [0], points - start, kind), order, size - 1, low)
+        parts, squares, rounded = zip(*(call() for call in calls), strict=True)
+        return np.sum(parts, axis=0), sum(squares), sum(rounded)
+
+    tasks: list[tuple[int, int, Callable]] = []
+    energy = np.zeros((2, max(largest + 1, edges[-1])))
+    sums = np.zeros(energy.shape[1])
+    if largest >= edges[-1]:
+        tasks = [(edges[-1], largest + 1, call) for call in _record_sums(*_detrended(theta, [0], points, kind), order, largest, edges[-1])]
+    for low, high in zip(edges[-2::-1], edges[:0:-1], strict=True):
+        if np.searchsorted(m, low) < np.searchsorted(m, high):
+            step = _RATIO * high
+            starts = np.arange(0, points - order * high - step + 1, step)
+            tasks.append((low, high, functools.partial(tail, low, high, len(starts) * step)))
+            for part in np.array_split(starts, min(len(starts), -(-len(starts) * step // _CHUNK))):
+                tasks.append((low, high, functools.partial(window, low, high, part)))
+
+    with ThreadPoolExecutor(workers) as pool:
+        for low, high, (part, squares, rounded) in pool.map(lambda task: (*task[:2], task[2]()), tasks):
+            sums[low:high] += part
+            energy[0, low:high] += squares
+            energy[1, low:high] += rounded
+    absent = (m < edges[0]) | (points - order * m < _FEWEST)
+    return sums[m], _relative_error(sums[m], energy[0, m], energy[1, m], m, points, kind, absent)
+
+
+def _relative_error(sums, energy, rounded, m, points: int, kind: Kind, absent) -> np.ndarray:
+    """Bound on the relative error of sums from points whose squares sum to `energy`, to `rounded` before their polynomials left."""
+    epsilon = np.finfo(np.float64).eps
+    # What the removal rounds differs from point to point, so that its products with the differences add up like a random walk;
+    # a running sum gathers it likewise, and m steps of that are seen.
+    steps = m if kind.modified else 1
+    positive = np.maximum(sums, 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        square = steps * rounded / positive * epsilon**2
+        error = _ROUNDING[kind.difference] * epsilon * energy / positive + _ROUNDING_OF_REMOVAL * (
+            np.sqrt(square * steps / points) + square
+        )
+    return np.where(absent, np.inf, np.where((energy == 0.0) & (rounded == 0.0), 0.0, error))

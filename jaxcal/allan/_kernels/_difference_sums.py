@@ -1,0 +1,217 @@
+"""Sums of squared differences at many cluster sizes, in one pass over blocks that stay in the cache."""
+
+import functools
+import itertools
+import operator
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from ..._types import Array, Float, Int
+from ._phase import BLOCK
+
+_ENDS = 64  # sums of a lane that are added one after another
+_LANE = 4096  # points per vector operation; BLOCK // _LANE of them are unrolled
+_WIDE: dict[str, bool | str] = {"xla_cpu_prefer_vector_width": "512"}  # a quarter quicker where a core has such vectors
+
+Parts = tuple[Float[Array, " padded"], ...]
+
+
+def _difference(parts: Parts, take, order: int):
+    """Difference of `order` of the sum of `parts`, formed from neighbours first so that large values cancel early."""
+    differences = []
+    for part in parts:
+        points = [take(part, j) for j in range(order + 1)]
+        while len(points) > 1:
+            points = [b - a for a, b in itertools.pairwise(points)]
+        differences.append(points[0])
+    return functools.reduce(operator.add, differences)
+
+
+def _valid(missing, take, order: int, rule: str, less, m, start):
+    """Which differences touch no missing sample ("span": every sample in reach; "points": the phase points used)."""
+    if rule == "points":
+        used = [take(missing, j) for j in range(order + 1)]
+        return sum(used[1:], used[0]) == 0
+    last = take(missing, order, less)
+    return last == take(missing, 0)
+
+
+@functools.partial(jax.jit, static_argnames=("order", "strided", "rule"), compiler_options=_WIDE)
+def block_sums(
+    parts: Parts,
+    missing: Int[Array, " padded"] | None,
+    m: Int[Array, " clusters"],
+    count: Int[Array, " clusters"],
+    first: Int[Array, ""],
+    last: Int[Array, ""],
+    less: Int[Array, ""],
+    *,
+    order: int,
+    strided: bool,
+    rule: str,
+) -> tuple[Float[Array, " clusters"], Int[Array, " clusters"]]:
+    """Sum of squared differences, and how many were valid, over the blocks first..last-1 of starting points.
+
+    Every cluster size visits a block of starting points before the next block is loaded. `m` is ascending, `count` (number of
+    differences of the whole record) descending: the cluster sizes for which a block is full come first, then those for
+    which it is cut by the end of the record. Both are data: nothing here depends on the length of the record.
+
+    Parameters
+    ----------
+    parts : arrays whose sum is differenced (phase, or high and low part of its running sum).
+    missing : for rule "span" the number of missing samples before each point, for "points" 1 where a point is missing.
+    m, count : cluster sizes and number of differences.
+    first, last : range of blocks.
+    less : for rule "span": by how many samples the reach is shorter than order * m.
+    order : order of the difference.
+    strided : starting points 0, m, 2m, ... instead of all.
+    rule : "none", "span" or "points".
+    """
+    return _sums_of_blocks(parts, missing, m, count, first, last, less, order, strided, rule)
+
+
+@functools.partial(jax.jit, static_argnames=("order", "strided"), compiler_options=_WIDE)
+def cached_sums(
+    parts: Parts,
+    m: Int[Array, " rows"],
+    count: Int[Array, " rows"],
+    clusters: Int[Array, ""],
+    *,
+    order: int,
+    strided: bool,
+) -> Float[Array, " rows"]:
+    """`block_sums` of a record without gaps that stays in the cache as a whole, at the first `clusters` of the cluster sizes.
+
+    The record is read once for each cluster size. One row of sums then takes the place of one row for every cluster size, which
+    would not stay in the cache. The number of cluster sizes is data too: rows beyond it cost nothing.
+    """
+
+    def cluster(row, sums):
+        size, number = m[row], count[row]
+
+        def differences(start):
+            def take(array, shift):
+                if strided:
+                    return array[(start + jnp.arange(_LANE) + shift) * size]
+                return lax.dynamic_slice(array, (start + shift * size,), (_LANE,))
+
+            return _difference(parts, take, order)
+
+        def summed(start, lanes):
+            pieces = [differences(start + q * _LANE) for q in range(lanes)]
+            return functools.reduce(operator.add, [d * d for d in pieces])
+
+        blocks, last = number // BLOCK, number // _LANE * _LANE
+
+        def rest(lanes):
+            """What is left beyond the whole blocks: so many lanes, and the one in which the record ends."""
+            d = jnp.where(last + jnp.arange(_LANE) < number, differences(last), 0.0)
+            return d * d + summed(blocks * BLOCK, lanes) if lanes else d * d
+
+        total = lax.switch((last - blocks * BLOCK) // _LANE, [functools.partial(rest, lanes) for lanes in range(BLOCK // _LANE)])
+        total = lax.fori_loop(0, blocks, lambda block, total: total + summed(block * BLOCK, BLOCK // _LANE), total)
+        while len(total) > _ENDS:  # a plain sum waits for every addition
+            total = total[: len(total) // 2] + total[len(total) // 2 :]
+        return sums.at[row].set(jnp.sum(total))
+
+    return lax.fori_loop(0, clusters, cluster, jnp.zeros(m.shape, parts[0].dtype))
+
+
+def _sums_of_blocks(parts: Parts, missing, m, count, first, last, less, order: int, strided: bool, rule: str):
+    clusters = m.shape[0]
+
+    def lane(start, j, limit):
+        """Squares over one lane and which are valid; `limit` cuts it at the end of the record."""
+        size = m[j]
+
+        def take(array, shift, back=0):
+            offset = shift * size - back
+            if strided:
+                return array[(start + jnp.arange(_LANE)) * size + offset]
+            return lax.dynamic_slice(array, (start + offset,), (_LANE,))
+
+        d = _difference(parts, take, order)
+        keep = None
+        if rule != "none":
+            keep = _valid(missing, take, order, rule, less, size, start)
+        if limit is not None:
+            inside = start + jnp.arange(_LANE) < limit
+            keep = inside if keep is None else keep & inside
+        if keep is None:
+            return d * d, jnp.ones(_LANE, jnp.int32)
+        # the points beyond the record are arbitrary (they may be NaN): select before squaring
+        d = jnp.where(keep, d, 0.0)
+        return d * d, keep.astype(jnp.int32)
+
+    def block(index, carry):
+        start = index * BLOCK
+        full = jnp.sum(start + BLOCK <= count)
+        begun = jnp.sum(start < count)
+
+        def whole(j, carry):
+            squares, valid = carry
+            pieces = [lane(start + q * _LANE, j, None) for q in range(BLOCK // _LANE)]
+            squares = squares.at[j].add(functools.reduce(operator.add, [p[0] for p in pieces]))
+            if rule == "none":
+                return squares, valid
+            kept = functools.reduce(operator.add, [p[1] for p in pieces])
+            return squares, valid.at[j].add(jnp.sum(kept).astype(valid.dtype))
+
+        def cut(j, carry):
+            squares, valid = carry
+
+            def piece(q, carry):
+                squares, valid = carry
+                total, kept = lane(start + q * _LANE, j, count[j])
+                squares = squares.at[j].add(total)
+                return squares, valid if rule == "none" else valid.at[j].add(jnp.sum(kept).astype(valid.dtype))
+
+            return lax.fori_loop(0, (count[j] - start + _LANE - 1) // _LANE, piece, (squares, valid))
+
+        carry = lax.fori_loop(0, full, whole, carry)
+        return lax.fori_loop(full, begun, cut, carry)
+
+    zero = (jnp.zeros((clusters, _LANE), parts[0].dtype), jnp.zeros(clusters, count.dtype))
+    squares, valid = lax.fori_loop(first, last, block, zero)
+    if rule == "none":
+        valid = jnp.clip(count - first * BLOCK, 0, (last - first) * BLOCK).astype(count.dtype)
+    return jnp.sum(squares, axis=1), valid
+
+
+@functools.partial(jax.jit, static_argnames=("less", "order", "strided", "rule"))
+def direct_sums(
+    parts: Parts,
+    missing: Int[Array, " points"] | None,
+    m: Int[Array, " clusters"],
+    count: Int[Array, " clusters"],
+    less: int,
+    *,
+    order: int,
+    strided: bool,
+    rule: str,
+) -> tuple[Float[Array, " clusters"], Int[Array, " clusters"]]:
+    """The same sums, one cluster size at a time over the whole record: plain, and differentiable in both directions.
+
+    The block kernel's loops run for as long as the data ask, which reverse mode cannot follow. Used where the record is
+    traced, and as the definition that the block kernel is tested against.
+    """
+    points = parts[0].shape[0]
+    index = jnp.arange(points)
+
+    @jax.checkpoint
+    def one(args):
+        size, number = args
+
+        def take(array, shift, back=0):
+            where = index * (size if strided else 1) + shift * size - back
+            return array[jnp.clip(where, 0, array.shape[0] - 1)]
+
+        keep = index < number
+        if rule != "none":
+            keep = keep & _valid(missing, take, order, rule, less, size, 0)
+        d = jnp.where(keep, _difference(parts, take, order), 0.0)
+        return jnp.sum(d * d), jnp.sum(keep)
+
+    return lax.map(one, (m, count))

@@ -1,0 +1,161 @@
+"""Which route the sums of a record take: block by block, from correlations, or strided."""
+
+import itertools
+import os
+from collections.abc import Callable
+
+import jax
+import numpy as np
+
+from ..._errors import DataError
+from .._kinds import Kind
+from ._correlation_sums import LARGEST_ERROR, correlation_sums
+from ._difference_sums import block_sums, cached_sums
+from ._phase import BLOCK, running_sum_of_phase
+
+MANY = 512  # cluster sizes; up to here every record takes the block kernel
+_PER_SAMPLE = 1000  # differences per sample from which correlations cost less
+_MOST = 5e11  # differences that the block kernel is asked for: about half an hour on two cores
+_GROUP, _STEP, _FEW = 1024, 256, 32  # cluster sizes per pass of the block kernel; their number is a multiple of 256, of few sizes of 32
+
+
+def record_sums(prepared, sizes, number, kind: Kind, workers: int, run: Callable) -> tuple[np.ndarray, np.ndarray]:
+    """Sums of squared differences and how many were valid, at ascending cluster sizes, (clusters,).
+
+    The one place that chooses the route:
+
+    1. At most 512 cluster sizes: the block kernel, with or without gaps.
+    2. More, adev or hdev: strided sums, with or without gaps; n ln n differences in all.
+    3. More, an overlapped statistic of a record without gaps, of over 1,000 differences per sample: correlations, O(n log^2 n).
+       The smallest cluster sizes, those with few differences, and those whose relative error could exceed 1e-8 take the block kernel.
+    4. Otherwise the block kernel; refused from 5e11 differences on.
+
+    Parameters
+    ----------
+    prepared : parts, phase, marks, missing, rule and reach of one channel, as `_prepare` gives them.
+    sizes, number : ascending cluster sizes, and the differences each has without gaps.
+    kind : the statistic.
+    workers : threads.
+    run : maps a function over stretches of the record, in threads if it is a pool's.
+    """
+    parts, theta, marks, missing, rule, less = prepared
+
+    def direct(chosen):
+        return _by_blocks(parts, missing, sizes[chosen], number[chosen], less, kind, rule, workers, run)
+
+    everything = np.arange(len(sizes))
+    if len(sizes) <= MANY:
+        return direct(everything)
+    if not kind.overlapped:
+        return strided_sums(theta, marks if rule != "none" else None, rule, sizes, number, kind.order)
+    if missing is not None or number.sum() <= _PER_SAMPLE * len(theta):
+        return direct(everything)
+    total, error = correlation_sums(theta, sizes, kind, min(os.cpu_count() or 1, 16))
+    again = np.flatnonzero(~(error <= LARGEST_ERROR))  # also where it is not a number
+    if len(again):
+        total[again], _ = direct(again)
+    return total, number.copy()
+
+
+def sums_in_cache(theta, sizes, number, kind: Kind):
+    """The same of a record without gaps that stays in the cache, at no more than 512 cluster sizes: an array still being computed.
+
+    One program serves every length and every number of cluster sizes, since both are data.
+
+    Parameters
+    ----------
+    theta : (padded,) phase.
+    sizes, number : ascending cluster sizes, and the differences each has.
+    kind : the statistic.
+    """
+    with jax.enable_x64(True):  # thread-local
+        part = jax.device_put(theta, may_alias=True)
+        parts = running_sum_of_phase(part) if kind.modified else (part,)
+        rows = filled(sizes, number, MANY)
+        return cached_sums(parts, *rows, np.int64(len(sizes)), order=kind.difference, strided=not kind.overlapped)
+
+
+def _by_blocks(parts, missing, sizes, number, less, kind: Kind, rule: str, workers: int, run) -> tuple[np.ndarray, np.ndarray]:
+    """The block kernel, over stretches of equal work in threads, and over at most 1,024 cluster sizes at a time."""
+    cost = float(number.sum())
+    if len(sizes) > MANY and cost > _MOST:
+        if missing is None:
+            why, cure = "rounding spoils the quick sums of this record", "remove what dwarfs its noise"
+        else:
+            why, cure = "a record with gaps has no quick sums", "take its longest stretch without gaps"
+        raise DataError(
+            f"{kind.name} at {len(sizes)} cluster sizes would take {cost:.1g} differences, and {_MOST:.0g} are the most: {why}; "
+            f'use m="log", or {cure}'
+        )
+    found = []
+    for first in range(0, len(sizes), _GROUP):
+        m, count = sizes[first : first + _GROUP], number[first : first + _GROUP]
+        # one program for many lengths: the rows that are added have no differences
+        m, count = filled(m, count, len(m) + -len(m) % (_STEP if len(sizes) > MANY else _FEW))
+        found.append(_group(parts, missing, m, count, less, kind, rule, workers, run))
+    total, count = (np.concatenate(values)[: len(sizes)] for values in zip(*found, strict=True))
+    return total, count
+
+
+def filled(m, count, rows: int):
+    """Cluster sizes and numbers of differences, lengthened to `rows` by the largest without any difference."""
+    extra = max(rows - len(m), 0)
+    return np.concatenate([m, np.full(extra, m[-1])]), np.concatenate([count, np.zeros(extra, count.dtype)])
+
+
+def _group(parts, missing, sizes, number, less, kind: Kind, rule: str, workers: int, run):
+    blocks = -(-int(number[0]) // BLOCK)
+    edges = [0, blocks]
+    if workers > 1:
+        # the same work for each part: the number of cluster sizes that visit a block falls along the record
+        visits = len(number) - np.searchsorted(number[::-1], np.arange(blocks) * BLOCK, side="right")
+        inner = np.searchsorted(np.cumsum(visits), np.linspace(0, visits.sum(), workers + 1)[1:-1])
+        edges = [0, *(int(e) for e in inner), blocks]
+
+    def part(span):
+        with jax.enable_x64(True):  # thread-local
+            sums = block_sums(
+                parts, missing, sizes, number, np.int64(span[0]), np.int64(span[1]), less,
+                order=kind.difference, strided=not kind.overlapped, rule=rule,
+            )  # fmt: skip
+            return [np.asarray(s) for s in sums]
+
+    found = list(run(part, itertools.pairwise(edges)))
+    total, count = (np.sum(values, axis=0) for values in zip(*found, strict=True))
+    return total, count
+
+
+def strided_sums(theta, marks, rule: str, sizes, number, order: int) -> tuple[np.ndarray, np.ndarray]:
+    """Sums over every m-th starting point and how many were valid, at ascending cluster sizes.
+
+    Small cluster sizes one by one, over all their terms; large ones all together, term by term: no step is short.
+    """
+    total, count = np.zeros(len(sizes)), np.zeros(len(sizes), dtype=np.int64)
+
+    def squares(points, lost):
+        while len(points) > 1:
+            points = [b - a for a, b in itertools.pairwise(points)]
+        d = points[0]
+        if lost is None:
+            return d * d, np.ones(len(d), dtype=np.int64)
+        valid = lost[-1] == lost[0] if rule == "span" else np.sum(lost, axis=0) == 0
+        return np.where(valid, d * d, 0.0), valid.astype(np.int64)
+
+    few = int(np.searchsorted(sizes, int(np.sqrt(len(theta)))))
+    for i, (size, terms) in enumerate(zip(sizes[:few].tolist(), number[:few].tolist(), strict=True)):
+        held = [slice(j * size, (j + terms - 1) * size + 1, size) for j in range(order + 1)]
+        square, valid = squares([theta[s] for s in held], None if marks is None else [marks[s] for s in held])
+        total[i], count[i] = square.sum(), valid.sum()
+    sizes, number = sizes[few:], number[few:]
+    arrays = [theta] if marks is None else [theta, marks]
+    windows = [[array[j * sizes] for j in range(order)] for array in arrays]
+    for term in range(int(number[0]) if len(number) else 0):
+        left = int(np.searchsorted(-number, -term, side="left"))
+        for array, window in zip(arrays, windows, strict=True):
+            window[:] = [w[:left] for w in window] + [array[(term + order) * sizes[:left]]]
+        square, valid = squares(windows[0], None if marks is None else windows[1])
+        total[few : few + left] += square
+        count[few : few + left] += valid
+        for window in windows:
+            del window[0]
+    return total, count

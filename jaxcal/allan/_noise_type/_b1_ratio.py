@@ -1,0 +1,167 @@
+"""Noise type from two ratios of variances, where too few averages are left for an autocorrelation.
+
+B1, the sample variance of N averages over their Allan variance, grows with N as the noise gets redder (J. A. Barnes, NBS
+Technical Note 375, 1969); it is the same for white and flicker phase noise, which R(n), the modified over the plain Allan variance,
+tells apart. Both are compared with the geometric mean of the expectations for neighbouring types (D. Howe, R. Beard, C.
+Greenhall, F. Vernotte and W. Riley, "A total estimator of the Hadamard function used for GPS operations", PTTI 2000;
+NIST SP 1065, section 5.5).
+"""
+
+from collections.abc import Callable
+from types import ModuleType
+
+import numpy as np
+
+from ..._types import Any
+from .._kinds import Kind
+from ._segments import Segments, followed, steps
+
+_POINTS = 1000  # points that R(n) is taken from
+
+
+def fewest_averages(kind: Kind) -> int:
+    """Averages below which the ratios decide nothing: overlapped statistics go two octaves nearer to the end of the record.
+
+    Read off the tables that Stable32 prints for PHASE.DAT, where the type is carried on from T/tau of 8 and of 10.
+    """
+    return 8 if kind.overlapped else 10
+
+
+def _b1(terms, mu: int, xp: ModuleType):
+    """Expected B1 of `terms` averages where the Allan variance goes as tau^mu."""
+    if mu == 0:
+        return terms * xp.log(terms) / (2.0 * (terms - 1.0) * np.log(2.0))
+    if mu == 2:
+        return terms * (terms + 1.0) / 6.0
+    if mu == 1:
+        return terms / 2.0
+    if mu == -1:
+        return xp.ones_like(terms)
+    return (terms**2 - 1.0) / (1.5 * terms * (terms - 1.0))
+
+
+def _boundary(terms, mu: int, xp: ModuleType):
+    return xp.sqrt(_b1(terms, mu, xp) * _b1(terms, mu - 1, xp))
+
+
+def phase_boundary(m: int) -> float:
+    """R(n) between white phase (1/n) and flicker phase noise (3.37/(1.04 + 3 ln pi n), both variances at full bandwidth)."""
+    return float(np.sqrt(3.37 / (1.04 + 3.0 * np.log(np.pi * m)) / m))
+
+
+def thinned_sums(theta, missing, data: str, xp: ModuleType):
+    """Phase at every s-th point, its sum up to there, the number of missing points up to there (or None), and s.
+
+    With about a thousand points left, R(n) of the cluster sizes that have few averages is the same to a per cent or two, where
+    white and flicker phase noise lie factors apart; one pass over the record serves them all.
+    """
+    step = max((theta.shape[0] - 1) // _POINTS, 1)
+    blocks = theta.shape[0] // step
+    phase = theta[: blocks * step].reshape(blocks, step)
+    means = xp.mean(phase, axis=1)
+    sums = xp.concatenate([xp.zeros_like(theta[:1]), xp.cumsum(means - xp.mean(means))]) * step
+    if missing is None:
+        return phase[:, 0], sums, None, step
+    marks = missing[: blocks * step].reshape(blocks, step)
+    lost = marks[:, 0] if data == "rate" else xp.cumsum(xp.sum(marks, axis=1))  # a rate record brings the running number
+    return phase[:, 0], sums, lost, step
+
+
+def modified_over_plain(phase, sums, lost, step: int, m: int, xp: ModuleType):
+    """R(n) from every s-th starting point, and whether one of them is free of gaps."""
+    size = max(round(m / step), 1)
+    starts = phase.shape[0] - 2 * size
+    windows = sums.shape[0] - 3 * size
+    shifted = [sums[k * size : k * size + windows] for k in range(4)]
+    averaged = (shifted[3] - 3.0 * (shifted[2] - shifted[1]) - shifted[0]) / (size * step)
+    plain = phase[2 * size :] - 2.0 * phase[size : size + starts] + phase[:starts]
+    plain = plain[:windows]
+    if lost is not None:
+        whole = lost[3 * size - 1 :][:windows] == lost[: lost.shape[0] - 3 * size + 1][:windows]
+        averaged, plain = (xp.where(whole, v, 0.0) for v in (averaged, plain))
+    below = plain @ plain
+    usable = below > 0
+    return averaged @ averaged / xp.where(usable, below, 1.0), usable
+
+
+def bounds_of_phase(thinned, m: int, xp: ModuleType):
+    """1 or 2 twice, as R(n) tells flicker from white phase noise, or no bounds where no difference is free of gaps."""
+    phase, sums, lost, step = thinned
+    ratio, usable = modified_over_plain(phase, sums, lost, step, m, xp)
+    found = xp.where(ratio > phase_boundary(m), 1.0, 2.0)
+    return xp.where(usable, found, -np.inf), xp.where(usable, found, np.inf)
+
+
+def carried_on(low, high, carried, xp: ModuleType):
+    """Noise types, (clusters,): each is that of the one before, `carried` for the first, held between two bounds."""
+    if xp is np:
+        found = low.copy()
+        for i in np.flatnonzero(low != high).tolist():  # where they are equal there is nothing to carry on
+            found[i] = min(max(found[i - 1] if i else carried, low[i]), high[i])
+        return found
+    found = []
+    for least, most in zip(low, high, strict=True):
+        carried = xp.minimum(xp.maximum(carried, least), most)
+        found.append(carried)
+    return xp.stack(found)
+
+
+def bounds_of_ratios(averages, weight, series: Segments, m, kind: Kind, samples: Any, sums: Callable[[int], Any] | None, xp: ModuleType):
+    """Noise types from B1 and, where that cannot tell, R(n), as bounds on the type of the next smaller cluster size.
+
+    They are equal where the type is found, and infinite where it cannot be.
+
+    Parameters
+    ----------
+    averages : the averages of the rate over m samples, of one cluster size after another.
+    weight : 1 where they are free of gaps, 0 elsewhere; None where all are.
+    series : which averages belong to which cluster size.
+    m : (clusters,) cluster sizes.
+    kind, samples : statistic, number of rate samples (one, or for each cluster size that of its record).
+    sums : gives what `thinned_sums` returns for the record of the i-th cluster size; called only where it is needed. None: not
+        known; phase noise is then taken as flicker phase noise, unless the type before is white phase noise.
+    xp : numpy, or jax.numpy where the averages are traced.
+    """
+    points, one_less = series.points.astype(averages.dtype), series.shorter()
+    terms = (samples - 2 * m + 1 if kind.overlapped else series.points - 1).astype(averages.dtype)
+    change = steps(averages, xp)
+    if weight is None:
+        some, number, pairs = xp.ones(len(m), dtype=bool), points, points - 1.0
+    else:
+        both = followed(weight, xp)
+        number, pairs = series.sums(weight), one_less.sums(both)
+        some = (number >= fewest_averages(kind)) & (pairs >= 2)
+        number, pairs = (xp.where(some, v, 10.0) for v in (number, pairs))  # 10: any number that divides
+        terms = terms * pairs / (points - 1.0)
+        averages, change = averages * weight, change * both
+    spread = averages - series.spread(series.sums(averages) / number)
+    spread = series.sums(spread**2 if weight is None else spread**2 * weight) / (number - 1.0)
+    allan = one_less.sums(change**2) / (2.0 * pairs)
+    some = some & (allan > 0)
+    b1 = spread / xp.where(allan > 0, allan, 1.0)
+    phase = some & (b1 <= _boundary(terms, -1, xp))
+    low = xp.where(b1 > _boundary(terms, 1, xp), -2.0, xp.where(b1 > _boundary(terms, 0, xp), -1.0, 0.0))
+    high = low
+    if kind.order == 3:
+        reddest = b1 > _boundary(terms, 2, xp)
+        low, high = xp.where(reddest, -np.inf, low), xp.where(reddest, -3.0, high)
+    if sums is None:
+        low, high = xp.where(phase, 1.0, low), xp.where(phase, np.inf, high)
+    elif xp is not np or phase.any():
+        # a traced record has no way to leave out those not needed
+        both = [bounds_of_phase(sums(i), size, xp) if xp is not np or phase[i] else (0.0, 0.0) for i, size in enumerate(m.tolist())]
+        low, high = (xp.where(phase, xp.stack(v), there) for v, there in zip(zip(*both, strict=True), (low, high), strict=True))
+    dtype = averages.dtype
+    return xp.where(some, low, -np.inf).astype(dtype), xp.where(some, high, np.inf).astype(dtype)
+
+
+def noise_type_of_ratios(averages, valid, sums: Callable[[], Any] | None, m: int, kind: Kind, samples: int, carried, xp: ModuleType):
+    """Noise type at one cluster size from B1 and R(n); `carried`, that of the next smaller one, where neither can be formed.
+
+    `averages` and `valid` (or None) are (points,); the rest as for `bounds_of_ratios`.
+    """
+    weight = None if valid is None else valid.astype(averages.dtype)
+    series = Segments(np.array([averages.shape[0]]), xp)
+    chosen = None if sums is None else lambda _: sums()
+    low, high = bounds_of_ratios(averages, weight, series, np.array([m]), kind, samples, chosen, xp)
+    return carried_on(low, high, carried, xp)[0]

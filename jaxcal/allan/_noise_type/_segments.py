@@ -1,0 +1,81 @@
+"""Many series of different lengths in one array, end to end: what is done to each takes a handful of operations for all."""
+
+import functools
+from types import ModuleType
+
+import jax
+import numpy as np
+
+from ..._types import Any
+
+
+class Segments:
+    """Where the series lie in the array; the last `less` points of each are not used.
+
+    Differencing the whole array differences every series, and spoils the last point of each: `shorter` leaves it out.
+    """
+
+    def __init__(self, lengths: np.ndarray, xp: ModuleType, less: int = 0):
+        self.lengths, self.less, self._xp = lengths, less, xp
+        self.stops = np.cumsum(lengths)
+        self.starts = self.stops - lengths
+
+    @property
+    def points(self) -> np.ndarray:
+        """Points used of each series."""
+        return self.lengths - self.less
+
+    def shorter(self, by: int = 1) -> "Segments":
+        """The same series without their last points."""
+        return Segments(self.lengths, self._xp, self.less + by)
+
+    def sums(self, values: Any) -> Any:
+        """Sum over each series, (series,)."""
+        if self._xp is np:
+            return np.add.reduceat(values, self._edges)[::2]
+        return jax.ops.segment_sum(values, self._inside, num_segments=len(self.lengths) + 1, indices_are_sorted=False)[:-1]
+
+    def spread(self, each: Any) -> Any:
+        """A value of each series at all its points."""
+        return np.repeat(each, self.lengths) if self._xp is np else each[self._series]
+
+    @functools.cached_property
+    def _edges(self) -> np.ndarray:
+        """Where series begin and end, by turns: the sums between two of them are not used."""
+        edges = np.empty(2 * len(self.lengths), dtype=np.int64)
+        edges[::2], edges[1::2] = self.starts, self.stops - self.less
+        return edges if self.less else edges[:-1]  # the end of the array is no beginning
+
+    @functools.cached_property
+    def _series(self) -> np.ndarray:
+        return np.repeat(np.arange(len(self.lengths)), self.lengths)
+
+    @functools.cached_property
+    def _inside(self) -> np.ndarray:
+        """Series of each point; one more than there are for points not used."""
+        unused = np.arange(self.stops[-1]) >= np.repeat(self.stops - self.less, self.lengths)
+        return np.where(unused, len(self.lengths), self._series)
+
+    def time(self) -> np.ndarray:
+        """Points counted from the middle of the series that they belong to."""
+        return np.arange(float(self.stops[-1])) - np.repeat(self.starts + (self.points - 1) / 2.0, self.lengths)
+
+
+def steps(values: Any, xp: ModuleType) -> Any:
+    """Difference from each point of the array to the next; the last, which has none, is 0."""
+    if xp is not np:
+        return xp.concatenate([values[1:] - values[:-1], xp.zeros_like(values[:1])])
+    out = np.empty_like(values)
+    np.subtract(values[1:], values[:-1], out=out[:-1])
+    out[-1:] = 0
+    return out
+
+
+def followed(values: Any, xp: ModuleType) -> Any:
+    """Product of each point of the array with the next; the last, which has none, is 0."""
+    if xp is not np:
+        return xp.concatenate([values[1:] * values[:-1], xp.zeros_like(values[:1])])
+    out = np.empty_like(values)
+    np.multiply(values[1:], values[:-1], out=out[:-1])
+    out[-1:] = 0
+    return out

@@ -1,0 +1,386 @@
+"""`Accumulator`: the deviation of a record that comes chunk by chunk, or that does not fit into memory."""
+
+import itertools
+import os
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+
+from ..._errors import DataError
+from ..._precision import is_traced
+from ..._record import checked_rate
+from .._kinds import Kind, find_kind, whole_sizes
+from .._noise_type._b1_ratio import fewest_averages, noise_type_of_ratios
+from .._noise_type._identify import FEWEST, identify, types_for_intervals
+from .._result import Deviation
+from .._uncertainty._edf import degrees_of_freedom, interval_factors
+from ._join import side_by_side
+from ._phase_stream import PIECE, Plan, Stretch, lengthened, let_go, make_plan, new_stretch, pieces_of
+
+_KINDS = ("adev", "oadev", "mdev", "tdev", "hdev", "ohdev")
+_FOLLOWED = 10**10  # largest cluster size of a named grid
+_SMALLER = 1 << 17  # samples taken in at a time where no cluster size has every starting point
+_PARALLEL_FROM = 4_000_000  # differences; below, a second thread costs more than it brings
+
+
+class Accumulator(eqx.Module):
+    r"""Deviation of a stream: chunks in, of any lengths; two neighbouring parts merged; memory that does not grow.
+
+    It is frozen, as every model here: `update` and `merge` return a new one and leave the old as it was. ::
+
+        acc = jaxcal.allan.Accumulator(rate, "log")
+        for chunk in chunks:
+            acc = acc.update(chunk)
+        deviation = acc.result()
+
+    **What is exact.** Up to the cluster size `exact` the result is that of `jaxcal.allan.deviation` for the whole record, to rounding:
+    every overlapped difference is in it, those across the borders of chunks and of merged parts too. Beyond, the differences of
+    oadev and ohdev start at every s-th sample only, s the largest power of two up to m/128. The phase is then kept at so few
+    points that any cluster size costs 10 kB. The variance of the result rises by less than 0.1 % for white noise, flicker and random
+    walk of the rate (by less than 1 % where the record is hardly longer than one difference). White noise of phase would lose
+    more, by up to s; it has no weight at such cluster sizes. adev and hdev are exact everywhere.
+
+    **Digits.** The phase is kept relative to the mean of the latest 1,048,576 samples, of which no difference knows: neither the length
+    of the stream nor a wandering mean costs digits. Chunks may be float32; they are summed in float64.
+
+    **Cost.** oadev of a float32 file on the default grid, two cores (`benchmarks/_stream.py`): 38, 31, 27 and 24 ns a sample at 10^6, 10^7,
+    10^8 and 10^9 samples, at most 0.5 GB in all.
+
+    **Noise type.** As by `deviation`, from the first 8,192 averages at each cluster size; that takes those in the middle of a longer
+    record, so that the type, and with it the interval, may differ where a type is at the boundary to the next. The ratio R(n) is not
+    formed: phase noise shown by fewer than 30 averages is taken as flicker phase noise, unless it was white phase noise before.
+
+    Parameters
+    ----------
+    rate : sampling rate in Hz.
+    m : cluster sizes in samples: "log" (default, 15 per decade), "octave", "decade", or integers. A grid goes on as far as the record.
+    channels : number of channels, 1 by default. With 1 the chunks are (n,) or (n, 1), and the result is (clusters,).
+    kind : "adev", "oadev" (default), "hdev", "ohdev", or, up to `exact`, "mdev" and "tdev".
+    exact : cluster size in samples up to which every overlapped difference is taken. It costs 4 to 6 times `exact` numbers a channel.
+    start : position of the first sample of this part in the record. Only needed for a part that is merged to another where starting
+        points are not at every sample, and the part does not start at a multiple of their distance.
+    confidence : level of the intervals, 0.95 by default.
+    alpha : noise type for the degrees of freedom (2 .. -2), instead of the one identified at each cluster size.
+
+    Raises
+    ------
+    DataError
+        If an option is unknown or out of range.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> y = np.random.default_rng(0).standard_normal(10_000)
+    >>> acc = jaxcal.allan.Accumulator(100.0, [1, 10, 100])
+    >>> for chunk in np.array_split(y, 7):
+    ...     acc = acc.update(chunk)
+    >>> whole = jaxcal.allan.deviation(y, 100.0, m=[1, 10, 100])
+    >>> bool(np.allclose(acc.result().deviation, whole.deviation, rtol=1e-12))
+    True
+
+    References
+    ----------
+    W. J. Riley, Handbook of Frequency Stability Analysis, NIST SP 1065, 2008, section 5. The loss by a stride: the covariance of
+    overlapped differences (C. A. Greenhall and W. J. Riley, PTTI 2003) summed over every s-th lag.
+    """
+
+    rate: float
+    m: tuple[int, ...]
+    channels: int
+    kind: str
+    exact: int
+    confidence: float
+    alpha: float | int | None
+    _named: bool
+    _plan: Plan
+    _taken: Stretch
+    _waiting: tuple[np.ndarray, ...]
+    _dropped: tuple[int, ...]
+
+    def __init__(
+        self, rate, m: Any = "log", channels=1, kind="oadev", *, exact=65_536, start: Any = None, confidence=0.95, alpha: Any = None
+    ):
+        if kind not in _KINDS:
+            raise DataError(f"unknown kind {kind!r} for a stream; expected one of {', '.join(_KINDS)}")
+        statistic = find_kind(kind)
+        self.rate, self.channels = checked_rate(rate), _whole("channels", channels, 1)
+        self.exact, place = _whole("exact", exact, 1), None if start is None else _whole("start", start, 0)
+        if not 0.0 < confidence < 1.0:
+            raise DataError(f"confidence must lie between 0 and 1; got {confidence!r} (0.95 is 95 %)")
+        sizes = _sizes(m, statistic, self.exact)
+        self.m, self.kind, self.confidence, self.alpha = tuple(sizes.tolist()), kind, float(confidence), alpha
+        self._named, self._waiting, self._dropped = isinstance(m, str), (), ()
+        self._plan = make_plan(np.unique(sizes), statistic, self.exact)
+        self._taken = new_stretch(self._plan, self.channels, place)
+
+    @property
+    def samples(self) -> int:
+        """Number of samples so far."""
+        return self._taken.samples + sum(len(chunk) for chunk in self._waiting)
+
+    def update(self, chunk) -> "Accumulator":
+        """A new accumulator with the next samples of the record.
+
+        Parameters
+        ----------
+        chunk : (n,) or (n, channels) rate samples, n >= 1; float32 or float64, also a memory map, which is read piece by piece. NaN
+            marks a gap.
+
+        Returns
+        -------
+        Accumulator
+            The state after the chunk; this one stays as it was.
+
+        Raises
+        ------
+        DataError
+            If the chunk is empty, has another number of channels, or holds infinite values or no numbers.
+
+        Examples
+        --------
+        >>> import jaxcal
+        >>> acc = jaxcal.allan.Accumulator(100.0, [1, 2])
+        >>> acc = acc.update([1.0, 2.0, 4.0]).update([3.0])
+        >>> acc.samples
+        4
+        """
+        given, chunk = chunk, self._checked(chunk)
+        length = len(chunk) + sum(len(piece) for piece in self._waiting)
+        if length < PIECE:
+            waiting, last = list(self._waiting), np.array(chunk, dtype=np.float64)
+            if np.isinf(last).any():
+                raise DataError("the chunk has infinite values; replace them by NaN to mark a gap")
+            # pieces at least halve in length from one to the next: short chunks are not copied each time
+            while waiting and len(waiting[-1]) <= len(last):
+                last = np.concatenate([waiting.pop(), last])
+            return self._with(self._taken, (*waiting, last))
+        pieces, rest = pieces_of(self._waiting, chunk, length)
+        return self._with(self._advanced(pieces, given), (rest,) if len(rest) else ())
+
+    def merge(self, other: "Accumulator") -> "Accumulator":
+        """A new accumulator for the record of this one followed, without a sample between, by that of another.
+
+        Parameters
+        ----------
+        other : the accumulator of the part that follows, with the same rate, m, channels, kind and `exact`.
+
+        Returns
+        -------
+        Accumulator
+            As if one accumulator had been given both parts.
+
+        Raises
+        ------
+        DataError
+            If a part is empty, the parts differ in what they compute, do not follow one another, or the second part's starting
+            points do not continue those of the first; then the message says which `start` makes them.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import jaxcal
+        >>> y = np.random.default_rng(0).standard_normal(1000)
+        >>> first = jaxcal.allan.Accumulator(100.0, [1, 10]).update(y[:333])
+        >>> second = jaxcal.allan.Accumulator(100.0, [1, 10]).update(y[333:])
+        >>> first.merge(second).samples
+        1000
+        """
+        if not isinstance(other, Accumulator):
+            raise DataError(f"only an Accumulator can be merged; got {type(other).__name__}")
+        for name in ("kind", "rate", "channels", "m", "exact"):
+            mine, its = getattr(self, name), getattr(other, name)
+            if mine != its:
+                shown = "" if name == "m" else f" ({mine!r} and {its!r})"
+                raise DataError(f"the parts do not join: they differ in {name}{shown}; make both with the same options")
+        for which, part in (("first", self), ("second", other)):
+            if part.samples == 0:
+                raise DataError(f"the {which} part holds no samples; there is nothing to merge")
+        border = self._taken.origin + self.samples
+        if other._taken.start not in (None, border):
+            raise DataError(f"the parts do not join: the first ends at sample {border}, the second starts at {other._taken.start}")
+        dropped = set(self._dropped) | set(other._dropped)
+        if other._taken.start is None:
+            dropped |= self._astray(other.samples, border)
+        joined = side_by_side(self._plan, self._flushed(), other._flushed())
+        merged = self._with(joined, ())
+        return eqx.tree_at(lambda a: a._dropped, merged, tuple(sorted(dropped)), is_leaf=lambda x: x is merged._dropped)
+
+    def result(self) -> Deviation:
+        """The deviation so far.
+
+        Returns
+        -------
+        Deviation
+            At the cluster sizes that have a difference; a sentence in `warnings` names given sizes that have none. `count` and
+            `skipped` count the differences taken, see `exact`. A channel without any sample is NaN, and a sentence names it.
+
+        Raises
+        ------
+        DataError
+            If no cluster size has a difference free of gaps.
+
+        Examples
+        --------
+        >>> import jaxcal
+        >>> acc = jaxcal.allan.Accumulator(1.0, [1, 1000]).update([1.0, 2.0, 4.0, 3.0])
+        >>> acc.result().m.tolist(), acc.result().warnings
+        ([1], ('no difference yet at tau = 1000 s: left out',))
+        """
+        plan, taken, statistic = self._plan, self._flushed(), self._plan.kind
+        samples, alive = taken.samples, taken.present > 0
+        if samples == 0:
+            raise DataError("the accumulator holds no samples; give it chunks with acc = acc.update(chunk)")
+        if not alive.any():
+            raise DataError(f"every channel holds nothing but NaN in {samples} samples")
+        squares = np.concatenate([taken.squares, taken.tracks.squares])
+        count = np.concatenate([taken.count, taken.tracks.count])
+        expected = np.concatenate([np.maximum(statistic.count(samples, plan.m[: plan.dense]), 0), taken.tracks.seen])
+        begun = (expected > 0) & ~np.isin(plan.m, self._dropped)
+        kept = begun & np.all(count[:, alive] > 0, axis=1)
+        if not kept.any():
+            smallest = statistic.difference * int(plan.m[0]) - (1 if statistic.modified else 0)
+            reason = f"{samples} samples, of which {smallest} are needed" if not begun.any() else "every difference touches a gap"
+            raise DataError(f"no cluster size has a difference free of gaps: {reason}")
+        noise = self._noise_types(taken)
+        # in the order asked for
+        where = np.searchsorted(plan.m, np.array(self.m))
+        chosen = where[kept[where]]
+        m = plan.m[chosen]
+        squares, count, expected, noise = squares[chosen], count[chosen], expected[chosen][:, None], noise[chosen]
+        with np.errstate(invalid="ignore"):  # 0/0 in a channel without samples: NaN, as said below
+            deviation = np.sqrt(squares / count * statistic.scale(m, self.rate)[:, None])
+        types = types_for_intervals(noise, m, samples, "rate")
+        edf = np.maximum(degrees_of_freedom(m[:, None], types, statistic, samples) * (count / expected), 1.0)
+        edf = np.where(alive, edf, np.nan)
+        low, high = interval_factors(edf, self.confidence)
+        arrays = {"deviation": deviation, "lower": deviation * low, "upper": deviation * high, "edf": edf, "count": count}
+        arrays |= {"alpha": noise.astype(np.int64), "skipped": expected - count}
+        if self.channels == 1:
+            arrays = {name: value[:, 0] for name, value in arrays.items()}
+        warnings = tuple(self._sentences(begun, kept, alive))
+        return Deviation(
+            tau=m / self.rate, m=m, kind=self.kind, rate=self.rate, confidence=self.confidence, warnings=warnings, **arrays
+        )  # fmt: skip
+
+    def _with(self, taken: Stretch, waiting: tuple[np.ndarray, ...]) -> "Accumulator":
+        new = object.__new__(Accumulator)
+        for name in self.__dataclass_fields__:
+            object.__setattr__(new, name, getattr(self, name))
+        object.__setattr__(new, "_taken", taken)
+        object.__setattr__(new, "_waiting", waiting)
+        return new
+
+    def _checked(self, chunk):
+        if is_traced(chunk):
+            raise DataError("an Accumulator takes data at hand, not traced values; use jaxcal.allan.deviation inside jit or grad")
+        chunk = np.asarray(chunk)
+        if chunk.dtype.kind not in "fiu" and chunk.size:
+            raise DataError(f"a chunk must hold real numbers; got dtype {chunk.dtype}")
+        if chunk.ndim not in (1, 2) or chunk.shape[1:] not in ((self.channels,), () if self.channels == 1 else (self.channels,)):
+            wanted = "(n,)" if self.channels == 1 else f"(n, {self.channels})"
+            raise DataError(f"a chunk must be {wanted}, time first; got shape {chunk.shape}")
+        if chunk.size == 0:
+            raise DataError("the chunk is empty; leave it out")
+        return chunk[:, None] if chunk.ndim == 1 else chunk
+
+    def _advanced(self, pieces: Iterator[np.ndarray], source: Any = None) -> Stretch:
+        taken = self._taken
+        workers = min(os.cpu_count() or 1, 16) if jax.default_backend() == "cpu" else 1
+        with ThreadPoolExecutor(workers) as pool:
+            # points far apart are picked out by NumPy, whose temporary arrays want a smaller cache
+            parts_of = (lambda piece: [piece]) if self._plan.dense else (lambda piece: np.array_split(piece, -(-len(piece) // _SMALLER)))
+            for piece in itertools.chain.from_iterable(map(parts_of, pieces)):
+                busy = workers > 1 and len(piece) * max(self._plan.dense, 1) * self.channels >= _PARALLEL_FROM
+                parts = max(workers // self.channels, 1) if busy else 1
+                taken = lengthened(self._plan, taken, piece, pool.map if busy else map, parts)
+                let_go(source)
+        return taken
+
+    def _flushed(self) -> Stretch:
+        return self._advanced(iter([np.concatenate(self._waiting)])) if self._waiting else self._taken
+
+    def _astray(self, following: int, border: int) -> set[int]:
+        """Cluster sizes whose starting points another part does not continue; refuses those that matter."""
+        plan = self._plan
+        astray = plan.m[border % plan.stride != 0]
+        needed = astray[astray * plan.kind.order <= self.samples + following]
+        if len(needed):
+            raise DataError(
+                f"the parts do not join: at cluster size {needed[0]} not every sample is a starting point, and those of the second part do "
+                f"not continue those of the first; make the second with Accumulator(..., start={border}), or cut the record "
+                f"at a multiple of {plan.stride[plan.m == needed[0]][0]} samples"
+            )
+        return {int(size) for size in astray}
+
+    def _noise_types(self, taken: Stretch) -> np.ndarray:
+        """Noise types at the cluster sizes of the plan, (sizes, channels)."""
+        if self.alpha is not None:
+            return np.full((len(self._plan.m), self.channels), float(self.alpha))
+        kind, found, carried = self._plan.kind, [], np.zeros(self.channels)
+        for size, marks in zip(self._plan.m.tolist(), taken.marks, strict=True):
+            averages = len(marks) - 1
+            carried = carried.copy()
+            for c in range(self.channels if averages >= fewest_averages(kind) else 0):
+                phase, lost = marks[:, c], marks[:, self.channels + c].astype(np.int64)
+                gaps = lost if lost[-1] > lost[0] else None
+                if averages < FEWEST:
+                    valid = None if gaps is None else lost[1:] == lost[:-1]
+                    carried[c] = noise_type_of_ratios(
+                        np.diff(phase) / size, valid, None, size, kind, taken.samples, carried[c], np
+                    )  # fmt: skip
+                elif np.count_nonzero(lost[1:] == lost[:-1]) >= FEWEST:
+                    carried[c] = identify(phase, gaps, np.ones(1, np.int64), kind, averages, "rate")[0]
+            found.append(carried)
+        return np.stack(found)
+
+    def _sentences(self, begun: np.ndarray, kept: np.ndarray, alive: np.ndarray) -> Iterator[str]:
+        m = self._plan.m
+        dropped = np.isin(m, self._dropped)
+
+        def times(which):
+            return ", ".join(f"{size / self.rate:g}" for size in m[which])
+
+        if (~begun & ~dropped).any() and not self._named:
+            yield f"no difference yet at tau = {times(~begun & ~dropped)} s: left out"
+        if (begun & ~kept).any():
+            yield f"no difference free of gaps at tau = {times(begun & ~kept)} s: left out"
+        if dropped.any() and not self._named:
+            yield f"parts merged without start=: tau = {times(dropped)} s and its starting points are not followed any more"
+        for c in np.flatnonzero(~alive):
+            yield f"channel {c} holds nothing but NaN: no deviation"
+
+
+def _whole(name: str, value, least: int) -> int:
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
+        raise DataError(f"{name} must be a whole number, at least {least}; got {value!r}")
+    return int(value)
+
+
+def _sizes(m, kind: Kind, exact: int) -> np.ndarray:
+    """Cluster sizes of a grid that does not depend on the length of the record, or the given ones."""
+    largest = exact if kind.modified else _FOLLOWED
+    if isinstance(m, str):
+        if m == "log":
+            sizes = np.round(10.0 ** (np.arange(0, 15 * np.log10(largest) + 1e-9) / 15)).astype(np.int64)
+        elif m == "octave":
+            sizes = 2 ** np.arange(int(np.log2(largest)) + 1)
+        elif m == "decade":
+            sizes = (10 ** np.arange(int(np.log10(largest)) + 1)[:, None] * np.array([1, 2, 4])).ravel()
+        else:
+            raise DataError(f'unknown grid of cluster sizes {m!r}; for a stream "log", "octave", "decade" or integers')
+        return np.unique(sizes[sizes <= largest])
+    sizes = whole_sizes(m)
+    bad = sizes[(sizes < 1) | (sizes > 1 << 52)]
+    if bad.size:
+        raise DataError(f"a cluster size must be at least 1 sample; got {bad[0]}")
+    if kind.modified and sizes.max() > exact:
+        raise DataError(
+            f"{kind.name} of a stream is kept up to cluster size {exact}; got {sizes.max()}. "
+            "Raise exact=, or use adev, oadev, hdev or ohdev"
+        )
+    return sizes
