@@ -141,7 +141,7 @@ def fit_current(m: Any, current: Any, **options: Any) -> CurrentTerms:
 
     References
     ----------
-    The magnetometer paper, equation (5), with k I(t) added; distances as in `distance_residuals`.
+    The magnetometer paper, equation (5), with k I(t) added; distances as in `residuals`.
     """
     m = array(m, "readings")
     columns = columns_of(current, len(m))

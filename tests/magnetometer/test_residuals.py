@@ -100,6 +100,7 @@ def test_second_derivative_of_the_distance():
     np.testing.assert_allclose(exact, finite, rtol=1e-5, atol=1e-6)
 
 
+@pytest.mark.filterwarnings("ignore::jaxcal.PrecisionWarning")  # it says that it is traced in float32
 def test_float32_stays_float32():
     with jax.enable_x64(False):
         model = MagModel(jnp.eye(3), jnp.zeros(3))
