@@ -79,11 +79,19 @@ class MagFit(Result):
     @property
     def parameters(self) -> dict[str, float]:
         """Value of each parameter by its name, in the units of the readings."""
-        return dict(zip(self.names, np.asarray(self.values).tolist(), strict=False))
+        values = np.asarray(self.values)
+        if self.model is not None and not len(values):
+            matrix, hard = np.linalg.inv(np.asarray(self.model.soft_iron)) / self.field, np.asarray(self.model.hard_iron)
+            shape, basis = matrix.T @ matrix, np.eye(3) if self.plane is None else np.asarray(self.plane)[:2]
+            shape, j = basis @ shape @ basis.T, [(0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)][: 6 if self.plane is None else 3]
+            values = np.concatenate([shape[tuple(np.transpose(j))], basis @ hard])
+        return dict(zip(self.names, values.tolist(), strict=True)) if len(values) else {}
 
     @property
     def interval(self) -> dict[str, tuple[float, float]]:
         """95 % interval of each parameter by its name: (low, high), by Student's t."""
+        if self.model is None:
+            return {}
         half = scipy.stats.t.ppf(0.975, max(self.used - len(self.names), 1)) * np.sqrt(np.diag(self.covariance))
         return {name: (value - h, value + h) for (name, value), h in zip(self.parameters.items(), half.tolist(), strict=True)}
 
