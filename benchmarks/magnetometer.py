@@ -15,8 +15,8 @@ import numpy as np
 import scipy.optimize
 from scipy.spatial.transform import Rotation
 
-from jaxcal.magnetometer import MagModel, body_field, bootstrap, fit, scenario
-from jaxcal.magnetometer._uncertainty import _angle, grids, heading_error
+from jaxcal.magnetometer import Accelerometer, Gyroscope, MagModel, body_field, bootstrap, fit, scenario
+from jaxcal.magnetometer._design._heading_error import _angle, grids, heading_error
 
 MILD = MagModel(np.array([[1.10, 0.06, -0.04], [0.06, 0.92, 0.05], [-0.04, 0.05, 1.0]]), np.array([0.8, -0.5, 0.3]))
 PAPER = MagModel(
@@ -323,8 +323,8 @@ def jointly(runs):
         rows, inside = [], []
         for run in range(runs):
             m, gyro, accel = driven(kind, 1000, 50.0, np.random.default_rng([run, 5]), 0.01)
-            other = {"gyro": gyro, "rate": 50.0} if sensor == "gyro" else {"accel": accel}
-            both = [fit(m, joint=joint, **other) for joint in (False, True)]
+            aid = Gyroscope(gyro, 50.0) if sensor == "gyro" else Accelerometer(accel)
+            both = [fit(m, joint=joint, aid=aid) for joint in (False, True)]
             rows.append([
                 [100 * np.linalg.norm(f.model.hard_iron - TURNED.hard_iron), headings_off(f.model), np.rad2deg(f.heading_error[0]),
                  f.verdict == "good"] for f in both

@@ -172,8 +172,10 @@ def _fit(log: Any, align: str, joint: bool, options: dict[str, Any]) -> Any:
     found = jaxcal.magnetometer.fit(log.mag[kept], **options)
     if align == "none" or found.model is None:
         return found
-    other = {"accel": log.accel} if align == "accel" else {"gyro": log.gyro, "rate": log.rate}
-    return jaxcal.magnetometer.aligned(found, log.mag, joint=joint, **other)
+    from ..magnetometer import Accelerometer, Gyroscope, aligned
+
+    aid = Accelerometer(log.accel) if align == "accel" else Gyroscope(log.gyro, log.rate)
+    return aligned(found, log.mag, aid, joint=joint)
 
 
 def _show(screen: Screen, found: Any) -> None:

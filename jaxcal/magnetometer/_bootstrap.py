@@ -10,13 +10,12 @@ from .._errors import DataError
 from .._precision import host_float64
 from .._types import AnyArray
 from ..fitting import solve_many
-from ._efficiency import Penalty, Size
-from ._orthogonal import bounds_of, padded
-from ._quadric import Frame
-from ._refined import CURVED
-from ._residuals import Readings, distances, guarded, orthogonal, shape_and_centre
+from ._ellipsoid._algebraic import Frame
+from ._ellipsoid._orthogonal import CURVED, bounds_of, padded
+from ._ellipsoid._penalty import Penalty, Size
+from ._ellipsoid._residuals import Readings, distances, orthogonal, penalised, shape_and_centre
+from ._ellipsoid._start import PLANAR, basis_of, parameters_of
 from ._result import MagFit
-from ._start import PLANAR, basis_of, parameters_of
 
 #: step to go, relative to the statistical uncertainty, at which a refit is done
 _PRECISE = 1e-4
@@ -76,7 +75,7 @@ def bootstrap(m: Any, found: MagFit, *, replicas: int = 1000, seed: int = 0) -> 
     size = None if found.field_error is None else Size(float(np.log(found.field / frame.scale)), found.field_error)
     penalty = Penalty.of(found.kind, noise, found.penalty, size) if found.penalty or size else None
     fits = solve_many(
-        guarded if penalty else orthogonal if curved else distances, begin,
+        penalised if penalty else orthogonal if curved else distances, begin,
         Readings(data.u, weight, 1.0, noise**2 if curved else 0.0, basis, penalty),
         batched=(False, Readings(False, True, False, False, False, False)), bounds=bounds_of(found.kind), max_steps=64, rtol=_PRECISE,
     )  # fmt: skip

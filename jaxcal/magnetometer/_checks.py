@@ -1,35 +1,33 @@
 """Options of `fit`: checked before anything is computed."""
 
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from .._errors import DataError
-from .._precision import is_traced
 from ._attitude import INCLINATION
-from ._consistent import consistent
-from ._elementary import axes, minmax
-from ._orthogonal import loss_name
-from ._quadric import constrained, diagonal, li_griffiths, sphere, trace
+from ._ellipsoid._algebraic import algebraic, constrained, li_griffiths
+from ._ellipsoid._consistent import consistent
+from ._ellipsoid._elementary import axes, minmax
+from ._ellipsoid._orthogonal import loss_of
 
+SOLID = ("sphere", "diagonal", "symmetric")
 #: method -> model -> algebraic fit
 DIRECT: dict[str, dict[str, Any]] = {
     "minmax": {"diagonal": minmax},
     "axes": {"symmetric": axes},
     "constrained": {"symmetric": constrained},
     "li_griffiths": {"symmetric": li_griffiths},
-    "algebraic": {"symmetric": trace, "diagonal": diagonal, "sphere": sphere},
+    "algebraic": {kind: partial(algebraic, kind=kind) for kind in reversed(SOLID)},
     "consistent": {"symmetric": lambda u: consistent(u)[:2]},
 }
-SOLID = ("sphere", "diagonal", "symmetric")
 METHODS = ("ml", "consistent", "algebraic", "li_griffiths", "constrained", "radial", "axes", "minmax")
 MODELS = ("auto", *SOLID, "planar")
 
 
 def checked(m, method, model, field, loss, inclination, choose, penalty, field_error) -> tuple[np.ndarray, float | None, float]:
     """Readings, norm of the field and dip; every option known and at home with the method."""
-    if is_traced(m, field):
-        raise DataError("`fit` decides on the host and cannot be traced; differentiate `distance_residuals` or `radial_residuals` instead.")
     try:
         m = np.asarray(m, dtype=np.float64)
     except (TypeError, ValueError) as error:
@@ -50,11 +48,11 @@ def checked(m, method, model, field, loss, inclination, choose, penalty, field_e
     allowed = {"ml": MODELS, "radial": ("auto", *SOLID)}.get(method, ("auto", *DIRECT.get(method, ())))
     if model not in allowed:
         raise DataError(f"Method {method!r} has no model {model!r}; it has {', '.join(map(repr, allowed))}. Method 'ml' has all.")
-    if loss_name(loss) is not None and method not in ("ml", "radial"):
+    if loss_of(loss) is not None and method not in ("ml", "radial"):
         raise DataError(f"Method {method!r} takes no loss; use method='ml' with loss={loss!r}.")
     if not (isinstance(penalty, (int, float)) and 0 <= penalty < np.inf):
         raise DataError(f"The penalty is {penalty!r}; give its weight: 0.5, 1 for Jeffreys' prior, or 0 for none.")
-    norm, dip = _field(field)
+    norm, dip = field_of(field)
     if norm is not None and model == "planar":
         raise DataError("Readings in a plane do not show the whole field: leave out `field` with model='planar'.")
     if field_error is not None:
@@ -71,7 +69,7 @@ def checked(m, method, model, field, loss, inclination, choose, penalty, field_e
     return m, norm, dip
 
 
-def _field(field: Any) -> tuple[float | None, float | None]:
+def field_of(field: Any) -> tuple[float | None, float | None]:
     """Norm and dip."""
     if field is None:
         return None, None

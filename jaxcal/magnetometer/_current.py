@@ -9,14 +9,14 @@ from .._errors import DataError
 from .._precision import host_float64
 from .._types import AnyArray, Array
 from ..fitting import covariance, solve
-from ._align import array
-from ._distance import signed_distance
+from ._ellipsoid._algebraic import Frame
+from ._ellipsoid._distance import signed_distance
+from ._ellipsoid._orthogonal import padded
+from ._ellipsoid._residuals import shape_and_centre
+from ._ellipsoid._start import basis_of, parameters_of
 from ._fit import fit
-from ._orthogonal import padded
-from ._quadric import Frame
-from ._residuals import shape_and_centre
 from ._result import MagFit
-from ._start import basis_of, parameters_of
+from ._rotation._align import array
 
 
 class CurrentTerms(eqx.Module):
@@ -141,7 +141,7 @@ def fit_current(m: Any, current: Any, **options: Any) -> CurrentTerms:
 
     References
     ----------
-    The magnetometer paper, equation (5), with k I(t) added; distances as in `distance_residuals`.
+    The magnetometer paper, equation (5), with k I(t) added; distances as in `residuals`.
     """
     m = array(m, "readings")
     columns = columns_of(current, len(m))
@@ -173,4 +173,4 @@ def fit_current(m: Any, current: Any, **options: Any) -> CurrentTerms:
     units = u / np.maximum(np.linalg.norm(u, axis=1, keepdims=True), 1e-12)
     table = np.corrcoef(np.concatenate([units, columns], axis=1).T)
     correlation = np.abs(table[3:, :3]).max(axis=1)
-    return CurrentTerms(terms, error, correlation, calibrated.noise, calibrated)
+    return CurrentTerms(terms, error, correlation, float(calibrated.noise), calibrated)

@@ -1,36 +1,33 @@
 """`fit`: hard and soft iron from readings in a field of constant norm."""
 
 import dataclasses
+import functools
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from .._errors import DataError
-from .._precision import host_float64
-from ._align import Alignment, align
-from ._checks import DIRECT, SOLID, checked
-from ._choice import by_bic, by_held_out, candidates
-from ._coverage import covered, sphere_grid
-from ._efficiency import Size
-from ._joint import checked_joint, jointly
+from .._precision import host_float64, is_traced
+from ..fitting import AbstractLoss
+from ._attitude import INCLINATION
+from ._checks import DIRECT, SOLID, checked, field_of
+from ._design._coverage import covered, sphere_grid
+from ._design._heading_error import heading_departure, heading_error, information, needed, turned_heading_error
+from ._ellipsoid._algebraic import Frame, NotEllipsoid, extents
+from ._ellipsoid._orthogonal import Found, described, estimate, loss_of
+from ._ellipsoid._penalised import geometric, left_out, refined
+from ._ellipsoid._penalty import Size
+from ._ellipsoid._select import by_bic, by_held_out, candidates
+from ._ellipsoid._shape import NAMES, PLANAR_NAMES, covariance_of, model_of, radius_of, root
+from ._ellipsoid._start import COUNT, PLANAR, parameters_of
+from ._ellipsoid._subsample import LONG, all_distances, thinned
 from ._model import MagModel
-from ._orthogonal import Found, described
-from ._quadric import Frame, NotEllipsoid, extents
-from ._refined import geometric, left_out, refined
-from ._result import MagFit
-from ._start import COUNT, PLANAR, parameters_of
-from ._thin import LONG, all_distances, thinned
-from ._uncertainty import (
-    NAMES,
-    PLANAR_NAMES,
-    covariance_of,
-    heading_departure,
-    heading_error,
-    information,
-    needed,
-    root,
-    turned_heading_error,
-)
+from ._own_model import fit_model
+from ._result import NOT_JUDGED, MagFit
+from ._rotation._align import Alignment, align
+from ._rotation._joint import checked_joint, jointly
 from ._verdict import NEAR_PLANAR, NEAR_PLANAR_SENTENCE, OUTLIER, judge, outliers
 
 _DIPS = np.deg2rad(5.0)
@@ -45,20 +42,18 @@ def fit(
     m: Any,
     *,
     method: str = "ml",
-    model: str = "auto",
+    model: str | MagModel = "auto",
     field: Any = None,
     field_error: float | None = None,
-    loss: str | None = None,
+    loss: str | AbstractLoss | None = None,
     inclination: float | None = None,
     choose: str = "bic",
     limits: tuple[float, float] = (np.deg2rad(1.0), np.deg2rad(5.0)),
     per_direction: int | None = 32,
     penalty: float = 0.5,
-    accel: Any = None,
-    gyro: Any = None,
-    rate: float | int | None = None,
-    headings: Any = None,
+    aid: Any = None,
     joint: bool = False,
+    conditions: dict[str, Any] | None = None,
 ) -> MagFit:
     r"""Hard and soft iron from readings in many attitudes of a field of constant norm.
 
@@ -69,7 +64,7 @@ def fit(
     from the consistent algebraic fit; where the noise exceeds 2 % of the field the distances are freed of the mean that noise
     along the curved surface gives them. The soft iron is the symmetric one, C = H A^{-1/2}; a rotation of all corrected
     readings, as from an unsymmetric soft iron or a turned sensor, leaves every norm as it is and cannot be found this way. With
-    `accel`, `gyro` or `headings` it is found after the fit, by `align`, and is part of the soft iron.
+    an `aid` it is found after the fit, by `align`, and is part of the soft iron.
 
     Parameters
     ----------
@@ -78,12 +73,13 @@ def fit(
         constraint), "li_griffiths", "constrained" (the magnetometer paper), "radial" (norm error of the corrected field), "axes" and
         "minmax" (the thesis, from the extremes).
     model : "sphere" (4 parameters), "diagonal" (6), "symmetric" (9), "planar" (circle or ellipse, for readings of turns about
-        one axis), or "auto": "ml" chooses, the other methods take the largest they have.
+        one axis), or "auto": "ml" chooses, the other methods take the largest they have. Or a model object, a `MagModel` or a
+        subclass with fields of its own: its floating leaves are fitted by "ml", from their values or from the algebraic fit.
     field : norm of the true field, or the field vector (north, east, down), whose dip is then used too; in the unit of the
         readings. Without it the corrected readings keep the unit and mean size of the readings.
     field_error : relative standard deviation with which the norm `field` is known in the unit of the readings: the sensor's sensitivity
         and the mean stretch of its soft iron, not the field model alone. The fit then uses it, which helps most with part of a sphere.
-    loss : None, "huber", "cauchy" or "tukey" for readings with outliers; "ml" and "radial" only.
+    loss : None, "huber", "cauchy", "tukey" or a loss of `jaxcal.fitting`, for readings with outliers; "ml" and "radial" only.
     inclination : dip of the field in rad for `heading_error`; that of `field`, or 57 degrees (Ankara), unless given.
     choose : "bic" or "held_out", how "auto" compares models.
     limits : rms heading error in rad above which the verdict is "weak", and above which it is "refused".
@@ -92,11 +88,16 @@ def fit(
     penalty : weight of the penalty that keeps "ml" fits of few readings, or of a corner of the sphere, from running off: log det M / 2,
         M being the information of the corrected directions. It is left out where it would move a fit by less than a tenth of a
         standard error. 1 is Jeffreys' prior (Firth), 0 plain maximum likelihood; 0.5 has the least errors in Monte Carlo.
-    accel, gyro, rate, headings : one of the three, for the rotation, as for `align`.
-    joint : fit norms and `accel`, or `gyro`, together, each residual over its own standard deviation: full soft iron, hard iron and
-        rotation at once. Rates show the hard iron where norms leave it open, as with a vehicle that tilts by 20 degrees; then this is
-        far better than one after the other. Model "auto" or "symmetric", method "ml", no loss. Of long logs the same readings are fitted as
-        without; rates are integrated before any is left out.
+    aid : `Accelerometer`, `Gyroscope` or `Headings`, for the rotation, as for `align`.
+    joint : fit norms and the accelerometer, or the gyroscope, together, each residual over its own standard deviation: full
+        soft iron, hard iron and rotation at once. Rates show the hard iron where norms leave it open, as with a vehicle that
+        tilts by 20 degrees; then this is far better than one after the other. Model "auto" or "symmetric", method "ml", no loss.
+        Of long logs the same readings are fitted as without; rates are integrated before any is dropped.
+
+    conditions : name -> array of one row a reading: what `measure` and `correct` of a model object take beside the field.
+
+    Under `jit`, `vmap` and `grad` the fit is that of method "ml" for model "sphere", "diagonal" or "symmetric": the curvature term is
+    decided by an expression, and nothing else is: there is no penalty, no thinning, and `verdict` is "not judged".
 
     Returns
     -------
@@ -125,9 +126,17 @@ def fit(
     J. F. Vasconcelos et al., IEEE Trans. Aerosp. Electron. Syst. 47 (2011) 1293 (maximum likelihood); I. Markovsky et al., Numer.
     Math. 98 (2004) 177 (consistent); the magnetometer paper's equations 6 to 16 (constrained); the thesis, chapter 6.
     """
+    if isinstance(model, MagModel):
+        return _of_model(m, model, field, inclination, conditions or {}, limits, method, loss, field_error, aid)
+    if conditions:
+        raise DataError("Conditions need a model object whose `measure` and `correct` take them; give it as `model`.")
+    if is_traced(m, field):
+        given = {"method": method != "ml", "loss": loss is not None, "field_error": field_error is not None, "aid": aid is not None}
+        return traced(m, model, field, inclination, [name for name, there in given.items() if there])
     m, norm, dip = checked(m, method, model, field, loss, inclination, choose, penalty, field_error)
+    loss = loss_of(loss)
     if joint:
-        checked_joint(method, model, accel, gyro, rate, headings, loss, field_error)
+        checked_joint(method, model, aid, loss, field_error)
     whole, used = m, None
     if per_direction is not None and len(m) > LONG and method not in _EXTREMES:
         used = thinned(Frame.of(m).scaled(m), _at_least_one(per_direction), loss)
@@ -136,7 +145,6 @@ def fit(
     frame = Frame.of(m)
     if distinct < 2 or frame.scale < 1e-12 * np.abs(m).max():
         return _refusal(
-            m,
             method,
             dip,
             f"There are {distinct} distinct readings; a sphere needs at least 5, and soft iron 10.",
@@ -145,7 +153,7 @@ def fit(
     prior = None if field_error is None or norm is None else Size(float(np.log(norm / frame.scale)), float(field_error))
     spread = extents(u)
     if spread[1] < _LINE:
-        return _refusal(m, method, dip, "The readings lie on a line: turn the sensor through all attitudes.")
+        return _refusal(method, dip, "The readings lie on a line: turn the sensor through all attitudes.")
     flat = spread[2] < NEAR_PLANAR
     planar = "asked" if model == "planar" else "chosen" if flat and model == "auto" and method == "ml" else None
     kind = None if model == "auto" or planar else model
@@ -154,7 +162,6 @@ def fit(
     least = kind or ("circle" if planar else "sphere")
     if distinct <= COUNT[least]:
         return _refusal(
-            m,
             method,
             dip,
             f"There are {distinct} distinct readings; model {'planar' if planar else least!r} needs at least {COUNT[least] + 1}.",
@@ -174,29 +181,27 @@ def fit(
         else:
             found = _single(u, method, kind, loss, penalty, prior)
     except NotEllipsoid as error:
-        return _refusal(m, method, dip, (f"{NEAR_PLANAR_SENTENCE} " if flat else "") + f"{str(error)[0].upper()}{str(error)[1:]}.")
+        return _refusal(method, dip, (f"{NEAR_PLANAR_SENTENCE} " if flat else "") + f"{str(error)[0].upper()}{str(error)[1:]}.")
     if planar == "chosen":
         notes = ["The readings are near-planar, and were fitted in their plane.", *notes]
     result = _result(m, u, frame, found, method, norm, dip, loss, limits, plane, notes, penalty, field_error, unseen)
     result = result if used is None else _of_all(result, found, frame, whole, len(used))
-    if result.model is None or (accel is None and gyro is None and headings is None):
+    if result.model is None or aid is None:
         return result
-    after = with_rotation(result, align(whole, result.model, accel=accel, gyro=gyro, rate=rate, headings=headings), field)
-    if not joint:
-        return after
-    return jointly(after, whole, limits=limits, accel=accel, gyro=gyro, rate=rate, rows=used)
+    after = with_rotation(result, align(whole, result.model, aid), field)
+    return jointly(after, whole, aid, limits=limits, rows=used) if joint else after
 
 
 @host_float64
-def aligned(found: MagFit, m: Any, *, joint: bool = False, **options: Any) -> MagFit:
+def aligned(found: MagFit, m: Any, aid: Any, *, joint: bool = False) -> MagFit:
     """A fit with the rotation that another sensor shows, where that sensor has readings of its own.
 
     Parameters
     ----------
     found : a fit with a model, of these readings or of some of them.
     m : (n, 3) readings; rows with NaN are left out.
+    aid : `Accelerometer`, `Gyroscope` or `Headings`, one row for each reading.
     joint : fit these readings anew, norms and other sensor together, as `fit` with `joint` does; `found` is where it starts.
-    options : those of `align`.
 
     Returns
     -------
@@ -211,9 +216,9 @@ def aligned(found: MagFit, m: Any, *, joint: bool = False, **options: Any) -> Ma
     --------
     >>> import numpy as np
     >>> import jaxcal
-    >>> from jaxcal.magnetometer import aligned, body_field, scenario
+    >>> from jaxcal.magnetometer import Accelerometer, aligned, body_field, scenario
     >>> m, up = body_field(scenario("all"), 50.0), -9.81 * body_field(scenario("all"), 1.0, np.pi / 2)
-    >>> aligned(jaxcal.magnetometer.fit(m), m, accel=up).alignment.verdict
+    >>> aligned(jaxcal.magnetometer.fit(m), m, Accelerometer(up)).alignment.verdict
     'good'
 
     References
@@ -223,10 +228,9 @@ def aligned(found: MagFit, m: Any, *, joint: bool = False, **options: Any) -> Ma
     if found.model is None:
         raise DataError(f"The fit has no model to turn: {found.reason}")
     if joint:
-        accel, gyro, rate, headings = (options.get(name) for name in ("accel", "gyro", "rate", "headings"))
-        checked_joint(found.method, "auto", accel, gyro, rate, headings, None, None)
-    after = with_rotation(found, align(m, found.model, **options), None)
-    return jointly(after, m, **{name: options[name] for name in ("accel", "gyro", "rate", "dip") if name in options}) if joint else after
+        checked_joint(found.method, "auto", aid, None, None)
+    after = with_rotation(found, align(m, found.model, aid), None)
+    return jointly(after, m, aid) if joint else after
 
 
 def with_rotation(result: MagFit, alignment: Alignment, field: Any) -> MagFit:
@@ -301,8 +305,7 @@ def _single(u, method, kind, loss, penalty, prior) -> Found:
 
 def _result(m, u, frame, found, method, norm, dip, loss, limits, plane, notes, penalty, field_error, unseen) -> MagFit:
     planar = plane is not None
-    matrix = root(found.shape)
-    radius = np.linalg.det(found.shape[:2, :2]) ** -0.25 if planar else np.linalg.det(found.shape) ** (-1 / 6)
+    radius = np.linalg.det(found.shape[:2, :2]) ** -0.25 if planar else radius_of(found.shape)
     covariance = covariance_of(found, frame, unseen)
     raw = found.shape / frame.scale**2
     error = heading_error(raw, covariance, dip)
@@ -312,29 +315,28 @@ def _result(m, u, frame, found, method, norm, dip, loss, limits, plane, notes, p
             error = np.hypot(error, heading_departure(found, best, dip))
         except NotEllipsoid:
             error = np.full(2, np.inf)
-    y = (u - found.centre) @ matrix
+    y = (u - found.centre) @ root(found.shape)
     units = y / np.maximum(np.linalg.norm(y, axis=1, keepdims=True), 1e-300)
     told = information(units, found.kind, found.noise / radius)
     judged = judge(found, u, error, told, limits, loss, planar, notes)
     size = radius if norm is None else norm / frame.scale
+    wanted = np.zeros((0, 3))
     if planar:
         # across the plane nothing is known: the same scale as in it, and the readings' own mean as offset
-        matrix = plane[:2].T @ matrix[:2, :2] @ plane[:2] + np.outer(plane[2], plane[2]) / radius
-        centre = found.centre[:2] @ plane[:2]
-        wanted = np.zeros((0, 3))
+        matrix = plane[:2].T @ root(found.shape)[:2, :2] @ plane[:2] + np.outer(plane[2], plane[2]) / radius
+        model = MagModel(np.linalg.inv(matrix * size), frame.centre + frame.scale * (found.centre[:2] @ plane[:2]))
     else:
-        centre = found.centre
-        finite = np.isfinite(covariance).all()
-        wanted = needed(raw, covariance, sphere_grid()) if finite else np.zeros((0, 3))
-    model = MagModel(np.linalg.inv(matrix * size), frame.centre + frame.scale * centre)
+        model = model_of(found.shape, found.centre, frame, size)
+        if np.isfinite(covariance).all():
+            wanted = needed(raw, covariance, sphere_grid())
     return MagFit(
         model=model,
         covariance=covariance,
         heading_error=error,
-        coverage=covered((m - model.hard_iron) @ (matrix * size).T),  # NumPy: nothing to compile for each length of log
+        coverage=covered((m - model.hard_iron) @ np.linalg.inv(model.soft_iron).T),  # NumPy: nothing to compile for each length of log
         residual=found.distance * frame.scale,
-        noise=found.noise * frame.scale,
-        field=size * frame.scale,
+        noise=float(found.noise * frame.scale),
+        field=float(size * frame.scale),
         outliers=outliers(found),
         used=len(m),
         needed=wanted,
@@ -361,7 +363,63 @@ def _warnings(radius: float, norm: float | None) -> tuple[str, ...]:
     )
 
 
-def _refusal(m: np.ndarray, method: str, dip: float, reason: str) -> MagFit:
+def _of_model(m, model, field, inclination, conditions, limits, method, loss, field_error, aid) -> MagFit:
+    if method != "ml" or loss is not None or field_error is not None or aid is not None:
+        raise DataError("A model object is fitted by method='ml', without `loss`, `field_error` and `aid`.")
+    if on_trace := is_traced(m, model, field, conditions):
+        norm, dip = _norm_and_dip(field, inclination)
+    else:
+        m, norm, dip = checked(m, method, "auto", field, loss, inclination, "bic", 0.0, field_error)
+    return fit_model(m, model, norm, dip, conditions, limits, on_trace)
+
+
+def _norm_and_dip(field: Any, inclination: Any) -> tuple[Any, float]:
+    norm, dip = (jnp.linalg.norm(jnp.atleast_1d(field)), None) if isinstance(field, jax.Array) else field_of(field)
+    return norm, next(angle for angle in (inclination, dip, INCLINATION) if angle is not None)
+
+
+def traced(m: Any, kind: str, field: Any, inclination: Any, refused: list[str]) -> MagFit:
+    """The fit under `jit`, `vmap` and `grad`: of a given kind by maximum likelihood, not judged."""
+    if kind not in SOLID or refused:
+        said = ", ".join(f"`{name}`" for name in refused) or f"model={kind!r}"
+        raise DataError(
+            f"A traced fit has its structure fixed by model='sphere', 'diagonal' or 'symmetric' and method='ml'; {said} is decided on the "
+            "host. Leave it out, or call `fit` outside of jit, vmap and grad."
+        )
+    if m.ndim != 2 or m.shape[1] != 3 or len(m) <= COUNT[kind]:
+        raise DataError(f"The readings have shape {m.shape}; model {kind!r} needs (n, 3) with at least {COUNT[kind] + 1} rows.")
+    norm, dip = _norm_and_dip(field, inclination)
+    return dataclasses.replace(
+        _refusal("ml", dip, NOT_JUDGED), verdict="not judged", kind=kind, used=len(m), **_calibrated(m, norm, kind, dip)
+    )
+
+
+def _pure(m: Any, norm: Any, kind: str, dip: float) -> dict[str, Any]:
+    """What a traced fit knows, from the readings and the norm of the field."""
+    frame = Frame.of(m)
+    found = estimate(frame.scaled(m), kind)
+    size = radius_of(found.shape) if norm is None else norm / frame.scale
+    covariance = covariance_of(found, frame)
+    return {
+        "model": model_of(found.shape, found.centre, frame, size), "covariance": covariance, "residual": found.distance * frame.scale,
+        "heading_error": heading_error(found.shape / frame.scale**2, covariance, dip), "noise": found.noise * frame.scale,
+        "field": size * frame.scale,
+    }  # fmt: skip
+
+
+# Many fits run one after another, each in as few steps as it needs: a batch would take as many as the slowest, and stands still now and
+# then in LAPACK. A batch of derivatives is one all the same, as `custom_vmap` has none.
+@functools.partial(jax.custom_jvp, nondiff_argnums=(2, 3))
+def _calibrated(m: Any, norm: Any, kind: str, dip: float) -> dict[str, Any]:
+    return jax.custom_batching.sequential_vmap(lambda m, norm: _pure(m, norm, kind, dip))(m, norm)
+
+
+@_calibrated.defjvp
+def _(kind: str, dip: float, primals: tuple, tangents: tuple) -> tuple:
+    return jax.jvp(lambda m, norm: _pure(m, norm, kind, dip), primals, tangents)
+
+
+def _refusal(method: str, dip: float, reason: str) -> MagFit:
     """A fit without a model."""
     return MagFit(
         model=None, covariance=np.full((9, 9), np.inf), heading_error=np.full(2, np.inf), coverage=None, residual=np.zeros(0), noise=np.inf,

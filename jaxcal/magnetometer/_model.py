@@ -36,6 +36,13 @@ class MagModel(eqx.Module):
     soft_iron: Any
     hard_iron: Any
 
+    def __init_subclass__(cls, **options: Any) -> None:
+        """Methods of a subclass run in float64 on the host, as those here do."""
+        super().__init_subclass__(**options)
+        for name in ("measure", "correct"):
+            if name in vars(cls):
+                setattr(cls, name, host_float64(vars(cls)[name]))
+
     @host_float64
     def measure(self, h: Any) -> AnyArray:
         """Readings C h + b in the true fields `h` (3,) or (n, 3), in the unit of the hard iron."""

@@ -10,11 +10,11 @@ from .._errors import DataError
 from .._precision import host_float64
 from .._types import AnyArray, Array
 from ..fitting import covariance, solve
-from ._align import array
-from ._distance import signed_distance
+from ._ellipsoid._algebraic import Frame
+from ._ellipsoid._distance import signed_distance
+from ._ellipsoid._orthogonal import padded
 from ._model import MagModel
-from ._orthogonal import padded
-from ._quadric import Frame
+from ._rotation._align import array
 
 
 class Kept(eqx.Module):

@@ -5,10 +5,13 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
+import scipy.stats
 
 from .._results import NORMAL95, Result, Row
 from .._types import AnyArray
 from ._model import MagModel
+
+NOT_JUDGED = "The fit was traced: nothing was chosen and nothing is judged. Call `fit` outside of jit, vmap and grad for a verdict."
 
 
 class MagFit(Result):
@@ -28,7 +31,8 @@ class MagFit(Result):
     coverage : `Coverage` of the corrected readings; None without a model.
     residual : (n,) orthogonal distance of each reading to the ellipsoid, in the unit of the readings, positive outside.
     noise : standard deviation of one axis of a reading, in its unit.
-    verdict : "good", "weak" or "refused".
+    verdict : "good", "weak" or "refused"; "not judged" under `jit`, `vmap` and `grad`, where coverage, outliers, `needed` and
+        `condition` are left empty.
     reason : one sentence or more.
     field : norm of the corrected field: as given, or the cube root of the product of the ellipsoid's semi-axes.
     outliers : indices of readings more than four robust standard deviations off, or weighted below one half.
@@ -43,6 +47,7 @@ class MagFit(Result):
     field_error : relative standard deviation with which the given field took part in the fit; None where it only scales.
     penalty : weight of the penalty on directions in a corner of the sphere; zero where the readings alone decided.
     joint : whether norms and the other sensor were fitted together; then `heading_error` has what ellipsoid and rotation have in common.
+    values : of the parameters in `names`; `parameters` and `interval` have them by name.
     method, kind : name of the method; "sphere", "diagonal", "symmetric", or in a plane "circle" and "ellipse".
     """
 
@@ -51,8 +56,8 @@ class MagFit(Result):
     heading_error: AnyArray
     coverage: Any
     residual: AnyArray
-    noise: float
-    field: float
+    noise: float | AnyArray
+    field: float | AnyArray
     outliers: AnyArray
     used: int
     needed: AnyArray
@@ -69,6 +74,26 @@ class MagFit(Result):
     penalty: float = 0.0
     field_error: float | None = None
     joint: bool = eqx.field(static=True, default=False)
+    values: AnyArray = eqx.field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Value of each parameter by its name, in the units of the readings."""
+        values = np.asarray(self.values)
+        if self.model is not None and not len(values):
+            matrix, hard = np.linalg.inv(np.asarray(self.model.soft_iron)) / self.field, np.asarray(self.model.hard_iron)
+            shape, basis = matrix.T @ matrix, np.eye(3) if self.plane is None else np.asarray(self.plane)[:2]
+            shape, j = basis @ shape @ basis.T, [(0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)][: 6 if self.plane is None else 3]
+            values = np.concatenate([shape[tuple(np.transpose(j))], basis @ hard])
+        return dict(zip(self.names, values.tolist(), strict=True)) if len(values) else {}
+
+    @property
+    def interval(self) -> dict[str, tuple[float, float]]:
+        """95 % interval of each parameter by its name: (low, high), by Student's t."""
+        if self.model is None:
+            return {}
+        half = scipy.stats.t.ppf(0.975, max(self.used - len(self.names), 1)) * np.sqrt(np.diag(self.covariance))
+        return {name: (value - h, value + h) for (name, value), h in zip(self.parameters.items(), half.tolist(), strict=True)}
 
     def _rows(self) -> list[Row]:
         if self.model is None:
@@ -88,6 +113,9 @@ class MagFit(Result):
     @property
     def hard_iron_error(self) -> np.ndarray:
         """(3,) standard deviation of the hard iron, in the unit of the readings; infinite along a plane's normal."""
+        if self.plane is None and self.names and "hard_iron[0]" in self.names:
+            first = self.names.index("hard_iron[0]")
+            return np.sqrt(np.diag(self.covariance)[first : first + 3])
         if len(self.covariance) == 9:
             return np.sqrt(np.diag(self.covariance)[6:])
         if self.plane is None or not np.isfinite(self.covariance).all():

@@ -6,10 +6,10 @@ import equinox as eqx
 import numpy as np
 
 from .._errors import DataError
-from ._align import array
 from ._fit import fit
 from ._model import MagModel
 from ._result import MagFit
+from ._rotation._align import array
 
 
 def fit_several(readings: dict[str, Any], **options: Any) -> dict[str, MagFit]:
@@ -18,7 +18,7 @@ def fit_several(readings: dict[str, Any], **options: Any) -> dict[str, MagFit]:
     Parameters
     ----------
     readings : name -> (n, 3), rows at the same times.
-    options : those of `fit`. A rotation of the first sensor (`accel`, `gyro`, `headings`) is found once, and holds for all.
+    options : those of `fit`. The `aid` is that of the first sensor: its rotation is found once, and holds for all.
 
     Returns
     -------
@@ -47,11 +47,11 @@ def fit_several(readings: dict[str, Any], **options: Any) -> dict[str, MagFit]:
     arrays = {name: array(m, f"readings of {name}") for name, m in readings.items()}
     if not arrays or len({len(m) for m in arrays.values()}) > 1:
         raise DataError(f"The sensors have {[len(m) for m in arrays.values()]} readings; give rows at the same times for all.")
-    aided = {name: options.pop(name) for name in ("accel", "gyro", "rate", "headings") if name in options}
+    aid = options.pop("aid", None)
     found: dict[str, MagFit] = {}
     reference = None
     for name, m in arrays.items():
-        one = fit(m, **options, **(aided if reference is None else {}))
+        one = fit(m, **options, aid=aid if reference is None else None)
         if one.model is None:
             raise DataError(f"{name}: {one.reason}")
         y = np.asarray(one.model.correct(m)) / one.field

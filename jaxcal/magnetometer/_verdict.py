@@ -1,13 +1,15 @@
 """Good, weak or refused, and why."""
 
+from typing import Any
+
 import equinox as eqx
 import numpy as np
 import scipy.special
 
-from ._orthogonal import Found
-from ._quadric import NotEllipsoid, ellipsoid_of, extents, nearest_quadric, sampson
-from ._start import COUNT
-from ._uncertainty import Information
+from ._design._heading_error import Information
+from ._ellipsoid._algebraic import NotEllipsoid, ellipsoid_of, extents, nearest_quadric, sampson
+from ._ellipsoid._orthogonal import Found
+from ._ellipsoid._start import COUNT
 
 NEAR_PLANAR = 0.05  # smallest singular value of the centred readings, of 0.58 for a full sphere
 NEAR_PLANAR_SENTENCE = (
@@ -18,7 +20,7 @@ _MANY_OUTLIERS = 0.01
 _NOISY, _TOO_NOISY = 0.1, 0.2
 _ILL, _SINGULAR = 1000.0, 1e8
 _BY_NOISE = 0.5
-_BY_PENALTY, _DISCORD = 0.5, 3.0  # standard errors
+_BY_PENALTY, _CONFLICT = 0.5, 3.0  # standard errors
 
 
 class Judgement(eqx.Module):
@@ -64,7 +66,7 @@ def _structural(found: Found, u: np.ndarray, told: Information, planar: bool) ->
 
 
 def judge(
-    found: Found, u: np.ndarray, error: np.ndarray, told: Information, limits: tuple[float, float], loss: str | None, planar: bool,
+    found: Found, u: np.ndarray, error: np.ndarray, told: Information, limits: tuple[float, float], loss: Any, planar: bool,
     notes: list[str],
 ) -> Judgement:  # fmt: skip
     """Verdict with the sentences that lead to it, the gravest first."""
@@ -107,13 +109,13 @@ def _by_size(found: Found, error: np.ndarray, told: Information, limits, planar:
             f"{len(found.distance)} readings leave the noise uncertain by a factor of {doubt:.2g}: the heading may be wrong by "
             f"{level * doubt:.2g} degrees rms."
         )
-    if found.discord > _DISCORD:
+    if found.conflict > _CONFLICT:
         weak.append(
-            f"The field that the readings alone give is {found.discord:.2g} standard errors from the given one: its unit, the sensitivity, "
-            "or the field error is off."
+            f"The field that the readings alone give is {found.conflict:.2g} standard errors from the given one: its unit, the "
+            "sensitivity, or the field error is off."
         )
-    if found.pull > _BY_PENALTY:
-        size = f"by {found.pull:.2g} standard errors" if found.pull < 100 else "without limit"
+    if found.bias > _BY_PENALTY:
+        size = f"by {found.bias:.2g} standard errors" if found.bias < 100 else "without limit"
         weak.append(f"The readings alone leave the ellipsoid open: the penalty on small coverage moved it {size}.")
     if told.condition > _ILL:
         weak.append(f"The readings hardly determine {told.weakest} (condition number {told.condition:.0f}).")

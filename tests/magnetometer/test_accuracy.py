@@ -5,8 +5,8 @@ import pytest
 import scipy.stats
 
 from jaxcal.magnetometer import MagModel, body_field, fit, scenario
-from jaxcal.magnetometer._elementary import axes
-from jaxcal.magnetometer._uncertainty import heading_error
+from jaxcal.magnetometer._design._heading_error import heading_error
+from jaxcal.magnetometer._ellipsoid._elementary import axes
 
 from . import cases
 

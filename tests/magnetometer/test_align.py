@@ -9,10 +9,20 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from jaxcal import DataError
-from jaxcal.magnetometer import MagModel, align, body_field, fit, hard_iron_by_turning, scenario
-from jaxcal.magnetometer._aided import Poses, Turns, dip_residuals, turn_residuals
+from jaxcal.magnetometer import (
+    Accelerometer,
+    Gyroscope,
+    Headings,
+    MagModel,
+    align,
+    body_field,
+    fit,
+    hard_iron_by_turning,
+    scenario,
+)
 from jaxcal.magnetometer._attitude import rotation as attitude_matrix
-from jaxcal.magnetometer._turn import attitudes_in_segments, turn
+from jaxcal.magnetometer._rotation._residuals import Poses, Turns, dip_residuals, turn_residuals
+from jaxcal.magnetometer._rotation._segments import attitudes_in_segments, turn
 
 from . import cases
 
@@ -47,7 +57,7 @@ def test_furbrain_dips_are_no_wider_than_listed(reference):
         m = np.array(shots["mag"]) * [1, 1, -1]
         gravity = np.array(shots["grav"])[:, [1, 0, 2]] * [-1, -1, 1]
         up = fit(gravity, model="symmetric").model.correct(gravity)
-        found = fit(m, model="symmetric", accel=up).alignment
+        found = fit(m, model="symmetric", aid=Accelerometer(up)).alignment
         assert np.rad2deg(found.spread) == pytest.approx([before, after], abs=6e-4)
         assert np.rad2deg(found.angle) == pytest.approx(angle, abs=6e-3)
         assert np.rad2deg(found.spread[1]) <= recorded[name]["dip_std_rotation_aligned_deg"]
@@ -58,7 +68,7 @@ def test_the_accelerometer_finds_the_turn_and_the_dip_as_well_as_it_says():
     away, dips = [], []
     for seed in range(40):
         _, m, up = poses(60, 0.01, seed)
-        found = align(m, cases.MILD, accel=up)
+        found = align(m, cases.MILD, Accelerometer(up))
         off = recovered(found)
         away.append(off @ np.linalg.solve(found.covariance, off))
         dips.append(found.dip - cases.DIP)
@@ -70,7 +80,7 @@ def test_the_accelerometer_finds_the_turn_and_the_dip_as_well_as_it_says():
 
 def test_fit_puts_the_turn_into_the_model():
     _, m, up = poses(200, 0.002, 0)
-    found, bare = fit(m, field=1.0, accel=up), fit(m, field=1.0)
+    found, bare = fit(m, field=1.0, aid=Accelerometer(up)), fit(m, field=1.0)
     assert found.verdict == "good"
     assert found.alignment.source == "accel"
     np.testing.assert_allclose(found.model.soft_iron, TURNED.soft_iron, atol=4e-3)
@@ -79,17 +89,17 @@ def test_fit_puts_the_turn_into_the_model():
     assert cases.rms(cases.heading_errors(bare.model, TURNED, 1.0)) > 2.0
     assert bare.alignment is None
     assert found.heading_error[0] > bare.heading_error[0]
-    wrong = fit(m, field=np.array([np.cos(cases.DIP), 0, np.sin(cases.DIP)]), accel=-up)
+    wrong = fit(m, field=np.array([np.cos(cases.DIP), 0, np.sin(cases.DIP)]), aid=Accelerometer(-up))
     assert "give it negated" in wrong.warnings[-1]
 
 
 def test_level_poses_leave_the_turn_about_the_vertical_open():
     level = np.stack([np.arange(12) * np.pi / 6, np.zeros(12), np.zeros(12)], axis=1)
     up = np.tile([0.0, 0.0, -9.81], (12, 1))
-    found = align(TURNED.measure(body_field(level)), cases.MILD, accel=up)
+    found = align(TURNED.measure(body_field(level)), cases.MILD, Accelerometer(up))
     assert found.verdict == "refused"
     assert "do not determine the rotation" in found.reason
-    kept = fit(TURNED.measure(body_field(scenario("all", samples=12))), model="sphere", accel=up)
+    kept = fit(TURNED.measure(body_field(scenario("all", samples=12))), model="sphere", aid=Accelerometer(up))
     assert kept.alignment.verdict == "refused"
     assert "was not found" in kept.reason
 
@@ -97,11 +107,11 @@ def test_level_poses_leave_the_turn_about_the_vertical_open():
 def test_axes_that_are_exchanged():
     _, m, up = poses(60, 0.001, 0)
     swapped = up[:, [1, 2, 0]]  # x of the new frame is y of the old
-    found = align(m, cases.MILD, accel=swapped, mounting="any")
+    found = align(m, cases.MILD, Accelerometer(swapped, mounting="any"))
     assert found.verdict == "good"
     np.testing.assert_allclose(found.rotation @ np.eye(3)[[1, 2, 0]], TURN, atol=2e-3)
     assert found.angle < np.deg2rad(5)
-    assert align(m, cases.MILD, accel=up, dip=cases.DIP).angle == pytest.approx(np.linalg.norm(VECTOR), abs=2e-3)
+    assert align(m, cases.MILD, Accelerometer(up, dip=cases.DIP)).angle == pytest.approx(np.linalg.norm(VECTOR), abs=2e-3)
 
 
 def tumble(rate, seconds, bias, sigma, seed):
@@ -124,7 +134,7 @@ def tumble(rate, seconds, bias, sigma, seed):
 def test_the_gyroscope_finds_the_turn_and_its_own_bias():
     bias = np.array([0.01, -0.02, 0.005])
     m, rates = tumble(50.0, 40.0, bias, 0.005, 0)
-    found = align(m, cases.MILD, gyro=rates, rate=50.0)
+    found = align(m, cases.MILD, Gyroscope(rates, 50.0))
     assert found.verdict == "good"
     off = recovered(found)
     assert off @ np.linalg.solve(found.covariance, off) < 16.3  # chi-square of three degrees, 99.9 %
@@ -132,7 +142,7 @@ def test_the_gyroscope_finds_the_turn_and_its_own_bias():
     # what is left is the noise of a reading, 0.005 in each of the two directions across the field
     assert found.spread[1] == pytest.approx(0.005, rel=0.15)
     assert found.spread[0] > 3 * found.spread[1]
-    whole = fit(m, field=1.0, gyro=rates, rate=50.0)
+    whole = fit(m, field=1.0, aid=Gyroscope(rates, 50.0))
     np.testing.assert_allclose(whole.model.soft_iron, TURNED.soft_iron, atol=5e-3)
 
 
@@ -140,7 +150,7 @@ def test_a_gap_in_the_rates_ends_a_segment():
     m, rates = tumble(50.0, 40.0, 0.0, 0.0, 0)
     rates[300:320] = np.nan
     m[500] = np.nan
-    found = align(m, cases.MILD, gyro=rates, rate=50.0)
+    found = align(m, cases.MILD, Gyroscope(rates, 50.0))
     assert found.used == 2000 - 21
     assert np.linalg.norm(recovered(found)) < 2e-4
 
@@ -164,34 +174,33 @@ def test_known_headings_find_the_turn():
     attitudes, m, up = poses(40, 0.002, 1)
     gentle = np.abs(attitudes[:, 1]) < 1.2
     headings = np.where(gentle, attitudes[:, 0] + 0.1, np.nan)
-    found = align(m, cases.MILD, headings=headings, accel=up, declination=0.1)
+    found = align(m, cases.MILD, Headings(headings, accel=up, declination=0.1))
     off = recovered(found)
     assert off @ np.linalg.solve(found.covariance, off) < 25
     assert np.linalg.norm(off) < np.deg2rad(0.5)
     # level poses alone do, too: the dip turns a tilt of the sensor into a heading error that goes round with the heading
     level = np.stack([np.arange(12) * np.pi / 6, np.zeros(12), np.zeros(12)], axis=1)
-    alone = align(TURNED.measure(body_field(level)), cases.MILD, headings=level[:, 0])
+    alone = align(TURNED.measure(body_field(level)), cases.MILD, Headings(level[:, 0]))
     assert np.linalg.norm(recovered(alone)) < 1e-6
     assert alone.spread[1] < 1e-9 < 0.03 < alone.spread[0]
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("aid", "words"),
     [
-        ({}, "Give one of"),
-        ({"accel": np.ones((4, 3))}, "one for each reading"),
-        ({"accel": np.ones(3)}, "expected .n, 3."),
-        ({"gyro": np.ones((8, 3))}, "give `rate`"),
-        ({"gyro": np.ones((8, 3)), "accel": np.ones((8, 3))}, "Give one of"),
-        ({"headings": np.ones(4)}, "one for each of 8"),
-        ({"headings": np.full(8, np.nan)}, "0 known headings are left"),
-        ({"accel": np.full((8, 3), np.nan)}, "0 poses at rest"),
-        ({"accel": np.ones((8, 3)), "mounting": "odd"}, "no mounting 'odd'"),
+        (lambda: None, "give Accelerometer"),
+        (lambda: Accelerometer(np.ones((4, 3))), "one for each reading"),
+        (lambda: Accelerometer(np.ones(3)), "expected .n, 3."),
+        (lambda: Gyroscope(np.ones((8, 3)), 0.0), "a positive `rate`"),
+        (lambda: Headings(np.ones(4)), "one for each of 8"),
+        (lambda: Headings(np.full(8, np.nan)), "0 known headings are left"),
+        (lambda: Accelerometer(np.full((8, 3), np.nan)), "0 poses at rest"),
+        (lambda: Accelerometer(np.ones((8, 3)), mounting="odd"), "no mounting 'odd'"),
     ],
 )
-def test_bad_input_is_an_error_that_says_so(options, words):
+def test_bad_input_is_an_error_that_says_so(aid, words):
     with pytest.raises(DataError, match=words), np.errstate(all="ignore"):
-        align(cases.directions(8, 0), PLAIN, **options)
+        align(cases.directions(8, 0), PLAIN, aid())
 
 
 def test_turn_is_the_exponential_and_has_a_derivative_at_zero():

@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from jaxcal import DataError
-from jaxcal.magnetometer import MagModel, aligned, fit
-from jaxcal.magnetometer._joint import Pairs
+from jaxcal.magnetometer import Accelerometer, Gyroscope, Headings, MagModel, aligned, fit
+from jaxcal.magnetometer._rotation._joint import Pairs
 
 from . import cases
 
@@ -54,7 +54,7 @@ def log(kind, seed, sigma=NOISE, exact=False):
 
 def sensors(made):
     m, gyro, accel = made
-    return m, {"gyro": {"gyro": gyro, "rate": RATE}, "accel": {"accel": accel}}
+    return m, {"gyro": Gyroscope(gyro, RATE), "accel": Accelerometer(accel)}
 
 
 def heading_error(model):
@@ -71,7 +71,7 @@ def off(model):
 @pytest.mark.parametrize(("kind", "name"), [("cap", "gyro"), ("all", "accel")])
 def test_exact_data_give_the_whole_soft_iron_and_the_hard_iron(kind, name):
     m, other = sensors(log(kind, 0, sigma=0.0, exact=True))
-    found = fit(m, field=1.0, joint=True, **other[name])
+    found = fit(m, field=1.0, joint=True, aid=other[name])
     np.testing.assert_allclose(found.model.soft_iron, SENSOR.soft_iron, atol=1e-6)
     np.testing.assert_allclose(found.model.hard_iron, SENSOR.hard_iron, atol=1e-6)
     assert (found.verdict, found.joint, found.kind) == ("good", True, "symmetric")
@@ -88,7 +88,7 @@ def partial():
     for seed in range(12):
         m, other = sensors(log("tilt", seed))
         for name, options in other.items():
-            found[name].append((fit(m, **options), fit(m, joint=True, **options)))
+            found[name].append((fit(m, aid=options), fit(m, joint=True, aid=options)))
     return found
 
 
@@ -132,7 +132,7 @@ def test_intervals_and_the_rotation_hold_the_truth(partial):
 def test_a_refused_fit_of_norms_is_a_start():
     """A corner of 20 degrees."""
     m, other = sensors(log("corner", 3))
-    before, found = (fit(m, model="symmetric", joint=joint, **other["gyro"]) for joint in (False, True))
+    before, found = (fit(m, model="symmetric", joint=joint, aid=other["gyro"]) for joint in (False, True))
     assert before.verdict == "refused"
     assert found.verdict == "good"
     assert heading_error(found.model) < 2 * np.rad2deg(found.heading_error[0])
@@ -143,7 +143,7 @@ def test_a_refused_fit_of_norms_is_a_start():
 )
 def test_turns_about_one_axis_leave_the_field_along_it_open(name, words, sigma):
     m, other = sensors(log("yaw", 0, sigma=sigma, exact=not sigma))
-    found = fit(m, joint=True, **other[name])
+    found = fit(m, joint=True, aid=other[name])
     assert found.verdict == "refused"
     assert words in found.reason
     if not sigma:
@@ -155,33 +155,33 @@ def test_turns_about_one_axis_leave_the_field_along_it_open(name, words, sigma):
 
 def test_rates_that_contradict_the_readings():
     m, other = sensors(log("all", 0))
-    found = fit(m, joint=True, gyro=-other["gyro"]["gyro"], rate=RATE)
+    found = fit(m, joint=True, aid=Gyroscope(-other["gyro"].gyro, RATE))
     assert found.verdict == "refused"
     assert "from where the rates put them" in found.reason
-    slow = fit(m, joint=True, gyro=0.9 * other["gyro"]["gyro"], rate=RATE)
+    slow = fit(m, joint=True, aid=Gyroscope(0.9 * other["gyro"].gyro, RATE))
     assert slow.verdict == "weak"
 
 
 def test_rows_without_a_value_and_a_known_dip():
     m, other = sensors(log("all", 1))
-    gyro = {**other["gyro"], "gyro": other["gyro"]["gyro"].copy()}
-    gyro["gyro"][300:310] = np.nan
+    gyro = other["gyro"].gyro.copy()
+    gyro[300:310] = np.nan
     m[500] = np.nan
     there = np.isfinite(m).all(axis=1)
-    found = aligned(fit(m[there], field=1.0), m, joint=True, **gyro)
+    found = aligned(fit(m[there], field=1.0), m, Gyroscope(gyro, RATE), joint=True)
     assert found.used == COUNT - 1
     assert found.alignment.used == COUNT - 11
     np.testing.assert_allclose(found.model.soft_iron, SENSOR.soft_iron, atol=4e-3)
     assert found.field == pytest.approx(1.0, abs=1e-12)
-    known = aligned(fit(m[there], field=1.0), m[there], joint=True, accel=other["accel"]["accel"][there], dip=cases.DIP)
+    known = aligned(fit(m[there], field=1.0), m[there], Accelerometer(other["accel"].accel[there], dip=cases.DIP), joint=True)
     assert known.alignment.dip == pytest.approx(cases.DIP, abs=1e-12)
 
 
 def test_long_logs_are_thinned_after_the_rates_are_integrated():
     m, other = sensors(log("all", 2))
     # the same turns, sampled 21 times as often with all in between: only some readings can be fitted
-    m, gyro = np.repeat(m, 21, axis=0), np.repeat(other["gyro"]["gyro"], 21, axis=0)
-    found = fit(m, field=1.0, joint=True, gyro=gyro, rate=21 * RATE, per_direction=8)
+    m, gyro = np.repeat(m, 21, axis=0), np.repeat(other["gyro"].gyro, 21, axis=0)
+    found = fit(m, field=1.0, joint=True, aid=Gyroscope(gyro, 21 * RATE), per_direction=8)
     assert 513 <= found.used <= 1000
     assert len(found.residual) == len(m)
     assert off(found.model) < 0.01
@@ -190,22 +190,19 @@ def test_long_logs_are_thinned_after_the_rates_are_integrated():
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({}, "needs `accel`, or `gyro`"),
-        ({"accel": 1, "gyro": 1, "rate": 5.0}, "and not both"),
-        ({"gyro": 1}, "give `rate`"),
-        ({"accel": 1, "headings": np.ones(50)}, "headings are aligned to after"),
-        ({"accel": 1, "method": "consistent"}, "leave out method='consistent'"),
-        ({"accel": 1, "model": "planar"}, "leave out model='planar'"),
-        ({"accel": 1, "loss": "huber"}, "no robust loss"),
-        ({"accel": 1, "model": "sphere"}, "leave out model='sphere'"),
-        ({"accel": 1, "field": 1.0, "field_error": 0.01}, "leave out the field error"),
+        ({"aid": None}, "needs an `aid`"),
+        ({"aid": Headings(np.ones(50))}, "headings are aligned to after"),
+        ({"method": "consistent"}, "leave out method='consistent'"),
+        ({"model": "planar"}, "leave out model='planar'"),
+        ({"loss": "huber"}, "no robust loss"),
+        ({"model": "sphere"}, "leave out model='sphere'"),
+        ({"field": 1.0, "field_error": 0.01}, "leave out the field error"),
     ],
 )
 def test_bad_options_are_an_error_that_says_so(options, words):
     rows = cases.directions(50, 0)
-    options = {name: rows if name in ("accel", "gyro") else value for name, value in options.items()}
     with pytest.raises(DataError, match=words):
-        fit(rows, joint=True, **options)
+        fit(rows, joint=True, **{"aid": Accelerometer(rows), **options})
 
 
 def test_residuals_compiled_and_their_slopes():
@@ -213,7 +210,10 @@ def test_residuals_compiled_and_their_slopes():
     m, gyro, accel = m[:40], gyro[:40], accel[:40]
     rows = np.arange(40)
     start = np.concatenate([np.eye(3)[np.triu_indices(3)], cases.MILD.hard_iron, [0.1, -0.2, 0.05]])
-    for pairs, more in ((Pairs.of(m, rows, None, gyro, RATE), np.zeros(3)), (Pairs.of(m, rows, accel, None, None), np.array([-0.8]))):
+    for pairs, more in (
+        (Pairs.of(m, rows, Gyroscope(gyro, RATE)), np.zeros(3)),
+        (Pairs.of(m, rows, Accelerometer(accel)), np.array([-0.8])),
+    ):
         data = jax.tree.map(jnp.asarray, pairs.data(m, start, np.eye(3), np.array([0.01, 0.02]), 1e-4, np.zeros(3)))
         begin = jnp.asarray(np.concatenate([start, more]))
         eager = pairs.function(begin, data)

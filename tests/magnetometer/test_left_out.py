@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jaxcal.magnetometer import MagModel, fit
-from jaxcal.magnetometer._uncertainty import _angle, grids
+from jaxcal.magnetometer._design._heading_error import _angle, grids
 
 from . import cases
 

@@ -10,7 +10,7 @@ import pytest
 import jaxcal
 from jaxcal import DataError, ExportError
 from jaxcal.magnetometer import Admission, Moments, fit
-from jaxcal.magnetometer._admission import cells
+from jaxcal.magnetometer._onboard._gate import cells
 
 from . import cases
 

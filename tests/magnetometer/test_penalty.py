@@ -7,9 +7,9 @@ import pytest
 import scipy.optimize
 
 from jaxcal.magnetometer import bootstrap, fit
-from jaxcal.magnetometer._distance import levelled_distance
-from jaxcal.magnetometer._efficiency import BASES, Penalty, half_log_det, natural_rows, shortfall
-from jaxcal.magnetometer._start import COUNT, PLANAR
+from jaxcal.magnetometer._ellipsoid._distance import corrected_distance
+from jaxcal.magnetometer._ellipsoid._penalty import BASES, Penalty, half_log_det, natural_rows, penalty_residual
+from jaxcal.magnetometer._ellipsoid._start import COUNT, PLANAR
 
 from . import cases
 
@@ -45,9 +45,9 @@ def test_the_penalty_and_its_slopes(kind):
     arrays = [jnp.asarray(x) for x in (upper, z, weight)]
     form = jax.tree.map(jnp.asarray, form)
     assert square > 0
-    for function in (shortfall, jax.jit(shortfall)):
+    for function in (penalty_residual, jax.jit(penalty_residual)):
         assert float(function(*arrays, form)) ** 2 == pytest.approx(square, rel=1e-9)
-    slope = jax.jvp(lambda u: shortfall(u, *arrays[1:], form), (arrays[0],), (jnp.eye(3),))[1]
+    slope = jax.jvp(lambda u: penalty_residual(u, *arrays[1:], form), (arrays[0],), (jnp.eye(3),))[1]
     assert float(slope) == pytest.approx(-0.5 * 0.1**2 * np.trace(by_upper) / np.sqrt(square), rel=1e-9)
 
 
@@ -80,7 +80,7 @@ def test_the_fit_is_the_minimum_of_what_it_says(known):
         z = jnp.asarray(m) - p[None, 6:] * radius
         v = z @ upper.T
         rows = natural_rows(v / jnp.linalg.norm(v, axis=1, keepdims=True), jnp)
-        distance = levelled_distance(upper.T @ upper, z, jnp.asarray(0.0))
+        distance = corrected_distance(upper.T @ upper, z, jnp.asarray(0.0))
         off = (jnp.linalg.slogdet(upper)[1] / 3 + np.log(known["field"])) / known["field_error"] if known else 0.0
         return jnp.sum(distance**2) / (2 * found.noise**2) - jnp.linalg.slogdet(rows.T @ rows / len(m))[1] / 2 + off**2 / 2
 

@@ -6,7 +6,7 @@ import pytest
 
 from jaxcal import DataError
 from jaxcal.magnetometer import MagModel, body_field, fit, plan, predict, scenario
-from jaxcal.magnetometer._plan import _directions, _slope, _weights
+from jaxcal.magnetometer._design._plan import _directions, _slope, _weights
 
 from . import cases
 

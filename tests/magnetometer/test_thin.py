@@ -5,10 +5,10 @@ import pytest
 
 from jaxcal import DataError
 from jaxcal.magnetometer import fit
-from jaxcal.magnetometer._choice import candidates
-from jaxcal.magnetometer._coverage import bins
-from jaxcal.magnetometer._quadric import Frame
-from jaxcal.magnetometer._thin import thinned
+from jaxcal.magnetometer._design._coverage import bins
+from jaxcal.magnetometer._ellipsoid._algebraic import Frame
+from jaxcal.magnetometer._ellipsoid._select import candidates
+from jaxcal.magnetometer._ellipsoid._subsample import thinned
 
 from . import cases
 

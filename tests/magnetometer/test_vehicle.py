@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from jaxcal import DataError
 from jaxcal.magnetometer import (
+    Accelerometer,
     MagModel,
     body_field,
     earth_field,
@@ -122,7 +123,7 @@ def test_several_sensors_end_in_the_axes_of_the_first():
     rng, turn = np.random.default_rng(0), Rotation.from_rotvec([0.1, 1.5, -0.3]).as_matrix()
     other = MagModel(turn @ np.asarray(cases.MILD.soft_iron), np.array([3.0, 0.0, 1.0]))
     readings = {name: s.measure(field) + 0.002 * rng.normal(size=field.shape) for name, s in (("mast", cases.MILD), ("hull", other))}
-    found = fit_several(readings, field=1.0, accel=up)
+    found = fit_several(readings, field=1.0, aid=Accelerometer(up))
     for name, m in readings.items():
         np.testing.assert_allclose(found[name].model.correct(m), field, atol=0.015)
     assert found["mast"].alignment.verdict == "good"

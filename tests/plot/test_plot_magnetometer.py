@@ -6,7 +6,7 @@ import pytest
 import jaxcal
 from jaxcal import DataError
 from jaxcal.magnetometer import body_field, fit, heading_uncertainty, scenario
-from jaxcal.magnetometer._coverage import middles
+from jaxcal.magnetometer._design._coverage import middles
 
 M = body_field(scenario("all"), 50e-6) + np.array([2e-5, -1e-5, 0]) + 2e-7 * np.random.default_rng(0).normal(size=(360, 3))
 

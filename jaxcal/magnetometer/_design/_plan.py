@@ -9,11 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 import scipy.optimize
 
-from .._errors import DataError
-from .._precision import host_float64
-from .._types import AnyArray, Array
-from ._attitude import INCLINATION
-from ._uncertainty import grids, heading_slopes
+from ..._errors import DataError
+from ..._precision import host_float64
+from ..._types import AnyArray, Array
+from .._attitude import INCLINATION
+from ._heading_error import grids, heading_slopes
 
 _STARTS = 4
 _FEWEST = 10

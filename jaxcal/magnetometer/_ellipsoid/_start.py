@@ -1,12 +1,14 @@
 """Where the iterative fits start: the best algebraic fit that gives an ellipsoid, and one that outliers do not carry off."""
 
 import functools
+from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 
-from . import _quadric
+from ..._precision import array_module
+from ._algebraic import NOT_ELLIPSOID, NotEllipsoid, algebraic, ellipse, li_griffiths, linear, shape_of
 from ._consistent import consistent
-from ._quadric import NotEllipsoid
 
 _ENOUGH_FOR_ADJUSTED = 30
 _SUBSETS = 200
@@ -36,46 +38,50 @@ def padded_length(count: int) -> int:
     return max(_SMALLEST_PAD, 1 << max(count - 1, 0).bit_length())
 
 
+#: where (U_11, U_12, U_13, U_22, U_23, U_33, b) stand among the nine entries of U and the centre
+_PLACE = (0, 1, 2, 4, 5, 8, 9, 10, 11)
+
+
 @functools.cache
 def basis_of(kind: str) -> np.ndarray:
-    """(9, 9) from the parameters of a kind, filled up with zeros, to the upper triangle and the centre."""
-    basis = np.zeros((9, 9))
+    """(12, 9) from the parameters of a kind, filled up with zeros, to the entries of U and the centre."""
+    basis = np.zeros((12, 9))
     for column, rows in enumerate(_MOVES[kind]):
-        basis[list(rows), column] = 1.0
+        basis[[_PLACE[row] for row in rows], column] = 1.0
     basis.flags.writeable = False
     return basis
 
 
-def parameters_of(kind: str, shape: np.ndarray, centre: np.ndarray) -> np.ndarray:
+def parameters_of(kind: str, shape: Any, centre: Any) -> Any:
     """Nearest parameters of a kind to a shape matrix and centre, filled up with zeros."""
+    xp = array_module(shape)
     if kind == "diagonal":
-        upper = np.diag(np.sqrt(np.diag(shape)))
+        upper = xp.diag(xp.sqrt(xp.diag(shape)))
     elif kind == "sphere":
-        upper = np.eye(3) * np.linalg.det(shape) ** (1 / 6)
+        upper = xp.eye(3) * xp.linalg.det(shape) ** (1 / 6)
     elif kind == "circle":
-        upper = np.eye(3) * np.linalg.det(shape[:2, :2]) ** 0.25
+        upper = xp.eye(3) * xp.linalg.det(shape[:2, :2]) ** 0.25
     else:
-        upper = np.linalg.cholesky(shape).T
-    full = np.concatenate([upper[np.triu_indices(3)], centre])
-    found = np.zeros(9)
-    found[: COUNT[kind]] = [full[rows[0]] for rows in _MOVES[kind]]
-    return found
+        upper = xp.linalg.cholesky(shape).T
+    full = xp.concatenate([upper.ravel(), centre])
+    first = np.array([_PLACE[rows[0]] for rows in _MOVES[kind]])
+    return xp.concatenate([full[first], xp.zeros(9 - len(first))])
 
 
 def _attempts(u: np.ndarray, kind: str):
     if kind == "symmetric":
         if len(u) >= _ENOUGH_FOR_ADJUSTED:
             yield lambda: consistent(u)[:2]
-        yield lambda: _quadric.trace(u)
-        yield lambda: _quadric.li_griffiths(u)
+        yield lambda: algebraic(u)
+        yield lambda: li_griffiths(u)
     if kind == "diagonal":
-        yield lambda: _quadric.diagonal(u)
+        yield lambda: algebraic(u, "diagonal")
     if kind in PLANAR:
         if kind == "ellipse":
-            yield lambda: _quadric.ellipse(u)
-        yield lambda: _quadric.circle(u)
+            yield lambda: ellipse(u)
+        yield lambda: algebraic(u, "circle")
     else:
-        yield lambda: _quadric.sphere(u)
+        yield lambda: algebraic(u, "sphere")
 
 
 def start(u: np.ndarray, kind: str) -> tuple[np.ndarray, np.ndarray]:
@@ -86,7 +92,19 @@ def start(u: np.ndarray, kind: str) -> tuple[np.ndarray, np.ndarray]:
             return attempt()
         except NotEllipsoid as error:
             reason = reason or error
-    raise reason or NotEllipsoid(_quadric.NOT_ELLIPSOID.format("quadric of another kind"))
+    raise reason or NotEllipsoid(NOT_ELLIPSOID.format("quadric of another kind"))
+
+
+def traced_start(u: Any, kind: str) -> Any:
+    """Parameters of the linear algebraic fit, or where that is no ellipsoid of the sphere: `start` without a choice on the host."""
+    best, sphere = (shape_of(linear(u, which)) for which in (kind, "sphere"))
+    values = jnp.linalg.eigvalsh(jnp.where(jnp.isfinite(best[0]), best[0], -1.0))
+    good = (values[0] > 1e-6 * values[-1]) & jnp.all(jnp.isfinite(best[1]))
+    # the sphere is one about the readings' mean where it has no real points
+    real = sphere[0][0, 0] > 0
+    round_ = (jnp.where(real, sphere[0], jnp.eye(3, dtype=u.dtype)), jnp.where(real, sphere[1], 0.0))
+    shape, centre = (jnp.where(good, a, b) for a, b in zip(best, round_, strict=True))
+    return parameters_of(kind, shape, centre)
 
 
 def away(found: tuple[np.ndarray, np.ndarray], u: np.ndarray) -> np.ndarray:
@@ -97,25 +115,16 @@ def away(found: tuple[np.ndarray, np.ndarray], u: np.ndarray) -> np.ndarray:
     return np.abs((r - 1) * r) / np.maximum(np.linalg.norm(normal, axis=1), 1e-12)
 
 
-_PLAIN = {
-    "sphere": _quadric.sphere,
-    "diagonal": _quadric.diagonal,
-    "symmetric": _quadric.trace,
-    "circle": _quadric.circle,
-    "ellipse": _quadric.ellipse,
-}
-
-
 def robust_start(u: np.ndarray, kind: str) -> tuple[np.ndarray, np.ndarray]:
     """Fit of least median distance: random subsets, the best of them refitted to the nearer half until it settles.
 
     P. J. Rousseeuw and K. Van Driessen, Technometrics 41 (1999) 212 (the concentration steps).
     """
-    rng, half, fit = np.random.default_rng(0), (len(u) + COUNT[kind] + 1) // 2, _PLAIN[kind]
+    rng, half = np.random.default_rng(0), (len(u) + COUNT[kind] + 1) // 2
 
     def attempt(readings):
         try:
-            found = fit(readings)
+            found = ellipse(readings) if kind == "ellipse" else algebraic(readings, kind)
         except (NotEllipsoid, np.linalg.LinAlgError):
             return []
         return [(float(np.median(away(found, u))), found)]

@@ -5,9 +5,9 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
-from .._errors import DataError
-from .._types import AnyArray
-from ._align import array
+from ..._errors import DataError
+from ..._types import AnyArray
+from .._rotation._align import array
 
 CELLS, MOST, APART = 96, 32, 0.05
 

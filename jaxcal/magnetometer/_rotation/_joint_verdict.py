@@ -7,9 +7,10 @@ import equinox as eqx
 import jax
 import numpy as np
 
+from .._design._heading_error import WORDS, grids, grids_across, rms
+from .._ellipsoid._algebraic import triangle
+from .._ellipsoid._shape import ENTRIES, root, root_slopes
 from ._joint_residuals import CENTRE, TURN
-from ._quadric import triangle
-from ._uncertainty import ENTRIES, WORDS, grids, grids_across, rms, root, root_slopes
 
 _ALL = (*WORDS, "rotation about x", "rotation about y", "rotation about z")
 _OPEN = 1e-8  # smallest singular value, of the largest

@@ -4,9 +4,9 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from .._types import Any, Array
-from ._heading import heading
-from ._turn import turn
+from ..._types import Any, Array
+from .._heading import heading
+from ._segments import turn
 
 
 class Poses(eqx.Module):

@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._types import Array, Float
+from ..._types import Array, Float
 from ._start import COUNT, PLANAR_ROWS
 
 #: from the changes of a kind to the six entries of A and the centre
@@ -47,7 +47,7 @@ class Penalty(eqx.Module):
 
     basis : (9, 9) columns of `BASES`, filled up with zeros; idle : (9,) one for those.
     top : a bound of log det M; strength : w times the variance of a distance.
-    size : logarithm of the mean semi-axis; firmness : standard deviation of a distance over that of `size`, zero where it is open.
+    size : logarithm of the mean semi-axis; strength_of_size : standard deviation of a distance over that of `size`, zero where it is open.
     """
 
     basis: Any
@@ -55,7 +55,7 @@ class Penalty(eqx.Module):
     top: Any
     strength: Any
     size: Any
-    firmness: Any
+    strength_of_size: Any
 
     @staticmethod
     def of(kind: str, noise: float, weight: float, size: Size | None = None) -> "Penalty":
@@ -67,14 +67,14 @@ class Penalty(eqx.Module):
         return Penalty(basis, (np.arange(9) >= count).astype(float), count * np.log(_MOST / count), weight * noise**2, *known)
 
 
-def shortfall(upper: Float[Array, "3 3"], z: Float[Array, "n 3"], weight: Float[Array, " n"], penalty: Penalty) -> Float[Array, ""]:
+def penalty_residual(upper: Float[Array, "3 3"], z: Float[Array, "n 3"], weight: Float[Array, " n"], penalty: Penalty) -> Float[Array, ""]:
     """Residual whose square is strength (top - log det M), for the directions U z."""
     return jnp.sqrt(penalty.strength) * jnp.sqrt(penalty.top - 2 * _half_log_det(upper, z, weight, penalty.basis, penalty.idle))
 
 
-def misfit(upper: Float[Array, "3 3"], penalty: Penalty) -> Float[Array, ""]:
+def size_residual(upper: Float[Array, "3 3"], penalty: Penalty) -> Float[Array, ""]:
     """Residual of the prior of the size: the mean semi-axis is the cube root of 1/det U."""
-    return penalty.firmness * (-jnp.sum(jnp.log(jnp.abs(jnp.diagonal(upper)))) / 3 - penalty.size)
+    return penalty.strength_of_size * (-jnp.sum(jnp.log(jnp.abs(jnp.diagonal(upper)))) / 3 - penalty.size)
 
 
 @jax.custom_jvp

@@ -5,11 +5,11 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
-from .._errors import DataError
-from .._precision import host_float64
-from .._types import AnyArray
+from ..._errors import DataError
+from ..._precision import host_float64
+from ..._types import AnyArray
 from ._align import SEGMENT, array, like
-from ._turn import attitudes_in_segments
+from ._segments import attitudes_in_segments
 
 
 class HardIron(eqx.Module):

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from ._coverage import bins
-from ._quadric import NOT_ELLIPSOID, NotEllipsoid
+from .._design._coverage import bins
+from ._algebraic import NOT_ELLIPSOID, NotEllipsoid
 
 
 def minmax(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -10,23 +10,24 @@ import jax
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from .._errors import DataError
-from .._types import AnyArray
-from ..fitting import Fit, solve
-from ._align import SEGMENT, alignment_of, array, like, still, unit
-from ._coverage import covered, sphere_grid
+from ..._errors import DataError
+from ..._types import AnyArray
+from ...fitting import Fit, solve
+from .._design._coverage import covered, sphere_grid
+from .._design._heading_error import needed
+from .._ellipsoid._algebraic import Frame, NotEllipsoid, algebraic, triangle
+from .._ellipsoid._orthogonal import CURVED, Found
+from .._ellipsoid._residuals import upper_and_centre
+from .._ellipsoid._shape import NAMES, covariance_of, root
+from .._ellipsoid._start import basis_of, padded_length
+from .._ellipsoid._subsample import LONG, all_distances, thinned
+from .._model import MagModel
+from .._result import MagFit
+from .._verdict import outliers
+from ._align import SEGMENT, Accelerometer, Gyroscope, alignment_of, array, like, still, unit
 from ._joint_residuals import CENTRE, EXTRA, TURN, JointPoses, JointTurns, joint_pose_residuals, joint_turn_residuals
 from ._joint_verdict import judged
-from ._model import MagModel
-from ._orthogonal import Found, upper_of
-from ._quadric import Frame, NotEllipsoid, sphere, triangle
-from ._refined import CURVED
-from ._result import MagFit
-from ._start import padded_length
-from ._thin import LONG, all_distances, thinned
-from ._turn import attitudes_in_segments, permutations
-from ._uncertainty import NAMES, covariance_of, needed, root
-from ._verdict import outliers
+from ._segments import attitudes_in_segments, permutations
 
 _ROUNDS, _SETTLED = 6, 3e-3
 _LEAST = 1e-11  # of a standard deviation, in scaled units: exact data have none
@@ -37,12 +38,10 @@ _PER_DIRECTION = 32
 LIMITS = (np.deg2rad(1.0), np.deg2rad(5.0))
 
 
-def checked_joint(method: str, model: str, accel: Any, gyro: Any, rate: Any, headings: Any, loss: Any, field_error: Any) -> None:
+def checked_joint(method: str, model: str, aid: Any, loss: Any, field_error: Any) -> None:
     """Options that `joint` needs, and those that it has no part in."""
-    if headings is not None or (accel is None) == (gyro is None):
-        raise DataError("A joint fit needs `accel`, or `gyro` with `rate`, and not both; known headings are aligned to after the fit.")
-    if gyro is not None and (rate is None or not rate > 0):
-        raise DataError("The gyroscope is integrated: give `rate`, the readings per second.")
+    if not isinstance(aid, Accelerometer | Gyroscope):
+        raise DataError("A joint fit needs an `aid`, Accelerometer or Gyroscope; known headings are aligned to after the fit.")
     if method != "ml":
         raise DataError(f"A joint fit is one of maximum likelihood: leave out method={method!r}, or joint.")
     if field_error is not None:
@@ -109,11 +108,11 @@ class Pairs(eqx.Module):
     step: float = 0.0
 
     @staticmethod
-    def of(m: np.ndarray, rows: np.ndarray, accel: Any, gyro: Any, rate: Any) -> "Pairs":
-        if accel is None:
-            gyro = like(gyro, m, "rates")
-            return Pairs(m, rows, gyro=gyro, rate=float(rate), step=_noise_of(gyro) / float(rate))
-        force = like(accel, m, "specific force")
+    def of(m: np.ndarray, rows: np.ndarray, aid: Accelerometer | Gyroscope) -> "Pairs":
+        if isinstance(aid, Gyroscope):
+            gyro = like(aid.gyro, m, "rates")
+            return Pairs(m, rows, gyro=gyro, rate=float(aid.rate), step=_noise_of(gyro) / float(aid.rate))
+        force = like(aid.accel, m, "specific force")
         rest = still(force)
         safe = np.where(rest[:, None], force, [0.0, 0.0, 1.0])
         return Pairs(m, rows, force=unit(safe)[rows], paired=rest[rows])
@@ -187,7 +186,7 @@ def _start_of(model: MagModel, frame: Frame, field: float) -> tuple[np.ndarray, 
 def _sphere_start(u: np.ndarray, base: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
     """A sphere with the axes merely exchanged: a rotation found with an ellipsoid that ran off is no start."""
     try:
-        shape, centre = sphere(u)
+        shape, centre = algebraic(u, "sphere")
     except NotEllipsoid:
         return None
     upper = np.eye(3) * np.linalg.det(shape) ** (1 / 6)
@@ -231,7 +230,7 @@ def _solved(u, pairs: Pairs, begin, base, noise: float, dip: float | None) -> So
 
 
 def _upper(parameters: np.ndarray) -> np.ndarray:
-    return upper_of(parameters[:9], "symmetric")[0]
+    return upper_and_centre(parameters[:9], basis_of("symmetric"))[0]
 
 
 def _mean_product(u, pairs: Pairs, begin, base) -> float:
@@ -277,9 +276,8 @@ def _shares(data: JointPoses, parameters, base) -> tuple[np.ndarray, np.ndarray]
 
 
 def jointly(
-    after: MagFit, m: Any, *, limits: tuple[float, float] = LIMITS, accel: Any = None, gyro: Any = None, rate: Any = None,
-    dip: float | None = None, rows: np.ndarray | None = None,
-) -> MagFit:  # fmt: skip
+    after: MagFit, m: Any, aid: Accelerometer | Gyroscope, *, limits: tuple[float, float] = LIMITS, rows: np.ndarray | None = None
+) -> MagFit:
     """The fit of norms and second sensor, from that of one after the other; of some `rows`, or of all that a long log needs."""
     m = array(m, "readings")
     there = np.flatnonzero(np.isfinite(m).all(axis=1))
@@ -288,7 +286,7 @@ def jointly(
         rows = there[thinned(Frame.of(whole).scaled(whole), _PER_DIRECTION, None)] if len(there) > LONG else there
     if len(rows) < _FEWEST:
         raise DataError(f"{len(rows)} readings are left for a joint fit; at least {_FEWEST} are needed, in attitudes that differ.")
-    pairs = Pairs.of(m, rows, accel, gyro, rate)
+    pairs, dip = Pairs.of(m, rows, aid), getattr(aid, "dip", None)
     frame = Frame.of(m[rows])
     u = frame.scaled(m[rows])
     begins = [_start_of(after.model, frame, after.field)]  # type: ignore[arg-type]
@@ -296,7 +294,7 @@ def jointly(
         begins.append(other)
     noise = after.noise / frame.scale
     tries = [_solved(u, pairs, *begin, noise, dip) for begin in begins]
-    return _result(after, min(tries, key=_order), frame, u, whole, limits, accel is None)
+    return _result(after, min(tries, key=_order), frame, u, whole, limits, isinstance(aid, Gyroscope))
 
 
 def _spread(found: Solution, u: np.ndarray) -> float:

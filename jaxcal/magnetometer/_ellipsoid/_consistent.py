@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import scipy.optimize
 
-from ._quadric import NOT_ELLIPSOID, NotEllipsoid, ellipsoid_of, monomials
+from ._algebraic import NOT_ELLIPSOID, NotEllipsoid, ellipsoid_of, monomials
 
 #: exponents (x, y, z) of the ten monomials
 _EXPONENTS = ((2, 0, 0), (1, 1, 0), (0, 2, 0), (1, 0, 1), (0, 1, 1), (0, 0, 2), (1, 0, 0), (0, 1, 0), (0, 0, 1), (0, 0, 0))
@@ -34,12 +34,11 @@ _PRODUCTS = [tuple(a + b for a, b in zip(*pair, strict=True)) for pair in iterto
 _PLACES = [_PRODUCTS.index(order) for order in ORDERS]
 
 
-def adjusted(u: np.ndarray, weight: np.ndarray | None = None) -> np.ndarray:
+def adjusted(u: np.ndarray) -> np.ndarray:
     """Psi0, Psi1 and Psi2 of centred and scaled readings, per reading, (3, 10, 10)."""
-    weight = np.ones(len(u)) if weight is None else weight
     # a product of two monomials is one of up to fourth order, and all of those are such products
     columns = np.concatenate(monomials(u), axis=1)
-    return psi_of((columns.T @ (weight[:, None] * columns)).ravel()[_PLACES] / weight.sum())
+    return psi_of((columns.T @ columns).ravel()[_PLACES] / len(u))
 
 
 def psi_of(moments: np.ndarray) -> np.ndarray:
@@ -47,13 +46,13 @@ def psi_of(moments: np.ndarray) -> np.ndarray:
     return _TABLE @ moments
 
 
-def consistent(u: np.ndarray, weight: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray, float]:
+def consistent(u: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     """Shape matrix, centre and noise (units of u) at the smallest noise that makes Psi singular.
 
     I. Markovsky, A. Kukush and S. Van Huffel, Numer. Math. 98 (2004) 177; V. Renaudin, M. H. Afzal and G. Lachapelle,
     J. Sensors 2010, 967245.
     """
-    return null_of(adjusted(u, weight))
+    return null_of(adjusted(u))
 
 
 def null_of(psi: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:

@@ -1,14 +1,18 @@
-"""Algebraic fits of a quadric to readings (host, NumPy): trace, Li-Griffiths and constrained; sphere, diagonal and ellipse.
+"""Algebraic fits of a quadric to readings: those of a linear constraint, traced or not; Li-Griffiths, constrained and ellipse (NumPy).
 
 A quadric is theta = [a..f | p, r, s, k] over the monomials [x^2, xy, y^2, xz, yz, z^2 | x, y, z, 1]. Every fit works on readings
 that are centred and scaled, and eliminates the linear part exactly.
 """
 
+from typing import Any
+
 import equinox as eqx
 import numpy as np
 import scipy.linalg
 
-from .._errors import FitError
+from ..._errors import FitError
+from ..._precision import array_module
+from ..._types import AnyArray
 
 NOT_ELLIPSOID = "the data do not determine an ellipsoid: the quadric nearest to the readings is a {}"
 
@@ -20,29 +24,32 @@ class NotEllipsoid(FitError):
 class Frame(eqx.Module):
     """Centring and scaling u = (m - centre) / scale of readings."""
 
-    centre: np.ndarray
-    scale: float
+    centre: AnyArray
+    scale: Any
 
     @staticmethod
-    def of(m: np.ndarray) -> "Frame":
+    def of(m: AnyArray) -> "Frame":
         centre = m.mean(axis=0)
-        return Frame(centre, float(np.sqrt(np.mean(np.sum((m - centre) ** 2, axis=1)))))
+        return Frame(centre, ((m - centre[None, :]) ** 2).sum(axis=1).mean() ** 0.5)
 
-    def scaled(self, m: np.ndarray) -> np.ndarray:
-        return (m - self.centre) / self.scale
+    def scaled(self, m: Any) -> Any:
+        return (m - self.centre[None, :]) / self.scale
 
 
-def monomials(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def monomials(u: Any) -> tuple[Any, Any]:
     """Quadratic (n, 6) and linear (n, 4) columns."""
-    x, y, z = u.T
-    one = np.ones_like(x)
-    return np.stack([x * x, x * y, y * y, x * z, y * z, z * z], axis=1), np.stack([x, y, z, one], axis=1)
+    xp, (x, y, z) = array_module(u), u.T
+    return xp.stack([x * x, x * y, y * y, x * z, y * z, z * z], axis=1), xp.stack([x, y, z, xp.ones_like(x)], axis=1)
 
 
-def matrix_of(q: np.ndarray) -> np.ndarray:
-    """Quadratic part as a symmetric matrix (the paper's printed one belongs to another order of the monomials)."""
-    a, b, c, d, e, f = q
-    return np.array([[a, b / 2, d / 2], [b / 2, c, e / 2], [d / 2, e / 2, f]])
+#: entries of a symmetric matrix from a..f; the paper's printed one belongs to another order of the monomials
+_ENTRY = np.array([[0, 1, 3], [1, 2, 4], [3, 4, 5]])
+_HALF = np.array([[1, 0.5, 0.5], [0.5, 1, 0.5], [0.5, 0.5, 1]])
+
+
+def matrix_of(q: Any) -> Any:
+    """Quadratic part as a symmetric matrix."""
+    return q[_ENTRY] * _HALF.astype(q.dtype)
 
 
 _BLOCK = 128
@@ -63,15 +70,20 @@ def extents(u: np.ndarray) -> np.ndarray:
     return np.sqrt(np.maximum(np.linalg.eigvalsh(u.T @ u / len(u))[::-1], 0.0))
 
 
-def ellipsoid_of(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Shape matrix A and centre of the quadric theta, scaled so that (u - x0)'A(u - x0) = 1."""
+def shape_of(theta: Any) -> tuple[Any, Any]:
+    """Shape matrix A and centre of the quadric theta, scaled so that (u - x0)'A(u - x0) = 1, whatever quadric it is."""
     quadratic = matrix_of(theta[:6])
+    x0 = array_module(theta).linalg.solve(quadratic, -theta[6:9] / 2)
+    return quadratic / (x0 @ quadratic @ x0 - theta[9]), x0
+
+
+def ellipsoid_of(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Shape matrix and centre of an ellipsoid; any other quadric is named."""
     with np.errstate(all="ignore"):
         try:
-            x0 = np.linalg.solve(quadratic, -theta[6:9] / 2)
+            shape, x0 = shape_of(theta)
         except np.linalg.LinAlgError:
             raise NotEllipsoid(NOT_ELLIPSOID.format("paraboloid or a cylinder")) from None
-        shape = quadratic / (x0 @ quadratic @ x0 - theta[9])
     if not (np.isfinite(shape).all() and np.isfinite(x0).all()):
         raise NotEllipsoid(NOT_ELLIPSOID.format("cone or a cylinder"))
     values = np.linalg.eigvalsh(shape)
@@ -105,22 +117,29 @@ def _admissible(scatter: np.ndarray, constraint: np.ndarray) -> np.ndarray:
     return min(pairs, key=lambda pair: pair[0])[1]
 
 
-def _weighted(u, weight):
-    first, second = monomials(u)
-    if weight is None:
-        return first, second
-    root = np.sqrt(weight)[:, None]
-    return root * first, root * second
+#: kind -> the coefficients of theta that are free; those of the squares sum to one, or with a sphere are one each
+_FREE = {
+    "symmetric": (0, 1, 2, 3, 4, 6, 7, 8, 9), "diagonal": (0, 2, 6, 7, 8, 9), "sphere": (6, 7, 8, 9), "circle": (6, 7, 9),
+}  # fmt: skip
 
 
-def trace(u: np.ndarray, weight: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Least squares under a + c + f = 1 (Petrov's ellipsoid_fit): linear, invariant to rotation and shift."""
-    first, second = _weighted(u, weight)
-    columns = np.concatenate([first[:, :5], second], axis=1)
-    columns[:, 0] -= first[:, 5]
-    columns[:, 2] -= first[:, 5]
-    a, b, c, d, e, *linear = np.linalg.lstsq(columns, -first[:, 5], rcond=None)[0]
-    return ellipsoid_of(np.array([a, b, c, d, e, 1 - a - c, *linear]))
+def linear(u: Any, kind: str) -> Any:
+    """Theta of least algebraic residual under a constraint that is linear; invariant to rotation and shift.
+
+    a + c + f = 1 for the symmetric and the diagonal kind (Y. Petrov's ellipsoid_fit), a = c = f = 1 for a sphere, and in the plane
+    z = 0 for a circle.
+    """
+    fixed, moves = np.zeros(10, u.dtype), np.eye(10, dtype=u.dtype)[:, list(_FREE[kind])]
+    fixed[[5] if kind in ("symmetric", "diagonal") else [0, 2, 5]] = 1.0
+    moves[5] = -moves[0] - moves[2]
+    xp = array_module(u)
+    columns = xp.concatenate(monomials(u), axis=1)
+    return fixed + moves @ xp.linalg.lstsq(columns @ moves, -columns @ fixed, rcond=None)[0]
+
+
+def algebraic(u: np.ndarray, kind: str = "symmetric") -> tuple[np.ndarray, np.ndarray]:
+    """Shape matrix and centre of `linear`."""
+    return ellipsoid_of(linear(u, kind))
 
 
 def li_griffiths(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -144,36 +163,6 @@ def constrained(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     scatter, rest = _eliminated(first[:, :3], np.concatenate([first[:, 3:], second], axis=1))
     q = _admissible(scatter, np.array([[0.0, 0.0, 2.0], [0.0, -1.0, 0.0], [2.0, 0.0, 0.0]]))
     return ellipsoid_of(np.concatenate([q, rest @ q]))
-
-
-def sphere(u: np.ndarray, weight: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Linear least squares of |u|^2 = 2 u'x0 + kappa."""
-    root = np.ones(len(u)) if weight is None else np.sqrt(weight)
-    columns = np.concatenate([2 * u, np.ones((len(u), 1))], axis=1) * root[:, None]
-    *x0, kappa = np.linalg.lstsq(columns, root * np.sum(u**2, axis=1), rcond=None)[0]
-    x0 = np.array(x0)
-    square = kappa + x0 @ x0
-    if not square > 0:
-        raise NotEllipsoid(NOT_ELLIPSOID.format("sphere without real points"))
-    return np.eye(3) / square, x0
-
-
-def diagonal(u: np.ndarray, weight: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Trace-constrained least squares without the mixed terms."""
-    first, second = _weighted(u, weight)
-    columns = np.concatenate([first[:, [0]] - first[:, [5]], first[:, [2]] - first[:, [5]], second], axis=1)
-    a, c, *linear = np.linalg.lstsq(columns, -first[:, 5], rcond=None)[0]
-    return ellipsoid_of(np.array([a, 0.0, c, 0.0, 0.0, 1 - a - c, *linear]))
-
-
-def circle(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The sphere fit in the plane z = 0."""
-    columns = np.concatenate([2 * u[:, :2], np.ones((len(u), 1))], axis=1)
-    *x0, kappa = np.linalg.lstsq(columns, np.sum(u[:, :2] ** 2, axis=1), rcond=None)[0]
-    square = kappa + np.dot(x0, x0)
-    if not square > 0:
-        raise NotEllipsoid(NOT_ELLIPSOID.format("circle without real points"))
-    return np.eye(3) / square, np.array([*x0, 0.0])
 
 
 def ellipse(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

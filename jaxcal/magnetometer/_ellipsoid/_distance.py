@@ -3,7 +3,7 @@
 import jax
 import jax.numpy as jnp
 
-from .._types import Array, Float
+from ..._types import Array, Float
 
 #: enough for readings deep inside; those near the surface need three
 _ITERATIONS = 12
@@ -36,11 +36,21 @@ def _newton(apply, shape, z, t):
     return t + g * (jnp.sqrt(g) - 1) / q
 
 
+def _largest_eigenvalue(shape: Array) -> Array:
+    """In closed form (O. K. Smith, Commun. ACM 4 (1961) 168): a call of LAPACK for each step would cost more than the step."""
+    mean = jnp.trace(shape) / 3
+    rest = shape - mean * jnp.eye(3, dtype=shape.dtype)
+    size = jnp.sqrt(jnp.sum(rest**2) / 6)
+    rest = rest / jnp.where(size > 0, size, 1)
+    cosine = jnp.clip(jnp.sum(rest[0] * jnp.cross(rest[1], rest[2])) / 2, -1, 1)
+    return mean + 2 * size * jnp.cos(jnp.arccos(cosine) / 3)
+
+
 def foot(shape: Float[Array, "3 3"], z: Float[Array, "n 3"]) -> tuple[Float[Array, " n"], Float[Array, "n 3"]]:
     """Nearest point y of x'Ax = 1 to each row of z, and t with z - y = t A y; both differentiable once."""
     fixed, far = jax.lax.stop_gradient(shape), jax.lax.stop_gradient(z)
     apply = _pencil(fixed, far)
-    lowest = -1 / jnp.linalg.eigvalsh(fixed)[-1]
+    lowest = -1 / _largest_eigenvalue(fixed)
 
     def step(t):
         new = _newton(apply, fixed, far, t)
@@ -134,12 +144,12 @@ def _curvature_slopes(shape, z):
 
 
 @jax.custom_jvp
-def levelled_distance(shape: Float[Array, "3 3"], z: Float[Array, "n 3"], noise2: Float[Array, ""]) -> Float[Array, " n"]:
+def corrected_distance(shape: Float[Array, "3 3"], z: Float[Array, "n 3"], noise2: Float[Array, ""]) -> Float[Array, " n"]:
     """Signed distance less sigma^2 times the mean curvature, differentiated as one."""
     return signed_distance(shape, z) - noise2 * mean_curvature(shape, z)
 
 
-@levelled_distance.defjvp
+@corrected_distance.defjvp
 def _(primals, tangents):
     (shape, z, noise2), (d_shape, d_z, d_noise2) = primals, tangents
     distance, curvature = _distance_slopes(shape, z), _curvature_slopes(shape, z)

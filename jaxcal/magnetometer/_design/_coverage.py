@@ -7,9 +7,9 @@ import equinox as eqx
 import numpy as np
 from scipy.spatial import KDTree
 
-from .._errors import DataError
-from .._precision import host_float64
-from .._types import AnyArray
+from ..._errors import DataError
+from ..._precision import host_float64
+from ..._types import AnyArray
 
 _POLE, _RING = 1.37046, 0.74776  # latitudes that part the 100 regions of equal area
 _HIGH, _LOW = 1.05911, 0.37388  # latitudes of their middles

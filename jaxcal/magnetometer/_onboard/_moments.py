@@ -6,13 +6,13 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
-from .._errors import DataError
-from .._types import AnyArray
-from ._align import array
-from ._consistent import ORDERS, null_of, psi_of
-from ._model import MagModel
-from ._quadric import NotEllipsoid, ellipsoid_of
-from ._uncertainty import root
+from ..._errors import DataError
+from ..._types import AnyArray
+from .._design._heading_error import root
+from .._ellipsoid._algebraic import NotEllipsoid, ellipsoid_of
+from .._ellipsoid._consistent import ORDERS, null_of, psi_of
+from .._model import MagModel
+from .._rotation._align import array
 
 
 class MomentFit(eqx.Module):

@@ -4,12 +4,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ._coverage import bins
+from ...fitting import AbstractLoss
+from .._design._coverage import bins
+from ._algebraic import NotEllipsoid
 from ._orthogonal import Found
-from ._quadric import NotEllipsoid
 from ._residuals import Readings, orthogonal
+from ._shape import root
 from ._start import basis_of, robust_start, start
-from ._uncertainty import root
 
 #: logs that are fitted whole
 LONG = 20_000
@@ -17,7 +18,7 @@ _FIRST = 4000
 _CHUNK = 16_384
 
 
-def thinned(u: np.ndarray, per_bin: int, loss: str | None) -> np.ndarray:
+def thinned(u: np.ndarray, per_bin: int, loss: AbstractLoss | None) -> np.ndarray:
     """Indices of at most so many readings in each of 500 directions, evenly over their times.
 
     The directions are those of a rough fit of every so manieth reading, along whatever quadric there is.

@@ -2,11 +2,13 @@
 
 import numpy as np
 
-from ._coverage import bins
-from ._orthogonal import Found, described, ellipsoid, flat
-from ._quadric import NotEllipsoid
+from ...fitting import AbstractLoss
+from .._design._coverage import bins
+from ._algebraic import NotEllipsoid
+from ._orthogonal import Found, described, flat
+from ._residuals import shape_and_centre
+from ._shape import root
 from ._start import COUNT, away, basis_of
-from ._uncertainty import root
 
 _TIE = 2.0
 _HOPELESS = 4.0  # times what would decide
@@ -18,7 +20,7 @@ def _units(found: Found, u: np.ndarray) -> np.ndarray:
     return y / np.maximum(np.linalg.norm(y, axis=1, keepdims=True), 1e-300)
 
 
-def candidates(u: np.ndarray, kinds: tuple[str, ...], loss: str | None, distinct: int) -> dict[str, Found]:
+def candidates(u: np.ndarray, kinds: tuple[str, ...], loss: AbstractLoss | None, distinct: int) -> dict[str, Found]:
     """Fits of every kind for which there are enough readings, the largest first, without the curvature term.
 
     Left out are those that are no ellipsoid, and those that the largest excludes by far.
@@ -47,7 +49,7 @@ def _nearest(full: Found, kind: str) -> np.ndarray | None:
         return None
     free = COUNT[kind]
     whiten = np.linalg.pinv(full.covariance, hermitian=True)
-    basis = basis_of(kind)[:, :free]
+    basis = np.delete(basis_of(kind), (3, 6, 7), axis=0)[:, :free]
     begin = np.zeros(9)
     begin[:free] = np.linalg.lstsq(basis.T @ whiten @ basis, basis.T @ whiten @ full.parameters, rcond=None)[0]
     return begin if (begin[: COUNT[kind] - 3] > 0).all() else None
@@ -63,7 +65,7 @@ def _occupied(found: Found, u: np.ndarray) -> int:
 
 def _hopeless(full: Found, begin: np.ndarray, kind: str, u: np.ndarray, count: int) -> bool:
     """Whether a smaller model, from nearly its best parameters, is worse by several times the margin that decides."""
-    squares = float(np.mean(away(ellipsoid(begin, kind), u) ** 2)), float(np.mean(full.distance**2))
+    squares = float(np.mean(away(shape_and_centre(begin, basis_of(kind)), u) ** 2)), float(np.mean(full.distance**2))
     penalty = (COUNT[full.kind] - COUNT[kind]) * np.log(count)
     fit = _score(count, squares[0], kind) - _score(count, squares[1], full.kind) + penalty
     return bool(fit > _HOPELESS * (penalty + _TIE))
@@ -77,7 +79,7 @@ def by_bic(fits: dict[str, Found], u: np.ndarray) -> str:
     return _smallest(score, _TIE)
 
 
-def by_held_out(fits: dict[str, Found], u: np.ndarray, loss: str | None) -> str:
+def by_held_out(fits: dict[str, Found], u: np.ndarray, loss: AbstractLoss | None) -> str:
     """Kind of least error on sectors of longitude that the fit did not see."""
     largest = fits[max(fits, key=lambda kind: COUNT[kind])]
     units = _units(largest, u)

@@ -4,13 +4,13 @@ from typing import Any
 
 import numpy as np
 
-from .._errors import DataError
-from .._precision import host_float64
-from .._types import AnyArray
-from ._attitude import body_field
-from ._result import MagFit
-from ._start import PLANAR_ROWS
-from ._uncertainty import heading_slopes
+from ..._errors import DataError
+from ..._precision import host_float64
+from ..._types import AnyArray
+from .._attitude import body_field
+from .._ellipsoid._start import PLANAR_ROWS
+from .._result import MagFit
+from ._heading_error import heading_slopes
 
 _WAYS = 8
 

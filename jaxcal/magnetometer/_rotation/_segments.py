@@ -5,8 +5,8 @@ import itertools
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from .._rotation import exponential, matrix
-from .._types import Array
+from ..._rotation import exponential, matrix
+from ..._types import Array
 
 _LONGEST = 10.0  # s of a segment, for the bias of the rates is only first order in it
 

@@ -1,20 +1,19 @@
 """From the covariance of an ellipsoid to the heading error it causes, and which parameters the readings leave open (host, NumPy)."""
 
 import functools
+from typing import Any
 
 import equinox as eqx
 import numpy as np
 
-from ._attitude import body_field, rotation
-from ._efficiency import BASES, natural_rows
-from ._orthogonal import Found
-from ._quadric import Frame, matrix_of, triangle
-from ._start import PLANAR, PLANAR_ROWS, basis_of
+from ..._precision import array_module
+from .._attitude import body_field, rotation
+from .._ellipsoid._algebraic import matrix_of, triangle
+from .._ellipsoid._orthogonal import Found
+from .._ellipsoid._penalty import BASES, natural_rows
+from .._ellipsoid._shape import root, root_slopes
+from .._ellipsoid._start import PLANAR, PLANAR_ROWS
 
-NAMES = ("A_xx", "A_xy", "A_yy", "A_xz", "A_yz", "A_zz", "b_x", "b_y", "b_z")
-PLANAR_NAMES = ("A_11", "A_12", "A_22", "b_1", "b_2")
-ENTRIES = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
-_UNIT = np.array([[[float((p, q) in ((j, k), (k, j))) for q in range(3)] for p in range(3)] for j, k in ENTRIES])
 WORDS = (
     "scale along x", "coupling of x and y", "scale along y", "coupling of x and z", "coupling of y and z", "scale along z",
     "hard iron along x", "hard iron along y", "hard iron along z",
@@ -24,48 +23,6 @@ _IN_PLANE = {
     6: "hard iron along the plane's first axis", 7: "hard iron along the plane's second axis",
 }  # fmt: skip
 _TILT = np.deg2rad(20.0)
-
-
-def _slopes(parameters: np.ndarray, basis: np.ndarray) -> np.ndarray:
-    """Derivative of (A_xx, A_xy, A_yy, A_xz, A_yz, A_zz, b) with respect to the parameters: dA = dU'U + U'dU."""
-    change = np.zeros((10, 3, 3))
-    change[:, *np.triu_indices(3)] = np.concatenate([basis[:6].T, (basis[:6] @ parameters)[None]])
-    half = change[-1].T @ change[:-1]
-    j, k = np.transpose(ENTRIES)
-    return np.concatenate([(half + np.swapaxes(half, 1, 2))[:, j, k].T, basis[6:]])
-
-
-def entries_of(found: Found) -> np.ndarray:
-    """(A_xx, A_xy, A_yy, A_xz, A_yz, A_zz, b), (9,), in scaled units."""
-    j, k = np.transpose(ENTRIES)
-    return np.concatenate([found.shape[j, k], found.centre])
-
-
-def covariance_of(found: Found, frame: Frame, bias: np.ndarray | None = None) -> np.ndarray:
-    """Covariance of the shape's entries and the centre in the units of the readings: (9, 9), or (5, 5) in a plane.
-
-    bias : (9,) of them in scaled units; its square is added.
-    """
-    rows = np.arange(9) if found.kind not in PLANAR else np.array(PLANAR_ROWS)
-    if not np.isfinite(found.covariance).all():
-        return np.full((len(rows), len(rows)), np.inf)
-    unit = np.where(rows < 6, frame.scale**-2, frame.scale)
-    slopes = _slopes(found.parameters, basis_of(found.kind))[rows] * unit[:, None]
-    off = np.zeros(len(rows)) if bias is None else bias[rows] * unit
-    return slopes @ found.covariance @ slopes.T + np.outer(off, off)
-
-
-def root(shape: np.ndarray) -> np.ndarray:
-    """Symmetric positive square root."""
-    values, vectors = np.linalg.eigh(shape)
-    return (vectors * np.sqrt(values)) @ vectors.T
-
-
-def root_slopes(shape: np.ndarray) -> np.ndarray:
-    """Derivative of the symmetric root with respect to the six entries, (6, 3, 3)."""
-    values, vectors = np.linalg.eigh(shape)
-    mu = np.sqrt(values)
-    return vectors @ ((vectors.T @ _UNIT @ vectors) / (mu[:, None] + mu)) @ vectors.T
 
 
 @functools.lru_cache(maxsize=64)
@@ -104,28 +61,31 @@ def heading_slopes(shape: np.ndarray, attitudes: np.ndarray, directions: np.ndar
     return _heading_slopes(shape, directions, _across(attitudes, directions))
 
 
-def _heading_slopes(shape: np.ndarray, directions: np.ndarray, across: np.ndarray) -> np.ndarray:
-    matrix = root(shape)
-    z = directions @ np.linalg.inv(matrix)
+def _heading_slopes(shape: Any, directions: np.ndarray, across: np.ndarray) -> Any:
+    xp, matrix = array_module(shape), root(shape)
+    z = directions @ xp.linalg.inv(matrix)
     by_shape = (across[:, :, None] * z[:, None, :]).reshape(-1, 9) @ root_slopes(shape).reshape(6, 9).T
-    return np.concatenate([by_shape, -across @ matrix], axis=1)
+    return xp.concatenate([by_shape, -across @ matrix], axis=1)
 
 
-def heading_error(shape: np.ndarray, covariance: np.ndarray, inclination: float) -> np.ndarray:
+def heading_error(shape: Any, covariance: Any, inclination: float) -> Any:
     """Predicted rms heading error in rad, at level and at 20 degrees of tilt; in a plane there is no tilt."""
-    if not np.isfinite(covariance).all():
-        return np.full(2, np.inf)
+    xp = array_module(shape, covariance)
+    known = xp.isfinite(covariance).all()
+    safe = xp.where(known, covariance, 0.0)
     if len(covariance) == 5:
         attitudes = grids(inclination)[0][0]
         directions = np.stack([np.cos(attitudes[:, 0]), -np.sin(attitudes[:, 0]), np.zeros(len(attitudes))], axis=1)
-        return np.array([rms(heading_slopes(shape, attitudes, directions)[:, PLANAR_ROWS], covariance), np.inf])
-    both = zip(grids(inclination), grids_across(inclination), strict=True)
-    return np.array([rms(_heading_slopes(shape, directions, across), covariance) for (_, directions), across in both])
+        errors = [rms(heading_slopes(shape, attitudes, directions)[:, PLANAR_ROWS], safe), np.inf]
+    else:
+        both = zip(grids(inclination), grids_across(inclination), strict=True)
+        errors = [rms(_heading_slopes(shape, directions, across), safe) for (_, directions), across in both]
+    return xp.where(known, xp.stack(errors), xp.inf)
 
 
-def rms(slopes: np.ndarray, covariance: np.ndarray) -> float:
+def rms(slopes: Any, covariance: Any) -> Any:
     """Root of the mean variance s'Cs over all rows s."""
-    return float(np.sqrt(np.mean(np.sum(slopes @ covariance * slopes, axis=1))))
+    return array_module(slopes, covariance).sqrt((slopes @ covariance * slopes).sum(axis=1).mean())
 
 
 def turned_heading_error(covariance: np.ndarray, inclination: float) -> np.ndarray:

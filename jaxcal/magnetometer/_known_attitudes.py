@@ -8,9 +8,9 @@ import numpy as np
 from .._errors import DataError
 from .._precision import host_float64
 from .._types import AnyArray
-from ._align import array
 from ._current import columns_of
 from ._model import MagModel
+from ._rotation._align import array
 
 
 class AttitudeFit(eqx.Module):

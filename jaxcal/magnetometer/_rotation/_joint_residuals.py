@@ -9,10 +9,11 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from .._types import Any, Array
-from ._distance import mean_curvature, signed_distance
-from ._residuals import upper_and_centre
-from ._turn import turn
+from ..._types import Any, Array
+from .._ellipsoid._distance import mean_curvature, signed_distance
+from .._ellipsoid._residuals import upper_and_centre
+from .._ellipsoid._start import basis_of
+from ._segments import turn
 
 #: U by rows, centre, rotation vector; then the bias of the rates, or the sine
 CENTRE, TURN, EXTRA = slice(6, 9), slice(9, 12), slice(12, None)
@@ -59,7 +60,7 @@ def _on_surface(parameters: Array, data: Any) -> tuple[Array, Array, Array, Arra
 
     The points are the nearest ones but for the square of the distance.
     """
-    upper, centre = upper_and_centre(parameters[:9], jnp.eye(9, dtype=parameters.dtype))
+    upper, centre = upper_and_centre(parameters[:9], jnp.asarray(basis_of("symmetric"), dtype=parameters.dtype))
     shape, z = upper.T @ upper, data.u - centre[None, :]
     distance = signed_distance(shape, z)
     normal = _unit(z @ shape)

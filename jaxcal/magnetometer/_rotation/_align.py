@@ -7,14 +7,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._errors import DataError
-from .._precision import host_float64
-from .._types import AnyArray
-from ..fitting import covariance, solve
-from ._aided import Known, Poses, Turns, dip_residuals, heading_residuals, turn_residuals
-from ._model import MagModel
-from ._start import padded_length
-from ._turn import attitudes_in_segments, permutations, rotation_vector, turn
+from ..._errors import DataError
+from ..._precision import host_float64
+from ..._types import AnyArray
+from ...fitting import covariance, solve
+from .._ellipsoid._start import padded_length
+from .._model import MagModel
+from ._residuals import Known, Poses, Turns, dip_residuals, heading_residuals, turn_residuals
+from ._segments import attitudes_in_segments, permutations, rotation_vector, turn
 
 _STILL = 0.03  # departure of the specific force from its median beyond which a pose is not at rest
 SEGMENT = 2.0  # rad travelled in one segment: rates of a slightly wrong scale go astray with the angle
@@ -56,39 +56,85 @@ class Alignment(eqx.Module):
     source: str = eqx.field(static=True)
 
 
+class Accelerometer(eqx.Module):
+    """An accelerometer beside the magnetometer: at rest it shows the vertical.
+
+    Attributes
+    ----------
+    accel : (n, 3) specific force in m/s^2, calibrated; poses in motion (norm off by more than 3 %) are not used.
+    dip : known inclination of the field in rad; without it, it is found.
+    mounting : "near", the axes of both sensors differ by less than 45 degrees, or "any": the 24 ways to exchange axes are tried first.
+    """
+
+    accel: Any
+    dip: float | int | None = None
+    mounting: str = eqx.field(static=True, default="near")
+
+    def __check_init__(self) -> None:
+        if self.mounting not in ("near", "any"):
+            raise DataError(f"There is no mounting {self.mounting!r}; known are 'near' and 'any'.")
+
+    def _align(self, y: np.ndarray, model: MagModel) -> "Alignment":
+        return _by_dip(y, model, like(self.accel, y, "specific force"), self.dip, self.mounting)
+
+
+class Gyroscope(eqx.Module):
+    """A gyroscope beside the magnetometer: it shows how the field turns in the sensor's axes.
+
+    Attributes
+    ----------
+    gyro : (n, 3) rates in rad/s at the times of the readings; NaN where there is none.
+    rate : readings per second.
+    """
+
+    gyro: Any
+    rate: float | int
+
+    def __check_init__(self) -> None:
+        if self.rate is None or not self.rate > 0:
+            raise DataError(f"The rates are integrated: give the readings per second, a positive `rate`; got {self.rate!r}.")
+
+    def _align(self, y: np.ndarray, model: MagModel) -> "Alignment":
+        return _by_rates(y, model, like(self.gyro, y, "rates"), float(self.rate))
+
+
+class Headings(eqx.Module):
+    """Known headings of the readings.
+
+    Attributes
+    ----------
+    headings : (n,) rad, NaN where there is none.
+    accel : (n, 3) specific force, for the tilt; without it all readings are level.
+    declination : taken off the headings, rad; 0 if they are magnetic.
+    """
+
+    headings: Any
+    accel: Any = None
+    declination: float | int = 0.0
+
+    def _align(self, y: np.ndarray, model: MagModel) -> "Alignment":
+        return _by_headings(y, model, self.accel, np.asarray(self.headings, dtype=float) - self.declination)
+
+
+Aid = Accelerometer | Gyroscope | Headings
+
+
 @host_float64
-def align(
-    m: Any,
-    model: MagModel,
-    *,
-    accel: Any = None,
-    gyro: Any = None,
-    rate: float | int | None = None,
-    headings: Any = None,
-    declination: float | int = 0.0,
-    dip: float | int | None = None,
-    mounting: str = "near",
-) -> Alignment:
+def align(m: Any, model: MagModel, aid: Any) -> Alignment:
     r"""Rotation of a calibrated magnetometer against an accelerometer, a gyroscope, or known headings.
 
     With the corrected field y = C^{-1}(m - b) and the other sensor's axes turned by Q:
 
-    - accelerometer, at rest: the field makes one angle with the vertical, :math:`y_i^T Q f_i / (|y_i||f_i|) = -\sin I`;
-    - gyroscope: the field stands still while the sensor turns, :math:`\dot y = -(Q\omega) \times y`, integrated over segments of
+    - `Accelerometer`, at rest: the field makes one angle with the vertical, :math:`y_i^T Q f_i / (|y_i||f_i|) = -\sin I`;
+    - `Gyroscope`: the field stands still while the sensor turns, :math:`\dot y = -(Q\omega) \times y`, integrated over segments of
       2 rad, with a constant bias of the rates;
-    - headings: :math:`\psi(Q^T y_i, f_i) = \psi_i`, for poses that are level or have an accelerometer.
+    - `Headings`: :math:`\psi(Q^T y_i, f_i) = \psi_i`, for poses that are level or have an accelerometer.
 
     Parameters
     ----------
-    m : (n, 3) readings; rows with NaN are left out.
+    m : (n, 3) readings; rows with NaN are not used.
     model : `MagModel` of a fit of the same readings, or of others.
-    accel : (n, 3) specific force in m/s^2, calibrated; poses in motion (norm off by more than 3 %) are left out.
-    gyro : (n, 3) rates in rad/s at the times of the readings, with `rate`, the readings per second.
-    headings : (n,) known headings in rad, NaN where there is none; `accel` then gives the tilt, and without it all are level.
-    declination : taken off the headings; 0 if they are magnetic.
-    dip : known inclination in rad; without it the accelerometer finds it.
-    mounting : "near", the axes differ by less than 45 degrees, or "any", with the accelerometer: the 24 ways to exchange axes are
-        tried first.
+    aid : `Accelerometer`, `Gyroscope` or `Headings`, one row for each reading.
 
     Returns
     -------
@@ -99,16 +145,16 @@ def align(
     Raises
     ------
     DataError
-        If nothing is given to align with, shapes do not match, or too few readings are left.
+        If shapes do not match, or too few readings are left.
 
     Examples
     --------
     >>> import numpy as np
-    >>> from jaxcal.magnetometer import MagModel, align, body_field, scenario
+    >>> from jaxcal.magnetometer import Accelerometer, MagModel, align, body_field, scenario
     >>> attitudes = scenario("all", samples=40)
     >>> field, up = body_field(attitudes, 50.0), -9.81 * body_field(attitudes, 1.0, np.pi / 2)
     >>> turned = MagModel(np.array([[1.0, -0.02, 0.0], [0.02, 1.0, 0.0], [0.0, 0.0, 1.0]]), np.zeros(3))
-    >>> found = align(turned.measure(field), MagModel(np.eye(3), np.zeros(3)), accel=up)
+    >>> found = align(turned.measure(field), MagModel(np.eye(3), np.zeros(3)), Accelerometer(up))
     >>> print(found.verdict, np.rad2deg([found.angle, found.dip]).round(2))
     good [ 1.15 57.  ]
 
@@ -117,19 +163,10 @@ def align(
     X. Li and Z. Li, Meas. Sci. Technol. 23 (2012) 105105 (accelerometer, the dot product); Y. Wu et al., IEEE Sensors J. 18 (2018) 9015
     (gyroscope).
     """
+    if not isinstance(aid, Aid):
+        raise DataError(f"The aid is {type(aid).__name__}; give Accelerometer(f), Gyroscope(w, rate) or Headings(h).")
     m = array(m, "readings")
-    y = (m - np.asarray(model.hard_iron)) @ np.linalg.inv(np.asarray(model.soft_iron)).T
-    if mounting not in ("near", "any"):
-        raise DataError(f"There is no mounting {mounting!r}; known are 'near' and 'any'.")
-    if headings is not None:
-        return _by_headings(y, model, accel, np.asarray(headings, dtype=float) - declination)
-    if (accel is None) == (gyro is None):
-        raise DataError("Give one of `accel`, `gyro` (with `rate`) and `headings` to align with.")
-    if accel is not None:
-        return _by_dip(y, model, like(accel, y, "specific force"), dip, mounting)
-    if rate is None or not rate > 0:
-        raise DataError("The gyroscope is integrated: give `rate`, the readings per second.")
-    return _by_rates(y, model, like(gyro, y, "rates"), float(rate))
+    return aid._align((m - np.asarray(model.hard_iron)) @ np.linalg.inv(np.asarray(model.soft_iron)).T, model)
 
 
 def array(values: Any, name: str) -> np.ndarray:
@@ -250,9 +287,9 @@ def alignment_of(model, rotation, base, matrix, spread, used, source, fit, dip=f
     angle = float(np.linalg.norm(rho))
     along = rho / angle if angle > 1e-12 else np.full(3, 3**-0.5)
     known = bool(fit.usable) and np.isfinite(matrix).all()
-    worst, ways = np.linalg.eigh(matrix if known else np.eye(3))
+    worst, axes = np.linalg.eigh(matrix if known else np.eye(3))
     most = float(np.sqrt(max(worst[-1], 0.0))) if known else np.inf
-    axis = _AXES[int(np.argmax(np.abs(ways[:, -1])))]
+    axis = _AXES[int(np.argmax(np.abs(axes[:, -1])))]
     if not known:
         verdict, reason = "refused", f"The attitudes do not determine the rotation: {fit.message} Tilt the sensor about two axes."
     else:

@@ -1,0 +1,1 @@
+"""What attitudes tell of a model: coverage, heading error, plans."""

@@ -1,0 +1,1 @@
+"""Ellipsoids fitted to readings: algebraic, consistent, orthogonal distance, choice of the model, subsampling."""
