@@ -11,14 +11,13 @@ No error propagation is true for these, so intervals, limits, verdicts and signi
 (no rows). `goodness` is the chance of a worse chi-square about the fitted curve.
 """
 
-import functools
 import math
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._errors import FitError
+from .._errors import DataError, FitError
 from .._precision import is_traced
 from ..allan import Deviation
 from ..fitting import solve
@@ -26,9 +25,10 @@ from ._allanfit import freedom
 from ._curve import Curve, whitened
 from ._estimator import Weighted, settle
 from ._joint import in_units, padded
-from ._model import with_coefficients
+from ._model import noise_of
 from ._result import NoiseFit
 from ._sentences import sentences_of_octaves
+from ._terms import Term
 
 _NONE = "for comparison only: {}. This method has no uncertainty, so there are no intervals, limits and verdicts; method='whittle' has them"
 #: root mean square errors for N = 0.25 deg/sqrt(h), B = 7.6 deg/h, K = 1.8 deg/h/sqrt(s), 2^17 samples at 100 Hz
@@ -45,23 +45,23 @@ _SHORTCOMINGS = {
 _TANGENTS = {"Q": (-1.0, math.sqrt(3.0), -0.75), "N": (-0.5, 1.0, math.inf), "K": (0.5, 3.0, 0.25), "R": (1.0, math.sqrt(2.0), 0.75)}
 
 
-def fit_unweighted(curve: Deviation, samples: int, terms: tuple[str, ...], inside, automatic: bool, confidence: float) -> NoiseFit:
+def fit_unweighted(curve: Deviation, samples: int, terms: tuple[Term, ...], inside, automatic: bool, confidence: float) -> NoiseFit:
     """Least squares of the variances; arguments as of `fit_jointly`, of which `automatic` has no meaning here."""
     arrays = padded(curve, samples, terms, inside)
-    return _result(_unweighted(arrays, 1.0 / curve.rate, terms), arrays, curve, samples, terms, inside, confidence, "unweighted")
+    return _result(_unweighted(arrays), arrays, curve, samples, terms, inside, confidence, "unweighted")
 
 
-def fit_log(curve: Deviation, samples: int, terms: tuple[str, ...], inside, automatic: bool, confidence: float) -> NoiseFit:
+def fit_log(curve: Deviation, samples: int, terms: tuple[Term, ...], inside, automatic: bool, confidence: float) -> NoiseFit:
     """Least squares of the logarithms; arguments as of `fit_jointly`, of which `automatic` has no meaning here."""
     arrays = padded(curve, samples, terms, inside)
-    start, data, unit = _log_problem(arrays, 1.0 / curve.rate, terms)
+    start, data, unit = _log_problem(arrays)
     found = solve(_log_residuals, start, data, bounds=(0.0, np.inf))
     if not is_traced(curve.deviation) and not bool(found.usable):
         raise FitError(f"the logarithmic fit did not end well: {found.message}")
     return _result(found.model * unit, arrays, curve, samples, terms, inside, confidence, "log")
 
 
-def fit_slope(curve: Deviation, samples: int, terms: tuple[str, ...], inside, automatic: bool, confidence: float) -> NoiseFit:
+def fit_slope(curve: Deviation, samples: int, terms: tuple[Term, ...], inside, automatic: bool, confidence: float) -> NoiseFit:
     """Tangents and minimum; arguments as of `fit_jointly`, of which `automatic` has no meaning here."""
     traced = is_traced(curve.deviation)
     xp = jnp if traced else np
@@ -75,7 +75,9 @@ def fit_slope(curve: Deviation, samples: int, terms: tuple[str, ...], inside, au
         at = xp.argmin(xp.where(side, xp.abs(slope - wanted), xp.inf))
         seen = side[at] & ((slope[at] < least) if wanted < 0 else (slope[at] > least))
         values[term] = xp.where(seen, ad[at] * (time / xp.asarray(tau)[at]) ** wanted, 0.0)
-    theta = xp.stack([values[term] for term in terms]) ** 2
+    if unknown := [term.name for term in terms if term.name not in values]:
+        raise DataError(f"method 'slope' reads tangents of Q, N, B, K and R; {', '.join(unknown)} has none: take another method")
+    theta = xp.stack([values[term.name] for term in terms]) ** 2
     return _result(theta, padded(curve, samples, terms, inside), curve, samples, terms, inside, confidence, "slope")
 
 
@@ -87,16 +89,16 @@ def _gradient(y, x, xp):
     return xp.concatenate([chord[:1], inner, chord[-1:]])
 
 
-@functools.partial(jax.jit, static_argnames="terms")
-def _unweighted(arrays, dt, terms: tuple[str, ...]):
-    curve, unit = in_units(arrays, dt, terms)
+@jax.jit
+def _unweighted(arrays):
+    curve, unit = in_units(arrays)
     return _without_tail(curve).weighted(jnp.ones_like(curve.v))[:-1] * unit
 
 
-@functools.partial(jax.jit, static_argnames="terms")
-def _log_problem(arrays, dt, terms: tuple[str, ...]):
+@jax.jit
+def _log_problem(arrays):
     """Start, data, and unit of the squared coefficients."""
-    curve, unit = in_units(arrays, dt, terms)
+    curve, unit = in_units(arrays)
     still = _without_tail(jax.lax.stop_gradient(curve))
     touching = jnp.min(jnp.where(curve.used[:, None], still.v[:, None] / jnp.abs(still.columns), jnp.inf), axis=0)
     weighted, _ = settle(still, Weighted(), jnp.zeros_like(still.held), 30, 1e-3)
@@ -116,20 +118,20 @@ def _without_tail(curve: Curve) -> Curve:
     return curve.only(jnp.arange(curve.free.shape[0]) < curve.free.shape[0] - 1)
 
 
-@functools.partial(jax.jit, static_argnames="terms")
-def _judged(arrays, dt, theta, terms: tuple[str, ...]):
+@jax.jit
+def _judged(arrays, theta):
     """Chance of a worse chi-square about the fitted curve, with the covariance that it implies; and the fitted variance."""
-    curve, unit = in_units(arrays, dt, terms)
+    curve, unit = in_units(arrays)
     scaled = jnp.append(theta / unit, jnp.zeros((), theta.dtype))
     chance = jax.scipy.stats.chi2.sf(whitened(curve, scaled).chi_square(scaled), freedom(curve, scaled))
     return chance, curve.columns[:, :-1] @ theta
 
 
-def _result(theta, arrays, curve: Deviation, samples: int, terms: tuple[str, ...], inside, confidence: float, method: str) -> NoiseFit:
+def _result(theta, arrays, curve: Deviation, samples: int, terms: tuple[Term, ...], inside, confidence: float, method: str) -> NoiseFit:
     """`NoiseFit` of squared coefficients about which nothing more is known."""
     traced = is_traced(curve.deviation)
     xp = jnp if traced else np
-    goodness, variance = _judged(arrays, 1.0 / curve.rate, theta, terms)
+    goodness, variance = _judged(arrays, theta)
     if not traced:
         theta, goodness, variance = np.asarray(theta), np.asarray(goodness), np.asarray(variance)
     positive = theta > 0.0
@@ -139,7 +141,7 @@ def _result(theta, arrays, curve: Deviation, samples: int, terms: tuple[str, ...
         left_out = sentences_of_octaves(curve, inside, np.sqrt(variance[: len(curve.m)]), False)
         warnings = (*curve.warnings, _NONE.format(_SHORTCOMINGS[method]))
     return NoiseFit(
-        noise=with_coefficients({term: value[i] for i, term in enumerate(terms)}),
+        noise=noise_of(terms, list(value)),
         interval={},
         upper_limit={},
         verdict={},
@@ -153,7 +155,7 @@ def _result(theta, arrays, curve: Deviation, samples: int, terms: tuple[str, ...
         deviation=curve,
         used=inside,
         duration=samples / curve.rate,
-        terms=terms,
+        terms=tuple(term.name for term in terms),
         confidence=confidence,
         method=method,
     )

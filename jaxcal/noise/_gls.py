@@ -14,6 +14,7 @@ from ._curve import Curve, inverse, whitened
 from ._estimator import Estimator, Weighted, settle
 from ._joint import fit_jointly
 from ._result import NoiseFit
+from ._terms import Term
 
 
 class Generalised(Estimator):
@@ -39,6 +40,6 @@ class Generalised(Estimator):
         return inverse(rows.T @ rows)
 
 
-def fit_curve(curve: Deviation, samples: int, terms: tuple[str, ...], inside, automatic: bool, confidence: float) -> NoiseFit:
+def fit_curve(curve: Deviation, samples: int, terms: tuple[Term, ...], inside, automatic: bool, confidence: float) -> NoiseFit:
     """Fit one channel's overlapped Allan deviation; see `fit_jointly`."""
     return fit_jointly(curve, samples, terms, inside, automatic, confidence, estimator=Generalised(), method="gls")

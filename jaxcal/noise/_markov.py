@@ -6,10 +6,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._types import AnyArray
-from ._columns import spectral_column
 from ._likelihood import minimise
 from ._ordinates import Bins
 from ._spectral import Fitted
+from ._terms import GaussMarkov
 
 _TRIED = 14
 #: rises of the likelihood ratio by chance in 5 % and in 1 % of records without the process (14 correlation times are tried)
@@ -43,7 +43,7 @@ def scan(fitted: Fitted, time: AnyArray, dt: AnyArray, flicker: AnyArray) -> Sca
     bins = fitted.bins
     frequency = jnp.where(bins.weight > 0, bins.frequency, 0.25 / dt)
 
-    columns = jax.vmap(lambda correlation: spectral_column("markov", frequency, dt, correlation), out_axes=1)(time)
+    columns = jax.vmap(lambda correlation: GaussMarkov(time=correlation).psd(frequency, dt), out_axes=1)(time)
     theta = jnp.asarray(fitted.theta)
     level = jnp.median(jnp.sum(bins.columns * (flicker * theta)[None, :], axis=1)[:, None] / columns, axis=0)
     beside, instead = jnp.append(jnp.ones_like(flicker), 1.0), jnp.append(1.0 - flicker, 1.0)

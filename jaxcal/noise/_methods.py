@@ -3,6 +3,7 @@
 import numpy as np
 
 from .._errors import DataError
+from .._types import Any
 from . import _display, _edf, _gls, _wavelet
 from ._joint import CLUSTERS
 
@@ -17,7 +18,7 @@ CURVES = {
 }
 
 
-def clusters(method: str, samples: int, terms: tuple[str, ...]) -> np.ndarray:
+def clusters(method: str, samples: int, terms: tuple[Any, ...]) -> np.ndarray:
     """Cluster sizes for a fit: powers of two for "wavelet", else about 25 log-spaced, from 1 to a quarter of the record.
 
     Raises

@@ -22,8 +22,8 @@ import numpy as np
 
 from .._precision import array_module
 from .._types import AnyArray, Array, Float
-from ._columns import spectral_column
 from ._curve import Curve, correlation, forward, inverse
+from ._terms import Term
 
 _BINS = 384  # enough for 10^9 samples
 _SINGLE = 64  # lowest frequencies kept apart
@@ -42,7 +42,7 @@ class Response(eqx.Module):
     columns: Float[AnyArray, "bins p"]
 
 
-def response(samples: int, m, dt: float, terms: tuple[str, ...]) -> Response:
+def response(samples: int, m, dt: float, terms: tuple[Term, ...]) -> Response:
     """Kernels and densities for a record of `samples`; one column more, of zeros, for the tail of a cut band."""
     per_decade = np.arange(np.log10(_SINGLE), np.log10(samples), 1.0 / _PER_DECADE)
     edges = np.unique(np.concatenate([np.arange(1, min(_SINGLE, samples)), np.round(10.0**per_decade), [samples]]))
@@ -56,7 +56,7 @@ def response(samples: int, m, dt: float, terms: tuple[str, ...]) -> Response:
     fourth = 0.375 - np.cos(2.0 * angle) / 2.0 * np.sinc(width) + np.cos(4.0 * angle) / 8.0 * np.sinc(2.0 * width)
     kernel = 2.0 * fourth / (m[:, None] * np.sin(half)) ** 2 / (samples * dt)  # a sum over frequencies is the variance then
     frequency = middle / (2.0 * samples * dt)
-    columns = [spectral_column(term, frequency, dt) for term in terms]
+    columns = [term.psd(frequency, dt) for term in terms]
     xp = array_module(columns)
     return Response(number, kernel, xp.stack([*columns, xp.zeros(_BINS)], axis=1))
 

@@ -12,8 +12,10 @@ from .._types import AnyArray, Array, Int
 from ._curve import inverse
 from ._likelihood import beginning, density, fisher, minimise, with_derivative
 from ._limits import Limits, find_limits
-from ._ordinates import FILTER, Bins
+from ._ordinates import Bins
+from ._terms import Filter
 
+FILTER = Filter.name
 #: groups of bins whose mean ratio to the model is tested: the first ordinates, then log-spaced
 _FIRST = (0, 4, 12, 24, 48)
 _GROUPS = 40

@@ -14,6 +14,7 @@ from ..allan import Deviation
 from ._estimator import Weighted
 from ._joint import fit_jointly
 from ._result import NoiseFit
+from ._terms import Term
 
 
 def dyadic(samples: int) -> np.ndarray:
@@ -21,6 +22,6 @@ def dyadic(samples: int) -> np.ndarray:
     return 2 ** np.arange((samples // 4).bit_length())
 
 
-def fit_curve(curve: Deviation, samples: int, terms: tuple[str, ...], inside, automatic: bool, confidence: float) -> NoiseFit:
+def fit_curve(curve: Deviation, samples: int, terms: tuple[Term, ...], inside, automatic: bool, confidence: float) -> NoiseFit:
     """Fit one channel's overlapped Allan deviation at `dyadic` cluster sizes; see `fit_jointly`."""
     return fit_jointly(curve, samples, terms, inside, automatic, confidence, estimator=Weighted(), method="wavelet")

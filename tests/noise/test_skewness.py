@@ -12,6 +12,7 @@ from jaxcal.noise._joint import in_units, padded
 from jaxcal.noise._skewness import as_normal, response, skewness
 
 TERMS = ("Q", "N", "B", "K")
+OBJECTS = tuple(Noise().part(term)[2] for term in TERMS)
 
 
 @pytest.mark.parametrize(("noise", "tested"), [(Noise(N=1.0, B=0.3), "K"), (Noise(N=1.0), "K"), (Noise(N=1.0, K=0.02), "Q")])
@@ -20,12 +21,12 @@ def test_skewness_of_the_statistic(noise, tested):
     y = np.stack([noise.simulate(samples, 1.0, seed=s) for s in range(runs)], axis=1)
     m = np.unique(np.round(np.logspace(0, np.log10(samples // 4), 18)).astype(int))
     found = jaxcal.allan.deviation(y, 1.0, m=m, alpha=0)
-    arrays = tuple(jnp.asarray(a) for a in padded(found.channel(0), samples, TERMS, np.ones(len(m), bool)))
-    curve, unit = in_units(arrays, 1.0, TERMS)
+    arrays = tuple(jnp.asarray(a) for a in padded(found.channel(0), samples, OBJECTS, np.ones(len(m), bool)))
+    curve, unit = in_units(arrays)
     truth = np.array([float(getattr(noise, term)) ** 2 for term in TERMS])
     index = TERMS.index(tested)
     at = jnp.asarray(np.append(truth, 0.0)) / unit
-    theory = float(skewness(curve, response(samples, np.asarray(arrays[1]), 1.0, TERMS), at, index))
+    theory = float(skewness(curve, response(samples, np.asarray(arrays[1]), 1.0, OBJECTS), at, index))
     # the statistic itself, by plain linear algebra: the tested column freed of those of the terms that are there
     c = covariance(np.asarray(arrays[4])[:4, :4, : len(m), : len(m)], truth)
     columns = np.asarray(curve.columns)[: len(m), :4]

@@ -23,7 +23,7 @@ CASE_A = Noise(N=0.25 / 60 * D, B=7.6 / 3600 * D, K=1.8 / 3600 * D)
 
 
 def prepared(noise, n=1 << 15, seed=0):
-    bins = bins_of(noise.simulate(n, RATE, seed=seed), 1 / RATE, tuple((t, None) for t in TERMS))
+    bins = bins_of(noise.simulate(n, RATE, seed=seed), 1 / RATE, tuple(Noise().part(term)[2] for term in TERMS))
     return bins, jnp.asarray(groups_of(bins.weight, n - 1))
 
 
