@@ -5,7 +5,8 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
-from ._model import INDEX, NAMES
+from .._results import NORMAL95, Result, Row
+from ._model import INDEX, NAMES, UNITS
 from ._verdict import NO_NUMBER, Verdict, word
 
 
@@ -70,7 +71,7 @@ class Bound(_Known):
     """
 
 
-class AlignmentFit(_Known):
+class AlignmentFit(_Known, Result):
     """The joint fit of attitude, sensor errors and latitude.
 
     Attributes
@@ -126,6 +127,16 @@ class AlignmentFit(_Known):
     def parameters(self) -> dict[str, float | None]:
         """Free parameters by name, SI; None where nothing determines one (host only)."""
         return {name: self._angle(name) for name, i in INDEX.items() if np.asarray(self.free)[i]}
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The notes."""
+        return self.notes
+
+    def _rows(self) -> list[Row]:
+        half = {name: NORMAL95 * std for name, std in self.std.items()}
+        known = {name: value for name, value in self.parameters.items() if value is not None}
+        return [Row(name, x, x - half[name], x + half[name], UNITS[INDEX[name]]) for name, x in known.items()]
 
     @property
     def reason(self) -> str:

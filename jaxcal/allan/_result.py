@@ -4,10 +4,11 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from .._results import Row, Unjudged, rows_of
 from .._types import AnyArray
 
 
-class Deviation(eqx.Module):
+class Deviation(Unjudged):
     """A time-domain deviation at several cluster sizes, with chi-square intervals.
 
     Every array has the cluster sizes first; a second axis is there where the record had channels.
@@ -51,6 +52,10 @@ class Deviation(eqx.Module):
     def __post_init__(self):
         if self.bias is None:
             self.bias = (np if isinstance(self.deviation, np.ndarray) else jnp).ones_like(self.deviation)
+
+    def _rows(self) -> list[Row]:
+        name, unit = self.kind, "unit s" if self.unit_of_phase else "unit"
+        return rows_of(self, "deviation", lambda i: f"{name} at {float(self.tau[i]):.4g} s", unit)
 
     @property
     def unit_of_phase(self) -> bool:

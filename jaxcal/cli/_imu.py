@@ -9,13 +9,13 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
+from .._results import number
 from .._units import STANDARD_GRAVITY
 from ._cache import keep_compiled
 from ._export import FILES
 from ._options import WRITING, CallError, Reading, Running, read_log, stem
 from ._outputs import Maker, Outputs, exports, outputs, save_json, save_picture, save_report, staged
 from ._screen import Screen, progress, show_log, show_written
-from ._tables import number
 
 _CONVENTIONS = ("upper", "lower", "full")
 _METHODS = ("joint", "imu_tk")

@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from .._results import number
 from .._units import noise_factor, noise_units
 from ._screen import Screen
 
@@ -63,21 +64,6 @@ def _cell(fit: Any, term: str, scale: float, truth: Any) -> str:
     half = (high - low) / 2
     text = f"{number(value, half)}{mark}\n{number(low, half)} to {number(high, half)}"
     return text if verdict == "present" else f"{text}\n{_VERDICTS.get(verdict, verdict)}"
-
-
-def number(value: float, uncertainty: float) -> str:
-    """A number with the digits that its uncertainty leaves: two of them are doubtful.
-
-    Examples
-    --------
-    >>> from jaxcal.cli._tables import number
-    >>> number(0.250131, 0.0004), number(7.6123, 1.5), number(1234.5, 300.0), number(0.0, 0.5)
-    ('0.25013', '7.6', '1234', '0.00')
-    """
-    if not (math.isfinite(value) and math.isfinite(uncertainty) and uncertainty > 0):
-        return f"{value:.4g}"
-    decimals = max(0, 1 - math.floor(math.log10(uncertainty)))
-    return f"{value:.{min(decimals, 9)}f}"
 
 
 def missed(fits: Mapping[str, Any], truth: Mapping[str, Any]) -> tuple[int, int]:

@@ -8,13 +8,14 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
+from .._results import number
 from .._units import noise_factor, noise_units
 from ._cache import keep_compiled
 from ._export import FILES
 from ._options import WRITING, CallError, Reading, Running, read_log, stem
 from ._outputs import Maker, Outputs, check_picture, exports, outputs, save_json, save_picture, save_report, staged
 from ._screen import Screen, progress, show_log, show_written
-from ._tables import by_channel, number
+from ._tables import by_channel
 
 Model = Literal["auto", "polynomial", "table", "pchip", "spline", "steps"]
 _SENSORS = {"gyro": "gyroscope", "accel": "accelerometer", "mag": "magnetometer"}

@@ -10,7 +10,6 @@ import jax.numpy as jnp
 import numpy as np
 import scipy.stats
 
-from .._rotation import matrix as rotation_matrix
 from ..fitting import Fit, Huber, covariance, solve
 from ._gravity import EARTH_RATE
 from ._joint import ImuParameters, Joint, Poses, attitudes, joint_residuals, parts
@@ -88,7 +87,7 @@ def fit_norms(
 
 @jax.jit
 def _described(p: ImuParameters, data: Joint) -> tuple[Any, ...]:
-    return *parts(p, data), rotation_matrix(attitudes(p, data))
+    return *parts(p, data), attitudes(p, data)
 
 
 def describe(p: ImuParameters, data: Joint) -> tuple[np.ndarray, ...]:
@@ -119,7 +118,7 @@ def joint_data(
     force = (poses.accel - np.asarray(accel.bias)) @ np.asarray(accel.correction()).T
     up = force / np.linalg.norm(force, axis=1, keepdims=True)
     latitude = options.latitude
-    earth = np.zeros(2) if latitude is None else EARTH_RATE * np.array([np.sin(latitude), np.cos(latitude)])
+    earth = None if latitude is None else EARTH_RATE * np.array([np.sin(latitude), np.cos(latitude)])
     return Joint(
         poses=poses, segments=segments, origin=np.concatenate([bias, np.asarray(accel.bias)]), gravity=options.gravity,
         sigma_norm=np.ones(slots), sigma_rest=np.ones((slots, 3)), tangent=tangents(up[segments.second]),
@@ -140,10 +139,11 @@ def shares(fit: Fit, slots: int) -> np.ndarray:
 
 
 def sized(
-    data: Joint, pieces: tuple[Any, ...], means: Means, options: Options, scale: np.ndarray, paid: np.ndarray
+    data: Joint, pieces: tuple[Any, ...], means: Means, options: Options, p: ImuParameters, paid: np.ndarray
 ) -> tuple[Joint, np.ndarray]:
     """The same data with errors as large as the residuals say, and these sizes; `paid` as from `shares`."""
     norm, turned, rest, _, rotation = pieces
+    scale = 1 / np.abs(np.asarray(p.gyro.scale))
     slots, count = len(norm), len(means.accel)
     kept = np.flatnonzero(np.asarray(data.poses.weight) > 0)
     valid = np.asarray(data.segments.weight) > 0
@@ -191,11 +191,10 @@ def refitted(begin: ImuParameters, data: Joint, options: Options, drift: bool) -
 
 def joint_fit(begin: ImuParameters, data: Joint, means: Means, options: Options, drift: bool, rounds: int = _ROUNDS) -> Estimate:
     """Fit, find the sizes of the errors, and fit again."""
-    scale = 1 / np.abs(np.asarray(begin.gyro.scale))
     pieces = describe(begin, data)
     # still rates and norms are in order from the start; turns are not
     per_axis = 1 + 3 * options.g_sensitivity + drift
-    norms, _ = sized(data, pieces, means, options, scale, np.array([6 if options.diagonal else 9, 9, per_axis, per_axis, per_axis]))
+    norms, _ = sized(data, pieces, means, options, begin, np.array([6 if options.diagonal else 9, 9, per_axis, per_axis, per_axis]))
     data = dataclasses.replace(norms, whiten=data.whiten)
     sizes = np.zeros(3)
     fit = None
@@ -203,7 +202,7 @@ def joint_fit(begin: ImuParameters, data: Joint, means: Means, options: Options,
         fit = refitted(begin, data, options, drift)
         begin = fit.model
         if turn + 1 < rounds:
-            data, sizes = sized(data, describe(begin, data), means, options, scale, shares(fit, len(data.poses.weight)))
+            data, sizes = sized(data, describe(begin, data), means, options, begin, shares(fit, len(data.poses.weight)))
     assert fit is not None
     return Estimate(fit, data, sizes, describe(begin, data), drift)
 

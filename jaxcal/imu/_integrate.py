@@ -2,41 +2,76 @@
 
 import functools
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.custom_derivatives import SymbolicZero
 
-from .._errors import DataError
-from .._rotation import conjugate, exponential, normalised, product, rotate
-from .._types import Array
+from .._rotation import conjugate, matrix as rotation_matrix, normalised, product
+from .._types import Any, Array
+
+#: w @ _CROSS is the matrix of the cross product, [w] x = w cross x: products of matrices compile faster than components
+_CROSS = np.array([[0, 0, 0, 0, 0, -1, 0, 1, 0], [0, 0, 1, 0, 0, 0, -1, 0, 0], [0, -1, 0, 1, 0, 0, 0, 0, 0]], dtype=float)
 
 
-def _tail(w: Array) -> Array:
-    return jnp.concatenate([jnp.zeros_like(w[..., :1]), w], axis=-1)
+def skew(w: Array) -> Array:
+    """Matrices (..., 3, 3) of the cross product with w (..., 3)."""
+    return (w @ jnp.asarray(_CROSS, dtype=w.dtype)).reshape(*w.shape, 3)
 
 
-def closed_form(first: Array, second: Array, dt: Array) -> Array:
-    """Quaternion of a step between two samples of the rate: their mean, and the coning term of a rate linear between them.
+class Step(eqx.Module):
+    """Rotation (..., 3, 3) from the axes after a step to those before it, and its derivative.
+
+    before, after : (..., 3, 3), small rotation in the axes after the step for a change of the rate at its two ends, rad per rad/s.
+    width : (..., 3), the same for a change of its length, rad/s.
+    """
+
+    rotation: Array
+    before: Any
+    after: Any
+    width: Any
+
+
+def closed_form(first: Array, second: Array, dt: Array) -> Step:
+    """Step whose rotation vector is the mean rate times dt, with the coning term of a rate that is linear in time.
 
     P. G. Savage, J. Guid. Control Dyn. 21 (1998) 19; the error of a step is of fifth order in dt.
 
     Parameters
     ----------
     first, second : (..., 3) rad/s. dt : (..., 1) s, zero for padding.
-
-    Returns
-    -------
-    (..., 4), from the axes at the end of the step to those at its begin.
     """
-    return exponential((first + second) * (dt / 2) + jnp.cross(first, second) * (dt**2 / 12))
+    a, b, h = skew(first), skew(second), dt[..., None]
+    one = jnp.broadcast_to(jnp.eye(3, dtype=first.dtype), a.shape)
+    coning = (a @ second[..., None])[..., 0]
+    v = (first + second) * (dt / 2) + coning * (dt**2 / 12)
+    square = jnp.sum(v**2, axis=-1)[..., None, None]
+    # Double where: sqrt has no derivative at zero; the series are exact to rounding below the switch.
+    small = square < 1e-3
+    angle = jnp.sqrt(jnp.where(small, 1, square))
+    sine = jnp.where(small, 1 - square / 6 + square**2 / 120 - square**3 / 5040 + square**4 / 362880, jnp.sin(angle) / angle)
+    cosine = jnp.where(
+        small, 1 / 2 - square / 24 + square**2 / 720 - square**3 / 40320 + square**4 / 3628800, (1 - jnp.cos(angle)) / angle**2
+    )
+    third = jnp.where(small, 1 / 6 - square / 120 + square**2 / 5040 - square**3 / 362880, (1 - sine) / jnp.where(small, 1, square))
+    k = skew(v)
+    k2 = k @ k
+    rate = (first + second) / 2 + coning * (dt / 6)
+    right = one - cosine * k + third * k2  # of a change of the rotation vector, in the axes after the step
+    return Step(
+        one + sine * k + cosine * k2,
+        right @ (one * (h / 2) - b * (h**2 / 12)),
+        right @ (one * (h / 2) + a * (h**2 / 12)),
+        (right @ rate[..., None])[..., 0],
+    )
 
 
-def runge_kutta(first: Array, second: Array, dt: Array) -> Array:
-    """The same by one fourth-order Runge-Kutta step of q' = q w / 2, normalised, as imu_tk does it.
+def _fourth_order(first: Array, second: Array, dt: Array) -> Array:
+    def tail(w: Array) -> Array:
+        return jnp.concatenate([jnp.zeros_like(w[..., :1]), w], axis=-1)
 
-    The equation is linear in q, so that a step multiplies q by a quaternion of its own, wherever q is.
-    """
-    middle, first, last = _tail((first + second) / 2), _tail(first), _tail(second)
+    middle, first, last = tail((first + second) / 2), tail(first), tail(second)
     one = jnp.zeros_like(first).at[..., 0].set(1)
     k1 = first / 2
     k2 = product(one + dt / 2 * k1, middle) / 2
@@ -45,78 +80,73 @@ def runge_kutta(first: Array, second: Array, dt: Array) -> Array:
     return normalised(one + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4))
 
 
+def runge_kutta(first: Array, second: Array, dt: Array) -> Step:
+    """Step by the fourth-order Runge-Kutta formula for q' = q w / 2, normalised, as imu_tk does it.
+
+    The equation is linear in q, so that a step multiplies q by a quaternion of its own, wherever q is.
+    """
+    q = _fourth_order(first, second, dt)
+
+    def turned(along: Array) -> Array:
+        tangents = tuple(jnp.broadcast_to(part, x.shape) for part, x in zip(jnp.split(along, [3, 6]), (first, second, dt), strict=True))
+        return 2 * product(conjugate(q), jax.jvp(_fourth_order, (first, second, dt), tangents)[1])[..., 1:]
+
+    slope = jax.vmap(turned, out_axes=-1)(jnp.eye(7, dtype=first.dtype))
+    return Step(rotation_matrix(q), slope[..., :3], slope[..., 3:6], slope[..., 6])
+
+
 INTEGRATORS = {"closed_form": closed_form, "runge_kutta": runge_kutta}
 
 
-def _rates(matrix: Array, column: Array) -> Array:
-    return jnp.einsum("ij,...j->...i", matrix, column)
+def _steps(matrix: Array, column: Array, dt: Array, integrator: str) -> Step:
+    rate = column @ matrix.T
+    return INTEGRATORS[integrator](rate[:, :-1], rate[:, 1:], dt[..., None])
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(3,))
 def attitude(matrix: Array, column: Array, dt: Array, integrator: str = "closed_form") -> Array:
-    """Quaternion from the last to the first body axes of segments whose rate is `matrix` @ `column`.
+    """Rotation from the last to the first body axes of segments whose rate is `matrix` @ `column`.
 
     Every model of a gyroscope that is linear in the readings has this form, whatever its parameters are, and the derivative with
     respect to the matrix, which is all that a fit needs, is one sum over the samples:
 
         d theta = sum_j R(q_j..end)' (A_j dW z_j + B_j dW z_j+1),
 
-    with A and B the derivatives of a step's own small turn with respect to the rates at its ends.
+    with A and B the derivatives of a step's own small rotation with respect to the rates at its ends.
 
     Parameters
     ----------
-    matrix : (3, c). column : (s, n + 1, c). dt : (s, n) s, zero for padding; a constant of the derivative.
+    matrix : (3, c). column : (s, n + 1, c). dt : (s, n) s, zero for padding.
     integrator : a key of `INTEGRATORS`.
 
     Returns
     -------
-    (s, 4)
+    (s, 3, 3)
     """
-    rate = _rates(matrix, column)
-    steps = INTEGRATORS[integrator](rate[:, :-1], rate[:, 1:], dt[..., None])
+    steps = jnp.moveaxis(_steps(matrix, column, dt, integrator).rotation, 1, 0)
     # from the last step on, as the derivative below does: the same rounding in both
-    steps = jnp.moveaxis(steps, 1, 0)
-    return jax.lax.scan(lambda q, step: (product(step, q), None), steps[-1], steps[:-1], reverse=True)[0]
-
-
-@functools.partial(jax.jit, static_argnums=5)
-def _derivative(attitudes: Array, steps: Array, first: Array, second: Array, dt: Array, integrator: str) -> tuple[Array, Array]:
-    """R' A and R' B of every step, (s, n, 3, 3)."""
-
-    def small_turn(before: Array, after: Array) -> Array:
-        tangents = jnp.broadcast_to(before, first.shape), jnp.broadcast_to(after, first.shape)
-        slope = jax.jvp(lambda a, b: INTEGRATORS[integrator](a, b, dt), (first, second), tangents)[1]
-        return rotate(conjugate(attitudes), 2 * product(conjugate(steps), slope)[..., 1:])
-
-    axes, none = jnp.eye(3, dtype=first.dtype), jnp.zeros((3, 3), dtype=first.dtype)
-    parts = jax.vmap(small_turn, out_axes=-1)(jnp.concatenate([axes, none]), jnp.concatenate([none, axes]))
-    return parts[..., :3], parts[..., 3:]
+    return jax.lax.scan(lambda later, step: (step @ later, None), steps[-1], steps[:-1], reverse=True)[0]
 
 
 def _attitude_jvp(integrator, primals, tangents):
     matrix, column, dt = primals
     slope, moved, shifted = tangents
-    if not isinstance(shifted, SymbolicZero):
-        raise DataError("the attitude has no derivative with respect to the steps of time; differentiate it with these held fixed")
-    rate = _rates(matrix, column)
-    first, second, width = rate[:, :-1], rate[:, 1:], dt[..., None]
-    steps = INTEGRATORS[integrator](first, second, width)
-
-    def grow(q, step):
-        return product(step, q), q
-
-    ordered = jnp.moveaxis(steps, 1, 0)
-    identity = jnp.zeros_like(ordered[0]).at[:, 0].set(1)
-    end, later = jax.lax.scan(grow, identity, ordered, reverse=True)
-    before, after = _derivative(jnp.moveaxis(later, 0, 1), steps, first, second, width, integrator)
-    turn = jnp.zeros_like(end[:, 1:])
+    step = _steps(matrix, column, dt, integrator)
+    ordered = jnp.moveaxis(step.rotation, 1, 0)
+    identity = jnp.broadcast_to(jnp.eye(3, dtype=matrix.dtype), ordered[0].shape)
+    end, later = jax.lax.scan(lambda later, step: (step @ later, later), identity, ordered, reverse=True)
+    later = jnp.moveaxis(later, 0, 1)
+    before, after = jnp.swapaxes(later, -1, -2) @ step.before, jnp.swapaxes(later, -1, -2) @ step.after
+    turn = jnp.zeros_like(end[:, 0])
     if not isinstance(slope, SymbolicZero):
         share = jnp.einsum("snab,snc->sabc", before, column[:, :-1]) + jnp.einsum("snab,snc->sabc", after, column[:, 1:])
         turn = turn + jnp.einsum("sabc,bc->sa", share, slope)
     if not isinstance(moved, SymbolicZero):
-        change = _rates(matrix, moved)
+        change = moved @ matrix.T
         turn = turn + jnp.einsum("snab,snb->sa", before, change[:, :-1]) + jnp.einsum("snab,snb->sa", after, change[:, 1:])
-    return end, product(end, _tail(turn / 2))
+    if not isinstance(shifted, SymbolicZero):
+        turn = turn + jnp.einsum("snba,snb,sn->sa", later, step.width, shifted)
+    return end, end @ skew(turn)
 
 
 attitude.defjvp(_attitude_jvp, symbolic_zeros=True)

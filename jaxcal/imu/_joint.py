@@ -6,9 +6,8 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from .._rotation import conjugate, exponential, rotate
 from .._types import Array
-from ._integrate import attitude
+from ._integrate import attitude, closed_form
 from ._norms import AccelParameters, GyroParameters, corrected
 from ._turns import Segments
 
@@ -70,7 +69,7 @@ def rate_matrix(p: ImuParameters, origin: Array) -> Array:
 
 
 def attitudes(p: ImuParameters, data: Joint) -> Array:
-    """Quaternion of every segment, (s, 4)."""
+    """Rotation of every segment from the axes after it to those before, (s, 3, 3)."""
     s = data.segments
     one = jnp.ones_like(s.gyro[..., :1])
     gyro, accel = s.gyro - jnp.broadcast_to(data.origin[:3], s.gyro.shape), s.accel - jnp.broadcast_to(data.origin[3:], s.accel.shape)
@@ -78,19 +77,15 @@ def attitudes(p: ImuParameters, data: Joint) -> Array:
     return attitude(rate_matrix(p, data.origin), column, s.dt)
 
 
-def _norths(p: ImuParameters, vertical: Array, q: Array, data: Joint) -> Array:
+def _norths(p: ImuParameters, vertical: Array, turn: Array, data: Joint) -> Array:
     """Horizontal vector of the Earth's rate over its size in the axes of every pose, from that of the first and the turns."""
     first = vertical[0]
     # any axis that is far from the vertical gives a horizontal pair
     aside = jnp.where(jnp.abs(first) == jnp.min(jnp.abs(first)), 1.0, 0.0).astype(first.dtype)
     right = _unit(jnp.cross(first, aside))
     start = p.north[0] * right + p.north[1] * jnp.cross(first, right)
-
-    def carry(north, step):
-        turned = jnp.where(step[4] > 0, rotate(conjugate(step[:4]), north), north)
-        return turned, turned
-
-    rest = jax.lax.scan(carry, start, jnp.concatenate([q, data.segments.weight[:, None]], axis=1))[1]
+    kept = jnp.where(data.segments.weight[:, None, None] > 0, turn, jnp.eye(3, dtype=turn.dtype))
+    rest = jax.lax.scan(lambda north, c: (north @ c, north @ c), start, kept)[1]
     return jnp.concatenate([start[None, :], rest])[: len(vertical)]
 
 
@@ -100,13 +95,15 @@ def parts(p: ImuParameters, data: Joint) -> tuple[Array, Array, Array, Array]:
     size = jnp.sqrt(jnp.sum(force**2, axis=-1))
     vertical = force / size[:, None]
     s = data.segments
-    q = attitudes(p, data)
-    north = _norths(p, vertical, q, data)
-    earth = data.earth[0] * vertical + data.earth[1] * north
-    # against the stars the vertical of a resting table turns with the Earth
-    moved = rotate(exponential(earth[s.first] * s.duration[:, None]), vertical[s.first])
-    turned = rotate(conjugate(q), moved) - vertical[s.second]
-    still = earth @ jnp.linalg.inv(p.gyro.correction()).T + force @ p.gyro.g_sensitivity.T + data.poses.time[:, None] * p.drift[None, :]
+    turn = attitudes(p, data)
+    moved, still = vertical[s.first], force @ p.gyro.g_sensitivity.T + data.poses.time[:, None] * p.drift[None, :]
+    if data.earth is not None:
+        earth = data.earth[0] * vertical + data.earth[1] * _norths(p, vertical, turn, data)
+        # against the stars the vertical of a resting table turns with the Earth
+        rate = earth[s.first]
+        moved = jnp.einsum("sij,sj->si", closed_form(rate, rate, s.duration[:, None]).rotation, moved)
+        still = still + earth @ jnp.linalg.inv(p.gyro.correction()).T
+    turned = jnp.einsum("sji,sj->si", turn, moved) - vertical[s.second]
     rest = data.poses.gyro - jnp.broadcast_to(p.gyro.bias, force.shape) - still
     weight = data.poses.weight
     return weight * (data.gravity - size), s.weight[:, None] * turned, weight[:, None] * rest, vertical

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._precision import host_float64
+from .._results import Result, Row
 from .._types import AnyArray, Array
 from ._frames import in_convention
 from ._joint import ImuParameters
@@ -22,7 +23,7 @@ NAMES = (
 )  # fmt: skip
 
 
-class ImuFit(eqx.Module):
+class ImuFit(Result):
     """An accelerometer and a gyroscope from a recording of still poses and the turns between them.
 
     Attributes
@@ -94,6 +95,11 @@ class ImuFit(eqx.Module):
                 flat = [np.ravel(triad.matrix), np.ravel(triad.bias)] + ([np.ravel(triad.g_sensitivity)] if size == 21 else [])
                 parts.append(np.concatenate(flat))
         return np.concatenate(parts)
+
+    def _rows(self) -> list[Row]:
+        units = ["1"] * 9 + ["m/s^2"] * 3 + ["1"] * 9 + ["rad/s"] * 3 + ["rad/s per m/s^2"] * 9
+        rows = zip(self.names, self.values, self.interval, units, strict=True)
+        return [Row(name, value, low, high, unit) for name, value, (low, high), unit in rows if np.isfinite(value)]
 
     @property
     def standard_error(self) -> np.ndarray:

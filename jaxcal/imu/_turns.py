@@ -7,7 +7,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._rotation import conjugate, rotate
 from .._types import Array
 from ._integrate import attitude
 from ._norms import GyroParameters
@@ -66,5 +65,5 @@ def turn_residuals(parameters: GyroParameters, data: Turns) -> Array:
     """R' u_before - u_after, three components for every segment, by Runge-Kutta steps: the residual of imu_tk."""
     s, matrix = data.segments, parameters.correction()
     column = jnp.concatenate([s.gyro, jnp.ones_like(s.gyro[..., :1])], axis=-1)
-    q = attitude(jnp.concatenate([matrix, -(matrix @ parameters.bias)[:, None]], axis=1), column, s.dt, "runge_kutta")
-    return s.weight[:, None] * (rotate(conjugate(q), data.vertical[s.first]) - data.vertical[s.second])
+    turn = attitude(jnp.concatenate([matrix, -(matrix @ parameters.bias)[:, None]], axis=1), column, s.dt, "runge_kutta")
+    return s.weight[:, None] * (jnp.einsum("sji,sj->si", turn, data.vertical[s.first]) - data.vertical[s.second])

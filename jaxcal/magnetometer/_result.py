@@ -5,11 +5,12 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
+from .._results import NORMAL95, Result, Row
 from .._types import AnyArray
 from ._model import MagModel
 
 
-class MagFit(eqx.Module):
+class MagFit(Result):
     """Hard and soft iron with their uncertainty, the heading error to expect, and a verdict.
 
     A fit of norms cannot see a rotation common to all readings: without an `alignment`, `model` is the one with a symmetric soft
@@ -67,6 +68,15 @@ class MagFit(eqx.Module):
     penalty: float = 0.0
     field_error: float | None = None
     joint: bool = eqx.field(static=True, default=False)
+
+    def _rows(self) -> list[Row]:
+        if self.model is None:
+            return []
+        hard, half = np.asarray(self.model.hard_iron), NORMAL95 * self.hard_iron_error
+        rows = [Row(f"hard iron {axis}", b, b - h, b + h, "unit") for axis, b, h in zip("xyz", hard, half, strict=True)]
+        soft = np.asarray(self.model.soft_iron)
+        rows += [Row(f"soft iron {a}{b}", soft[i, j]) for i, a in enumerate("xyz") for j, b in enumerate("xyz")]
+        return [*rows, Row("field", self.field, unit="unit"), Row("noise of a reading", self.noise, unit="unit")]
 
     @property
     def hard_iron_error(self) -> np.ndarray:

@@ -9,12 +9,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._precision import map_ordered
+from .._results import Result, Row
 from .._types import AnyArray
 from ..allan import Deviation
 from ._model import Noise
 
 
-class NoiseFit(eqx.Module):
+class NoiseFit(Result):
     """Noise coefficients of one channel, or of several, with what is known about them.
 
     For a record of several channels every entry is per channel, channels last; verdicts, sentences and flags are then tuples
@@ -73,6 +74,24 @@ class NoiseFit(eqx.Module):
     other: Noise | None = None
     conservative: Noise | None = None
 
+    @property
+    def reason(self) -> str:
+        """The verdicts in a sentence (host only)."""
+        terms: dict[str, list[str]] = {}
+        for term, verdict in self.verdict.items():
+            terms.setdefault(verdict if isinstance(verdict, str) else " / ".join(verdict), []).append(term)
+        return "; ".join(f"{', '.join(names)} {verdict}" for verdict, names in terms.items()) or f"Method {self.method} gives no verdicts"
+
+    def _rows(self) -> list[Row]:
+        if np.ndim(self.goodness):
+            channels = [self.channel(i)._rows() for i in range(np.size(self.goodness))]
+            return [row._replace(name=f"{row.name}, channel {i}") for i, rows in enumerate(channels) for row in rows]
+        none = (np.nan, np.nan)
+        return [
+            Row(term, self.noise.coefficient(term), *self.interval.get(term, none), _UNITS.get(term, "SI"), self.verdict.get(term, ""))
+            for term in self.terms
+        ]
+
     def channel(self, index: int) -> "NoiseFit":
         """The fit of one channel of a record with several.
 
@@ -92,6 +111,8 @@ class NoiseFit(eqx.Module):
         return NoiseFit(verdict=verdict, deviation=deviation, **noises, **numbers, **sentences, **kept)
 
 
+#: of the coefficients, where "unit" is that of the readings
+_UNITS = {"Q": "unit s", "N": "unit sqrt(s)", "B": "unit", "K": "unit/sqrt(s)", "R": "unit/s"}
 _NUMBERS = ("interval", "upper_limit", "significance", "covariance", "goodness", "longer_record", "band", "used", "decides")
 _SENTENCES = ("left_out", "warnings", "notes")
 _NOISES = ("noise", "other", "conservative")

@@ -8,6 +8,7 @@ import numpy as np
 
 from .._errors import DataError
 from .._log import Log
+from .._results import plain
 from .._units import noise_units
 from ..noise import NoiseFit
 
@@ -83,16 +84,3 @@ def number(value: Any) -> float | None:
     """A number as JSON has it: None where it is infinite or not known."""
     value = float(value)
     return value if math.isfinite(value) else None
-
-
-def plain(value: Any) -> Any:
-    """Provenance as JSON has it."""
-    if isinstance(value, (np.ndarray, np.generic)):
-        value = value.tolist()
-    if isinstance(value, dict):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [plain(item) for item in value]
-    if isinstance(value, float):
-        return number(value)
-    return value if value is None or isinstance(value, (str, bool, int)) else str(value)

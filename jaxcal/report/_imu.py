@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from .._log import Log
+from .._results import plain
 from ..imu import ImuFit
 from ..plot import imu
-from ._document import plain
 from ._html import Markup, each, join, tag
 from ._noise import recording
 from ._numbers import numbers, scroll

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 
 from .._log import Log
+from .._results import plain
 from ..magnetometer import MagFit, heading_uncertainty
 from ..plot import _magnetometer as pictures
-from ._document import plain
 from ._html import Markup, each, join, tag
 from ._noise import recording
 from ._numbers import numbers, scroll

@@ -5,11 +5,12 @@ from collections.abc import Iterable
 from typing import Any
 
 from .._log import Log
+from .._results import plain
 from .._units import noise_units
 from ..noise import NoiseFit
 from ..plot import allan
 from ..plot._labels import display_unit, duration_label, interval_labels, number_label
-from ._document import plain, sensor_of
+from ._document import sensor_of
 from ._html import Markup, each, join, tag
 from ._numbers import scroll, shown, table_of
 from ._svg import inline

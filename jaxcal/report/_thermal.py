@@ -7,11 +7,12 @@ import numpy as np
 
 from .._errors import DataError
 from .._log import Log
+from .._results import plain
 from .._units import si_unit
 from ..plot import temperature
 from ..plot._labels import display_unit, number_label
 from ..temperature import TemperatureFit
-from ._document import number, plain, sensor_of
+from ._document import number, sensor_of
 from ._html import Markup, each, join, tag
 from ._numbers import numbers, scroll
 from ._svg import inline

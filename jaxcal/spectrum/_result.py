@@ -2,10 +2,11 @@
 
 import equinox as eqx
 
+from .._results import Row, Unjudged, rows_of
 from .._types import AnyArray
 
 
-class Spectrum(eqx.Module):
+class Spectrum(Unjudged):
     """A power spectral density at frequencies above zero, with chi-square intervals.
 
     Every array has the frequencies first; a second axis is there where the record had channels.
@@ -37,6 +38,9 @@ class Spectrum(eqx.Module):
     rate: float = eqx.field(static=True)
     confidence: float = eqx.field(static=True)
     warnings: tuple[str, ...] = eqx.field(static=True, default=())
+
+    def _rows(self) -> list[Row]:
+        return rows_of(self, "density", lambda i: f"density at {float(self.frequency[i]):.4g} Hz", "unit^2/Hz")
 
     def channel(self, index: int) -> "Spectrum":
         """The same result for one channel of a record with several."""

@@ -7,6 +7,7 @@ import numpy as np
 import scipy.stats
 
 from .._precision import host_float64
+from .._results import Row, Unjudged
 from .._types import AnyArray
 from ._bins import Bins
 from ._model import ThermalModel
@@ -48,7 +49,7 @@ class Candidate(eqx.Module):
     chosen: bool = eqx.field(static=True, default=False)
 
 
-class TemperatureFit(eqx.Module):
+class TemperatureFit(Unjudged):
     """Bias of one channel against temperature, with its uncertainty.
 
     The intervals hold for the bias of this record. What the sensor wanders between two records, as by its rate random walk or from
@@ -91,6 +92,15 @@ class TemperatureFit(eqx.Module):
     confidence: float = eqx.field(static=True)
     warnings: tuple[str, ...] = eqx.field(static=True)
     notes: tuple[str, ...] = eqx.field(static=True)
+
+    def _rows(self) -> list[Row]:
+        z = scipy.stats.norm.ppf(0.5 + self.confidence / 2)
+        known = () if self.coefficients is None else enumerate(zip(self.coefficients, self.coefficient_error, strict=True), 1)
+        rows = [Row(f"a{i}", value, value - z * error, value + z * error, f"unit/degC^{i - 1}") for i, (value, error) in known]
+        for step in self.steps:
+            half = z * step.height_error
+            rows.append(Row(f"jump at {step.centre:.2f} degC", step.height, step.height - half, step.height + half, "unit"))
+        return [*rows, Row("rms residual", self.rms, unit="unit"), Row(f"rms at {self.worst_at:.1f} degC", self.worst, unit="unit")]
 
     @host_float64
     def interval_at(self, temperature: Any) -> tuple[AnyArray, AnyArray]:

@@ -1,0 +1,73 @@
+"""What all results have in common: verdict, reason, warnings, a summary, a dictionary, a file."""
+
+import json
+import math
+import pathlib
+import re
+import runpy
+
+import numpy as np
+import pytest
+
+import jaxcal
+from jaxcal import ExportError
+from jaxcal.alignment import AlignmentFit
+from jaxcal.allan import Deviation
+from jaxcal.imu import ImuFit
+from jaxcal.magnetometer import MagFit, body_field, scenario
+from jaxcal.noise import NoiseFit
+from jaxcal.spectrum import Spectrum
+from jaxcal.temperature import TemperatureFit
+
+made = runpy.run_path(str(pathlib.Path(__file__).parent / "made_fit.py"))
+WORDS = ("good", "weak", "refused")
+
+
+@pytest.mark.parametrize("kind", [Deviation, Spectrum, NoiseFit, MagFit, ImuFit, TemperatureFit, AlignmentFit])
+@pytest.mark.parametrize("name", ["summary", "to_dict", "save"])
+def test_every_result_has_the_same_methods(kind, name):
+    assert getattr(kind, name) is getattr(Deviation, name)
+
+
+def test_a_magnetometer_fit_as_text_and_as_a_file(tmp_path):
+    field = body_field(scenario("all"), 50e-6)
+    found = jaxcal.magnetometer.fit(field + 1e-7 * np.random.default_rng(0).standard_normal(field.shape), field=50e-6)
+    lines = found.summary().splitlines()
+    assert lines[0].startswith(f"MagFit: {found.verdict}: {found.reason[:20]}")
+    line = next(line for line in lines if line.startswith("  hard iron y"))
+    value, low, high = (float(word) for word in re.findall(r"-?\d\.\d+e-\d+", line))
+    assert value == pytest.approx(found.model.hard_iron[1], abs=0.1 * found.hard_iron_error[1])
+    assert (high - low) / 2 == pytest.approx(1.96 * found.hard_iron_error[1], rel=0.06)
+    found.save(tmp_path / "mag.json")
+    document = json.loads((tmp_path / "mag.json").read_text())
+    assert document["verdict"] in WORDS
+    assert (document["schema"], document["version"]) == ("jaxcal.MagFit/1", jaxcal.__version__)
+    np.testing.assert_array_equal(document["model"]["soft_iron"], found.model.soft_iron)
+    np.testing.assert_array_equal(document["covariance"], found.covariance)
+    assert document["coverage"]["occupied"] == found.coverage.occupied
+    with pytest.raises(ExportError, match="does not exist"):
+        found.save(tmp_path / "nowhere" / "mag.json")
+
+
+def test_a_noise_fit_says_its_verdict_on_every_term():
+    found = made["made_fit"](warnings=("Short record.",))
+    assert found.reason == "Q, K not detected; N present; B hint"
+    text = found.summary()
+    assert text.splitlines()[2].split() == ["N", "1.00e-04", "9.0e-05", "to", "1.10e-04", "unit", "sqrt(s)", "present"]
+    assert text.endswith("Warning: Short record.")
+    document = found.to_dict()
+    assert document["longer_record"]["Q"] is None  # infinite
+    assert document["interval"]["N"] == pytest.approx([0.9e-4, 1.1e-4])
+    json.dumps(document, allow_nan=False)
+
+
+def test_curves_are_judged_by_their_warnings_and_thinned():
+    curve = made["made_deviation"](jaxcal.noise.Noise(N=1e-4))
+    assert (curve.verdict, curve.reason) == ("good", "No warnings.")
+    rows = curve.summary().splitlines()[1:]
+    assert len(rows) == 12
+    assert rows[0].split()[:4] == ["oadev", "at", "0.005", "s"]
+    curve = made["made_deviation"](jaxcal.noise.Noise(N=1e-4), lower=np.full(38, math.nan), warnings=("Gaps.", "Short."))
+    assert (curve.verdict, curve.reason) == ("weak", "2 warnings.")
+    assert curve.to_dict()["lower"] == [None] * 38
+    assert " to " not in curve.summary()
