@@ -95,8 +95,9 @@ def padded(curve: Deviation, samples: int, terms: tuple[Term, ...], inside):
     """
     xp = jnp if is_traced(curve.deviation) else np
     pad = max(CLUSTERS - len(curve.m), 0)
-    columns = [term.avar(curve.tau, 1.0 / curve.rate) for term in terms]
-    tensor = covariance_tensor(samples, tuple(int(m) for m in curve.m), 1.0 / curve.rate, terms)
+    with jax.ensure_compile_time_eval():  # neither depends on the record
+        columns = [np.asarray(term.avar(curve.tau, 1.0 / curve.rate)) for term in terms]
+        tensor = covariance_tensor(samples, tuple(int(m) for m in curve.m), 1.0 / curve.rate, terms)
     return (
         xp.pad(curve.deviation, (0, pad), constant_values=1.0),
         np.pad(curve.m.astype(float), (0, pad), constant_values=1.0),

@@ -54,7 +54,9 @@ def _layout(n: int, dt: float, terms: tuple[Term, ...]) -> tuple[np.ndarray, np.
     """First ordinate, count, columns (bins, p) and mean frequency of the bins of a gap-free stretch of n samples."""
     starts, count = log_groups(n - 1, keep_tail=True)
     count = count.astype(float)
-    columns = np.stack([np.add.reduceat(term.ordinates(np.arange(1, n), n, dt), starts) / count for term in terms], axis=1)
+    with jax.ensure_compile_time_eval():  # they do not depend on the record
+        expected = [np.asarray(term.ordinates(np.arange(1, n), n, dt)) for term in terms]
+    columns = np.stack([np.add.reduceat(values, starts) / count for values in expected], axis=1)
     frequency = np.add.reduceat(np.arange(1.0, n), starts) / count / (2.0 * n * dt)
     for array in (starts, count, columns, frequency):
         array.flags.writeable = False

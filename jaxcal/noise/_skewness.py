@@ -17,10 +17,10 @@ Quadratic Forms in Random Variables, 1992; cube root, E. B. Wilson and M. M. Hil
 """
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._precision import array_module
 from .._types import AnyArray, Array, Float
 from ._curve import Curve, correlation, forward, inverse
 from ._terms import Term
@@ -56,9 +56,9 @@ def response(samples: int, m, dt: float, terms: tuple[Term, ...]) -> Response:
     fourth = 0.375 - np.cos(2.0 * angle) / 2.0 * np.sinc(width) + np.cos(4.0 * angle) / 8.0 * np.sinc(2.0 * width)
     kernel = 2.0 * fourth / (m[:, None] * np.sin(half)) ** 2 / (samples * dt)  # a sum over frequencies is the variance then
     frequency = middle / (2.0 * samples * dt)
-    columns = [term.psd(frequency, dt) for term in terms]
-    xp = array_module(columns)
-    return Response(number, kernel, xp.stack([*columns, xp.zeros(_BINS)], axis=1))
+    with jax.ensure_compile_time_eval():  # they do not depend on the record
+        columns = [np.asarray(term.psd(frequency, dt)) for term in terms]
+    return Response(number, kernel, np.stack([*columns, np.zeros(_BINS)], axis=1))
 
 
 def skewness(curve: Curve, heard: Response, at: Float[Array, " p"], index) -> Float[Array, ""]:

@@ -87,7 +87,7 @@ class Term(eqx.Module):
         """Expected DCT-II ordinates k = 1 .. n-1 of n samples, for a coefficient of one."""
         return _numeric.ordinates(self.psd, k, n, dt)
 
-    def lagged(self, h, small: float, large: float, dt: float):
+    def lagged(self, h, small, large, dt):
         r"""Covariance of two second differences of phase for a coefficient of one, or None: the density then gives it.
 
         .. math:: \frac{1}{2mm'} \sum_{a,b=0}^{2} w_a w_b\, G(h + b m' - a m),\quad w = (1, -2, 1)

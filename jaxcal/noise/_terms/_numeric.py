@@ -20,12 +20,13 @@ not leak, are taken first.
 import functools
 import math
 
+import jax
+import jax.core
 import numpy as np
 import scipy.fft
 import scipy.special
 
 from ..._errors import DataError
-from ..._precision import is_traced
 
 _NODES = 8
 #: edges of the panels over pi: four to the octave, then one to four octaves where a density is a power law
@@ -63,7 +64,7 @@ def _allan_weights(sizes: tuple[float, ...]) -> np.ndarray:
 
 def allan_variance(psd, tau, dt):
     """Allan variance of a density at cluster times; without dt that of samples so close that it is that of the signal."""
-    if is_traced(tau, dt):
+    if isinstance(tau, jax.core.Tracer) or isinstance(dt, jax.core.Tracer):
         raise DataError("the Allan variance of a term without closed form needs cluster times that are not traced; give them as an array")
     tau = np.asarray(tau, dtype=float)
     m, step = (np.full_like(tau, _CONTINUOUS), tau / _CONTINUOUS) if dt is None else (tau / dt, np.full_like(tau, dt))
