@@ -6,8 +6,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxcal.allan._phase import BLOCK, padded_length
-from jaxcal.allan._sums import block_sums, direct_sums
+from jaxcal.allan._kernels._difference_sums import block_sums, direct_sums
+from jaxcal.allan._kernels._phase import BLOCK, padded_length
 
 
 def _seconds(function):

@@ -195,7 +195,7 @@ NONE = []
 
 
 def _none():
-    from jaxcal.alignment._verdict import NO_NUMBER
+    from jaxcal.alignment import NO_NUMBER
 
     NONE.extend(int(np.asarray(item._value)) for item in NO_NUMBER)
 

@@ -1,7 +1,7 @@
 """jaxcal beside allantools, in one run: speed, agreement, memory, compilations, and the whole `jaxcal noise` command.
 
     python benchmarks/compare.py                     everything (about twenty minutes on two cores)
-    python benchmarks/compare.py --only total        one part: command, speed, all, total, stream, dynamic, logs, memory, programs, gpu
+    python benchmarks/compare.py --only total        one part: command, speed, calls, all, total, stream, ... (see main)
     python benchmarks/compare.py --longest 1000000   shorter records only
     python benchmarks/compare.py --log imu.csv.gz    the command on a log of yours instead of a simulated one
 
@@ -97,6 +97,31 @@ def speed(longest, compilations):
             a, b = best(theirs), best(ours)
             print(f"{kind:6} {samples:9d} {name:7} {len(m):4d} {channels:2d} {a:12.4f} {b:9.4f} {a / b:6.1f} ", end="")
             print(f"{first:10.2f} {agree:8.0e}", flush=True)
+
+
+def calls():
+    """One ordinary log per call in a plain loop: median of the ratios of neighbouring calls, and of their processor times."""
+    random = np.random.default_rng(2)
+    print(f"{'samples':>9} {'tau':>4} {'allantools ms':>13} {'jaxcal ms':>9} {'ratio':>6} {'of processor time':>18}")
+    for samples in (10_000, 50_000, 100_000, 150_000):
+        y, grid = random.standard_normal(samples), np.geomspace(1, samples // 2 - 1, 200)
+        m = np.unique(np.round(grid).astype(int))
+        m = m[np.round(np.linspace(0, len(m) - 1, 60)).astype(int)]
+        peers = (
+            lambda y=y, m=m: allantools.oadev(y, rate=RATE, data_type="freq", taus=m / RATE),
+            lambda y=y, m=m: jaxcal.allan.deviation(y, RATE, m=m),
+        )
+        times = []
+        for turn in range(63):
+            row = []
+            for peer in peers:
+                start = time.perf_counter(), time.process_time()
+                peer()
+                row.append((time.perf_counter() - start[0], time.process_time() - start[1]))
+            times += [row] if turn > 2 else []  # the first compile
+        (theirs, _), (ours, _) = np.median(times, axis=0)
+        wall, processor = np.median(np.array(times)[:, 0] / np.array(times)[:, 1], axis=0)
+        print(f"{samples:9d} {len(m):4d} {1e3 * theirs:13.2f} {1e3 * ours:9.2f} {wall:6.1f} {processor:18.1f}", flush=True)
 
 
 def compilations_over_lengths(compilations):
@@ -198,6 +223,7 @@ def main():
     parts = {
         "command": lambda: command(options.log),
         "speed": lambda: speed(options.longest, compilations),
+        "calls": calls,
         "all": lambda: _alltau.all_tau(options.longest),
         "total": _total.total_family,
         "stream": lambda: _stream.stream(options.stream),

@@ -30,6 +30,7 @@ PARTS = {
     "jaxcal.io": ("Reading and converting", None),
     "jaxcal.export": ("Export", None),
     "jaxcal.batch": ("Many logs", None),
+    "jaxcal.fitting": ("Models of your own", None),
     "jaxcal.plot": ("Figures", None),
     "jaxcal.report": ("Reports", None),
 }

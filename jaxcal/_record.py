@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 
 from ._errors import DataError
@@ -20,11 +21,11 @@ def checked_rate(rate: Any) -> float:
 
 
 def checked_record(y: Any) -> Any:
-    """Samples (n,) or (n, channels): a traced record as it is, any other in float64; NaN and infinity are the caller's to judge."""
+    """Samples (n,) or (n, channels), NaN and infinity left to the caller: a JAX array where traced, else NumPy in float64."""
     if is_traced(y):
         if y.ndim not in (1, 2) or 0 in y.shape:
             raise DataError(f"y must be (n,) or (n, channels), time first, and not empty; got shape {y.shape}")
-        return y
+        return jnp.asarray(y)
     y = np.asarray(y)
     if y.dtype.kind not in "fiu":
         raise DataError(f"y must hold real numbers; got dtype {y.dtype}")

@@ -7,9 +7,12 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int, Num, PyTree
 
 AnyArray = Array | np.ndarray
 
+#: A result that is an array of JAX in a trace, and a number or array of NumPy outside of it.
+Value = Array | np.ndarray | np.number
+
 #: One recording of one channel, or several channels with time first.
 Series = Num[AnyArray, " n"] | Num[AnyArray, "n channels"]
 
 Scalar = Float[AnyArray, ""] | float
 
-__all__ = ["Any", "AnyArray", "Array", "ArrayLike", "Bool", "Float", "Int", "Num", "PyTree", "Scalar", "Series"]
+__all__ = ["Any", "AnyArray", "Array", "ArrayLike", "Bool", "Float", "Int", "Num", "PyTree", "Scalar", "Series", "Value"]

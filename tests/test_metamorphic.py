@@ -4,14 +4,12 @@ They need no truth: each follows from the definition of what is estimated, and t
 so that few programs are compiled.
 """
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from jaxcal import alignment, allan, imu, magnetometer, noise, spectrum, temperature
 from jaxcal.alignment import Positions, Readings, Sensor
-from jaxcal.alignment._frames import table_from_nav
 
 # ruff: noqa: RUF005 (sums of arrays)
 
@@ -310,7 +308,7 @@ def test_alignment():
     delta = 0.3
     turned = fit(changed(angles + delta))
     back = Rotation.from_rotvec([0.0, 0.0, delta]).as_matrix()
-    matrices = [np.asarray(table_from_nav(*(jnp.asarray(angle) for angle in (f.phi, f.theta, f.psi)))) for f in (before, turned)]
+    matrices = [f.model.matrix for f in (before, turned)]
     ways = [back @ matrices[0], back.T @ matrices[0]]
     close(min(ways, key=lambda way: np.abs(way - matrices[1]).max()), matrices[1], 0.0, 1e-8)
     # noise weighs sensors against one another: common to both, it changes the errors alone

@@ -10,11 +10,10 @@ from .._errors import DataError
 from .._precision import host_float64, is_traced
 from .._types import Array
 from ._closed import Closed, bias_and_scale, four_point, maximum, opposed, quadrature, scale_first, single_reading, triad
-from ._equation import distance
-from ._frames import EARTH_RATE, wrap
+from ._frames import EARTH_RATE, distance, wrap
 from ._level import Level
 from ._positions import Readings, check_latitude, harmonics, mean_at, measured, need
-from ._verdict import NO_NUMBER, Verdict, sentence, word
+from ._verdict import NO_NUMBER, Verdict, sentence, verdict_name
 
 _QUARTER = np.pi / 2
 _THREE = [("x", 0.0), ("x", _QUARTER), ("x", np.pi)]
@@ -260,10 +259,10 @@ def _each(flag: Array, found: Any) -> Array:
 
 def _trimmed(found: Azimuth) -> Azimuth:
     """A result of the host: the real roots alone, and None where there is no number."""
-    names = {word(item) for item in NO_NUMBER}
-    none = word(found.verdict) in names
+    names = {verdict_name(item) for item in NO_NUMBER}
+    none = verdict_name(found.verdict) in names
     kept = np.asarray(found.real)
-    if word(found.verdict) not in ("ok", "undecided") and none:
+    if verdict_name(found.verdict) not in ("ok", "undecided") and none:
         kept = kept & False
     one = lambda value: None if value is None else float(value)  # noqa: E731
     return Azimuth(

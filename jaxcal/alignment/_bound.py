@@ -1,23 +1,24 @@
 """`crlb`: how well positions can tell attitude, sensor errors and latitude, before anything is measured."""
 
+import dataclasses
 from collections.abc import Iterable
 from typing import Any
 
 import equinox as eqx
 import jax
-import jax.core
 import jax.numpy as jnp
 import numpy as np
 
 from .._errors import DataError
-from .._precision import host_float64, is_traced
+from .._precision import array_module, host_float64, is_traced
 from .._types import Array
-from ._describe import know, physical
-from ._frames import GRAVITY, table_from_nav
-from ._model import COUNT, Rows, Table, as_arrays, residuals, tabulate, whitening
+from ._describe import know, sizes_of
+from ._frames import GRAVITY
+from ._model import NAMES, Turntable, turntable, with_values
 from ._options import free_of, priors_of
 from ._positions import IDEAL, Readings, Sensor, as_positions, check_gravity, check_latitude
 from ._result import Bound
+from ._table import Table, in_one_type, residuals, tabulate
 
 
 def noise_of(noise: Any, name: str) -> tuple[Any, Any]:
@@ -85,53 +86,27 @@ def crlb(
     positions = as_positions(positions)
     check_latitude(latitude)
     check_gravity(gravity)
-    chosen = free_of(free, priors, positions, latitude, (True, True))
-    certainty = priors_of(priors)[1]
+    chosen = free_of(free, priors, positions, latitude, (True, True), NAMES)
+    certainty = priors_of(priors, NAMES)[1]
     noise = [noise_of(accel_noise, "accelerometer noise"), noise_of(gyro_noise, "gyro noise")]
-    correlated = any(isinstance(k, jax.core.Tracer) or float(k) > 0 for _, k in noise)
-    attitude = jnp.asarray(attitude)
-    dtype = attitude.dtype
+    attitude = attitude if is_traced(attitude) else np.asarray(attitude, dtype=float)
     if attitude.shape != (3,):
         raise DataError(f"The attitude has shape {attitude.shape}; give (roll, pitch, azimuth) in rad.")
-    zeros = np.zeros(len(positions)) if not is_traced(positions, attitude, latitude) else jnp.zeros(len(positions), dtype=dtype)
-    table = tabulate(Readings(positions, zeros, zeros, lever_arm=lever_arm), gravity)
-    table = as_arrays(table, dtype)
-    to = lambda values: jnp.stack([jnp.asarray(value, dtype=dtype) for value in values])  # noqa: E731
-    values = jnp.concatenate([attitude, to(_errors(accel, gyro)), to([latitude])])
-    return _bound(table, values, to(certainty), jnp.asarray(chosen), tuple(to(pair) for pair in noise), correlated)
-
-
-def _errors(accel: Sensor, gyro: Sensor) -> list[Any]:
-    """Parameters 3 to 12."""
-    (a1, a2), (g1, g2) = accel.misalignment, gyro.misalignment
-    return [accel.bias, accel.scale_error, gyro.bias, gyro.scale_error, a1, a2, g1, g2, accel.bias_rate, gyro.bias_rate]
-
-
-def jacobian_at(table: Table, values: Array, certainty: Array, noise: Any, correlated: bool) -> Array:
-    """Whitened Jacobian of readings and priors with respect to the 14 parameters."""
-    rows = Rows(table, whitening(table, noise, correlated), values, table_from_nav(*values[:3]), jnp.asarray(False), values, certainty)
-    return jax.jacfwd(residuals)(jnp.zeros_like(values), rows)
+    zeros = np.zeros(len(positions))
+    table = tabulate(Readings(positions, zeros, zeros, lever_arm=lever_arm), gravity, noise)
+    model = turntable(attitude, latitude, accel, gyro)
+    dtype = jax.dtypes.canonicalize_dtype(attitude.dtype)
+    xp = array_module(table, model, certainty)
+    weight = xp.stack([xp.asarray(certainty.get(name, 0.0)) for name in NAMES])
+    table, model = in_one_type((dataclasses.replace(table, prior=0 * weight, certainty=weight), model), dtype)
+    mask = np.array([name in chosen for name in NAMES])
+    jacobian = jacobian_at(model, table)
+    known = know(jacobian if is_traced(jacobian) else np.asarray(jacobian), 2 * table.accel.size, mask, sizes_of(NAMES, gravity, positions))
+    return Bound(NAMES, known.covariance, mask, known.rank, known.hidden, known.lost)
 
 
 @eqx.filter_jit
-def _bound(table: Table, values: Array, certainty: Array, free: Array, noise: Any, correlated: bool) -> Bound:
-    jacobian = jacobian_at(table, values, jnp.where(free, certainty, 0), noise, correlated)
-    duration = jnp.max(table.start + table.dwell) - jnp.min(table.start)
-    known = know(jax.lax.stop_gradient(jacobian), free, physical(table.gravity, duration, values.dtype))
-    covariance = jnp.where(jnp.any(known.lost), known.covariance, inverse_information(jacobian, free, jnp.any(known.lost)))
-    return Bound(covariance, free, known.rank, known.hidden, known.lost)
-
-
-def inverse_information(jacobian: Array, free: Array, singular: Array) -> Array:
-    """(J'J)^-1 of the free parameters through QR, differentiable; zero for those that are held, meaningless where J is singular."""
-    eye = jnp.eye(COUNT, dtype=jacobian.dtype)
-    safe = jnp.where(free[None, :], jacobian, 0)
-    column = jax.lax.stop_gradient(jnp.linalg.norm(safe, axis=0))
-    column = jnp.where(column > 0, column, 1)
-    # held parameters, and all of them where the information is singular, get a row of their own instead
-    held = jnp.where(free & ~singular, 0, 1).astype(jacobian.dtype)
-    stack = jnp.concatenate([safe / column[None, :], held[:, None] * eye])
-    triangle = jnp.linalg.qr(stack, mode="reduced")[1]
-    inverse = jax.scipy.linalg.solve_triangular(triangle, eye) / column[:, None]
-    inverse = jnp.where(free[:, None], inverse, 0)
-    return inverse @ inverse.T
+def jacobian_at(model: Turntable, table: Table) -> Array:
+    """Jacobian of the residuals with respect to the parameters, in their order."""
+    values = jnp.stack([jnp.asarray(leaf) for leaf in jax.tree.leaves(model)])
+    return jax.jacfwd(lambda x: residuals(with_values(model, x), table))(values)

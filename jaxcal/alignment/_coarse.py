@@ -10,7 +10,7 @@ from .._errors import DataError
 from .._precision import host_float64, is_traced
 from ._frames import EARTH_RATE, GRAVITY, angles_of
 from ._positions import check_gravity, check_latitude
-from ._verdict import Verdict, sentence, word
+from ._verdict import Verdict, sentence, verdict_name
 
 _POLE = np.deg2rad(89.9)
 _SIGMAS = 4
@@ -119,9 +119,9 @@ def coarse(
         verdict = Verdict.where(jnp.abs(off) > _SIGMAS * spread, Verdict.integrity, verdict)
     verdict = Verdict.where(pole, Verdict.pole, verdict)
     verdict = Verdict.where(no_force, Verdict.degenerate, verdict)
-    none = not traced and word(verdict) in ("pole", "degenerate")
+    none = not traced and verdict_name(verdict) in ("pole", "degenerate")
     return Coarse(
-        attitude=None if none else angles, latitude=found if traced or word(verdict) != "degenerate" else None,
+        attitude=None if none else angles, latitude=found if traced or verdict_name(verdict) != "degenerate" else None,
         attitude_std=None if none else std, latitude_std=spread, rate_error=rate - EARTH_RATE, force_error=force - gravity,
         latitude_error=off, verdict=verdict,
     )  # fmt: skip

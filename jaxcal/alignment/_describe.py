@@ -3,11 +3,12 @@
 from typing import Any
 
 import equinox as eqx
-import jax.numpy as jnp
+import jax
+import numpy as np
 
-from .._types import Array
+from .._precision import array_module
+from .._types import AnyArray
 from ._frames import EARTH_RATE
-from ._model import COUNT, INDEX
 
 _RANK = 1e-9
 _HIDDEN = 1e-6
@@ -16,52 +17,55 @@ _HIDDEN = 1e-6
 class Knowledge(eqx.Module):
     """What the rows of a Jacobian tell of the parameters.
 
-    covariance : (14, 14) with the priors; rows of parameters that are held are zero, diagonal entries of those nothing determines infinite.
-    rank : of the data alone. hidden : (14,) free parameters with a part in the data's null space. lost : those that the priors do not
-    save either. singular_values : (14,) of the data's Jacobian with unit columns.
+    covariance : (p, p) with the priors; rows of parameters that are held are zero, diagonal entries of those nothing determines infinite.
+    rank : of the data alone. hidden : (p,) free parameters with a part in the data's null space. lost : those that the priors do not
+    save either.
     """
 
-    covariance: Array
-    rank: Array
-    rank_with_priors: Array
-    hidden: Array
-    lost: Array
-    singular_values: Array
+    covariance: AnyArray
+    rank: Any
+    rank_with_priors: Any
+    hidden: AnyArray
+    lost: AnyArray
 
 
-def physical(gravity: Array, duration: Array, dtype: Any) -> Array:
-    """(14,) size of a unit change of every parameter: rad, g, the Earth's rate, one."""
-    sizes = jnp.ones(COUNT, dtype=dtype)
-    sizes = sizes.at[INDEX["b_a"]].set(gravity).at[INDEX["b_g"]].set(EARTH_RATE)
-    return sizes.at[INDEX["b_a_rate"]].set(gravity / duration).at[INDEX["b_g_rate"]].set(EARTH_RATE / duration)
+def sizes_of(names: tuple[str, ...], gravity: Any, positions: Any) -> AnyArray:
+    """(p,) size of a change of every parameter that counts as one: rad, g, the Earth's rate, either over the duration, one."""
+    xp = array_module(gravity, positions)
+    duration = (positions.start + positions.dwell).max() - positions.start.min()
+    sizes = {"b_a": gravity, "b_g": EARTH_RATE, "b_a_rate": gravity / duration, "b_g_rate": EARTH_RATE / duration}
+    return xp.stack([xp.asarray(sizes.get(name, 1.0)) for name in names])
 
 
-def know(jacobian: Array, free: Array, sizes: Array) -> Knowledge:
-    """From the rows of data and priors; the last 14 rows are those of the priors."""
-    scaled = jnp.where(free[None, :], jacobian * sizes[None, :], 0)
-    data = scaled[:-COUNT]
-    s, seen, _ = _decompose(data, jnp.linalg.norm(data, axis=0))
-    hidden = free & ~seen
-    whole, saved, root = _decompose(scaled, jnp.linalg.norm(scaled, axis=0))
-    covariance = (root @ root.T) * sizes[:, None] * sizes[None, :]
+def know(jacobian: AnyArray, rows: int, free: np.ndarray, sizes: AnyArray) -> Knowledge:
+    """From the Jacobian of the readings, its first `rows` rows, and of the priors; differentiable where every parameter is determined."""
+    xp, p = array_module(jacobian, sizes), len(free)
+    scaled = xp.where(free[None, :], jacobian * sizes[None, :], 0)
+    still = scaled if xp is np else jax.lax.stop_gradient(scaled)
+    rank, seen, _, _ = _decompose(still[:rows])
+    whole, saved, null, column = _decompose(still)
+    # rows along the null space, which is orthogonal to all others, make the matrix regular and change nothing else
+    triangle = xp.linalg.qr(xp.concatenate([scaled / column[None, :], null]), mode="r")
+    root = xp.linalg.solve(triangle, xp.eye(p, dtype=triangle.dtype))
+    covariance = (root @ root.T - null.T @ null) * (sizes / column)[:, None] * (sizes / column)[None, :]
     lost = free & ~saved
-    none = lost[:, None] | lost[None, :]
-    covariance = jnp.where(none, jnp.where(jnp.eye(COUNT, dtype=bool) & lost[:, None], jnp.inf, 0), covariance)
-    return Knowledge(covariance, jnp.sum(s > 0), jnp.sum(whole > 0), hidden, lost, s)
+    known = free & saved
+    infinite = xp.eye(p, dtype=bool) & lost[:, None]
+    covariance = xp.where(infinite, xp.inf, xp.where(known[:, None] & known[None, :], covariance, 0))
+    return Knowledge(covariance, rank, whole, free & ~seen, lost)
 
 
-def _decompose(matrix: Array, column: Array) -> tuple[Array, Array, Array]:
-    """Singular values with unit columns (zero where they count as none), which parameters are determined, a root of the covariance.
+def _decompose(matrix: AnyArray) -> tuple[Any, AnyArray, AnyArray, AnyArray]:
+    """Rank, which parameters are determined, the null space with zeros for the other directions, and the lengths of the columns.
 
     A column below 1e-9 of the largest is not normalised: its rounding would pass as information.
     """
-    largest = jnp.max(column)
-    real = column > _RANK * largest
-    column = jnp.where(real, column, jnp.where(largest > 0, largest, 1))
+    xp = array_module(matrix)
+    column = xp.sqrt(xp.sum(matrix**2, axis=0))
+    largest = xp.max(column)
+    column = xp.where(column > _RANK * largest, column, xp.where(largest > 0, largest, 1))
     # the factor R of the rows has their singular values, and is small
-    _, s, v = jnp.linalg.svd(jnp.linalg.qr(matrix / column[None, :], mode="r"), full_matrices=False)
-    kept = s > _RANK * jnp.max(s)
-    span = jnp.where(kept[:, None], v, 0)
-    shown = 1 - jnp.sum(span**2, axis=0) < _HIDDEN**2
-    root = span.T * jnp.where(kept, 1 / jnp.where(kept, s, 1), 0)[None, :] / column[:, None]
-    return jnp.where(kept, s, 0), shown, root
+    _, s, v = xp.linalg.svd(xp.linalg.qr(matrix / column[None, :], mode="r"), full_matrices=False)
+    kept = s > _RANK * xp.max(s)
+    seen = 1 - xp.sum(xp.where(kept[:, None], v, 0) ** 2, axis=0) < _HIDDEN**2
+    return xp.sum(kept), seen, xp.where(kept[:, None], 0, v), column

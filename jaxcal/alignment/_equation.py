@@ -96,8 +96,3 @@ def joined(*parts: Roots) -> Roots:
         cat("merged"),
         jnp.stack([part.weak for part in parts]),
     )
-
-
-def distance(first: Array, second: Array) -> Array:
-    """Size of the angle between two azimuths."""
-    return jnp.abs(wrap(first - second))

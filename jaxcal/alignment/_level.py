@@ -10,10 +10,10 @@ import numpy as np
 from .._errors import DataError
 from .._precision import host_float64, is_traced
 from .._types import Array
-from ._equation import WEAK, distance
-from ._frames import GRAVITY, wrap
+from ._equation import WEAK
+from ._frames import GRAVITY, distance, wrap
 from ._positions import Readings, check_gravity, harmonics, mean_at, need
-from ._verdict import Verdict, sentence, word
+from ._verdict import Verdict, sentence, verdict_name
 
 LEVEL_METHODS = ("four_point_x", "least_squares_x", "four_point_y", "least_squares_y", "bias_and_scale")
 _QUARTER = np.pi / 2
@@ -128,7 +128,7 @@ def level(
 
 def _trimmed(found: Level) -> Level:
     """A result of the host: no number where there is none."""
-    name = word(found.verdict)
+    name = verdict_name(found.verdict)
     gone = name in ("degenerate", "missing") or (name == "clipped" and np.cos(float(found.theta)) < _SINGULAR)
     whole = gone and (not np.isfinite(float(found.theta)) or name == "missing" or bool(np.asarray(found.covariance)[1, 1] < 0))
     covariance = np.asarray(found.covariance)

@@ -6,83 +6,78 @@ import numpy as np
 
 from .._errors import DataError
 from .._precision import is_traced
-from ._model import COUNT, INDEX, NAMES
 from ._positions import Positions
 
 _ALWAYS = ("phi", "theta", "psi", "b_a", "b_g")
+_ANGLES = ("phi", "theta", "psi", "latitude")
 _FEW_ANGLES = 3
+#: sensor -> what cannot be free without it
+_NEEDED = {"accelerometer": ("b_a", "s_a", "ma_a_xy", "ma_a_xz", "b_a_rate"), "gyro": ("psi", "b_g", "s_g")}
 
 
-def free_of(free: Any, priors: Any, positions: Positions, latitude: Any, sensors: tuple[bool, bool]) -> np.ndarray:
-    """(14,) which parameters are estimated; by default angles, biases, and the scale errors where there is a z reading."""
+def free_of(free: Any, priors: Any, positions: Positions, latitude: Any, sensors: tuple[bool, bool], known: tuple[str, ...]) -> set[str]:
+    """Names of the parameters that are estimated; by default angles, biases, and the scale errors where there is a z reading."""
+    priors = priors or {}
     if free is None:
-        names = [name for name in _ALWAYS if name not in (("b_a",) * (not sensors[0]) + ("b_g", "psi") * (not sensors[1]))]
-        if {"z", "-z"} & set(positions.mounting):
-            names += [name for name, there in (("s_a", sensors[0]), ("s_g", sensors[1])) if there]
+        names = {*_ALWAYS, *(("s_a", "s_g") if {"z", "-z"} & set(positions.mounting) else ())}
+        for there, needed in zip(sensors, _NEEDED.values(), strict=True):
+            names -= set() if there else set(needed)
     else:
-        names = [free] if isinstance(free, str) else list(free)
-    names += [name for name in (priors or {}) if name not in names]
-    if latitude is None and "latitude" not in names:
-        names.append("latitude")
-    _known(names, "free parameter")
-    if latitude is not None and "latitude" in names and (free is None or "latitude" not in list(free)) and "latitude" not in (priors or {}):
-        names.remove("latitude")
-    chosen = np.zeros(COUNT, dtype=bool)
-    chosen[[INDEX[name] for name in names]] = True
-    return chosen
+        names = {free} if isinstance(free, str) else set(free)
+        for (sensor, needed), there in zip(_NEEDED.items(), sensors, strict=True):
+            lacking = [name for name in needed if name in names | set(priors)]
+            if not there and lacking:
+                raise DataError(f"There are no {sensor} readings, and {', '.join(lacking)} cannot be free without.")
+    names |= set(priors) | ({"latitude"} if latitude is None else set())
+    _check(sorted(names), "free parameter", known)
+    if not names:
+        raise DataError("No parameter is free; name some in `free`.")
+    return names
 
 
-def _known(names: Any, what: str) -> None:
-    unknown = [name for name in names if name not in INDEX]
+def _check(names: Any, what: str, known: tuple[str, ...]) -> None:
+    unknown = [name for name in names if name not in known]
     if unknown:
-        raise DataError(f"There is no {what} {unknown[0]!r}; known are {', '.join(NAMES)}.")
+        raise DataError(f"There is no {what} {unknown[0]!r}; known are {', '.join(known)}.")
 
 
-def priors_of(priors: Any) -> tuple[list[Any], list[Any]]:
-    """Means and one over the standard deviations, (14,) each; a prior is a standard deviation about zero, or (mean, deviation)."""
-    mean: list[Any] = [0.0] * COUNT
-    certainty: list[Any] = [0.0] * COUNT
-    _known(priors or {}, "parameter for a prior")
+def priors_of(priors: Any, known: tuple[str, ...]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Means and one over the standard deviations by name; a prior is a standard deviation about zero, or (mean, deviation)."""
+    mean: dict[str, Any] = {}
+    certainty: dict[str, Any] = {}
+    _check(priors or {}, "parameter for a prior", known)
     for name, given in (priors or {}).items():
-        centre, size = given if isinstance(given, (tuple, list)) or getattr(given, "ndim", 0) else (0.0, given)
-        if name in ("phi", "theta", "psi", "latitude") and not (isinstance(given, (tuple, list)) or getattr(given, "ndim", 0)):
+        pair = isinstance(given, (tuple, list)) or getattr(given, "ndim", 0)
+        both: Any = given if pair else (0.0, given)
+        centre, size = both
+        if name in _ANGLES and not pair:
             raise DataError(f"The prior of {name} is {given!r}; an angle's prior needs its mean: (mean, standard deviation) in rad.")
         if not is_traced(size) and not float(size) > 0:
             raise DataError(f"The prior of {name} has the standard deviation {float(size):g}; it is positive, in SI units.")
-        mean[INDEX[name]], certainty[INDEX[name]] = centre, 1 / size
+        mean[name], certainty[name] = centre, 1 / size
     return mean, certainty
 
 
-def given_of(start: Any) -> tuple[list[Any], np.ndarray]:
-    """Values that the caller sets, and which."""
-    values: list[Any] = [0.0] * COUNT
-    known = np.zeros(COUNT, dtype=bool)
-    _known(start or {}, "parameter for a start")
-    for name, value in (start or {}).items():
-        values[INDEX[name]], known[INDEX[name]] = value, True
-    return values, known
+def start_of(start: Any, known: tuple[str, ...]) -> dict[str, Any]:
+    """Values that the caller sets."""
+    _check(start or {}, "parameter for a start", known)
+    return dict(start or {})
 
 
-def check_latitude_free(free: np.ndarray, certainty: list[Any], positions: Positions) -> None:
+def check_latitude_free(free: set[str], priors: dict[str, Any], positions: Positions) -> None:
     """Refuse a free latitude that the readings cannot give (section 2 of the method)."""
-    i = INDEX["latitude"]
-    if not free[i] or (is_traced(certainty[i]) or certainty[i] > 0):
+    if "latitude" not in free or "latitude" in priors:
         return
-    words = np.array(positions.mounting)
-    in_plane = np.isin(words, ["x", "y"])
-    angles = np.asarray(positions.angle)
-    distinct = 0 if is_traced(angles) else len(np.unique(np.round(np.exp(1j * angles[in_plane]), 6)))
-    if not is_traced(angles) and distinct < _FEW_ANGLES:
-        raise DataError(
-            f"The latitude cannot be found from {distinct} distinct table angles; measure at three or more, such as 0, 90 and 180 degrees, "
-            "or give the latitude."
-        )
-    scale_open = free[INDEX["s_g"]] and not (is_traced(certainty[INDEX["s_g"]]) or certainty[INDEX["s_g"]] > 0)
-    if scale_open and in_plane.all():
+    in_plane = np.isin(np.array(positions.mounting), ["x", "y"])
+    if not is_traced(positions.angle):
+        distinct = len(np.unique(np.round(np.exp(1j * np.asarray(positions.angle)[in_plane]), 6)))
+        if distinct < _FEW_ANGLES:
+            raise DataError(
+                f"The latitude cannot be found from {distinct} distinct table angles; measure at three or more, such as 0, 90 and 180 "
+                "degrees, or give the latitude."
+            )
+    if "s_g" in free and "s_g" not in priors and in_plane.all():
         raise DataError(
             "The latitude and the gyro's scale error cannot both be found on the table alone; add a reading with mounting 'z', hold s_g, "
             "give it a prior, or give the latitude."
         )
-
-
-__all__ = ["check_latitude_free", "free_of", "given_of", "priors_of"]

@@ -1,22 +1,25 @@
 """`plan`: at which table angles to measure, and how long, for the best azimuth."""
 
+import dataclasses
 from collections.abc import Iterable
 from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import jax.scipy.linalg
 import numpy as np
 import scipy.optimize
 
 from .._errors import DataError
-from .._precision import host_float64, is_traced
+from .._precision import array_module, host_float64, is_traced
 from .._types import Array
-from ._bound import inverse_information, jacobian_at, noise_of
-from ._frames import GRAVITY, earth_rate, table_from_nav
-from ._model import Table, tabulate
+from ._bound import jacobian_at, noise_of
+from ._frames import GRAVITY, table_from_nav
+from ._model import NAMES, Turntable, geometry, turntable
 from ._options import free_of, priors_of
-from ._positions import Positions, Readings, check_gravity, check_latitude
+from ._positions import IDEAL, Positions, check_gravity, check_latitude
+from ._table import Places, Table, padded, whitening
 
 _STARTS = 4
 _NUDGE = 0.1
@@ -43,7 +46,7 @@ class Plan(eqx.Module):
     pair: float
 
 
-def best_angle(attitude: Any, latitude: Any) -> Array:
+def best_angle(attitude: Any, latitude: Any) -> Any:
     r"""Table angle at which the sensitive axis feels the azimuth most.
 
     .. math:: \tau_0 = \mathrm{atan2}(\partial W_y/\partial\psi,\ \partial W_x/\partial\psi)
@@ -71,10 +74,10 @@ def best_angle(attitude: Any, latitude: Any) -> Array:
     ----------
     The derivative of the rate in table axes, equations (36) to (38) of the north-finding paper in corrected form.
     """
-    phi, theta, psi = jnp.asarray(attitude)
-    latitude = jnp.asarray(latitude, dtype=phi.dtype)
-    slope = jax.jacfwd(lambda psi: earth_rate(table_from_nav(phi, theta, psi), latitude))(psi)
-    return jnp.arctan2(slope[1], slope[0])
+    phi, theta, psi = attitude
+    # the horizontal part of the Earth's rate turns with the azimuth: its slope is what it is a quarter turn on
+    slope = table_from_nav(phi, theta, psi + np.pi / 2)[:, 0]
+    return array_module(slope).arctan2(slope[1], slope[0])
 
 
 @host_float64
@@ -148,17 +151,16 @@ def plan(
     if criterion not in ("mean", "largest"):
         raise DataError(f"There is no criterion {criterion!r}; known are 'mean' and 'largest'.")
     lists = [mountings] if isinstance(mountings[0], str) and mountings[0] in ("x", "z", "-z", "y") else list(mountings)
-    lists = [tuple(words) for words in lists]
     noise = (noise_of(accel_noise, "accelerometer noise"), noise_of(gyro_noise, "gyro noise"))
     if priors is None and free is None:
         free, priors = ("phi", "theta", "psi", "b_a", "s_a", "b_g", "s_g"), {"s_a": 1e-4, "s_g": 1e-4}
+    certainty = priors_of(priors, NAMES)[1]
     options = _Options(
         total=float(total_time), attitudes=attitudes, latitude=float(latitude), noise=tuple((float(n), float(k)) for n, k in noise),
         largest=criterion == "largest", minimum=float(minimum_dwell), slew=float(slew), mirrored=bool(mirrored), gravity=float(gravity),
-        certainty=np.array([float(c) for c in priors_of(priors)[1]]),
+        certainty=np.array([float(certainty.get(name, 0.0)) for name in NAMES]),
     )  # fmt: skip
-    best = min((_one(words, free, priors, options, seed) for words in lists), key=lambda found: found.criterion)
-    return best
+    return min((_one(tuple(words), free, priors, options, seed) for words in lists), key=lambda found: found.criterion)
 
 
 class _Options(eqx.Module):
@@ -184,33 +186,34 @@ def _one(words: tuple[str, ...], free: Any, priors: Any, o: _Options, seed: int)
         raise DataError(
             f"{o.total:g} s do not hold {visits} dwells of {o.minimum:g} s and {moving:g} s of moves; take more time or fewer positions."
         )
-    chosen = free_of(free, priors, Positions(np.zeros(count), words), o.latitude, (True, True))
-    arguments = (chosen, o, words)
-    angles, shares = _starts(words, o, seed)
-    listed = {name: _value(a, s, *arguments) for name, (a, s) in _listed(words, o).items()}
-    if not np.isfinite(_value(angles[0], shares[0], *arguments)):
+    chosen = free_of(free, priors, Positions(np.zeros(count), words), o.latitude, (True, True), NAMES)
+    arguments = (tuple(name in chosen for name in NAMES), o, words)
+    listed = _listed(words, o)
+    values = {name: _value(*pair, *arguments) for name, pair in listed.items()}
+    starts = _starts(words, seed)
+    if not np.isfinite(_value(*starts[0], *arguments)):
         raise DataError(
             "These mountings do not determine every free parameter; add positions (three table angles or more, 'z' for scales), or priors."
         )
-    best, value = (angles[0], shares[0]), np.inf
-    for a, s in [*zip(angles, shares, strict=True), *_listed(words, o).values()]:
-        if not np.isfinite(_value(a, s, *arguments)):
+    best, value = starts[0], np.inf
+    for angles, shares in [*starts, *listed.values()]:
+        if not np.isfinite(_value(angles, shares, *arguments)):
             continue
-        begin = np.concatenate([a, np.log(np.maximum(s, 1e-3))])
+        begin = np.concatenate([angles, np.log(np.maximum(shares, 1e-3))])
         found = scipy.optimize.minimize(
             lambda p: _objective(p, *arguments), begin, jac=True, method="L-BFGS-B", options={"maxiter": 400, "ftol": 1e-12, "gtol": 1e-7}
         )
         if np.isfinite(found.fun) and found.fun < value:
             best, value = (found.x[:count], _softmax(found.x[count:])), found.fun
     # a listed plan that the search did not reach is as good as any
-    for name, (a, s) in _listed(words, o).items():
-        if np.log(listed[name]) < value:
-            best, value = (a, s), np.log(listed[name])
+    for name, pair in listed.items():
+        if np.log(values[name]) < value:
+            best, value = pair, np.log(values[name])
     positions = _positions(*best, words, o)
-    stds = np.sqrt(np.asarray(_variances(_table(positions, o), jnp.asarray(chosen), _frozen(o))))
+    stds = np.sqrt(np.asarray(_variances(padded(positions), len(positions), arguments[0], *_arrays(o))))
     criterion = float(np.exp(value))
-    pair = float(np.mod(best_angle(jnp.asarray(o.attitudes[0]), o.latitude), np.pi))
-    return Plan(positions, stds, listed, criterion, listed["uniform 4"] / criterion, pair)
+    pair = float(np.mod(best_angle(o.attitudes[0], o.latitude), np.pi))
+    return Plan(positions, stds, values, criterion, values["uniform 4"] / criterion, pair)
 
 
 def _softmax(z: np.ndarray) -> np.ndarray:
@@ -218,15 +221,14 @@ def _softmax(z: np.ndarray) -> np.ndarray:
     return e / e.sum()
 
 
-def _starts(words: tuple[str, ...], o: _Options, seed: int) -> tuple[list[np.ndarray], list[np.ndarray]]:
+def _starts(words: tuple[str, ...], seed: int) -> list[tuple[np.ndarray, np.ndarray]]:
     """The uniform turn of every mounting, slightly moved: at the uniform turn itself the gradient may vanish."""
     rng, angles = np.random.default_rng(seed), np.zeros(len(words))
     for word in set(words):
         here = [i for i, other in enumerate(words) if other == word]
         angles[here] = 2 * np.pi * np.arange(len(here)) / len(here)
-    shares = np.full(len(words), 1 / len(words))
-    moved = [(angles + _NUDGE * rng.normal(size=angles.size), _softmax(_NUDGE * rng.normal(size=angles.size))) for _ in range(_STARTS)]
-    return [a for a, _ in moved], [s for _, s in moved] if moved else [shares]
+    nudge = lambda: _NUDGE * rng.normal(size=angles.size)  # noqa: E731
+    return [(angles + nudge(), _softmax(nudge())) for _ in range(_STARTS)]
 
 
 def _listed(words: tuple[str, ...], o: _Options) -> dict[str, tuple[np.ndarray, np.ndarray]]:
@@ -244,7 +246,7 @@ def _listed(words: tuple[str, ...], o: _Options) -> dict[str, tuple[np.ndarray, 
         shares[plane] = n / count / size / visits if n else 0.0
         made[name] = (angles, shares / shares.sum())
     if n >= 6:
-        tau = float(best_angle(jnp.asarray(o.attitudes[0]), o.latitude))
+        tau = float(best_angle(o.attitudes[0], o.latitude))
         for turn in (0.0, 0.1, 0.3):
             angles, shares = base.copy(), others.copy()
             angles[plane[:4]] = tau + np.pi / 2 * np.arange(4)
@@ -255,18 +257,19 @@ def _listed(words: tuple[str, ...], o: _Options) -> dict[str, tuple[np.ndarray, 
     return made
 
 
-def _dwells(shares: Any, o: _Options, count: int) -> Any:
+def _shared(o: _Options, count: int) -> tuple[int, float, float]:
+    """Number of dwells, time for all of them, s, and least share of a position."""
     visits = count * (2 if o.mirrored else 1)
     time = o.total - o.slew * (visits - (2 if o.mirrored else 1))
-    least = max(o.minimum * visits / time, _LEAST) / count
-    dwell = time * (least + (1 - least * count) * shares)
-    return dwell
+    return visits, time, max(o.minimum * visits / time, _LEAST) / count
 
 
 def _positions(angles: Any, shares: Any, words: tuple[str, ...], o: _Options) -> Positions:
     """In the order of their angles, mounting by mounting; forth and back where asked for."""
     order = np.lexsort((np.mod(angles, 2 * np.pi), np.array([("x", "y", "z", "-z").index(word) for word in words])))
-    angles, dwell, words = np.mod(angles[order], 2 * np.pi), _dwells(shares, o, len(words))[order], tuple(words[i] for i in order)
+    _, time, least = _shared(o, len(words))
+    dwell = time * (least + (1 - least * len(words)) * shares)
+    angles, dwell, words = np.mod(angles[order], 2 * np.pi), dwell[order], tuple(words[i] for i in order)
     if o.mirrored:
         angles, words = np.concatenate([angles, angles[::-1]]), words + words[::-1]
         dwell = np.concatenate([dwell, dwell[::-1]]) / 2
@@ -277,76 +280,64 @@ def _positions(angles: Any, shares: Any, words: tuple[str, ...], o: _Options) ->
     return Positions(angles, words, dwell, start)
 
 
-def _table(positions: Positions, o: _Options) -> Table:
-    zeros = np.zeros(len(positions))
-    return jax.tree.map(jnp.asarray, tabulate(Readings(positions, zeros, zeros), o.gravity))
-
-
-class _Frozen(eqx.Module):
-    """What the objective needs beside the positions, as arrays."""
-
-    values: Any
-    certainty: Any
-    noise: Any
-    correlated: bool = eqx.field(static=True)
-
-
-def _frozen(o: _Options) -> _Frozen:
-    values = np.zeros((len(o.attitudes), 14))
-    values[:, :3], values[:, 13] = o.attitudes, o.latitude
-    noise = tuple(jnp.asarray(pair) for pair in o.noise)
-    return _Frozen(jnp.asarray(values), jnp.asarray(o.certainty), noise, any(walk > 0 for _, walk in o.noise))
+def _arrays(o: _Options) -> tuple[Turntable, Any, Any, Any]:
+    """What the bound needs beside the positions: models (k,), noise, certainty of the priors, gravity."""
+    models = [turntable(attitude, o.latitude, IDEAL, IDEAL) for attitude in o.attitudes]
+    # without a random walk the number zero is part of the program, which is then smaller
+    noise = [(jnp.asarray(white), jnp.asarray(walk) if walk else 0.0) for white, walk in o.noise]
+    return jax.tree.map(lambda *leaves: jnp.asarray(leaves), *models), noise, jnp.asarray(o.certainty), jnp.asarray(o.gravity)
 
 
 @eqx.filter_jit
-def _variances(table: Table, free: Array, frozen: _Frozen) -> Array:
-    """Variance of the azimuth for every attitude."""
+def _variances(places: Places, count: Any, free: tuple[bool, ...], models: Any, noise: Any, certainty: Array, gravity: Array) -> Array:
+    """Variance of the azimuth for every attitude, (k,), where the first `count` places are measured."""
+    here, zeros = jnp.arange(places.angle.size) < count, jnp.zeros_like(places.angle)
+    weights = [whitening(white, walk, places, here) for white, walk in noise]
+    table = Table(geometry(places, gravity), zeros, zeros, weights[0], weights[1], 0 * certainty, certainty)
+    index = np.flatnonzero(free)
 
-    def one(values: Array) -> Array:
-        certainty = jnp.where(free, frozen.certainty, 0)
-        jacobian = jacobian_at(table, values, certainty, frozen.noise, frozen.correlated)
-        return inverse_information(jacobian, free, jnp.asarray(False))[2, 2]
+    def one(model: Turntable) -> Array:
+        jacobian = jacobian_at(model, table)[:, index]
+        column = jax.lax.stop_gradient(jnp.sqrt(jnp.sum(jacobian**2, axis=0)))
+        column = jnp.where(column > 0, column, 1)
+        triangle = jnp.linalg.qr(jacobian / column[None, :], mode="r")
+        unit = jnp.asarray(index == NAMES.index("psi"), dtype=column.dtype)
+        root = jax.scipy.linalg.solve_triangular(triangle, unit / column, trans=1)
+        return root @ root
 
-    return jax.lax.map(one, frozen.values)
+    return jax.lax.map(one, models)
 
 
 @eqx.filter_jit
-def _gradient(angles: Array, shares: Array, table: Table, free: Array, frozen: _Frozen, largest: Array, index: Array, dwell: Any):
+def _gradient(p: Array, places: Places, index: Array, dwell: Any, largest: Array, *others: Any) -> tuple[Array, Array]:
     """Half the logarithm of the variance, and its gradient by angles and logarithms of shares; `index` is the order of measuring."""
+    least, time, halves = dwell
 
-    def objective(p: tuple[Array, Array]) -> Array:
-        share = jax.nn.softmax(p[1])
-        least, time, halves = dwell
-        times = time * (least + (1 - least * share.size) * share) / halves
-        full = table.dwell.at[: index.size].set(times[index])
-        start = table.start.at[: index.size].set(jnp.cumsum(times[index]) - times[index])
-        moved = eqx.tree_at(lambda t: (t.angle, t.dwell, t.start), table, (table.angle.at[: index.size].set(p[0][index]), full, start))
-        variance = _variances(moved, free, frozen)
+    def objective(p: Array) -> Array:
+        angles, share = p[: p.size // 2], jax.nn.softmax(p[p.size // 2 :])
+        times = (time * (least + (1 - least * share.size) * share) / halves)[index]
+        full, end = (leaf.at[: index.size].set(new) for leaf, new in ((places.dwell, times), (places.start, jnp.cumsum(times))))
+        middle = places.time.at[: index.size].set(end[: index.size] - times / 2 - jnp.sum(times) / 2)
+        moved = dataclasses.replace(
+            places, angle=places.angle.at[: index.size].set(angles[index]), dwell=full, start=end - full, time=middle
+        )
+        variance = _variances(moved, index.size, *others)
         return 0.5 * jnp.log(jnp.where(largest, jnp.max(variance), jnp.mean(variance)))
 
-    return jax.value_and_grad(objective)((angles, shares))
+    return jax.value_and_grad(objective)(p)
 
 
-def _objective(p: np.ndarray, chosen: np.ndarray, o: _Options, words: tuple[str, ...]) -> tuple[float, np.ndarray]:
-    count = len(words)
-    value, slope = _evaluated(p[:count], p[count:], chosen, o, words)
-    return float(value), np.concatenate([np.asarray(part) for part in slope])
-
-
-def _evaluated(angles: np.ndarray, logits: np.ndarray, chosen: np.ndarray, o: _Options, words: tuple[str, ...]):
+def _objective(p: np.ndarray, free: tuple[bool, ...], o: _Options, words: tuple[str, ...]) -> tuple[float, np.ndarray]:
     count = len(words)
     index = np.concatenate([np.arange(count), np.arange(count)[::-1]]) if o.mirrored else np.arange(count)
-    table = _table(Positions(np.zeros(len(index)), tuple(words[i] for i in index)), o)
-    visits = len(index)
-    time = o.total - o.slew * (visits - (2 if o.mirrored else 1))
-    least = max(o.minimum * visits / time, _LEAST) / count
+    places = padded(Positions(np.zeros(len(index)), tuple(words[i] for i in index)))
+    visits, time, least = _shared(o, count)
     dwell = (jnp.asarray(least), jnp.asarray(time), jnp.asarray(visits / count))
-    return _gradient(
-        jnp.asarray(angles), jnp.asarray(logits), table, jnp.asarray(chosen), _frozen(o), jnp.asarray(o.largest), jnp.asarray(index), dwell
-    )
+    value, slope = _gradient(jnp.asarray(p), places, jnp.asarray(index), dwell, jnp.asarray(o.largest), free, *_arrays(o))
+    return float(value), np.asarray(slope)
 
 
-def _value(angles: np.ndarray, shares: np.ndarray, chosen: np.ndarray, o: _Options, words: tuple[str, ...]) -> float:
+def _value(angles: np.ndarray, shares: np.ndarray, *arguments: Any) -> float:
     """Standard deviation of the azimuth by the criterion; infinite where the positions do not determine it."""
-    value = float(_evaluated(angles, np.log(np.maximum(shares, 1e-300)), chosen, o, words)[0])
+    value = _objective(np.concatenate([angles, np.log(np.maximum(shares, 1e-300))]), *arguments)[0]
     return float(np.exp(value)) if np.isfinite(value) and np.exp(value) < np.pi * 1e3 else np.inf

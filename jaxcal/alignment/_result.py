@@ -6,24 +6,28 @@ import equinox as eqx
 import numpy as np
 
 from .._results import NORMAL95, Result, Row
-from ._model import INDEX, NAMES, UNITS
-from ._verdict import NO_NUMBER, Verdict, word
+from ._model import UNITS, Turntable
+from ._verdict import NO_NUMBER, Verdict, verdict_name
 
 
 class _Known(eqx.Module):
     """Covariance of the parameters, and which of them the positions determine."""
 
+    names: tuple[str, ...] = eqx.field(static=True)
     covariance: Any
     free: Any
     rank: Any
     hidden: Any
     lost: Any
 
+    def _named(self, flags: Any) -> tuple[str, ...]:
+        return tuple(name for name, flag in zip(self.names, np.asarray(flags), strict=True) if flag)
+
     @property
     def std(self) -> dict[str, float]:
         """Standard deviation of every free parameter; infinite where nothing determines it (host only)."""
-        size = np.sqrt(np.diag(np.asarray(self.covariance)))
-        return {name: float(size[i]) for name, i in INDEX.items() if np.asarray(self.free)[i]}
+        size = dict(zip(self.names, np.sqrt(np.diag(np.asarray(self.covariance))), strict=True))
+        return {name: float(size[name]) for name in self._named(self.free)}
 
     @property
     def azimuth_std(self) -> Any:
@@ -33,12 +37,12 @@ class _Known(eqx.Module):
     @property
     def unobservable(self) -> tuple[str, ...]:
         """Free parameters that the readings alone do not determine (host only)."""
-        return tuple(name for name, i in INDEX.items() if np.asarray(self.hidden)[i])
+        return self._named(self.hidden)
 
     @property
     def undetermined(self) -> tuple[str, ...]:
         """Free parameters that neither the readings nor the priors determine (host only)."""
-        return tuple(name for name, i in INDEX.items() if np.asarray(self.lost)[i])
+        return self._named(self.lost)
 
     @property
     def observability(self) -> str:
@@ -64,10 +68,10 @@ class Bound(_Known):
 
     Attributes
     ----------
-    covariance : (14, 14), in the order of `jaxcal.alignment.NAMES`, SI; zero for parameters that are held, infinite where nothing
-        determines them.
-    free : (14,) which parameters are estimated. rank : of the readings' information.
-    hidden, lost : (14,) parameters that the readings, and the readings with the priors, leave open (see `unobservable`).
+    names : the p parameters: `jaxcal.alignment.NAMES`, and those that a subclass of `Turntable` adds.
+    covariance : (p, p), in the order of `names`, SI; zero for parameters that are held, infinite where nothing determines them.
+    free : (p,) which parameters are estimated. rank : of the readings' information.
+    hidden, lost : (p,) parameters that the readings, and the readings with the priors, leave open (see `unobservable`).
     """
 
 
@@ -76,17 +80,19 @@ class AlignmentFit(_Known, Result):
 
     Attributes
     ----------
-    values : (14,) parameters in the order of `jaxcal.alignment.NAMES`, SI; those that nothing determines keep their start.
-    covariance, free, rank, hidden, lost : as of `Bound`, at the solution.
-    prior_only : (14,) parameters whose standard deviation is that of their prior.
+    model : the fitted `Turntable`, of the class of the one given.
+    values : (p,) its parameters in the order of `names`, SI; those that nothing determines keep their start.
+    names, covariance, free, rank, hidden, lost : as of `Bound`, at the solution.
+    prior_only : (p,) parameters whose standard deviation is that of their prior.
     accel_residual, gyro_residual : (n,) reading less model, over its standard deviation (decorrelated where there is a random walk).
     chi_square, degrees_of_freedom, p_value : of the whitened residuals with the priors; p_value is None without redundancy, or where
         the noise came from the residuals themselves.
-    other : (14,) another solution that fits as well; None where there is none.
+    other : (p,) another solution that fits as well; None where there is none.
     noise_known : whether the noise was given; otherwise the residuals gave it.
     verdict : item of `Verdict`. notes : sentences.
     """
 
+    model: Turntable
     values: Any
     prior_only: Any
     accel_residual: Any
@@ -99,34 +105,35 @@ class AlignmentFit(_Known, Result):
     verdict: Any = None
     notes: tuple[str, ...] = eqx.field(static=True, default=())
 
-    def _angle(self, name: str) -> float | None:
-        gone = name in self.undetermined or (name == "psi" and word(self.verdict) in {word(item) for item in NO_NUMBER})
-        return None if gone or word(self.verdict) == word(Verdict.unfinished) else float(self.values[INDEX[name]])
+    def _value(self, name: str) -> float | None:
+        said = verdict_name(self.verdict)
+        gone = name in self.undetermined or said == "unfinished" or (name == "psi" and said in {verdict_name(item) for item in NO_NUMBER})
+        return None if gone else float(self.values[self.names.index(name)])
 
     @property
     def phi(self) -> float | None:
         """Roll, rad; None where it is not determined (host only)."""
-        return self._angle("phi")
+        return self._value("phi")
 
     @property
     def theta(self) -> float | None:
         """Pitch, rad; None where it is not determined (host only)."""
-        return self._angle("theta")
+        return self._value("theta")
 
     @property
     def psi(self) -> float | None:
         """Azimuth, rad; None where it is not determined or nothing decides between two (host only)."""
-        return self._angle("psi")
+        return self._value("psi")
 
     @property
     def latitude(self) -> float | None:
         """Latitude, rad, given or found; None where it is not determined (host only)."""
-        return self._angle("latitude")
+        return self._value("latitude")
 
     @property
     def parameters(self) -> dict[str, float | None]:
         """Free parameters by name, SI; None where nothing determines one (host only)."""
-        return {name: self._angle(name) for name, i in INDEX.items() if np.asarray(self.free)[i]}
+        return {name: self._value(name) for name in self._named(self.free)}
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -136,13 +143,10 @@ class AlignmentFit(_Known, Result):
     def _rows(self) -> list[Row]:
         half = {name: NORMAL95 * std for name, std in self.std.items()}
         known = {name: value for name, value in self.parameters.items() if value is not None}
-        return [Row(name, x, x - half[name], x + half[name], UNITS[INDEX[name]]) for name, x in known.items()]
+        return [Row(name, x, x - half[name], x + half[name], UNITS.get(name, "")) for name, x in known.items()]
 
     @property
     def reason(self) -> str:
         """What the verdict means here, and what the readings leave open (host only)."""
-        more = f" {self.observability}" if word(self.verdict) == "unobservable" else ""
+        more = f" {self.observability}" if verdict_name(self.verdict) == "unobservable" else ""
         return Verdict[self.verdict] + more
-
-
-__all__ = ["NAMES", "AlignmentFit", "Bound"]

@@ -11,65 +11,20 @@ import numpy as np
 from .._errors import DataError
 from .._precision import host_float64, is_traced
 from .._types import Array
-from ._frames import EARTH_RATE, GRAVITY, earth_rate, in_body, table_from_nav
-from ._positions import IDEAL, Positions, Readings, Sensor, as_positions, check_latitude
+from ._frames import GRAVITY
+from ._model import turntable
+from ._positions import IDEAL, Readings, Sensor, as_positions, check_latitude
+from ._table import in_one_type, walk_covariance
 
 
-def true_rate(matrix: Array, latitude: Array, positions: Any) -> Array:
-    """Angular rate in body axes, (n, 3), rad/s."""
-    angle, rate, width = (_as(value, matrix) for value in (positions.angle, positions.rate, positions.width))
-    rates = EARTH_RATE * in_body(earth_rate(matrix, latitude), angle, attenuation(width))
-    return rates.at[:, 2].add(rate)
-
-
-def true_force(matrix: Array, latitude: Array, positions: Any, lever_arm: Array, gravity: Array) -> Array:
-    """Specific force in body axes at [l, 0, 0], (n, 3), m/s^2: centripetal, tangential and Coriolis parts, less gravity."""
-    angle, rate, acceleration, width = (
-        _as(value, matrix) for value in (positions.angle, positions.rate, positions.acceleration, positions.width)
-    )
-    k = attenuation(width)
-    w = EARTH_RATE * in_body(earth_rate(matrix, latitude), angle, k)
-    lever = jnp.stack(
-        [-lever_arm * rate**2 - 2 * lever_arm * rate * w[:, 2], lever_arm * acceleration, 2 * lever_arm * rate * w[:, 0]], axis=1
-    )
-    return lever - gravity * in_body(matrix[:, 2], angle, k)
-
-
-def attenuation(width: Array) -> Array:
-    """Factor by which the mean over a sector lowers a first harmonic."""
-    moving = width != 0
-    half = jnp.where(moving, width, 1) / 2
-    return jnp.where(moving, jnp.sin(half) / half, 1)
-
-
-def read(vectors: Array, axes: Array, sensor: Sensor, time: Array) -> Array:
-    """One row of the sensor's error model at every position, without noise."""
-    s, (first, second), b, rate = (_as(v, vectors) for v in (sensor.scale_error, sensor.misalignment, sensor.bias, sensor.bias_rate))
-    row = jnp.stack([1 + s, first, second])
-    return jnp.einsum("k,nki,ni->n", row, axes, vectors) + b + rate * time
-
-
-def walk_covariance(start: Any, dwell: Any) -> Array:
-    """Covariance of the means over dwells of a unit random walk that starts with the test, (n, n), s."""
-    start = start - jnp.min(start)
-    earlier = jnp.minimum(start[:, None], start[None, :])
-    shorter = jnp.where(start[:, None] <= start[None, :], dwell[:, None], dwell[None, :])
-    same = jnp.eye(start.size, dtype=bool)
-    return earlier + shorter * jnp.where(same, 1 / 3, 1 / 2)
-
-
-def _noise(key: Array, sensor: Sensor, positions: Positions, like: Array, walking: bool) -> Array:
-    white, walk, dwell, start = (_as(v, like) for v in (sensor.white, sensor.walk, positions.dwell, positions.start))
+@eqx.filter_jit
+def _noise(key: Array, white: Array, walk: Array | None, dwell: Array, start: Array) -> Array:
+    """White noise of the means over dwells, and that of a bias that walks."""
     one, two = jax.random.split(key)
-    noise = white / jnp.sqrt(dwell) * jax.random.normal(one, dwell.shape, like.dtype)
-    if not walking:
+    noise = white / jnp.sqrt(dwell) * jax.random.normal(one, dwell.shape, dwell.dtype)
+    if walk is None:
         return noise
-    size = jnp.linalg.cholesky(walk_covariance(start, dwell))
-    return noise + walk * (size @ jax.random.normal(two, dwell.shape, like.dtype))
-
-
-def _as(value: Any, like: Array) -> Array:
-    return jnp.asarray(value, dtype=like.dtype)
+    return noise + walk * (jnp.linalg.cholesky(walk_covariance(start, dwell)) @ jax.random.normal(two, dwell.shape, dwell.dtype))
 
 
 @host_float64
@@ -125,45 +80,37 @@ def simulate(
     The north-finding paper's equations (16), (18), (22), (23) and (36) to (39), in corrected form.
     """
     positions = as_positions(positions)
-    given = (positions, attitude, latitude, accel, gyro, lever_arm, seed)
     for name, value in (("rate", table_rate), ("acceleration", table_acceleration)):
         if value is not None:
-            spread = (jnp if is_traced(value) else np).broadcast_to(value, positions.angle.shape)
-            positions = _with(positions, name, spread)
-    attitude = jnp.asarray(attitude)
+            whole = (jnp if is_traced(value) else np).broadcast_to(value, positions.angle.shape)
+            positions = eqx.tree_at(lambda p, name=name: getattr(p, name), positions, whole)
+    attitude = attitude if is_traced(attitude) else np.asarray(attitude, dtype=float)
     if attitude.shape != (3,):
         raise DataError(f"The attitude has shape {attitude.shape}; give (roll, pitch, azimuth) in rad.")
-    if not is_traced(given):
-        if not np.isfinite(np.asarray(attitude)).all():
+    if not is_traced(attitude, latitude):
+        if not np.isfinite(attitude).all():
             raise DataError("The attitude is not finite; give (roll, pitch, azimuth) in rad.")
         check_latitude(latitude)
-    key = seed if isinstance(seed, jax.Array) else jax.random.key(int(seed))
-    walking = any(isinstance(k, jax.core.Tracer) or float(k) > 0 for k in (accel.walk, gyro.walk))
+    made = turntable(attitude, latitude, accel, gyro).measure(positions, gravity=gravity, lever_arm=lever_arm)
+    dtype = jax.dtypes.canonicalize_dtype(attitude.dtype)
+    made = in_one_type(made, dtype)
+    walking = any(_some(sensor.walk) for sensor in (accel, gyro))
+    keys = jax.random.split(seed if isinstance(seed, jax.Array) else jax.random.key(int(seed)))
     # as arrays: a number would be part of the program, which would be compiled anew for every other
-    numbers = (jnp.asarray(latitude), accel, gyro, lever_arm, gravity)
-    here, accel_errors, gyro_errors, arm, weight = jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype=attitude.dtype), numbers)
-    a, w = _simulated(positions, positions.axes, attitude, here, accel_errors, gyro_errors, arm, weight, key, walking)
-    noise = [_known(sensor) for sensor in (accel, gyro)]
-    return Readings(positions, a, w, accel_noise=noise[0], gyro_noise=noise[1], lever_arm=lever_arm)
+    as_array = lambda value: jnp.asarray(value, dtype=dtype)  # noqa: E731
+    dwell, start = as_array(positions.dwell), as_array(positions.start)
+    noisy = [
+        reading + _noise(key, as_array(sensor.white), as_array(sensor.walk) if walking else None, dwell, start) if known else reading
+        for key, sensor, reading, known in zip(keys, (accel, gyro), made, map(_known, (accel, gyro)), strict=True)
+    ]
+    return Readings(positions, *noisy, accel_noise=_known(accel), gyro_noise=_known(gyro), lever_arm=lever_arm)
+
+
+def _some(size: Any) -> bool:
+    """Whether a noise coefficient is not zero, or not yet known."""
+    return isinstance(size, jax.core.Tracer) or float(size) > 0
 
 
 def _known(sensor: Sensor) -> Any:
     """The sensor's noise; None where it has none."""
-    return sensor if any(isinstance(n, jax.core.Tracer) or float(n) > 0 for n in (sensor.white, sensor.walk)) else None
-
-
-def _with(positions: Positions, name: str, value: Any) -> Positions:
-    return eqx.tree_at(lambda p: getattr(p, name), positions, value)
-
-
-@eqx.filter_jit
-def _simulated(positions, axes, attitude, latitude, accel, gyro, lever_arm, gravity, key, walking: bool):
-    matrix = table_from_nav(*attitude)
-    axes, time = _as(axes, attitude), _as(positions.time, attitude)
-    force = true_force(matrix, latitude, positions, _as(lever_arm, attitude), _as(gravity, attitude))
-    rate = true_rate(matrix, latitude, positions)
-    one, two = jax.random.split(key)
-    return (
-        read(force, axes, accel, time) + _noise(one, accel, positions, attitude, walking),
-        read(rate, axes, gyro, time) + _noise(two, gyro, positions, attitude, walking),
-    )
+    return sensor if _some(sensor.white) or _some(sensor.walk) else None

@@ -3,6 +3,7 @@
 import equinox as eqx
 import numpy as np
 
+from .._precision import is_traced
 from .._types import Any
 
 
@@ -61,13 +62,31 @@ _MORE: dict[str, dict[str, str]] = {
 }
 
 
-def word(verdict: Any) -> str:
-    """Name of a verdict (host only)."""
+def decided(*cases: tuple[Any, Any]) -> Any:
+    """Of (condition, verdict) the verdict of the last condition that holds, or ok; conditions may be traced."""
+    found = Verdict.ok
+    for condition, verdict in cases:
+        if is_traced(condition):
+            found = Verdict.where(condition, verdict, found)
+        elif bool(condition):
+            found = verdict
+    return found
+
+
+def verdict_name(verdict: Any) -> str:
+    """Name of a verdict (host only), which is an item of `Verdict`.
+
+    Examples
+    --------
+    >>> from jaxcal.alignment import Verdict, verdict_name
+    >>> verdict_name(Verdict.weak)
+    'weak'
+    """
     number = int(np.asarray(verdict._value))
     return next(name for name, item in Verdict._name_to_item.items() if int(np.asarray(item._value)) == number)
 
 
 def sentence(verdict: Any, method: str) -> str:
     """What the verdict means for a method (host only)."""
-    more = _MORE.get(word(verdict), {}).get(method)
+    more = _MORE.get(verdict_name(verdict), {}).get(method)
     return Verdict[verdict] + (f" {more}" if more else "")

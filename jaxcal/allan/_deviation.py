@@ -4,6 +4,7 @@ import dataclasses
 import functools
 import os
 import threading
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 import equinox as eqx
@@ -12,25 +13,28 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._errors import DataError
-from .._precision import host_float64, is_traced
+from .._precision import host_float64
 from .._record import checked_rate, checked_record
 from .._types import Any, Int
-from ._bias import bias_factors
-from ._edf import interval_factors, tabulated_factors
-from ._edf_total import degrees_of_freedom
-from ._identify import identify, types_for_intervals
+from ._kernels._contiguous import effective_sizes, measure_whole, refuse_traced
+from ._kernels._difference_sums import direct_sums
+from ._kernels._phase import IN_CACHE, aligned, integrate, padded_length, running_sum_of_phase
+from ._kernels._regular_grid import on_grid
+from ._kernels._robust import EFFICIENCY, refuse_robust, robust_squares
+from ._kernels._route import MANY, record_sums, sums_in_cache
+from ._kernels._total import traced_total_sums
 from ._kinds import Kind, cluster_sizes, find_kind
-from ._noise_types import noise_types
-from ._phase import aligned, integrate, padded_length, running_sum_of_phase
+from ._noise_type._identify import identify, noise_types, types_for_intervals
 from ._result import Deviation
-from ._robust import EFFICIENCY, refuse_robust, robust_squares
-from ._routes import MANY, record_sums
-from ._stamps import on_grid
-from ._sums import direct_sums
-from ._total import traced_total_sums
-from ._whole import effective_sizes, measure_whole, refuse_traced
+from ._uncertainty._bias import bias_factors
+from ._uncertainty._edf import interval_factors, known_uncertainty, tabulated_factors
+from ._uncertainty._edf_total import degrees_of_freedom
 
-_PARALLEL_FROM = 4_000_000  # differences; below, a second thread costs more than it brings
+_PARALLEL_FROM = 20_000_000  # differences; below, a second thread costs more than it brings
+
+
+#: what gives the sums, which may still be computed; counts; noise types: (clusters, channels) each
+_Measured = tuple[Callable[[], Any], Any, Any]
 
 
 @host_float64
@@ -125,7 +129,7 @@ def deviation(
     confidence, y = checked_confidence(confidence), checked_record(y)
     warnings: tuple[str, ...] = ()
     if robust or time is not None:
-        if is_traced(y):
+        if not isinstance(y, np.ndarray):
             raise DataError("robust= and time= are for a record at hand: they cannot be traced (jit, grad, vmap)")
         refuse_robust(statistic, robust)
         y, warnings = (y, ()) if time is None else on_grid(y, time, rate)
@@ -134,57 +138,61 @@ def deviation(
         rest = {"kind": kind, "m": m, "data": data, "confidence": confidence, "alpha": alpha, "bias_corrected": bias_corrected}
         return _with_empty(deviation(y[:, ~empty], rate, robust=robust, **rest), empty, warnings)
     sizes = cluster_sizes(m, statistic, y.shape[0] - (1 if data == "phase" else 0))
-    options = {"data": data, "bias_corrected": bias_corrected, "robust": robust, "warnings": warnings, "traced": is_traced(y)}
-    return deviation_at(y, rate, statistic, sizes, confidence, alpha, **options)
+    options = {"data": data, "bias_corrected": bias_corrected, "robust": robust, "warnings": warnings}
+    return begin(y, rate, statistic, sizes, confidence, alpha, **options)()
 
 
-def deviation_at(
+def begin(
     y, rate: float, statistic: Kind, sizes: Int[np.ndarray, " clusters"], confidence: float, alpha: Any, *, data="rate",
-    bias_corrected: Any = False, robust=False, warnings: tuple[str, ...] = (), traced=False, rows=0,
-) -> Deviation:  # fmt: skip
-    """`deviation` of a record that is checked, none of whose channels is empty, at given cluster sizes, in float64 unless traced.
+    bias_corrected: Any = False, robust=False, warnings: tuple[str, ...] = (),
+) -> Callable[[], Deviation]:  # fmt: skip
+    """Start `deviation` of a checked record at given cluster sizes, and return the function that waits for it.
 
-    With `rows`, the block kernel runs in the program for so many cluster sizes.
+    The sums of a short record are computed in the background: a caller with many records begins one before it waits for the last.
     """
     samples = y.shape[0] - (1 if data == "phase" else 0)
     columns = y if y.ndim == 2 else y[:, None]
-    if traced:
+    if not isinstance(y, np.ndarray):
         refuse_traced(statistic)
-        total, count, noise = _traced(columns, sizes, statistic, rate, data, samples, alpha)
-        xp = jnp
+        measured = _traced(columns, sizes, statistic, rate, data, samples, alpha)
     elif statistic.contiguous or statistic.family == "range":
         names = [f"channel {index}" if columns.shape[1] > 1 else "y" for index in range(columns.shape[1])]
         missing = [None if np.isfinite(np.sum(column)) else _missing(column, name) for column, name in zip(columns.T, names, strict=True)]
         total, count, noise, told = measure_whole(columns, missing, sizes, statistic, rate, data, alpha)
-        warnings = (*warnings, *told)
-        xp = np
+        warnings, measured = (*warnings, *told), (lambda: total, count, noise)
     else:
-        total, count, noise = _measured(columns, sizes, statistic, rate, data, samples, alpha, robust, rows)
-        xp = np
+        measured = _measured(columns, sizes, statistic, rate, data, samples, alpha, robust)
+    return lambda: _finished(y, columns, rate, statistic, sizes, confidence, samples, measured, data, bias_corrected, robust, warnings)
+
+
+def _finished(y, columns, rate, statistic: Kind, sizes, confidence, samples: int, measured, data, bias_corrected, robust, warnings):
+    """The result from sums, counts and noise types, (clusters, channels). The sums, which may still be computed, are needed last."""
+    sums, count, noise = measured
+    xp, kept = np if isinstance(y, np.ndarray) else jnp, slice(None)
     expected = statistic.count(samples, sizes)[:, None]
     if xp is np:
-        kept = np.all(count > 0, axis=1)
-        if not kept.any():
+        some = np.all(count > 0, axis=1)
+        if not some.any():
             lost = int(np.isnan(columns).any(axis=1).sum())
             raise DataError(f"no cluster size has a difference free of gaps: {lost} of {len(y)} samples are missing")
-        if not kept.all():
+        if not some.all():
+            kept = some
             lost = [f"{tau:g}" for tau in statistic.tau(sizes[~kept], rate)]
             lost = ", ".join(lost) if len(lost) <= 20 else f"{lost[0]} ... {lost[-1]} ({len(lost)} cluster sizes)"
             warnings = (*warnings, f"no difference free of gaps at tau = {lost} s: left out")
-            total, count, noise, sizes, expected = total[kept], count[kept], noise[kept], sizes[kept], expected[kept]
+            count, noise, sizes, expected = count[kept], noise[kept], sizes[kept], expected[kept]
     else:
-        total = eqx.error_if(total, xp.any(count == 0), "a cluster size has no difference free of gaps; choose smaller m")
+        count = eqx.error_if(count, xp.any(count == 0), "a cluster size has no difference free of gaps; choose smaller m")
         expected = jnp.asarray(expected, dtype=count.dtype)
-    variance = total / count * statistic.scale(sizes, rate)[:, None].astype(total.dtype)
     lengths = statistic.length(count, sizes[:, None], samples) if xp is np else samples
-    bias = xp.ones_like(variance)
+    types = types_for_intervals(noise, effective_sizes(sizes, statistic), lengths, data, xp)
+    edf, low, high = _uncertainty(types, count, expected, sizes, statistic, lengths, confidence, EFFICIENCY if robust else 1.0, xp)
+    bias = xp.ones(count.shape, dtype=low.dtype)
     if bias_corrected:
         factors = functools.partial(bias_factors, kind=statistic, samples=lengths, published=bias_corrected == "published")
         bias = _by_noise_type(factors, sizes, noise, statistic, xp)
-    result = xp.sqrt(variance / bias)
-    types = types_for_intervals(noise, effective_sizes(sizes, statistic), lengths, data, xp)
-    share = count / expected * (EFFICIENCY if robust else 1.0)
-    edf, low, high = _uncertainty(types, share, sizes, statistic, lengths, confidence, xp)
+    scale = statistic.scale(sizes, rate)[:, None].astype(low.dtype)
+    result = xp.sqrt(sums()[kept] / count * scale / bias)
     arrays = {"deviation": result, "lower": result * low, "upper": result * high, "edf": edf, "count": count, "bias": bias}
     arrays |= {"alpha": noise.astype(np.int64) if xp is np else noise, "skipped": expected - count}
     if y.ndim == 1:
@@ -202,7 +210,7 @@ def checked_confidence(confidence) -> float:
 
 def empty_channels(y):
     """Which channels hold nothing but NaN, where others hold samples; None where there are no such."""
-    if is_traced(y) or y.ndim == 1 or not np.isnan(y[0]).any():
+    if not isinstance(y, np.ndarray) or y.ndim == 1 or not np.isnan(y[0]).any():
         return None
     empty = np.array([bool(np.isnan(column[0]) and np.isnan(column).all()) for column in y.T])
     return empty if empty.any() and not empty.all() else None
@@ -242,12 +250,14 @@ def _by_noise_type(function, sizes, noise, statistic: Kind, xp):
     return jnp.take_along_axis(table, jnp.clip(2 - noise, 0, len(types) - 1).astype(jnp.int32), axis=1)
 
 
-def _uncertainty(noise, share, sizes, statistic: Kind, samples, confidence: float, xp):
+def _uncertainty(noise, count, expected, sizes, statistic: Kind, samples, confidence: float, efficiency: float, xp):
     """The edf and interval factors; in a trace the factors are read from a table."""
     if statistic.interval_error:
-        return (xp.full(share.shape, xp.nan, dtype=share.dtype),) * 3
+        return (xp.full(count.shape, xp.nan, dtype=noise.dtype),) * 3
+    if xp is np and not statistic.contiguous and efficiency == 1.0 and len(sizes) <= MANY and (count == expected).all():
+        return known_uncertainty(sizes, noise, statistic, samples, confidence)
     edf = _by_noise_type(functools.partial(degrees_of_freedom, kind=statistic, samples=samples), sizes, noise, statistic, xp)
-    edf = xp.maximum(edf if statistic.contiguous else edf * share, 1.0)
+    edf = xp.maximum(edf if statistic.contiguous else edf * (count / expected * efficiency), 1.0)
     if xp is np:
         return edf, *interval_factors(edf, confidence)
     return edf, *tabulated_factors(edf, 2.0 * samples, confidence, jnp)
@@ -289,7 +299,7 @@ def _traced(columns, sizes, statistic: Kind, rate: float, data: str, samples: in
         noise = jax.vmap(each, in_axes=1, out_axes=1)(jax.lax.stop_gradient(theta), marks)
     else:
         noise = jnp.full(total.T.shape, float(alpha), dtype=columns.dtype)
-    return total.T, count.T.astype(columns.dtype), noise
+    return lambda: total.T, count.T.astype(columns.dtype), noise
 
 
 def _gap_rule(gone, statistic: Kind, data: str, xp):
@@ -304,46 +314,62 @@ def _gap_rule(gone, statistic: Kind, data: str, xp):
     return running, "span", 1 if statistic.modified and data == "rate" else 0
 
 
-def _measured(columns, sizes, statistic: Kind, rate: float, data: str, samples: int, alpha, robust: bool, rows: int):
-    """Sums, counts and noise types of a record at hand, (clusters, channels), on every core."""
+def _measured(columns, sizes, statistic: Kind, rate: float, data: str, samples: int, alpha, robust: bool) -> _Measured:
+    """The sums, counts and noise types of a record at hand."""
     order = np.argsort(sizes, kind="stable")
-    ascending = sizes[order]
+    ascending, back = sizes[order], np.argsort(order, kind="stable")
     number = statistic.count(samples, ascending)
-    channels, workers = columns.shape[1], 1
+    channels = columns.shape[1]
+    if samples < IN_CACHE and len(sizes) <= MANY and not robust and data == "rate":
+        length, sums = padded_length(samples if statistic.modified else IN_CACHE - 1), []
+        noise = np.full((len(sizes), channels), np.nan if alpha is None else float(alpha))
+        for index, column in enumerate(columns.T):
+            theta = aligned(length)
+            if not integrate(column, theta[: samples + 1], 1):
+                break  # with a gap: below
+            sums.append(sums_in_cache(theta, ascending, number, statistic))
+            if alpha is None:  # while the sums are computed
+                noise[:, index] = identify(theta[: samples + 1], None, ascending, statistic.plain, samples, data)[back]
+        else:
+            count = np.repeat(number[back, None], channels, axis=1)
+            return lambda: np.stack([np.asarray(each)[: len(sizes)] for each in sums], axis=1)[back], count, noise
+    workers = 1
     # a thread of its own, as `batch` starts one for each log, is a core's worth already
     if channels * int(number.sum()) >= _PARALLEL_FROM and threading.current_thread() is threading.main_thread():
         workers = min(os.cpu_count() or 1, 16) if jax.default_backend() == "cpu" else 1
     # threads share a record that is alone, or at many cluster sizes; otherwise each takes a channel
     split = workers if channels == 1 or len(sizes) > MANY else 1
 
-    def channel(index):
+    def channel(index, run):
         with jax.enable_x64(True):  # thread-local
-            run = (split, pool.map) if split > 1 else (1, map)
-            prepared = _prepare(columns[:, index], f"channel {index}" if channels > 1 else "y", statistic, rate, data, samples, run)
+            prepared = _prepare(columns[:, index], f"channel {index}" if channels > 1 else "y", statistic, rate, data, samples, split, run)
             if robust:
                 squares, count = robust_squares(prepared[1], prepared[2], ascending, statistic, samples, data)
                 total = squares * count
             else:
-                total, count = record_sums(prepared, ascending, number, statistic, *run, rows)
+                total, count = record_sums(prepared, ascending, number, statistic, split, run)
             if alpha is None:
                 return total, count, noise_types(prepared[1], prepared[2], ascending, statistic.plain, samples, data)
             return total, count, np.full(len(ascending), float(alpha))
 
-    with ThreadPoolExecutor(workers) as pool:
-        run = pool.map if split == 1 and workers > 1 else map
-        results = list(run(channel, range(channels)))
-    back = np.argsort(order, kind="stable")
-    return tuple(np.stack(values, axis=1)[back] for values in zip(*results, strict=True))
+    if workers == 1:
+        found = [channel(index, map) for index in range(channels)]
+    else:
+        with ThreadPoolExecutor(workers) as pool:
+            over, within = (map, pool.map) if split > 1 else (pool.map, map)
+            found = list(over(lambda index: channel(index, within), range(channels)))
+    total, count, noise = (np.stack(values, axis=1)[back] for values in zip(*found, strict=True))
+    return lambda: total, count, noise
 
 
-def _prepare(column, name: str, statistic: Kind, rate: float, data: str, samples: int, run):
+def _prepare(column, name: str, statistic: Kind, rate: float, data: str, samples: int, parts: int, run):
     """Padded arrays of one channel for the block kernel, and its phase and gap marks for the identification."""
     length = padded_length(samples)
     marks = missing = None
     rule, less = "none", 0
     buffer = aligned(length)  # what lies beyond the record stays arbitrary
     held = buffer[: samples + 1]
-    whole = integrate(column, held, *run) if data == "rate" else bool(np.isfinite(np.sum(column)))
+    whole = integrate(column, held, parts, run) if data == "rate" else bool(np.isfinite(np.sum(column)))
     gone = None if whole else _missing(column, name)
     if gone is not None and gone.any():
         marks, rule, less = _gap_rule(gone[:, None], statistic, data, np)
@@ -352,11 +378,11 @@ def _prepare(column, name: str, statistic: Kind, rate: float, data: str, samples
         if data == "phase":
             marks = gone.astype(np.int32)
         else:
-            integrate(np.where(gone, np.mean(column[~gone]), column), held, *run)
+            integrate(np.where(gone, np.mean(column[~gone]), column), held, parts, run)
     if data == "phase":
         clean = np.where(gone, 0.0, column) if gone is not None else column
         np.subtract(clean, clean[0] if statistic.interval_error else np.linspace(clean[0], clean[-1], samples + 1), out=held)
         held *= rate
     theta = jax.device_put(buffer, may_alias=True)
-    parts = running_sum_of_phase(theta) if statistic.modified else (theta,)
-    return parts, held, marks, missing, rule, np.int64(less)
+    summed = running_sum_of_phase(theta) if statistic.modified else (theta,)
+    return summed, held, marks, missing, rule, np.int64(less)

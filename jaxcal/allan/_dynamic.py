@@ -14,10 +14,10 @@ from .._errors import DataError
 from .._precision import host_float64, is_traced
 from .._record import checked_rate, checked_record
 from .._types import AnyArray, Array, Float, Int
-from ._edf import degrees_of_freedom, interval_factors
-from ._identify import identify, types_for_intervals
+from ._kernels._phase import integrate, padded_length, running_sum_of_phase
 from ._kinds import Kind, cluster_sizes, find_kind
-from ._phase import integrate, padded_length, running_sum_of_phase
+from ._noise_type._identify import identify, types_for_intervals
+from ._uncertainty._edf import degrees_of_freedom, interval_factors
 
 _ROW = 256  # squares summed together; a prefix sum runs over rows
 _TYPED = 256  # windows in which the noise types are told

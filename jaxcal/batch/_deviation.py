@@ -1,7 +1,6 @@
 """`deviation`: of many logs, and of logs larger than memory."""
 
 import dataclasses
-import functools
 import itertools
 import os
 import pathlib
@@ -17,11 +16,10 @@ import numpy as np
 from .._errors import DataError
 from .._record import checked_rate, checked_record
 from ..allan import Accumulator, Deviation, deviation as _deviation
-from ..allan._deviation import checked_confidence, deviation_at, empty_channels
-from ..allan._group import Group, begin, finish, group_size, room
+from ..allan._deviation import begin, checked_confidence
+from ..allan._kernels._phase import IN_CACHE, padded_length
+from ..allan._kernels._route import MANY
 from ..allan._kinds import Kind, cluster_sizes, find_kind
-from ..allan._phase import padded_length
-from ..allan._routes import MANY
 from ..io._chunks import Chunks, array_chunks, open_chunks
 from ._merge import reduce
 
@@ -34,7 +32,7 @@ def deviation(
 
     A record of up to `chunk` samples is that of `jaxcal.allan.deviation`. A longer one is read `chunk` samples at a time through
     `jaxcal.allan.Accumulator`: the same result up to the cluster size `exact`, and at a stride of starting points beyond. A list of
-    logs of any lengths is shared among the cores and costs one compilation for each doubling of length.
+    logs of any lengths is shared among the cores. All logs of up to 262,143 samples share one program, longer ones one for each doubling.
 
     Parameters
     ----------
@@ -108,59 +106,43 @@ def deviation(
             raise DataError(f"log {index}{name}: {error}") from error
 
     records = [named(i, _opened, each, columns) for i, each in enumerate(source)]
-    checked_confidence(confidence)
-    statistic = find_kind(kind)
-    plain = {i: sizes for i, record in enumerate(records) if (sizes := named(i, _grouped, record, statistic, m, int(chunk))) is not None}
     rates = [named(i, checked_rate, each) for i, each in enumerate(rates)]
-
+    statistic, confidence = find_kind(kind), checked_confidence(confidence)
     found: dict[int, Deviation] = {}
+
+    def begun(i: int, sizes: np.ndarray) -> Callable[[], Deviation]:
+        y = checked_record(records[i].read(0, records[i].samples)[:, 0])
+        return begin(y, rates[i], statistic, sizes, confidence, alpha)
+
+    # One thread for the short records, whose sums are computed in the background: each is begun before the last one is waited for.
+    # Several threads at short NumPy steps would only wait for the interpreter and for one another.
+    short = [i for i, record in enumerate(records) if record.flat and record.samples < min(chunk + 1, IN_CACHE) and _plain(m, statistic)]
+    with jax.enable_x64(True):
+        pending = deque[tuple[int, Callable[[], Deviation]]]()
+        for i in short:
+            sizes = named(i, cluster_sizes, m, statistic, records[i].samples)
+            pending.append((i, named(i, begun, i, sizes)))
+            if len(pending) == 2:
+                first, wait = pending.popleft()
+                found[first] = named(first, wait)
+        for i, wait in pending:
+            found[i] = named(i, wait)
 
     def alone(i: int) -> Deviation:
         return named(i, _one, records[i], rates[i], int(chunk), exact, options)
 
-    def begun(group: list[int], theta: np.ndarray) -> Group:
-        logs = [np.asarray(records[i].read(0, records[i].samples)[:, 0], dtype=np.float64) for i in group]
-        sizes = [plain[i] for i in group]
-        # as many cluster sizes as the longest record of its bucket has
-        rows = _most_sizes(m, kind, theta.shape[1]) if isinstance(m, str) else len(sizes[0])
-        return begin(logs, statistic, sizes, rows, theta)
-
-    def finished(group: list[int], state: Group) -> None:
-        each = finish(state, [rates[i] for i in group], statistic, confidence, alpha)
-        # one with a gap, or with an infinite value, by itself
-        found.update((i, alone(i) if d is None else d) for i, d in zip(group, each, strict=True))
-
-    buckets: dict[int, list[int]] = {}
-    for i in plain:
-        buckets.setdefault(padded_length(records[i].samples), []).append(i)
-    # one thread, one group ahead of the kernel: several at short NumPy steps only wait for the interpreter and for one another
-    for padded, bucket in buckets.items():
-        rooms, pending = [room(padded) for _ in range(2)], deque[tuple[list[int], Group]]()
-        for turn, group in enumerate(_cut(bucket, group_size(padded))):
-            pending.append((group, begun(group, rooms[turn % len(rooms)])))
-            if len(pending) == len(rooms):
-                finished(*pending.popleft())
-        while pending:
-            finished(*pending.popleft())
-    others = [i for i in range(len(records)) if i not in plain]
-    first = list({padded_length(records[i].samples): i for i in reversed(others)}.values())
+    others = [i for i in range(len(records)) if i not in found]
+    ahead = list({padded_length(records[i].samples): i for i in reversed(others)}.values())
     with ThreadPoolExecutor(workers) as pool:
         # the first of each bucket of lengths before the others: two threads would compile the same program twice
-        for turn in (first, [i for i in others if i not in first]):
+        for turn in (ahead, [i for i in others if i not in ahead]):
             found.update(zip(turn, pool.map(alone, turn), strict=True))
     return [found[i] for i in range(len(records))]
 
 
-def _cut(items: list[int], size: int) -> list[list[int]]:
-    return [items[start : start + size] for start in range(0, len(items), size)]
-
-
-def _grouped(record: Chunks, statistic: Kind, m: Any, chunk: int) -> np.ndarray | None:
-    """The cluster sizes of a record that is taken together with others: a single channel, in memory as a whole; None for any other."""
-    if not record.flat or record.samples > chunk or statistic.family != "difference" or (isinstance(m, str) and m == "all"):
-        return None
-    sizes = cluster_sizes(m, statistic, record.samples)
-    return sizes if len(sizes) <= MANY else None
+def _plain(m: Any, statistic: Kind) -> bool:
+    """Whether the cluster sizes are few and the statistic one of differences of the record as it is."""
+    return statistic.family == "difference" and (m != "all" if isinstance(m, str) else np.size(m) <= MANY)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -204,11 +186,11 @@ def _stretch(empty: Accumulator, source: Any, columns: Any, start: int, stop: in
 
 
 def _one(record: Chunks, rate: Any, chunk: int, exact: int, options: dict[str, Any], shared: _Shared | None = None) -> Deviation:
-    statistic = find_kind(options["kind"])
-    sizes = cluster_sizes(options["m"], statistic, record.samples)
     if record.samples <= chunk:
         y = record.read(0, record.samples)
-        return _whole(y[:, 0] if record.flat else y, rate, statistic, sizes, options)
+        return _deviation(y[:, 0] if record.flat else y, rate, **options)
+    statistic = find_kind(options["kind"])
+    sizes = cluster_sizes(options["m"], statistic, record.samples)
     if isinstance(options["m"], str) and options["m"] == "all":
         raise DataError(f'm="all" needs the whole record in memory: it has {record.samples} samples; raise chunk= to that, or choose "log"')
     warnings: tuple[str, ...] = ()
@@ -229,23 +211,6 @@ def _one(record: Chunks, rate: Any, chunk: int, exact: int, options: dict[str, A
     if record.channels == 1 and not record.flat:
         found = eqx.tree_at(_tables, found, [table[:, None] for table in _tables(found)])
     return dataclasses.replace(found, warnings=(*warnings, *found.warnings))
-
-
-def _whole(y: np.ndarray, rate: Any, statistic: Kind, sizes: np.ndarray, options: dict[str, Any]) -> Deviation:
-    """`jaxcal.allan.deviation`, less the part of its checks that takes as long as a short log, in the program of the bucket."""
-    named = isinstance(options["m"], str)
-    if statistic.family != "difference" or len(sizes) > MANY or empty_channels(y) is not None:
-        return _deviation(y, rate, **options)
-    # as many cluster sizes as the longest record of its bucket has
-    rows = _most_sizes(options["m"], statistic.name, padded_length(len(y))) if named else 0
-    with jax.enable_x64(True):
-        y = np.asarray(y, dtype=np.float64) if y.ndim == 1 else checked_record(y)
-        return deviation_at(y, checked_rate(rate), statistic, sizes, checked_confidence(options["confidence"]), options["alpha"], rows=rows)
-
-
-@functools.lru_cache(maxsize=256)
-def _most_sizes(grid: str, kind: str, samples: int) -> int:
-    return len(cluster_sizes(grid, find_kind(kind), samples))
 
 
 def _opened(source: Any, columns: Any) -> Chunks:

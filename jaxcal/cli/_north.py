@@ -143,7 +143,7 @@ def _priors(words: tuple[str, ...] | None) -> dict[str, float] | None:
 def _table(screen: Screen, found: Any) -> None:
     rows = []
     for name, value in found.parameters.items():
-        label, unit, size = _ROWS[name]
+        label, unit, size = _ROWS.get(name, (name, "SI", 1.0))
         half = 1.96 * found.std[name] / size
         if value is None or not math.isfinite(half):
             rows.append([label, "not determined", "", unit])

@@ -1,19 +1,17 @@
 """Covariance of fitted parameters: of whitened residuals, of robust losses, and of clustered data."""
 
-import dataclasses
-
-import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from .._errors import FitError
-from .._precision import is_traced
-from .._types import AnyArray, Array
+from .._precision import array_module, is_traced
+from .._types import AnyArray
 from ._outcome import Outcome
 from ._result import Fit
 
 
-def covariance(fit: Fit, *, scaled: bool = False, clusters: AnyArray | None = None) -> Array:
+def covariance(fit: Fit, *, scaled: bool = False, clusters: AnyArray | None = None) -> AnyArray:
     """Covariance of the parameters of a fit.
 
     Without options the residuals are taken at their word (standard deviation one): C = (J'J)^-1. With `scaled`,
@@ -48,53 +46,49 @@ def covariance(fit: Fit, *, scaled: bool = False, clusters: AnyArray | None = No
     >>> float(covariance(fit)[0, 0].round(6))
     1.0
     """
-    labels = None if clusters is None else jnp.asarray(clusters)
-    if labels is not None and labels.shape != fit.residuals.shape:
-        raise FitError(f"The cluster labels have shape {labels.shape}; give one per residual, shape {fit.residuals.shape}.")
-    matrix, groups = _covariance(dataclasses.replace(fit, problem=None), scaled, labels)
-    if not is_traced(groups, fit) and groups <= fit.free:
-        raise FitError(
-            f"{int(groups)} clusters cannot give the covariance of {int(fit.free)} parameters; record more, or use finer clusters."
-        )
-    return matrix
-
-
-def standard_errors(fit: Fit, *, scaled: bool = False, clusters: AnyArray | None = None) -> Array:
-    """Square roots of the diagonal of `covariance`, (p,), in the units of the parameters."""
-    return jnp.sqrt(jnp.diagonal(covariance(fit, scaled=scaled, clusters=clusters)))
-
-
-def _bread(fit: Fit) -> Array:
-    """Inverse of J'J from the QR factors of J, so that the condition number is not squared; zero for held parameters."""
-    jacobian = jnp.where(fit.at_bound[None, :], 0, fit.jacobian)
-    column = jnp.linalg.norm(jacobian, axis=0)
-    column = jnp.where(column > 0, column, 1)
-    triangle = jnp.linalg.qr(jnp.concatenate([jacobian / column[None, :], jnp.diag(fit.at_bound.astype(column.dtype))]), mode="r")
-    inverse = jax.scipy.linalg.solve_triangular(triangle, jnp.eye(column.size, dtype=column.dtype)) / column[:, None]
-    inverse = jnp.where(fit.at_bound[:, None], 0, inverse)
-    return inverse @ inverse.T
-
-
-def _sandwich(fit: Fit, bread: Array, labels: Array) -> tuple[Array, Array]:
-    # As many slots as residuals: the number of clusters is data, and empty slots add nothing.
-    n = labels.size
-    label = jnp.unique(labels, return_inverse=True, size=n)[1]
-    score = jnp.where(fit.at_bound[None, :], 0, fit.jacobian) * (fit.weights * fit.residuals)[:, None]
-    total = jax.ops.segment_sum(score, label, num_segments=n)
-    groups = jnp.sum(jax.ops.segment_max(fit.counted.astype(jnp.int32), label, num_segments=n) > 0, dtype=bread.dtype)
-    factor = groups / (groups - 1) * (fit.count - 1) / fit.degrees_of_freedom
-    return factor * (bread @ (total.T @ total) @ bread), groups
-
-
-@eqx.filter_jit
-def _covariance(fit: Fit, scaled: bool, labels: Array | None) -> tuple[Array, Array]:
-    """Covariance, and the number of independent groups of residuals."""
-    bread, groups = _bread(fit), jnp.asarray(jnp.inf, dtype=fit.residuals.dtype)
-    if labels is not None:
-        matrix, groups = _sandwich(fit, bread / fit.mean_curvature, labels)
+    bread = _bread(fit)
+    if clusters is not None:
+        matrix = _sandwich(fit, bread / fit.mean_curvature, clusters)
     elif fit.robust:
-        relative = jnp.sum(jnp.where(fit.counted, (fit.curvature / fit.mean_curvature - 1) ** 2, 0)) / fit.count
+        xp = array_module(fit)
+        relative = xp.sum(xp.where(fit.counted, (fit.curvature / fit.mean_curvature - 1) ** 2, 0)) / fit.count
         matrix = (1 + fit.free / fit.count * relative) ** 2 * fit.variance * bread
     else:
         matrix = fit.variance * bread if scaled else bread
-    return jnp.where(fit.outcome == Outcome.unidentifiable, jnp.inf, matrix), groups
+    return array_module(fit).where(fit.outcome == Outcome.unidentifiable, np.inf, matrix)
+
+
+def standard_errors(fit: Fit, *, scaled: bool = False, clusters: AnyArray | None = None) -> AnyArray:
+    """Square roots of the diagonal of `covariance`, (p,), in the units of the parameters."""
+    return array_module(fit).sqrt(array_module(fit).diagonal(covariance(fit, scaled=scaled, clusters=clusters)))
+
+
+def _bread(fit: Fit) -> AnyArray:
+    """Inverse of J'J from the QR factors of J, so that the condition number is not squared; zero for held parameters."""
+    xp = array_module(fit)
+    jacobian = xp.where(fit.at_bound[None, :], 0, fit.jacobian)
+    column = xp.linalg.norm(jacobian, axis=0)
+    column = xp.where(column > 0, column, 1)
+    triangle = xp.linalg.qr(xp.concatenate([jacobian / column[None, :], xp.diag(fit.at_bound.astype(column.dtype))]), mode="r")
+    # a singular factor belongs to a fit that is not identifiable, whose covariance is infinite
+    triangle = xp.where(fit.outcome == Outcome.unidentifiable, xp.eye(column.size, dtype=column.dtype), triangle)
+    inverse = xp.linalg.inv(triangle) / column[:, None]
+    inverse = xp.where(fit.at_bound[:, None], 0, inverse)
+    return inverse @ inverse.T
+
+
+def _sandwich(fit: Fit, bread: AnyArray, clusters: AnyArray) -> AnyArray:
+    xp, n = array_module(fit, clusters), fit.residuals.size
+    if clusters.shape != fit.residuals.shape:
+        raise FitError(f"The cluster labels have shape {clusters.shape}; give one per residual, shape {fit.residuals.shape}.")
+    # As many slots as residuals: the number of clusters is data, and empty slots add nothing.
+    label = jnp.unique(clusters, return_inverse=True, size=n)[1]
+    score = xp.where(fit.at_bound[None, :], 0, fit.jacobian) * (fit.weights * fit.residuals)[:, None]
+    total = jax.ops.segment_sum(score, label, num_segments=n)
+    groups = jnp.sum(jax.ops.segment_max(fit.counted.astype(jnp.int32), label, num_segments=n) > 0, dtype=bread.dtype)
+    if not is_traced(groups) and groups <= fit.free:
+        raise FitError(
+            f"{int(groups)} clusters cannot give the covariance of {int(fit.free)} parameters; record more, or use finer clusters."
+        )
+    factor = groups / (groups - 1) * (fit.count - 1) / fit.degrees_of_freedom
+    return factor * (bread @ (total.T @ total) @ bread)

@@ -57,7 +57,7 @@ def solve_many(
     start, data = to_floats((start, data), common_dtype(start, data))
     mapped, shared = eqx.partition((start, data), batched)
     first = eqx.combine(jax.tree.map(lambda leaf: leaf[0], mapped), shared)
-    defaults = dict.fromkeys(("free", "bounds", "scale", "loss", "solver", "starts", "rtol")) | {"max_steps": 128}
+    defaults = dict.fromkeys(("free", "bounds", "loss", "solver", "starts", "rtol")) | {"max_steps": 128}
     template = define(residuals, *first, **(defaults | options))
     if batch is None:
         batch = "map" if jax.default_backend() == "cpu" else "vmap"
@@ -68,6 +68,6 @@ def solve_many(
 def _each(template: Problem, mapped: Any, shared: Any, together: bool) -> Fit:
     def one(item: Any) -> Fit:
         start, data = eqx.combine(item, shared)
-        return run(dataclasses.replace(template, start=start, data=data))[0]
+        return run(dataclasses.replace(template, start=start, data=data))
 
     return jax.vmap(one)(mapped) if together else jax.lax.map(one, mapped)

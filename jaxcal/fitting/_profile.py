@@ -73,14 +73,14 @@ def profile_interval(fit: Fit, name: str, *, confidence: float = 0.95, scaled: b
     else:
         rise = scipy.stats.chi2.ppf(confidence, 1)
     # A parameter at its bound has a standard error once the bound is lifted; it is only the length of the first step.
-    lifted = eqx.tree_at(lambda f: f.at_bound, fit, jnp.asarray(fit.at_bound).at[j].set(False))
+    lifted = eqx.tree_at(lambda f: f.at_bound, fit, np.where(np.arange(len(fit.names)) == j, False, fit.at_bound))
     step = math.sqrt(rise * float(covariance(lifted)[j, j]))
     near = jnp.asarray(fit.parameters)
 
     def refit(value: float) -> Fit:
         nonlocal near
         held = (problem.model(near.at[j].set(value)), problem.lower.at[j].set(value), problem.upper.at[j].set(value))
-        found = run(eqx.tree_at(lambda p: (p.start, p.lower, p.upper), problem, held))[0]
+        found = run(eqx.tree_at(lambda p: (p.start, p.lower, p.upper), problem, held))
         near = jnp.where(found.usable, found.parameters, near)
         return found
 

@@ -1,23 +1,35 @@
 """Which parameters the data determine, from the singular values of the scaled Jacobian."""
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 
-from .._types import AnyArray, Array
+from .._precision import array_module
+from .._types import AnyArray, Value
 from ._result import Fit
 
 
-def decompose(jacobian: Array, held: AnyArray) -> tuple[Array, Array]:
+def decompose(jacobian: AnyArray, held: AnyArray) -> tuple[AnyArray, AnyArray]:
     """Singular values (those at rounding level are zero) and right singular vectors, columns scaled to unit length.
 
-    A held column is replaced by one that is orthogonal to all others.
+    A held column is replaced by one that is orthogonal to all others. NumPy does it outside of a trace, and compiles nothing.
     """
-    jacobian = jnp.where(held[None, :], 0, jacobian)
-    column = jnp.linalg.norm(jacobian, axis=0)
-    triangle = jnp.linalg.qr(jacobian / jnp.where(column > 0, column, 1)[None, :], mode="r")
-    _, s, vectors = jnp.linalg.svd(jnp.concatenate([triangle, jnp.diag(held.astype(triangle.dtype))]), full_matrices=False)
-    return jnp.where(s > 10 * s.size * jnp.finfo(s.dtype).eps, s, 0), vectors
+    xp = array_module(jacobian, held)
+    jacobian = xp.where(held[None, :] | ~xp.isfinite(jacobian), 0, jacobian)
+    column = xp.linalg.norm(jacobian, axis=0)
+    triangle = xp.linalg.qr(jacobian / xp.where(column > 0, column, 1)[None, :], mode="r")
+    _, s, vectors = xp.linalg.svd(xp.concatenate([triangle, xp.diag(held.astype(triangle.dtype))]), full_matrices=False)
+    return xp.where(s > 10 * s.size * xp.finfo(s.dtype).eps, s, 0), vectors
+
+
+def decomposed(fit: Fit) -> tuple[AnyArray, AnyArray]:
+    """Singular values and vectors of the Jacobian of a fit under its weights."""
+    root = array_module(fit).sqrt(fit.weights)
+    return decompose(root[:, None] * fit.jacobian, fit.at_bound)
+
+
+def rank_of(fit: Fit) -> Value:
+    """Combinations of the parameters that data or bounds determine."""
+    return (decomposed(fit)[0] > 0).sum()
 
 
 class Identifiability(eqx.Module):
@@ -33,10 +45,10 @@ class Identifiability(eqx.Module):
     names : parameters, in order.
     """
 
-    rank: Array
-    singular_values: Array
-    condition: Array
-    direction: Array
+    rank: Value
+    singular_values: AnyArray
+    condition: Value
+    direction: AnyArray
     at_bound: AnyArray
     names: tuple[str, ...] = eqx.field(static=True)
 
@@ -83,11 +95,11 @@ def identifiability(fit: Fit) -> Identifiability:
     >>> print(identifiability(fit).sentence.split(";")[0])
     The data determine 1 of 2 parameters and cannot tell apart bias, scale
     """
-    s, vectors = eqx.filter_jit(decompose)(jnp.sqrt(fit.weights)[:, None] * fit.jacobian, fit.at_bound)
+    xp, (s, vectors) = array_module(fit), decomposed(fit)
     return Identifiability(
-        rank=jnp.sum(s > 0) - jnp.sum(fit.at_bound),
+        rank=xp.sum(s > 0) - xp.sum(fit.at_bound),
         singular_values=s,
-        condition=jnp.where(s[-1] > 0, s[0] / jnp.where(s[-1] > 0, s[-1], 1), jnp.inf),
+        condition=xp.where(s[-1] > 0, s[0] / xp.where(s[-1] > 0, s[-1], 1), xp.inf),
         direction=vectors[-1],
         at_bound=fit.at_bound,
         names=fit.names,

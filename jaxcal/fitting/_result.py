@@ -4,11 +4,12 @@ from typing import Any
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
+import scipy.special
 
 from .._errors import FitError
-from .._types import AnyArray, Array
+from .._precision import array_module, is_traced
+from .._types import AnyArray, Value
 from ._outcome import Outcome
 from ._problem import Problem
 
@@ -48,50 +49,53 @@ class Fit(eqx.Module):
     problem: Problem | None = None
 
     @property
-    def usable(self) -> Array:
+    def usable(self) -> Value | np.bool_:
         """True where the fit converged, inside its bounds or on one."""
-        return (self.outcome == Outcome.converged) | (self.outcome == Outcome.at_bound)
+        return array_module(self).logical_or(self.outcome == Outcome.converged, self.outcome == Outcome.at_bound)
 
     @property
-    def counted(self) -> Array:
+    def counted(self) -> Value:
         """(n,) False for padding: entries that are zero with zero derivative."""
-        return (self.residuals != 0) | jnp.any(self.jacobian != 0, axis=-1)
+        return (self.residuals != 0) | array_module(self).any(self.jacobian != 0, axis=-1)
 
     @property
-    def count(self) -> Array:
+    def count(self) -> Value:
         """Number of residuals that are not padding."""
-        return jnp.sum(self.counted, axis=-1, dtype=self.residuals.dtype)
+        return array_module(self).sum(self.counted, axis=-1, dtype=self.residuals.dtype)
 
     @property
-    def free(self) -> Array:
+    def free(self) -> Value:
         """Number of parameters that no bound holds."""
-        return jnp.sum(~self.at_bound, axis=-1, dtype=self.residuals.dtype)
+        return array_module(self).sum(~self.at_bound, axis=-1, dtype=self.residuals.dtype)
 
     @property
-    def degrees_of_freedom(self) -> Array:
+    def degrees_of_freedom(self) -> Value:
         """`count` less `free`."""
         return self.count - self.free
 
     @property
-    def mean_curvature(self) -> Array:
+    def mean_curvature(self) -> Value:
         """Mean second derivative of the loss over the residuals: one without it."""
-        return jnp.sum(jnp.where(self.counted, self.curvature, 0), axis=-1) / self.count
+        xp = array_module(self)
+        return xp.sum(xp.where(self.counted, self.curvature, 0), axis=-1) / self.count
 
     @property
-    def variance(self) -> Array:
+    def variance(self) -> Value:
         """Variance of a whitened residual that explains the fit: reduced chi-square, or its counterpart for a robust loss."""
-        return jnp.sum((self.weights * self.residuals) ** 2, axis=-1) / jnp.maximum(self.degrees_of_freedom, 1) / self.mean_curvature**2
+        xp = array_module(self)
+        return xp.sum((self.weights * self.residuals) ** 2, axis=-1) / xp.maximum(self.degrees_of_freedom, 1) / self.mean_curvature**2
 
     @property
-    def chi_square(self) -> Array:
+    def chi_square(self) -> Value:
         """Sum of the squared residuals: chi-square distributed if they are whitened, normal and without loss."""
-        return jnp.sum(self.residuals**2, axis=-1)
+        return array_module(self).sum(self.residuals**2, axis=-1)
 
     @property
-    def goodness(self) -> Array:
+    def goodness(self) -> Value:
         """Probability of a larger chi-square by chance (p value); one where no degree of freedom is left."""
-        tail = jax.scipy.special.gammaincc(jnp.maximum(self.degrees_of_freedom, 1) / 2, self.chi_square / 2)
-        return jnp.where(self.degrees_of_freedom > 0, tail, 1)
+        xp, gammaincc = array_module(self), (jax.scipy.special if is_traced(self) else scipy.special).gammaincc
+        tail = gammaincc(xp.maximum(self.degrees_of_freedom, 1) / 2, self.chi_square / 2)
+        return xp.where(self.degrees_of_freedom > 0, tail, 1)
 
     @property
     def message(self) -> str:
@@ -104,3 +108,8 @@ class Fit(eqx.Module):
         if not bool(self.usable):
             raise FitError(self.message)
         return self
+
+
+def to_numpy(tree: Any) -> Any:
+    """The same tree with arrays of NumPy, outside of a trace."""
+    return tree if is_traced(tree) else jax.tree.map(lambda leaf: np.asarray(leaf) if eqx.is_array(leaf) else leaf, tree)

@@ -63,7 +63,7 @@ class Solved(eqx.Module):
 
     fit: Fit
     usable: Array
-    covariance: Array
+    covariance: AnyArray
 
 
 @functools.partial(jax.jit, static_argnames=("function", "loss"))

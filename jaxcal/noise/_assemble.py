@@ -5,7 +5,7 @@ import numpy as np
 
 from .._precision import is_traced
 from ..allan import Deviation
-from ..allan._edf import interval_factors
+from ..allan._uncertainty._edf import interval_factors
 from ._limits import Limits
 from ._model import noise_of
 from ._result import NoiseFit

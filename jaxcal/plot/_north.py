@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._errors import DataError
-from ..alignment import AlignmentFit, Positions, Readings, Sensor, simulate
+from ..alignment import AlignmentFit, Positions, Readings
 from ._style import INK, MUTED, SERIES, SHADE, new_figure, style_axes
 
 if TYPE_CHECKING:
@@ -75,12 +75,9 @@ def _panels(count: int) -> Any:
 
 def _curve(readings: Readings, result: AlignmentFit) -> Readings:
     """What the fitted sensors read at every table angle."""
-    v = np.asarray(result.values)
-    grid = Positions(np.linspace(0, 2 * np.pi, 181))
-    accel, gyro = Sensor(v[4], v[7:9], v[3]), Sensor(v[6], v[9:11], v[5])
     rate, width = (float(np.mean(getattr(readings.positions, name))) for name in ("rate", "width"))
-    moving = Positions(grid.angle, rate=rate, width=width)
-    return simulate(moving, v[:3], v[13], accel=accel, gyro=gyro, lever_arm=readings.lever_arm)
+    moving = Positions(np.linspace(0, 2 * np.pi, 181), start=0.0, rate=rate, width=width)  # one instant: no drift
+    return Readings(moving, *result.model.measure(moving, lever_arm=readings.lever_arm))
 
 
 def _readings(ax: "Axes", readings: Readings, name: str, label: str, scale: float, model: Readings) -> None:

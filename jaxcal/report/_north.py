@@ -7,9 +7,7 @@ from typing import Any
 import numpy as np
 
 from .._errors import DataError
-from ..alignment import NAMES, AlignmentFit, Readings
-from ..alignment._model import UNITS
-from ..alignment._verdict import word
+from ..alignment import UNITS, AlignmentFit, Readings, verdict_name
 from ..plot import north
 from ._document import number
 from ._html import Markup, each, join, tag
@@ -36,10 +34,10 @@ def north_document(result: AlignmentFit) -> dict[str, Any]:
         known = value is not None and std is not None
         parameters[name] = {
             "value": None if value is None else number(value), "std": std, "low": value - 1.96 * std if known else None,  # type: ignore[operator]
-            "high": value + 1.96 * std if known else None, "unit": UNITS[NAMES.index(name)],  # type: ignore[operator]
+            "high": value + 1.96 * std if known else None, "unit": UNITS.get(name, ""),  # type: ignore[operator]
         }  # fmt: skip
     return {
-        "schema": SCHEMA, "version": importlib.metadata.version("jaxcal"), "verdict": word(result.verdict), "reason": result.reason,
+        "schema": SCHEMA, "version": importlib.metadata.version("jaxcal"), "verdict": verdict_name(result.verdict), "reason": result.reason,
         "parameters": parameters, "rank": int(result.rank), "unobservable": list(result.unobservable),
         "undetermined": list(result.undetermined),
         "chi_square": number(result.chi_square), "degrees_of_freedom": int(result.degrees_of_freedom), "p_value": result.p_value,
@@ -65,13 +63,12 @@ def north_page(result: AlignmentFit, readings: Any) -> tuple[str, Markup]:
 
 def _shown(name: str) -> tuple[float, str]:
     """Size and name of the unit in which a parameter is read."""
-    unit = UNITS[NAMES.index(name)]
-    if name in ("phi", "theta", "psi", "latitude"):
-        return _DEG, "deg"
+    if name not in UNITS or name in ("phi", "theta", "psi", "latitude"):
+        return (_DEG, "deg") if name in UNITS else (1.0, "SI")
     return {
         "rad": (_DEG / 3600, "arcsec"), "": (1e-6, "ppm"), "m/s^2": (9.80665e-6, "µg"), "rad/s": (_DEG / 3600, "deg/h"),
         "m/s^3": (9.80665e-6 / 3600, "µg/h"), "rad/s^2": (_DEG / 3600**2, "deg/h²"),
-    }[unit]  # fmt: skip
+    }[UNITS[name]]  # fmt: skip
 
 
 def _found(result: AlignmentFit) -> Markup:
@@ -85,8 +82,8 @@ def _found(result: AlignmentFit) -> Markup:
             digits = max(0, 1 - math.floor(math.log10(half))) if half > 0 else 6
             shown = value / size
             cells = (f"{shown:.{digits}f} {unit}", f"{shown - half:.{digits}f} to {shown + half:.{digits}f}")
-        badge = tag("span", "prior", class_="badge hint") if bool(np.asarray(result.prior_only)[NAMES.index(name)]) else Markup("")
-        rows.append(tag("tr", tag("th", tag("b", name), " ", badge, tag("span", _MEANING[name], class_="small"), scope="row"),
+        badge = tag("span", "prior", class_="badge hint") if bool(np.asarray(result.prior_only)[result.names.index(name)]) else Markup("")
+        rows.append(tag("tr", tag("th", tag("b", name), " ", badge, tag("span", _MEANING.get(name, ""), class_="small"), scope="row"),
                         *(tag("td", cell) for cell in cells)))  # fmt: skip
     head = tag("tr", *(tag("th", text, scope="col") for text in ("", "value", "95 % interval")))
     table = tag("table", tag("thead", head), tag("tbody", *rows), class_="terms")

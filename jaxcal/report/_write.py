@@ -8,8 +8,7 @@ from typing import Any
 from .._errors import DataError
 from .._files import write_atomically
 from .._log import Log
-from ..alignment import AlignmentFit, Readings
-from ..alignment._verdict import word
+from ..alignment import AlignmentFit, Readings, verdict_name
 from ..imu import ImuFit
 from ..magnetometer import MagFit
 from ..plot._labels import duration_label
@@ -172,7 +171,7 @@ def _device(parts: list[tuple[Any, Any]], device: str | None, version: str) -> t
 def _summary(results: Any) -> list[tuple[str, str, Any]]:
     """What a result is of, its verdict in a word, and what that means."""
     if isinstance(results, AlignmentFit):
-        return [("Alignment", word(results.verdict), results.reason)]
+        return [("Alignment", verdict_name(results.verdict), results.reason)]
     if isinstance(results, ImuFit):
         return [("Accelerometer and gyroscope" if results.gyro is not None else "Accelerometer", results.verdict, results.reason)]
     if isinstance(results, MagFit):

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from jaxcal import DataError
-from jaxcal.allan import Accumulator, _accumulator, _stream, deviation
+from jaxcal.allan import Accumulator, deviation
 from jaxcal.allan._kinds import find_kind
+from jaxcal.allan._streaming import _accumulator, _phase_stream as _stream
 from jaxcal.noise import Noise
 from jaxcal.noise._covariance import _lagged
 

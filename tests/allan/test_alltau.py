@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from jaxcal import DataError
-from jaxcal.allan import _routes, deviation
-from jaxcal.allan._alltau import LARGEST_ERROR, correlation_sums
-from jaxcal.allan._halfrange import half_range, size_above, size_below
-from jaxcal.allan._identify import identify
+from jaxcal.allan import deviation
+from jaxcal.allan._kernels import _route as _routes
+from jaxcal.allan._kernels._correlation_sums import LARGEST_ERROR, correlation_sums
+from jaxcal.allan._kernels._half_range import half_range, size_above, size_below
 from jaxcal.allan._kinds import find_kind
-from jaxcal.allan._noise_types import noise_types
+from jaxcal.allan._noise_type._identify import identify, noise_types
 from jaxcal.noise import Noise
 
 KINDS = ("adev", "oadev", "mdev", "tdev", "hdev", "ohdev")

@@ -7,7 +7,7 @@ import scipy.optimize
 
 import jaxcal
 from jaxcal.allan import deviation
-from jaxcal.allan._robust import EFFICIENCY
+from jaxcal.allan._kernels._robust import EFFICIENCY
 from jaxcal.noise import Noise
 
 

@@ -5,11 +5,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxcal.allan._identify import identify
+from jaxcal.allan._kernels._phase import integrate
 from jaxcal.allan._kinds import cluster_sizes, find_kind
-from jaxcal.allan._moments import lag_one, moments_of
-from jaxcal.allan._phase import integrate
-from jaxcal.allan._segments import Segments, followed, steps
+from jaxcal.allan._noise_type._identify import identify
+from jaxcal.allan._noise_type._lag_one import lag_one, moments_of
+from jaxcal.allan._noise_type._segments import Segments, followed, steps
 from jaxcal.noise import Noise
 
 

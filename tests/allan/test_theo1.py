@@ -5,10 +5,10 @@ import pytest
 
 from jaxcal import DataError
 from jaxcal.allan import deviation
-from jaxcal.allan._bias import bias_factors, covariance
-from jaxcal.allan._edf_total import degrees_of_freedom
+from jaxcal.allan._kernels._theo1 import theo1_sum
 from jaxcal.allan._kinds import find_kind
-from jaxcal.allan._theo1 import theo1_sum
+from jaxcal.allan._uncertainty._bias import bias_factors, covariance
+from jaxcal.allan._uncertainty._edf_total import degrees_of_freedom
 
 
 def double_sum(theta, m):

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from jaxcal import DataError
-from jaxcal.allan import _total as kernels, deviation
-from jaxcal.allan._bias import bias_factors, covariance
-from jaxcal.allan._edf_total import degrees_of_freedom
+from jaxcal.allan import deviation
+from jaxcal.allan._kernels import _total as kernels
+from jaxcal.allan._kernels._total import window_sum
 from jaxcal.allan._kinds import find_kind
-from jaxcal.allan._total import window_sum
+from jaxcal.allan._uncertainty._bias import bias_factors, covariance
+from jaxcal.allan._uncertainty._edf_total import degrees_of_freedom
 
 TOTAL = ("totdev", "mtotdev", "ttotdev", "htotdev")
 M = [1, 2, 3, 4, 7, 12, 13, 14, 33, 40]

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from jaxcal.allan import deviation
-from jaxcal.allan._edf import degrees_of_freedom, interval_factors, tabulated_factors
 from jaxcal.allan._kinds import find_kind
-from jaxcal.allan._ratios import _b1, modified_over_plain, thinned_sums
+from jaxcal.allan._noise_type._b1_ratio import _b1, modified_over_plain, thinned_sums
+from jaxcal.allan._uncertainty._edf import degrees_of_freedom, interval_factors, tabulated_factors
 from jaxcal.noise import Noise
 
 
@@ -109,7 +109,7 @@ def test_edf_of_many_cluster_sizes_agrees_with_the_formula_at_each(kind, samples
 
 def test_flicker_phase_keeps_its_digits_at_large_cluster_sizes():
     """s_x is a second difference at spacing 1/m: at m = 10^6 the plain form has 4 digits; extended precision has 8."""
-    from jaxcal.allan._edf import _sx
+    from jaxcal.allan._uncertainty._edf import _sx
 
     f, t = np.longdouble(1e6), np.array([1.0, 2.0, 0.5], dtype=np.longdouble)
 

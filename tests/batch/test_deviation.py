@@ -9,7 +9,6 @@ import pytest
 
 import jaxcal
 from jaxcal import DataError
-from jaxcal.allan._phase import padded_length
 from jaxcal.batch import deviation
 
 RATE = 100.0
@@ -108,7 +107,8 @@ def test_one_log_of_a_group_that_is_no_record_is_named():
         deviation([logs[0]] * 3, RATE, confidence=1.0)
 
 
-def test_one_compilation_for_each_doubling_of_length():
+def test_a_hundred_lengths_compile_once():
+    """The sums of records that stay in the cache are one program, of whatever length and number of cluster sizes."""
     random = np.random.default_rng(2)
     lengths = random.choice(np.arange(10_000, 100_000), 40, replace=False)
     record, compiled = random.standard_normal(100_000), []
@@ -116,16 +116,15 @@ def test_one_compilation_for_each_doubling_of_length():
 
     def hear(event, duration, fun_name="", **_):
         # what only moves arguments is compiled too, in milliseconds
-        if event == "/jax/core/compile/backend_compile_duration" and "block_sums" in fun_name:
-            compiled.append(duration)
+        if event == "/jax/core/compile/backend_compile_duration" and "sums" in fun_name:
+            compiled.append(fun_name)
 
     jax.monitoring.register_event_duration_secs_listener(hear)
     deviation([record[:n] for n in lengths], RATE)
-    buckets = {padded_length(int(n)) for n in lengths}
-    assert len(buckets) == 3
-    assert len(compiled) == len(buckets)
-    deviation([record[: n + 1] for n in lengths], RATE)
-    assert len(compiled) == len(buckets)
+    for n in lengths:
+        jaxcal.allan.deviation(record[: n + 1], RATE)
+        jaxcal.allan.deviation(record[: n + 1], RATE, m=np.arange(1, 1 + n % 300))
+    assert compiled == ["jit(cached_sums)"]
 
 
 @pytest.mark.parametrize(

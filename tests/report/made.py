@@ -7,8 +7,7 @@ import numpy as np
 
 import jaxcal
 from jaxcal import Log
-from jaxcal.alignment import AlignmentFit, Positions, Readings, Sensor, simulate
-from jaxcal.alignment._verdict import Verdict
+from jaxcal.alignment import NAMES, AlignmentFit, Positions, Readings, Sensor, Turntable, Verdict, simulate
 from jaxcal.imu import ImuFit, Observability, Triad
 from jaxcal.magnetometer import body_field, scenario
 
@@ -73,7 +72,8 @@ def north():
     size = np.array([3.6e-5, 3.6e-5, 3.5e-2, 2.5e-4, 1e-3, 1.5e-6, *np.zeros(8)])
     values = np.array([*angles, 3e-4, 2e-4, -1.2e-6, *np.zeros(7), latitude])
     fit = AlignmentFit(
-        covariance=np.diag(size**2), free=free, rank=6, hidden=np.zeros(14, bool), lost=np.zeros(14, bool), values=values,
+        model=Turntable(*values), names=NAMES, covariance=np.diag(size**2), free=free, rank=6,
+        hidden=np.zeros(14, bool), lost=np.zeros(14, bool), values=values,
         prior_only=np.arange(14) == 4, accel_residual=np.linspace(-1, 1, 6), gyro_residual=np.linspace(1, -1, 6), chi_square=3.1,
         degrees_of_freedom=5, p_value=0.68, other=None, noise_known=True, verdict=Verdict.ok, notes=(f"A note {EVIL}.",),
     )  # fmt: skip

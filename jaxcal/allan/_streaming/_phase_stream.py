@@ -17,10 +17,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._errors import DataError
-from ._kinds import Kind
-from ._phase import BLOCK, aligned, running_sum_of_phase
-from ._sums import block_sums
+from ..._errors import DataError
+from .._kernels._difference_sums import block_sums
+from .._kernels._phase import BLOCK, aligned, running_sum_of_phase
+from .._kinds import Kind
 from ._tracks import NEVER, Piece, Tracks, extended, new_tracks
 
 #: samples that are taken in at a time

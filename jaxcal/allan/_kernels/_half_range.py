@@ -3,7 +3,7 @@
 import numpy as np
 import scipy.fft
 
-from .._types import Any
+from ..._types import Any
 
 #: sizes of the triangles that are summed directly; with factors 2, 3 and 5 only, even
 _BASES = (32, 36, 40, 48, 54, 60, 64)

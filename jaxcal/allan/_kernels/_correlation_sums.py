@@ -15,8 +15,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from ._halfrange import at_lags, fast_length, half_range, products, size_above, size_below
-from ._kinds import Kind
+from .._kinds import Kind
+from ._half_range import at_lags, fast_length, half_range, products, size_above, size_below
 
 _STEP = 2  # doublings from the smallest to the largest cluster size of a range that shares its windows
 _RATIO = 4  # starting points of a window over the largest cluster size

@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from .._types import Array, Float, Int
+from ..._types import Array, Float, Int
 
 #: up to this cluster size every D(i, s) is formed and squared: quicker, and nothing large cancels
 LITERAL = 16

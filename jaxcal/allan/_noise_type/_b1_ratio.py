@@ -12,8 +12,8 @@ from types import ModuleType
 
 import numpy as np
 
-from .._types import Any
-from ._kinds import Kind
+from ..._types import Any
+from .._kinds import Kind
 from ._segments import Segments, followed, steps
 
 _POINTS = 1000  # points that R(n) is taken from

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .._errors import DataError
+from ..._errors import DataError
 
 
 def on_grid(y, time, rate: float) -> tuple[np.ndarray, tuple[str, ...]]:

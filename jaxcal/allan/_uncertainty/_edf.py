@@ -12,8 +12,8 @@ from types import ModuleType
 import numpy as np
 import scipy.special
 
-from .._types import Float
-from ._kinds import Kind
+from ..._types import Float
+from .._kinds import Kind
 
 _JMAX = 100
 #: points of the table of interval factors; more values than that are looked up
@@ -215,7 +215,7 @@ def degrees_of_freedom(m, alpha, kind: Kind, samples) -> Float[np.ndarray, "..."
     --------
     Overlapped Allan deviation of white rate noise, 1025 phase points:
 
-    >>> from jaxcal.allan._edf import degrees_of_freedom
+    >>> from jaxcal.allan._uncertainty._edf import degrees_of_freedom
     >>> from jaxcal.allan._kinds import find_kind
     >>> [round(float(v), 1) for v in degrees_of_freedom([2, 16, 128], 0, find_kind("oadev"), 1024)]
     [553.7, 88.5, 9.8]
@@ -240,6 +240,23 @@ def interval_factors(edf, confidence: float) -> tuple[Float[np.ndarray, "..."], 
         step = (scipy.special.gammainc(half, x) - p) / np.exp((half - 1.0) * np.log(x) - x - scipy.special.gammaln(half))
         factors.append(np.sqrt(half / (x - step / (1.0 - 0.5 * step * ((half - 1.0) / x - 1.0)))))
     return factors[0], factors[1]
+
+
+def known_uncertainty(sizes, alpha, kind: Kind, samples: int, confidence: float) -> Float[np.ndarray, "3 clusters channels"]:
+    """The edf and both interval factors of a record without gaps at (clusters,) sizes and (clusters, channels) types.
+
+    They depend on the length of the record and not on its samples: many records of one length compute them once.
+    """
+    out, held = np.empty((3, *alpha.shape)), sizes.tobytes()
+    for one in {*alpha.ravel().tolist()}:
+        out = np.where(alpha == one, _of_type(held, one, kind, samples, confidence), out)
+    return out
+
+
+@functools.lru_cache(maxsize=256)
+def _of_type(sizes: bytes, alpha: float, kind: Kind, samples: int, confidence: float) -> Float[np.ndarray, "3 clusters 1"]:
+    edf = degrees_of_freedom(np.frombuffer(sizes, np.int64), alpha, kind, samples)
+    return np.stack([edf, *interval_factors(edf, confidence)])[:, :, None]
 
 
 def _tails(confidence: float) -> tuple[float, float]:

@@ -14,7 +14,7 @@ which is a square, one FFT correlation, and two triangles of half the size.
 import numpy as np
 import scipy.fft
 
-from .._types import Float
+from ..._types import Float
 from ._total import dot
 
 _DIRECT = 32  # windows, or offsets, up to which the double sum is formed as it stands

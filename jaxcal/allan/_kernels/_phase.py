@@ -8,18 +8,20 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from .._types import Array, Float
+from ..._types import Array, Float
 
-#: starting points taken at a time; the padding of every record is at least this
+#: starting points taken at a time; the padding of every record is this
 BLOCK = 16384
+#: phase points of the longest record that stays in the second-level cache (2 MB)
+IN_CACHE = 1 << 18
 _ROW = 32
 _CHUNK = 1 << 16  # samples that pass through the second-level cache together
 _WIDTH = 16  # samples summed one by one, in all rows of so many at once
 
 
 def padded_length(samples: int) -> int:
-    """Length of the bucket (a power of two) for a record: kernels compile once per bucket, not once per length."""
-    return 1 << max(samples + 2 + BLOCK - 1, 1).bit_length()
+    """Length of the bucket for a record, a power of two and a block: kernels compile once per bucket, not once per length."""
+    return max(1 << samples.bit_length(), BLOCK) + BLOCK
 
 
 def centred_sum(values, start: int, stop: int, centre) -> float:

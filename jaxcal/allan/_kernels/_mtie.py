@@ -7,7 +7,7 @@ windows whose length is a power of two; the tables of these are doubled on the w
 
 import numpy as np
 
-from .._types import Float, Int
+from ..._types import Float, Int
 
 
 def ranges(

@@ -7,7 +7,7 @@ squares, the digits are lost and the residuals have to be formed.
 
 import numpy as np
 
-from .._types import Any, Float
+from ..._types import Any, Float
 from ._segments import Segments, followed
 
 _LOST = 1e-6  # share of the squares that must be left, for nine digits of r1

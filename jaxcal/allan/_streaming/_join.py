@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from ._kinds import Kind
-from ._stream import AVERAGES, Plan, Stretch
+from .._kinds import Kind
+from ._phase_stream import AVERAGES, Plan, Stretch
 from ._tracks import NEVER, at_the_beginning, joined
 
 

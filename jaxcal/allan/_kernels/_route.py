@@ -7,19 +7,19 @@ from collections.abc import Callable
 import jax
 import numpy as np
 
-from .._errors import DataError
-from ._alltau import LARGEST_ERROR, correlation_sums
-from ._kinds import Kind
-from ._phase import BLOCK
-from ._sums import block_sums
+from ..._errors import DataError
+from .._kinds import Kind
+from ._correlation_sums import LARGEST_ERROR, correlation_sums
+from ._difference_sums import block_sums, cached_sums
+from ._phase import BLOCK, running_sum_of_phase
 
 MANY = 512  # cluster sizes; up to here every record takes the block kernel
 _PER_SAMPLE = 1000  # differences per sample from which correlations cost less
 _MOST = 5e11  # differences that the block kernel is asked for: about half an hour on two cores
-_GROUP, _STEP = 1024, 256  # cluster sizes per pass of the block kernel, and what they are rounded up to
+_GROUP, _STEP, _FEW = 1024, 256, 32  # cluster sizes per pass of the block kernel; their number is a multiple of 256, of few sizes of 32
 
 
-def record_sums(prepared, sizes, number, kind: Kind, workers: int, run: Callable, rows: int = 0) -> tuple[np.ndarray, np.ndarray]:
+def record_sums(prepared, sizes, number, kind: Kind, workers: int, run: Callable) -> tuple[np.ndarray, np.ndarray]:
     """Sums of squared differences and how many were valid, at ascending cluster sizes, (clusters,).
 
     The one place that chooses the route:
@@ -37,17 +37,15 @@ def record_sums(prepared, sizes, number, kind: Kind, workers: int, run: Callable
     kind : the statistic.
     workers : threads.
     run : maps a function over stretches of the record, in threads if it is a pool's.
-    rows : cluster sizes that the program of the block kernel is made for, where those given are fewer.
     """
     parts, theta, marks, missing, rule, less = prepared
 
     def direct(chosen):
-        return _by_blocks(parts, missing, sizes[chosen], number[chosen], less, kind, rule, workers, run, len(sizes) > MANY)
+        return _by_blocks(parts, missing, sizes[chosen], number[chosen], less, kind, rule, workers, run)
 
-    if len(sizes) <= MANY:
-        total, count = _group(parts, missing, *filled(sizes, number, rows), less, kind, rule, workers, run)
-        return total[: len(sizes)], count[: len(sizes)]
     everything = np.arange(len(sizes))
+    if len(sizes) <= MANY:
+        return direct(everything)
     if not kind.overlapped:
         return strided_sums(theta, marks if rule != "none" else None, rule, sizes, number, kind.order)
     if missing is not None or number.sum() <= _PER_SAMPLE * len(theta):
@@ -59,10 +57,28 @@ def record_sums(prepared, sizes, number, kind: Kind, workers: int, run: Callable
     return total, number.copy()
 
 
-def _by_blocks(parts, missing, sizes, number, less, kind: Kind, rule: str, workers: int, run, padded) -> tuple[np.ndarray, np.ndarray]:
+def sums_in_cache(theta, sizes, number, kind: Kind):
+    """The same of a record without gaps that stays in the cache, at no more than 512 cluster sizes: an array still being computed.
+
+    One program serves every length and every number of cluster sizes, since both are data.
+
+    Parameters
+    ----------
+    theta : (padded,) phase.
+    sizes, number : ascending cluster sizes, and the differences each has.
+    kind : the statistic.
+    """
+    with jax.enable_x64(True):  # thread-local
+        part = jax.device_put(theta, may_alias=True)
+        parts = running_sum_of_phase(part) if kind.modified else (part,)
+        rows = filled(sizes, number, MANY)
+        return cached_sums(parts, *rows, np.int64(len(sizes)), order=kind.difference, strided=not kind.overlapped)
+
+
+def _by_blocks(parts, missing, sizes, number, less, kind: Kind, rule: str, workers: int, run) -> tuple[np.ndarray, np.ndarray]:
     """The block kernel, over stretches of equal work in threads, and over at most 1,024 cluster sizes at a time."""
     cost = float(number.sum())
-    if padded and cost > _MOST:
+    if len(sizes) > MANY and cost > _MOST:
         if missing is None:
             why, cure = "rounding spoils the quick sums of this record", "remove what dwarfs its noise"
         else:
@@ -74,8 +90,8 @@ def _by_blocks(parts, missing, sizes, number, less, kind: Kind, rule: str, worke
     found = []
     for first in range(0, len(sizes), _GROUP):
         m, count = sizes[first : first + _GROUP], number[first : first + _GROUP]
-        if padded:  # one program for many lengths: what is added has no differences
-            m, count = filled(m, count, len(m) + -len(m) % _STEP)
+        # one program for many lengths: the rows that are added have no differences
+        m, count = filled(m, count, len(m) + -len(m) % (_STEP if len(sizes) > MANY else _FEW))
         found.append(_group(parts, missing, m, count, less, kind, rule, workers, run))
     total, count = (np.concatenate(values)[: len(sizes)] for values in zip(*found, strict=True))
     return total, count

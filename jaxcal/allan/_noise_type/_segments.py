@@ -6,7 +6,7 @@ from types import ModuleType
 import jax
 import numpy as np
 
-from .._types import Any
+from ..._types import Any
 
 
 class Segments:

@@ -9,16 +9,15 @@ from types import ModuleType
 
 import numpy as np
 
-from ._kinds import Kind
-from ._moments import lag_one, moments_of, moments_of_rows
-from ._ratios import bounds_of_ratios, carried_on, fewest_averages, thinned_sums
+from .._kinds import Kind
+from ._b1_ratio import bounds_of_ratios, carried_on, fewest_averages, thinned_sums
+from ._lag_one import lag_one, moments_of, moments_of_rows
 from ._segments import Segments, followed, steps
 
 FEWEST = 30  # averaged points that the lag-1 autocorrelation needs; with fewer, the ratios decide
 _STATIONARY = 0.25
+_MOST_SIZES = 512  # cluster sizes identified; neighbours then differ by 3 % in a record of 10^7 samples
 _MOST = 1 << 11  # averaged points used: r1 to 0.022, where half a unit of alpha is 0.1 and more
-#: phase of a record, cluster sizes, and how many phase points to take at each
-_Cut = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def _without_polynomial(z, weight, series: Segments, degree: int, xp: ModuleType):
@@ -93,86 +92,55 @@ def _alpha_of(z, weight, series: Segments, degree: int, highest: int, xp: Module
     return alpha
 
 
-def types_of_rates(thetas: list[np.ndarray], sizes: list[np.ndarray], kind: Kind) -> list[np.ndarray]:
-    """`identify` for several rate records without gaps at once: what takes a step of Python takes one for all of them.
+def _types_of_rate(theta, sizes, kind: Kind) -> np.ndarray:
+    """`identify` for a rate record without gaps at ascending cluster sizes, from few passes over the record."""
+    samples = len(theta) - 1
+    points = samples // sizes + 1
+    decided, told = np.count_nonzero(points > FEWEST), np.count_nonzero(points > fewest_averages(kind))
+    low = high = known = np.zeros(0)
+    if decided:
+        known = _by_autocorrelation(theta, sizes[:decided], np.minimum(points[:decided], _MOST), kind)
+    if told > decided:
+        few = sizes[decided:told]
+        averages, series = _averages(theta, few, points[decided:told])
+        sums = functools.cache(functools.partial(thinned_sums, theta, None, "rate", np))
+        averages /= np.repeat(few, series.lengths)
+        low, high = bounds_of_ratios(averages, None, series, few, kind, samples, lambda _: sums(), np)
+    beyond = np.full(len(sizes) - told, np.inf)
+    return carried_on(np.concatenate([known, low, -beyond]), np.concatenate([known, high, beyond]), 0.0, np)
 
-    Parameters
-    ----------
-    thetas : (points,) phase in samples of each record.
-    sizes : ascending cluster sizes for each record.
-    kind : the statistic.
+
+def _by_autocorrelation(theta, sizes, points, kind: Kind) -> np.ndarray:
+    """Noise types at ascending cluster sizes, each of which has points enough.
+
+    From the moments of the averages. The averages less their line are formed only where the moments do not suffice.
     """
-    if not thetas:
-        return []
-    records, samples = range(len(thetas)), [len(theta) - 1 for theta in thetas]
-    points = [n // m + 1 for n, m in zip(samples, sizes, strict=True)]
-    decided = [int(np.count_nonzero(p > FEWEST)) for p in points]
-    told = [int(np.count_nonzero(p > fewest_averages(kind))) for p in points]
-    pairs = [(thetas[i], sizes[i][: decided[i]], np.minimum(points[i][: decided[i]], _MOST)) for i in records]
-    known = _by_autocorrelation(pairs, kind) if any(decided) else np.zeros(0)
-    which = np.repeat(records, np.subtract(told, decided))
-    low = high = np.zeros(0)
-    if len(which):
-        pairs = [(thetas[i], sizes[i][decided[i] : told[i]], points[i][decided[i] : told[i]]) for i in records]
-        averages, series = _averages(pairs)
-        few = np.concatenate([part[1] for part in pairs])
-        sums = functools.cache(lambda i: thinned_sums(thetas[i], None, "rate", np))
-        bounds = bounds_of_ratios(
-            averages / np.repeat(few, series.lengths), None, series, few, kind, np.take(samples, which), lambda j: sums(int(which[j])), np,
-        )  # fmt: skip
-        low, high = bounds
-    found, at, beside = [], 0, 0
-    for i in records:
-        here, bounded = known[at : at + decided[i]], slice(beside, beside + told[i] - decided[i])
-        at, beside = at + decided[i], beside + told[i] - decided[i]
-        beyond = np.full(len(sizes[i]) - told[i], np.inf)
-        found.append(carried_on(np.concatenate([here, low[bounded], -beyond]), np.concatenate([here, high[bounded], beyond]), 0.0, np))
-    return found
-
-
-def _by_autocorrelation(pairs: list[_Cut], kind: Kind) -> np.ndarray:
-    """Noise types at all cluster sizes of all records, each of which has points enough.
-
-    From the moments of the averages, which are formed themselves only where need be.
-    """
-    full = [int(np.count_nonzero(points == _MOST)) for _, _, points in pairs]
-    moments = []
-    for (theta, sizes, _), many in zip(pairs, full, strict=True):
-        if many:
-            z = np.empty((many, _MOST - 1))
-            for row, size in zip(z, sizes[:many].tolist(), strict=True):
-                start = _first(len(theta), size, _MOST)
-                held = theta[start : start + (_MOST - 1) * size + 1 : size]
-                np.subtract(held[1:], held[:-1], out=row)
-            moments.append(moments_of_rows(z))
-    fewer = [(theta, sizes[many:], points[many:]) for (theta, sizes, points), many in zip(pairs, full, strict=True)]
-    if any(len(sizes) for _, sizes, _ in fewer):
-        moments.append(moments_of(*_averages(fewer)))
-    # back from all the full series and all the others to one record after another
-    lengths = [len(sizes) for _, sizes, _ in pairs]
-    is_full = np.concatenate([np.arange(n) < many for n, many in zip(lengths, full, strict=True)])
-    place = np.argsort(np.argsort(~is_full, kind="stable"), kind="stable")
-    points = np.concatenate([points for _, _, points in pairs])
-    r1, lost = lag_one(np.concatenate(moments)[place], points - 1)
+    many, moments = np.count_nonzero(points == _MOST), []
+    if many:  # series of one length, a row each
+        z = np.empty((many, _MOST - 1))
+        for row, size in zip(z, sizes[:many].tolist(), strict=True):
+            start = _first(len(theta), size, _MOST)
+            held = theta[start : start + (_MOST - 1) * size + 1 : size]
+            np.subtract(held[1:], held[:-1], out=row)
+        moments.append(moments_of_rows(z))
+    if many < len(sizes):
+        moments.append(moments_of(*_averages(theta, sizes[many:], points[many:])))
+    r1, lost = lag_one(np.concatenate(moments), points - 1)
     rho = _order(r1, np)
     alpha, further = _type(rho, np), lost | (rho >= _STATIONARY)
     if further.any():
-        parts = np.split(further, np.cumsum(lengths)[:-1])
-        again = [(theta, sizes[part], points[part]) for (theta, sizes, points), part in zip(pairs, parts, strict=True)]
-        averages, series = _averages(again)
+        averages, series = _averages(theta, sizes[further], points[further])
         alpha[further] = _alpha_of(averages, None, series, 1, kind.order, np)
     return np.clip(alpha, -2 if kind.order == 2 else -4, 2)
 
 
-def _averages(pairs: list[_Cut]) -> tuple[np.ndarray, Segments]:
-    """Sums of the rate over each cluster, of one cluster size and one record after another."""
-    parts, lengths = [], []
-    for theta, sizes, points in pairs:
-        for size, count in zip(sizes.tolist(), points.tolist(), strict=True):
-            start = _first(len(theta), size, count)
-            parts.append(theta[start : start + (count - 1) * size + 1 : size])
-            lengths.append(count)
-    return steps(np.concatenate(parts), np), Segments(np.array(lengths), np).shorter()
+def _averages(theta, sizes, points) -> tuple[np.ndarray, Segments]:
+    """Sums of the rate over each cluster, of one cluster size after another."""
+    parts = []
+    for size, count in zip(sizes.tolist(), points.tolist(), strict=True):
+        start = _first(len(theta), size, count)
+        parts.append(theta[start : start + (count - 1) * size + 1 : size])
+    return steps(np.concatenate(parts), np), Segments(points, np).shorter()
 
 
 def _first(length: int, size: int, points: int) -> int:
@@ -198,7 +166,7 @@ def identify(theta, missing, m: np.ndarray, kind: Kind, samples: int, data: str,
     order = np.argsort(m, kind="stable")
     sizes = m[order]
     if missing is None and data == "rate" and xp is np:
-        return types_of_rates([theta], [sizes], kind)[0][np.argsort(order, kind="stable")]
+        return _types_of_rate(theta, sizes, kind)[np.argsort(order, kind="stable")]
     points = samples // sizes + 1
     decided = int(np.count_nonzero(points - (1 if data == "rate" else 0) >= FEWEST))
     told = int(np.count_nonzero(points > fewest_averages(kind)))
@@ -226,6 +194,27 @@ def identify(theta, missing, m: np.ndarray, kind: Kind, samples: int, data: str,
         bounds.insert(0, (low, high))
     low, high = (xp.concatenate(values) for values in zip(*bounds, strict=True))
     return carried_on(low, high, 0.0, xp)[np.argsort(order, kind="stable")]
+
+
+def noise_types(theta, marks, sizes, kind: Kind, samples: int, data: str) -> np.ndarray:
+    """Noise types at ascending cluster sizes, (clusters,), as `identify` finds them.
+
+    Of more than 512 cluster sizes 512, spaced evenly in their logarithm, are identified; each of the others has the type of the
+    next smaller one identified.
+
+    Parameters
+    ----------
+    theta : (points,) phase in samples.
+    marks : what `identify` takes as missing.
+    sizes : ascending cluster sizes.
+    kind, samples, data : as for `identify`.
+    """
+    if len(sizes) <= _MOST_SIZES:
+        return identify(theta, marks, sizes, kind, samples, data)
+    # rounding up keeps the first; small sizes are few per decade, so fewer than 512 remain
+    chosen = np.unique(np.searchsorted(sizes, np.geomspace(sizes[0], sizes[-1], _MOST_SIZES)).clip(max=len(sizes) - 1))
+    found = identify(theta, marks, sizes[chosen], kind, samples, data)
+    return found[np.searchsorted(chosen, np.arange(len(sizes)), side="right") - 1]
 
 
 def types_for_intervals(alpha, m: np.ndarray, samples, data: str, xp: ModuleType = np):

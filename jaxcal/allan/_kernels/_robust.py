@@ -16,9 +16,9 @@ import numpy as np
 import scipy.integrate
 import scipy.stats
 
-from .._errors import DataError
-from .._types import Float, Int
-from ._kinds import Kind
+from ..._errors import DataError
+from ..._types import Float, Int
+from .._kinds import Kind
 
 _CUT = 7.0
 _STARTS = 16  # starting points per cluster: closer ones add less than 1 % to the degrees of freedom
@@ -40,7 +40,7 @@ _LEVEL = _of_normal(lambda z: _weight(z**2) * z**2)
 _SCATTER = _of_normal(lambda z: (_weight(z**2) * z**2 - _LEVEL) ** 2) + _LEVEL**2 * 2.0 * scipy.stats.norm.sf(_CUT)
 _SLOPE = _of_normal(lambda z: 2.0 * z**2 * _weight(z**2) - 8.0 * (z / _CUT) ** 2 * z**2 * np.maximum(1.0 - (z / _CUT) ** 2, 0.0) ** 3)
 #: degrees of freedom left of those of the mean of squares
-EFFICIENCY = 0.5 * _SLOPE**2 / _SCATTER
+EFFICIENCY = float(0.5 * _SLOPE**2 / _SCATTER)
 
 
 def refuse_robust(kind: Kind, robust: bool) -> None:

@@ -8,8 +8,8 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from .._types import Array, Float, Int
-from ._phase import BLOCK, running_sum_of_phase
+from ..._types import Array, Float, Int
+from ._phase import BLOCK
 
 _ENDS = 64  # sums of a lane that are added one after another
 _LANE = 4096  # points per vector operation; BLOCK // _LANE of them are unrolled
@@ -72,30 +72,30 @@ def block_sums(
     return _sums_of_blocks(parts, missing, m, count, first, last, less, order, strided, rule)
 
 
-@functools.partial(jax.jit, static_argnames=("order", "strided", "modified"), compiler_options=_WIDE)
-def stacked_block_sums(
-    theta: Float[Array, "records padded"],
-    m: Int[Array, "records clusters"],
-    count: Int[Array, "records clusters"],
+@functools.partial(jax.jit, static_argnames=("order", "strided"), compiler_options=_WIDE)
+def cached_sums(
+    parts: Parts,
+    m: Int[Array, " rows"],
+    count: Int[Array, " rows"],
+    clusters: Int[Array, ""],
     *,
     order: int,
     strided: bool,
-    modified: bool,
-) -> Float[Array, "records clusters"]:
-    """`block_sums` of several short records without gaps, one after another in one call.
+) -> Float[Array, " rows"]:
+    """`block_sums` of a record without gaps that stays in the cache as a whole, at the first `clusters` of the cluster sizes.
 
-    A record that stays in the cache as a whole is read once for each cluster size: one row of sums then takes the place of one
-    for every cluster size, which would not stay there.
+    The record is read once for each cluster size. One row of sums then takes the place of one row for every cluster size, which
+    would not stay in the cache. The number of cluster sizes is data too: rows beyond it cost nothing.
     """
-    parts = jax.vmap(running_sum_of_phase)(theta) if modified else (theta,)
-    parts = tuple(part.reshape(-1) for part in parts)
 
-    def cluster(base, size, number):
+    def cluster(row, sums):
+        size, number = m[row], count[row]
+
         def differences(start):
             def take(array, shift):
                 if strided:
-                    return array[base + (start + jnp.arange(_LANE) + shift) * size]
-                return lax.dynamic_slice(array, (base + start + shift * size,), (_LANE,))
+                    return array[(start + jnp.arange(_LANE) + shift) * size]
+                return lax.dynamic_slice(array, (start + shift * size,), (_LANE,))
 
             return _difference(parts, take, order)
 
@@ -114,13 +114,9 @@ def stacked_block_sums(
         total = lax.fori_loop(0, blocks, lambda block, total: total + summed(block * BLOCK, BLOCK // _LANE), total)
         while len(total) > _ENDS:  # a plain sum waits for every addition
             total = total[: len(total) // 2] + total[len(total) // 2 :]
-        return jnp.sum(total)
+        return sums.at[row].set(jnp.sum(total))
 
-    def record(args):
-        index, sizes, numbers = args
-        return lax.map(lambda each: cluster(index * theta.shape[1], *each), (sizes, numbers))
-
-    return lax.map(record, (jnp.arange(theta.shape[0], dtype=count.dtype), m, count))
+    return lax.fori_loop(0, clusters, cluster, jnp.zeros(m.shape, parts[0].dtype))
 
 
 def _sums_of_blocks(parts: Parts, missing, m, count, first, last, less, order: int, strided: bool, rule: str):

@@ -10,9 +10,9 @@ agrees with the exact value within 20 %.
 
 import numpy as np
 
-from .._types import Float
+from ..._types import Float
+from .._kinds import Kind
 from . import _edf
-from ._kinds import Kind
 
 # mtotdev for white phase .. random walk of rate; htotdev, which does to rate what mtotdev does to phase, for white rate .. -4
 _RATIOS = np.array([3.0, 4.0, 6.0, 8.0, 12.0, 24.0, 48.0])
@@ -47,7 +47,7 @@ def degrees_of_freedom(m, alpha, kind: Kind, samples) -> Float[np.ndarray, "..."
     --------
     Total deviation of white rate noise: half as many again as the record has clusters.
 
-    >>> from jaxcal.allan._edf_total import degrees_of_freedom
+    >>> from jaxcal.allan._uncertainty._edf_total import degrees_of_freedom
     >>> from jaxcal.allan._kinds import find_kind
     >>> [round(float(v), 1) for v in degrees_of_freedom([10, 100, 500], 0, find_kind("totdev"), 1000)]
     [148.1, 15.0, 3.0]

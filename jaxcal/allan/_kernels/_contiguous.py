@@ -5,12 +5,12 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from .._errors import DataError
-from ._identify import identify
-from ._kinds import Kind
+from ..._errors import DataError
+from .._kinds import Kind
+from .._noise_type._identify import identify
+from ._mtie import ranges
 from ._phase import integrate
 from ._theo1 import theo1_sum
-from ._tie import ranges
 from ._total import reflected_record, total_sum, window_sum
 
 

@@ -14,8 +14,8 @@ import functools
 import numpy as np
 import scipy.special
 
-from .._types import Float
-from ._kinds import Kind
+from ..._types import Float
+from .._kinds import Kind
 
 _TOTAL = {2: 4.0 / 3.0, 1: 4.0 / 3.0, 0: 0.0, -1: -0.481, -2: -0.750}  # totdev: 1 + a tau / T
 _MTOT = {2: 0.94, 1: 0.83, 0: 0.73, -1: 0.70, -2: 0.69}
@@ -42,7 +42,7 @@ def bias_factors(m, alpha, kind: Kind, samples, published: bool = False) -> Floa
 
     Examples
     --------
-    >>> from jaxcal.allan._bias import bias_factors
+    >>> from jaxcal.allan._uncertainty._bias import bias_factors
     >>> from jaxcal.allan._kinds import find_kind
     >>> [round(float(v), 3) for v in bias_factors(100, [0, -1, -2], find_kind("htotdev"), 10_000)]
     [0.995, 0.851, 0.771]

@@ -10,16 +10,16 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from .._errors import DataError
-from .._precision import is_traced
-from .._record import checked_rate
-from ._edf import degrees_of_freedom, interval_factors
-from ._identify import FEWEST, identify, types_for_intervals
+from ..._errors import DataError
+from ..._precision import is_traced
+from ..._record import checked_rate
+from .._kinds import Kind, find_kind, whole_sizes
+from .._noise_type._b1_ratio import fewest_averages, noise_type_of_ratios
+from .._noise_type._identify import FEWEST, identify, types_for_intervals
+from .._result import Deviation
+from .._uncertainty._edf import degrees_of_freedom, interval_factors
 from ._join import side_by_side
-from ._kinds import Kind, find_kind, whole_sizes
-from ._ratios import fewest_averages, noise_type_of_ratios
-from ._result import Deviation
-from ._stream import PIECE, Plan, Stretch, lengthened, let_go, make_plan, new_stretch, pieces_of
+from ._phase_stream import PIECE, Plan, Stretch, lengthened, let_go, make_plan, new_stretch, pieces_of
 
 _KINDS = ("adev", "oadev", "mdev", "tdev", "hdev", "ohdev")
 _FOLLOWED = 10**10  # largest cluster size of a named grid

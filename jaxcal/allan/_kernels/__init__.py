@@ -1,0 +1,1 @@
+"""Sums behind the deviations: phase from rates, squared differences by blocks or correlations, statistics of whole stretches."""
