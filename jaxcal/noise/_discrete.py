@@ -269,7 +269,7 @@ def _checked_model(noise: Any, rate: Any) -> tuple[Noise, float]:
         raise DataError("noise has several channels, and a state-space model is of one; take noise.channel(0) and so on")
     checked_sampling(1, rate)
     noise.check()
-    return jax.tree.map(lambda value: value if callable(value) else float(value), noise), float(rate)
+    return jax.tree.map(lambda value: float(value) if eqx.is_array_like(value) else value, noise), float(rate)
 
 
 def _checked_states(states: Any) -> int | None:

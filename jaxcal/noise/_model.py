@@ -277,8 +277,10 @@ class Noise(eqx.Module):
             x = x[..., None]  # channels last
 
         def shaped(value):
+            if not eqx.is_array_like(value):
+                return value
             value = xp.asarray(value, dtype=x.dtype)
-            return value.reshape((1,) * (x.ndim - value.ndim) + value.shape)
+            return value.reshape((1,) * (x.ndim - value.ndim) + value.shape) if value.ndim else value
 
         total = xp.zeros_like(x)
         for _, coefficient, term in self.parts:
@@ -312,4 +314,4 @@ def checked_terms(terms: Any) -> tuple[Term, ...]:
         raise DataError(f"terms must be distinct names among {', '.join(letters)}, or Term objects; got {tuple(terms)!r}")
     if any(np.ndim(value) for value in jax.tree.leaves(found)):
         raise DataError("the shape parameters of a term that is fitted must be numbers; fit channels with different ones one by one")
-    return jax.tree.map(lambda value: value if callable(value) else float(value), found)
+    return jax.tree.map(lambda value: float(value) if eqx.is_array_like(value) else value, found)

@@ -155,4 +155,8 @@ def stacked_noises(found: list[Any]) -> Any:
 
 def _joined(*trees: Any) -> Any:
     xp = jnp if any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(trees)) else np
-    return map_ordered(lambda *values: xp.stack([xp.asarray(value) for value in values], axis=-1), *trees)
+
+    def stack(*values: Any) -> Any:
+        return xp.stack([xp.asarray(value) for value in values], axis=-1) if eqx.is_array_like(values[0]) else values[0]
+
+    return map_ordered(stack, *trees)

@@ -114,7 +114,7 @@ def fit_record(
     uneven = _uneven(y, solved, dt)
     widened = np.array([max(uneven[name].factor, 1.0) if name in uneven else 1.0 for name in names])
     spread, limits, factor = jax.tree.map(np.asarray, uncertainty(solved.fitted, widened, *levels, names))
-    decides = {name: float(value) * n * dt for name, value in zip(names, factor, strict=True)}
+    decides = {name: float(factor[names.index(name)]) * n * dt for name in asked if name in names}
     theta = np.asarray(solved.fitted.theta)
     if not np.all(np.isfinite(theta)):
         raise FitError("the fit gave no finite coefficients; fit fewer terms (terms=) or other cluster times (band=)")

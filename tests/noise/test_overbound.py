@@ -146,7 +146,7 @@ def test_processes_of_a_fit_stay(fits):
     excess = bound.avar(one.deviation.tau, dt=DT) / one.deviation.upper**2
     assert np.all(excess[one.used] >= 1.0 - 1e-12)
     # channels with and without a line come out side by side
-    lines = ((np.array([1e-5, 0.0, 0.0, 0.0]), np.array([0.5, 1.0, 1.0, 1.0])),)
+    lines = ((np.append(1e-5, 0.0 * found.noise.N[1:]), np.append(0.5, 1.0 + 0.0 * found.noise.N[1:])),)
     both = overbound(dataclasses.replace(found, noise=dataclasses.replace(found.noise, sinusoid=lines)))
     np.testing.assert_array_equal(both.sinusoid, lines)
 
