@@ -4,15 +4,21 @@ import json
 import math
 import pathlib
 import runpy
+from typing import Any
 
 import numpy as np
 import pytest
 
 import jaxcal
 from jaxcal import Calibration, DataError, ExportError
+from jaxcal.calibration import Covariance, Part, Thermal, difference
+from jaxcal.imu import Triad
+from jaxcal.magnetometer import MagModel
 from jaxcal.noise import Noise
+from jaxcal.temperature import AbstractCurve, Chebyshev, ThermalModel
 
 made_fit = runpy.run_path(str(pathlib.Path(__file__).parent / "made_fit.py"))["made_fit"]
+EARLIER = pathlib.Path(__file__).parent / "earlier.json"
 GOLDEN = pathlib.Path(__file__).parent / "export" / "golden.json"
 
 
@@ -60,10 +66,10 @@ def test_golden_values():
     calibration = Calibration.load(GOLDEN)
     np.testing.assert_array_equal(calibration.noise.gyro.N, [1.6e-4, 1.7e-4, 1.8e-4])
     correction = np.array([[1, -0.001, 0.002], [0, 1, -0.0015], [0, 0, 1]]) @ np.diag([1.002, 0.998, 1.005])
-    np.testing.assert_allclose(np.linalg.inv(calibration.imu["accel"]["matrix"]), correction, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(np.linalg.inv(calibration.imu.accel.model.matrix), correction, rtol=0, atol=1e-12)
     assert calibration.noise.mag is None
     assert calibration.noise.rate == 200.0
-    assert calibration.magnetometer["field"] == 4.8e-5
+    assert calibration.magnetometer.field == 4.8e-5
 
 
 def test_fits_round_trip_without_loss(tmp_path):
@@ -76,8 +82,8 @@ def test_fits_round_trip_without_loss(tmp_path):
     assert gyro.R is None  # not among the terms
     assert gyro.verdict["B"] == ("hint", "hint", "hint")
     assert (gyro.method, gyro.confidence) == ("edf", 0.95)
-    assert gyro.covariance["parameters"] == ("Q^2", "N^2", "B^2", "K^2")
-    np.testing.assert_array_equal(gyro.covariance["values"][2], made_fit().covariance)
+    assert gyro.covariance.parameters == ("Q^2", "N^2", "B^2", "K^2")
+    np.testing.assert_array_equal(gyro.covariance.values[2], made_fit().covariance)
     np.testing.assert_array_equal(gyro.high["N"], [fits[f"gyro_{axis}"].interval["N"][1] for axis in "xyz"])
     np.testing.assert_array_equal(accel.N, [np.nan, 1e-4, np.nan])  # only y was measured
     assert accel.verdict["K"] == (None, "not detected", None)
@@ -110,7 +116,7 @@ def test_processes_beside_the_coefficients_are_kept(tmp_path):
 def test_covariance_of_a_model_keeps_its_parameter_order(golden, tmp_path):
     golden["magnetometer"]["covariance"] = {"parameters": ["a", "b"], "values": [[1e-9, 0.0], [0.0, 2e-9]]}
     again = loaded_from(golden, tmp_path / "a.json")
-    assert again.magnetometer["covariance"]["parameters"] == ("a", "b")
+    assert again.magnetometer.covariance.parameters == ("a", "b")
     saved(again, tmp_path / "b.json")
     assert close(golden, json.loads((tmp_path / "b.json").read_text()))
 
@@ -235,8 +241,8 @@ def test_a_magnetometer_fit_corrects_a_log(tmp_path):
     found = jaxcal.magnetometer.fit(true.measure(field), field=50e-6)
     jaxcal.Calibration(magnetometer=found).save(tmp_path / "device.json")
     loaded = jaxcal.Calibration.load(tmp_path / "device.json")
-    np.testing.assert_array_equal(loaded.magnetometer["covariance"]["values"], found.covariance)
-    assert (loaded.magnetometer["verdict"], loaded.magnetometer["verdict_reason"]) == (found.verdict, found.reason)
+    np.testing.assert_array_equal(loaded.magnetometer.covariance.values, found.covariance)
+    assert (loaded.magnetometer.verdict, loaded.magnetometer.verdict_reason) == (found.verdict, found.reason)
     log = jaxcal.Log(None, mag=np.vstack([true.measure(field), [[np.nan] * 3]]), gyro=np.arange(1083.0).reshape(361, 3), rate=10.0)
     fixed = loaded.correct(log)
     np.testing.assert_allclose(fixed.mag[:-1], field, atol=1e-12)
@@ -249,3 +255,189 @@ def test_a_magnetometer_fit_corrects_a_log(tmp_path):
         jaxcal.Calibration(magnetometer=jaxcal.magnetometer.fit(field[:2]))
     with pytest.raises(DataError, match="holds tesla"):
         jaxcal.Calibration(magnetometer=jaxcal.magnetometer.fit(1e6 * field))
+
+
+# files of an earlier version, and models of one's own
+
+
+@pytest.mark.parametrize("name", ["full", "bare"])
+def test_files_of_an_earlier_version_load_and_give_the_same_numbers(tmp_path, name):
+    """Written at 78460c9, together with what that version made of a log of six samples."""
+    made = json.loads(EARLIER.read_text())[name]
+    device = loaded_from(made["document"], tmp_path / "a.json")
+    k = np.arange(6)
+    raw = {
+        "gyro": np.stack([0.1 * k, 0.2 - 0.1 * k, 0.05 * k], axis=1), "accel": np.stack([k - 2.0, 9.8 - k, 0.5 * k], axis=1),
+        "mag": 1e-5 * np.stack([k - 1.0, 3 - k, 2.0 + k], axis=1),
+    }  # fmt: skip
+    found = device.correct(jaxcal.Log(None, **raw, temperature=np.linspace(8, 48, 6), rate=10.0))
+    for sensor, values in made["corrected"].items():
+        np.testing.assert_allclose(getattr(found, sensor), values, rtol=1e-12, atol=1e-18)
+    assert list(found.warnings) == made["warnings"]
+    assert list(found.notes) == made["notes"]
+    device.save(tmp_path / "b.json")
+    assert json.loads((tmp_path / "b.json").read_text()) == made["document"]
+
+
+class WarmMagnetometer(MagModel):
+    """A hard iron that moves with the temperature."""
+
+    slope: Any = 0.0
+
+    def measure(self, h, temperature):
+        return super().measure(h) + np.outer(temperature - 25.0, self.slope)
+
+    def correct(self, m, temperature):
+        return super().correct(m - np.outer(temperature - 25.0, self.slope))
+
+
+class BentAccelerometer(Triad):
+    """A reading that bends with the square of the specific force along each axis."""
+
+    bend: Any = 0.0
+
+    def measure(self, x, accel=None):
+        return super().measure(x + self.bend * x**2)
+
+    def correct(self, y, accel=None):
+        straight = super().correct(y)
+        return (np.sqrt(1 + 4 * self.bend * straight) - 1) / (2 * self.bend)
+
+
+class Quadratic(AbstractCurve):
+    """A thermal curve of one's own."""
+
+    vertex: float
+    gain: float
+
+    def value(self, t):
+        return self.gain * (t - self.vertex) ** 2
+
+
+SOFT = np.array([[1.1, 0.1, 0.0], [0.1, 0.9, 0.0], [0.0, 0.0, 1.0]])
+
+
+@pytest.fixture(scope="module")
+def own():
+    """A device whose models have fields that the package does not know."""
+    mag = WarmMagnetometer(SOFT, np.array([2e-5, -1e-5, 3e-5]), np.array([1e-8, 0.0, -2e-8]))
+    names = ("A_xx", "A_xy", "A_yy", "A_xz", "A_yz", "A_zz", "b_x", "b_y", "b_z", "slope[0]", "slope[1]", "slope[2]")
+    covariance = Covariance(names, np.diag([1e-4] * 6 + [1e-14] * 3 + [1e-20] * 3))
+    known = Part(mag, "T", 5e-5, covariance, verdict="good", verdict_reason="Even.")
+    accel = BentAccelerometer(np.diag([1.01, 1.0, 0.99]), np.array([0.1, 0.0, -0.2]), bend=np.array([1e-4, 2e-4, -1e-4]))
+    curve = ThermalModel(Quadratic(20.0, 1e-5), 0.0, 50.0)
+    return Calibration(magnetometer=known, imu={"accel": accel}, temperature=Thermal(25.0, 0.0, 50.0, {"gyro_x": curve}), device="own")
+
+
+@pytest.fixture(scope="module")
+def own_log(own):
+    """What the device of `own` reads, and the truth."""
+    draw, t = np.random.default_rng(0), np.linspace(10.0, 40.0, 20)
+    field, force = 5e-5 * draw.standard_normal((20, 3)), 9.8 * draw.standard_normal((20, 3))
+    log = jaxcal.Log(
+        None, mag=own.magnetometer.model.measure(field, t), accel=own.imu.accel.model.measure(force), temperature=t, rate=1.0,
+        gyro=np.stack([1e-5 * (t - 20.0) ** 2, 0 * t, 0 * t], axis=1),
+    )  # fmt: skip
+    return log, field, force
+
+
+def test_models_of_ones_own_are_saved_loaded_and_applied(own, own_log, tmp_path):
+    log, field, force = own_log
+    first = saved(own, tmp_path / "a.json")
+    document = json.loads(first)
+    assert document["magnetometer"]["class"] == "WarmMagnetometer"
+    assert document["magnetometer"]["slope"] == [1e-8, 0.0, -2e-8]
+    assert document["imu"]["accel"]["class"] == "BentAccelerometer"
+    assert document["temperature"]["channels"]["gyro_x"]["curve"] == "Quadratic"
+    again = Calibration.load(tmp_path / "a.json")
+    assert saved(again, tmp_path / "b.json") == first
+    assert type(again.magnetometer.model) is WarmMagnetometer
+    assert type(again.temperature.channels["gyro_x"].curve) is Quadratic
+    fixed = again.correct(log)
+    np.testing.assert_allclose(fixed.mag, field, rtol=0, atol=1e-16)
+    np.testing.assert_allclose(fixed.accel, force, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(fixed.gyro, 0.0, rtol=0, atol=1e-15)
+
+
+def test_a_model_that_needs_what_the_log_lacks(own, own_log):
+    log = own_log[0]
+    with pytest.raises(DataError, match="the log has no temperature"):
+        Calibration(magnetometer=own.magnetometer).correct(jaxcal.Log(None, mag=log.mag, rate=10.0))
+
+    class Loaded(MagModel):
+        def correct(self, m, current):
+            return m
+
+    with pytest.raises(DataError, match="the model Loaded of mag needs current, which this log does not have"):
+        Calibration(magnetometer=Loaded(SOFT, np.zeros(3))).correct(log)
+    wrong = WarmMagnetometer(SOFT, np.zeros(3), np.zeros(7))
+    with pytest.raises(DataError, match="the model WarmMagnetometer of mag does not correct this log"):
+        Calibration(magnetometer=wrong).correct(log)
+
+
+@pytest.mark.parametrize(("section", "key"), [("magnetometer", "class"), ("accel", "class"), ("gyro_x", "curve")])
+def test_a_class_that_nobody_imported(own, tmp_path, section, key):
+    document = json.loads(saved(own, tmp_path / "a.json"))
+    channels = document["temperature"]["channels"]
+    places = {"magnetometer": document["magnetometer"], "accel": document["imu"]["accel"], "gyro_x": channels["gyro_x"]}
+    places[section][key] = "os.system"
+    with pytest.raises(DataError, match=rf"{section}\.class is 'os.system', which is none of the known classes .*; import the module"):
+        loaded_from(document, tmp_path / "b.json")
+    places[section][key] = "Undreamt"
+    del document["imu"]
+    if section != "accel":
+        with pytest.raises(DataError, match="import the module that defines it as a subclass of"):
+            loaded_from(document, tmp_path / "b.json")
+
+
+def test_damage_in_a_field_of_ones_own(own, tmp_path):
+    for value, message in ((["a"], "numbers"), (10**400, "whole number below"), ([[1.0], [2.0, 3.0]], "numbers")):
+        document = json.loads(saved(own, tmp_path / "a.json"))
+        document["magnetometer"]["slope"] = value
+        with pytest.raises(DataError, match=rf"magnetometer\.slope is .*; expected .*{message}"):
+            loaded_from(document, tmp_path / "b.json")
+
+
+def test_a_field_of_ones_own_in_a_difference(own):
+    moved = WarmMagnetometer(SOFT, own.magnetometer.model.hard_iron, own.magnetometer.model.slope + np.array([5e-10, 0.0, 0.0]))
+    known = Part(moved, "T", 5e-5, own.magnetometer.covariance)
+    mag = next(part for part in difference(own, Calibration(magnetometer=known)) if part.name == "magnetometer")
+    assert mag.parameters[-3:] == ("slope[0]", "slope[1]", "slope[2]")
+    assert mag.change[-3] == pytest.approx(5e-10)
+    assert mag.standard_error[-3] == pytest.approx(np.sqrt(2e-20))
+    assert mag.degrees_of_freedom == 12
+    (mag,) = difference(own, Calibration(magnetometer=MagModel(SOFT, own.magnetometer.model.hard_iron)))
+    assert any("the first is a WarmMagnetometer and the second a MagModel" in note for note in mag.notes)
+
+
+def test_models_of_ones_own_are_composed_where_that_means_something(own, own_log):
+    gyro = Calibration(imu={"gyro": Triad(np.eye(3), np.zeros(3))})
+    both = own.compose(Calibration(noise=None))
+    np.testing.assert_array_equal(both.correct(own_log[0]).accel, own.correct(own_log[0]).accel)
+    assert type(both.magnetometer.model) is WarmMagnetometer
+    with pytest.raises(DataError, match=r"BentAccelerometer of imu\.accel has bend\[0\].*known of Triad alone: correct"):
+        own.compose(gyro)
+    with pytest.raises(DataError, match="WarmMagnetometer of the magnetometer has slope"):
+        Calibration(magnetometer=own.magnetometer).compose(Calibration(magnetometer=MagModel(SOFT, np.zeros(3))))
+    with pytest.raises(DataError, match="an inverse is known of"):
+        own.inverse()
+
+
+def test_an_export_says_what_it_cannot_hold(own, tmp_path):
+    said = jaxcal.export.write(Calibration(magnetometer=own.magnetometer), tmp_path / "a", format="c")
+    assert "not written, for c has no place for it: slope of the magnetometer (WarmMagnetometer)" in said
+
+
+class Nested(MagModel):
+    """A model within a model, and text."""
+
+    drift: Chebyshev = None
+    remark: str = ""
+
+
+def test_a_model_within_a_model(tmp_path):
+    model = Nested(SOFT, np.zeros(3), Chebyshev(np.array([1.0, 2.0]), 0.0, 50.0), "warm")
+    saved(Calibration(magnetometer=model), tmp_path / "a.json")
+    again = Calibration.load(tmp_path / "a.json").magnetometer.model
+    assert again.remark == "warm"
+    np.testing.assert_array_equal(again.drift.value(np.array([50.0])), [3.0])

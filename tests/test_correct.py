@@ -101,7 +101,7 @@ def test_what_cannot_be_corrected_is_refused(device, log):
         device.correct(Log(None, mag=log.gyro, rate=1.0))
     with pytest.raises(DataError, match="channel 'wx'"):
         Calibration(temperature={"wx": characterise(log, model="polynomial", degree=1)["gyro_x"]})
-    section = device.temperature
+    section = device.temperature.to_document()
     broken = {**section, "channels": {"gyro_x": {k: v for k, v in section["channels"]["gyro_x"].items() if k != "coefficients"}}}
     with pytest.raises(DataError, match=r"channels.gyro_x.coefficients is missing"):
         Calibration(temperature=broken)

@@ -12,10 +12,12 @@ from scipy.stats import kstest
 
 import jaxcal
 from jaxcal import Calibration, DataError, JaxcalError, Log
-from jaxcal.calibration import _schema, difference, provenance
+from jaxcal.calibration import Covariance, Part, difference, provenance
+from jaxcal.imu import Triad
 from jaxcal.magnetometer import MagModel
 
 GOLDEN = pathlib.Path(__file__).parent / "export" / "golden.json"
+DOCUMENT = json.loads(GOLDEN.read_text())
 NAMES = [f"matrix[{i},{j}]" for i in range(3) for j in range(3)] + [f"bias[{i}]" for i in range(3)]
 GYRO_NAMES = NAMES + [f"g_sensitivity[{i},{j}]" for i in range(3) for j in range(3)]
 MAG_NAMES = ["A_xx", "A_xy", "A_yy", "A_xz", "A_yz", "A_zz", "b_x", "b_y", "b_z"]
@@ -59,14 +61,12 @@ def same(a, b):
 
 @pytest.mark.parametrize(
     "left_out",
-    [{}, {"imu": None}, {"temperature": None}, {"magnetometer": None}, {"imu": {"accel": other(3).imu["accel"]}},
-     {"imu": {"gyro": other(3).imu["gyro"]}}],
+    [{}, {"imu": None}, {"temperature": None}, {"magnetometer": None}, {"imu": {"accel": other(3).imu.accel}},
+     {"imu": {"gyro": other(3).imu.gyro}}],
 )  # fmt: skip
 @pytest.mark.parametrize("which", ["new", "old"])
 def test_composed_is_one_after_the_other(golden, log, left_out, which):
     old, new = (golden, other(1, **left_out)) if which == "new" else (other(1, **left_out), golden)
-    if "accel" not in (old.imu or {"accel": 0}) or "accel" not in (new.imu or {"accel": 0}):
-        pass  # g-sensitivity then takes the accelerometer as it is
     if old.imu is None and old.temperature is not None:
         # without an imu section thermal powers are taken off all the same
         assert old.correct(log).gyro is not None
@@ -76,20 +76,20 @@ def test_composed_is_one_after_the_other(golden, log, left_out, which):
 def test_composed_matrices(golden):
     """Section 2.15 of formats.md: C_new C_old, and the bias mapped back, written out."""
     new, old = other(2), golden
-    both = new.compose(old).imu["accel"]
-    c_new, c_old = (np.linalg.inv(one.imu["accel"]["matrix"]) for one in (new, old))
-    np.testing.assert_allclose(np.linalg.inv(both["matrix"]), c_new @ c_old, rtol=1e-13)
-    np.testing.assert_allclose(both["bias"], old.imu["accel"]["bias"] + np.linalg.inv(c_old) @ new.imu["accel"]["bias"], rtol=1e-13)
+    both = new.compose(old).imu.accel
+    c_new, c_old = (np.linalg.inv(one.imu.accel.model.matrix) for one in (new, old))
+    np.testing.assert_allclose(np.linalg.inv(both.model.matrix), c_new @ c_old, rtol=1e-13)
+    np.testing.assert_allclose(both.model.bias, old.imu.accel.model.bias + np.linalg.inv(c_old) @ new.imu.accel.model.bias, rtol=1e-13)
     assert new.compose(old).provenance["composed"] == {"first": None, "then": None}
 
 
 def test_inverse_makes_raw_again(golden, log):
-    for device in (golden, other(4), other(4, imu={"gyro": other(4).imu["gyro"]}, temperature=None), other(4, temperature=None)):
+    for device in (golden, other(4), other(4, imu={"gyro": other(4).imu.gyro}, temperature=None), other(4, temperature=None)):
         same(device.inverse().correct(device.correct(log)), log)
         nothing = device.compose(device.inverse())
-        for part in nothing.imu.values():
-            np.testing.assert_allclose(part["matrix"], np.eye(3), rtol=0, atol=1e-13)
-            np.testing.assert_allclose(part["bias"], 0, rtol=0, atol=1e-13)
+        for part in nothing.imu.parts.values():
+            np.testing.assert_allclose(part.model.matrix, np.eye(3), rtol=0, atol=1e-13)
+            np.testing.assert_allclose(part.model.bias, 0, rtol=0, atol=1e-13)
 
 
 def test_the_covariance_is_carried_to_the_raw_readings():
@@ -100,20 +100,19 @@ def test_the_covariance_is_carried_to_the_raw_readings():
     new, old = other(5), other(6)
 
     def drawn(step, covariance=None):
-        gyro = dict(new.imu["gyro"])
-        gyro["matrix"], gyro["bias"] = gyro["matrix"] + step[:9].reshape(3, 3), gyro["bias"] + step[9:12]
-        gyro["g_sensitivity"] = gyro["g_sensitivity"] + step[12:].reshape(3, 3)
-        return Calibration(imu={"gyro": gyro | {"covariance": covariance}})
+        gyro = new.imu.gyro.model
+        matrix, bias = gyro.matrix + step[:9].reshape(3, 3), gyro.bias + step[9:12]
+        moved = Triad(matrix, bias, gyro.g_sensitivity + step[12:].reshape(3, 3))
+        return Calibration(imu={"gyro": Part(moved, "rad/s", covariance=covariance)})
 
     def flat(calibration):
-        gyro = calibration.imu["gyro"]
-        return np.concatenate([gyro["matrix"].ravel(), gyro["bias"], gyro["g_sensitivity"].ravel()])
+        return np.array(list(calibration.imu.gyro.parameters.values()))
 
-    whole = drawn(np.zeros(21), {"parameters": GYRO_NAMES, "values": root @ root.T}).compose(old)
+    whole = drawn(np.zeros(21), Covariance(tuple(GYRO_NAMES), root @ root.T)).compose(old)
     middle = flat(drawn(np.zeros(21)).compose(old))
     # the composition is linear in the new numbers, so that unit steps give it exactly
     columns = np.stack([flat(drawn(root[:, k]).compose(old)) - middle for k in range(21)], axis=1)
-    np.testing.assert_allclose(whole.imu["gyro"]["covariance"]["values"], columns @ columns.T, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(whole.imu.gyro.covariance.values, columns @ columns.T, rtol=0, atol=1e-12)
 
 
 def test_the_covariance_of_a_magnetometer_is_carried():
@@ -121,23 +120,23 @@ def test_the_covariance_of_a_magnetometer_is_carried():
     draw = np.random.default_rng(1)
     root = 1e-6 * np.tril(draw.standard_normal((9, 9)))
 
-    def shape(section):
-        w = np.linalg.inv(section["soft_iron"]) / section["field"]
+    def shape(part):
+        w = np.linalg.inv(part.model.soft_iron) / part.field
         return (w.T @ w) * 1e-9  # the scale keeps A and b of one size
 
     entries = [(0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)]
-    covariance = {"parameters": MAG_NAMES, "values": root @ root.T}
-    found = Calibration(magnetometer=new | {"covariance": covariance}).compose(Calibration(magnetometer=old)).magnetometer
-    c = np.linalg.inv(old["soft_iron"])
+    known = Part(new.model, "T", new.field, Covariance(tuple(MAG_NAMES), root @ root.T))
+    found = Calibration(magnetometer=known).compose(Calibration(magnetometer=old)).magnetometer
+    c = np.linalg.inv(old.model.soft_iron)
     columns = []
     for step in root.T:
         moved = np.zeros((3, 3))
         for value, (i, j) in zip(step[:6], entries, strict=True):
             moved[i, j] = moved[j, i] = value
         raw = c.T @ moved @ c
-        columns.append([*(raw[i, j] for i, j in entries), *(old["soft_iron"] @ step[6:])])
+        columns.append([*(raw[i, j] for i, j in entries), *(old.model.soft_iron @ step[6:])])
     columns = np.array(columns).T
-    np.testing.assert_allclose(found["covariance"]["values"], columns @ columns.T, rtol=1e-10, atol=1e-30)
+    np.testing.assert_allclose(found.covariance.values, columns @ columns.T, rtol=1e-10, atol=1e-30)
     np.testing.assert_allclose(shape(found), c.T @ shape(new) @ c, rtol=1e-12, atol=1e-14)
 
 
@@ -149,8 +148,8 @@ def test_thermal_models_that_do_not_add_up(golden):
         jump.compose(golden)
     with pytest.raises(DataError, match="its inverse mixes axes"):
         jump.inverse()
-    assert Calibration(imu=golden.imu).compose(jump).temperature["channels"].keys() == {"gyro_x"}
-    moved = Calibration(temperature={**golden.temperature, "reference": 30.0})
+    assert Calibration(imu=golden.imu).compose(jump).temperature.channels.keys() == {"gyro_x"}
+    moved = Calibration(temperature={**DOCUMENT["temperature"], "reference": 30.0})
     with pytest.raises(DataError, match="about 35 and 30 degC"):
         moved.compose(golden)
 
@@ -182,11 +181,11 @@ def test_significance_is_that_of_chance():
 
 
 def test_conventions_and_missing_covariances_are_told(golden):
-    known = golden.imu["accel"] | {"covariance": {"parameters": NAMES, "values": np.diag([1e-6] * 3 + [0.0] * 6 + [1e-6] * 3)}}
+    known = DOCUMENT["imu"]["accel"] | {"covariance": {"parameters": NAMES, "values": np.diag([1e-6] * 3 + [0.0] * 6 + [1e-6] * 3)}}
     a, b = Calibration(imu={"accel": known}), Calibration(imu={"accel": known | {"matrix": np.eye(3)}})
     (part,) = difference(a, b)
     assert any("a convention fixes differ" in note for note in part.notes)
-    (part,) = difference(a, Calibration(imu={"accel": golden.imu["accel"]}))
+    (part,) = difference(a, Calibration(imu={"accel": golden.imu.accel}))
     assert part.notes == ("the second calibration has no covariance and counts as exact; the significance is too high",)
     assert part.chi_square == 0.0
     parts = difference(golden, golden)
@@ -221,7 +220,7 @@ def test_a_magnetometer_that_changed():
 
 
 def test_thermal_models_that_changed(golden):
-    moved = {**golden.temperature, "accel": golden.temperature["accel"] + np.array([[1e-4, 0, 0], [0, 0, 0], [0, 0, 0]])}
+    moved = {**DOCUMENT["temperature"], "accel": golden.temperature.powers("accel") + np.array([[1e-4, 0, 0], [0, 0, 0], [0, 0, 0]])}
     (gyro, accel) = difference(Calibration(temperature=golden.temperature), Calibration(temperature=moved))
     assert not gyro.change.any()
     np.testing.assert_allclose(np.abs(accel.change), [2.5e-3, 0, 0], atol=1e-15)
@@ -239,7 +238,7 @@ def test_provenance_of_a_command():
 # the file: versions and damage
 
 
-def test_versions(golden, tmp_path, monkeypatch):
+def test_versions(tmp_path):
     path = tmp_path / "a.json"
     document = json.loads(GOLDEN.read_text())
     path.write_text(json.dumps(document | {"schema": "jaxcal.calibration/1.7", "unheard_of": {"a": [1]}}))
@@ -250,15 +249,6 @@ def test_versions(golden, tmp_path, monkeypatch):
         path.write_text(json.dumps(document | {"schema": schema}))
         with pytest.raises(DataError, match="install the version that wrote the file"):
             Calibration.load(path)
-    # a version 1.2 that renames keys, and brings 1.0 and 1.1 up to date
-    steps = {0: lambda one: {("later" if key == "imu" else key): value for key, value in one.items()},
-             1: lambda one: {("imu" if key == "latest" else key): value for key, value in one.items()}}  # fmt: skip
-    monkeypatch.setattr(_schema, "_STEPS", steps)
-    path.write_text(json.dumps({("latest" if key == "imu" else key): value for key, value in document.items()}
-                               | {"schema": "jaxcal.calibration/1.1"}))  # fmt: skip
-    assert Calibration.load(path).imu["accel"]["bias"][0] == 0.12
-    path.write_text(json.dumps(document))
-    assert Calibration.load(path).imu is None  # both steps were taken, and there is no "latest" in it
 
 
 def places(value, path=()):

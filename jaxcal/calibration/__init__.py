@@ -3,4 +3,6 @@
 from ._calibration import Calibration as Calibration
 from ._difference import PartDifference as PartDifference, difference as difference
 from ._noise import DeviceNoise as DeviceNoise, SensorNoise as SensorNoise
+from ._parts import Covariance as Covariance, Imu as Imu, Interval as Interval, Part as Part
 from ._provenance import provenance as provenance
+from ._thermal import Powers as Powers, Thermal as Thermal

@@ -10,17 +10,14 @@ import equinox as eqx
 from .._errors import DataError
 from .._files import json_text, write_atomically
 from .._log import Log
-from ..imu import ImuFit
-from ..magnetometer import MagFit
-from . import _thermal
+from ..magnetometer import MagModel
+from ._codec import free, from_json, to_json, wrong
 from ._compose import composed, inverted
 from ._correct import corrected
-from ._form import from_json, to_json
-from ._imu import imu_section
-from ._magnetometer import magnetometer_section
 from ._noise import DeviceNoise, device_noise
+from ._parts import Imu, Part, imu_of, magnetometer_of
 from ._schema import SCHEMA, current, read_document
-from ._sections import free_section, section
+from ._thermal import Thermal, thermal_of
 
 _SECTIONS = ("noise", "imu", "magnetometer", "temperature")
 
@@ -33,19 +30,21 @@ class Calibration(eqx.Module):
     noise : what `jaxcal.noise.characterise` returns (channel -> `NoiseFit`), or the stored form: {"rate": Hz, "gyro": {"unit":
         "rad/s", "Q": (3,), "N": (3,), "B": (3,), "K": (3,), "R": (3,)}, "accel": {...}, "mag": {...}}, with None for what is
         not known. Held as `DeviceNoise`.
-    imu : an `ImuFit`, or the stored form: {"accel": {"unit": "m/s^2", "matrix": (3, 3), "bias": (3,), "covariance"}, "gyro":
-        {"unit": "rad/s", "matrix", "bias", "g_sensitivity": (3, 3), "covariance"}}, where y = matrix x + bias + g_sensitivity a.
-    magnetometer : a `MagFit` of readings in tesla, or the stored form: {"unit": "T", "soft_iron": (3, 3), "hard_iron": (3,), "field",
-        "covariance"}, where measured = soft_iron true + hard_iron.
+    imu : an `ImuFit`, {"accel": `Triad`, "gyro": `Triad`}, or the stored form: {"accel": {"unit": "m/s^2", "matrix": (3, 3), "bias":
+        (3,), "covariance"}, "gyro": {"unit": "rad/s", "matrix", "bias", "g_sensitivity": (3, 3), "covariance"}}, where
+        y = matrix x + bias + g_sensitivity a. Held as `Imu`: `imu.gyro.model` is the `Triad`, `imu.gyro.covariance` what is known of it.
+    magnetometer : a `MagFit` of readings in tesla, a `MagModel`, or the stored form: {"unit": "T", "soft_iron": (3, 3), "hard_iron":
+        (3,), "field", "covariance"}, where measured = soft_iron true + hard_iron. Held as `Part`: `magnetometer.model` is the `MagModel`.
     temperature : what `jaxcal.temperature.characterise` returns (channel -> `TemperatureFit`), or the stored form: {"unit": "degC",
         "reference", "minimum", "maximum"} with "accel" and "gyro" (3, powers), coefficients of the powers 1, 2, ... of the temperature
         above the reference, in the unit of the sensor, or with "channels": {"gyro_x": {"curve", "minimum", "maximum", "lag", "play",
-        ...}, ...}, which hold any thermal model exactly.
+        ...}, ...}, which hold any thermal model exactly. Held as `Thermal`, channel -> `ThermalModel`.
     device : name, or a dictionary with "name" and the ids by which flight controllers find a sensor.
     provenance : dictionary of where the numbers come from: recording ("file", "sha256") and the options used ("options"). The
         version of jaxcal is added as "version".
 
-    A covariance is None or {"parameters": names in their order, "values": (p, p)}.
+    A covariance is None or {"parameters": names in their order, "values": (p, p)}. A subclass of `Triad`, `MagModel` or of a thermal curve
+    that you define is stored with the name of its class, and found again by it where the module that defines it was imported.
 
     Raises
     ------
@@ -66,20 +65,17 @@ class Calibration(eqx.Module):
     """
 
     noise: DeviceNoise | None
-    imu: dict[str, Any] | None
-    magnetometer: dict[str, Any] | None
-    temperature: dict[str, Any] | None
+    imu: Imu | None
+    magnetometer: Part[MagModel] | None
+    temperature: Thermal | None
     device: dict[str, Any] | None
     provenance: dict[str, Any] | None
 
     def __init__(self, *, noise=None, imu=None, magnetometer=None, temperature=None, device=None, provenance=None):
-        self.noise = noise if noise is None or isinstance(noise, DeviceNoise) else device_noise(noise)
-        self.imu = section(imu_section(imu) if isinstance(imu, ImuFit) else imu, "imu")
-        magnetometer = magnetometer_section(magnetometer) if isinstance(magnetometer, MagFit) else magnetometer
-        self.magnetometer = section(magnetometer, "magnetometer")
-        self.temperature = section(_thermal.stored(temperature), "temperature")
-        self.device = free_section({"name": device} if isinstance(device, str) else device, "device")
-        provenance = free_section(provenance, "provenance")
+        self.noise, self.imu = device_noise(noise), imu_of(imu)
+        self.magnetometer, self.temperature = magnetometer_of(magnetometer), thermal_of(temperature)
+        self.device = _free({"name": device} if isinstance(device, str) else device, "device")
+        provenance = _free(provenance, "provenance")
         if provenance is not None and "version" not in provenance:
             provenance["version"] = importlib.metadata.version("jaxcal")
         self.provenance = provenance
@@ -143,10 +139,9 @@ class Calibration(eqx.Module):
         >>> import numpy as np
         >>> import jaxcal
         >>> def scaled(s, b):
-        ...     part = {"unit": "m/s^2", "matrix": s * np.eye(3), "bias": b * np.ones(3), "covariance": None}
-        ...     return jaxcal.Calibration(imu={"accel": part})
+        ...     return jaxcal.Calibration(imu={"accel": jaxcal.imu.Triad(s * np.eye(3), b * np.ones(3))})
         >>> both = scaled(1.01, 0.1).compose(scaled(2.0, 0.5))
-        >>> both.imu["accel"]["matrix"][0, 0], both.imu["accel"]["bias"]
+        >>> both.imu.accel.model.matrix[0, 0], both.imu.accel.model.bias
         (np.float64(2.02), array([0.7, 0.7, 0.7]))
         """
         steps = {"first": other.provenance, "then": self.provenance}
@@ -182,8 +177,8 @@ class Calibration(eqx.Module):
             If the file cannot be written.
         """
         document = {"schema": SCHEMA, "device": self.device, "provenance": self.provenance}
-        held = {name: getattr(self, name) for name in _SECTIONS}
-        write_atomically(path, json_text(document | {name: to_json(section) for name, section in held.items() if section is not None}))
+        held = {name: to_json(getattr(self, name)) for name in _SECTIONS if getattr(self, name) is not None}
+        write_atomically(path, json_text(document | held))
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "Calibration":
@@ -209,3 +204,12 @@ class Calibration(eqx.Module):
             return cls(**sections, device=document.get("device"), provenance=provenance)
         except DataError as error:
             raise DataError(f"{path}: {error}") from error
+        except RecursionError:
+            raise DataError(f"{path} has lists within lists without end; expected a file written by Calibration.save") from None
+
+
+def _free(value: Any, name: str) -> dict[str, Any] | None:
+    """A dictionary of the user's own, or None."""
+    if value is not None and not isinstance(value, dict):
+        raise wrong(value, "a dictionary", name)
+    return free(value, name)

@@ -1,16 +1,17 @@
 """A log without the errors that a calibration knows: temperature first, then bias, scale factor and misalignment."""
 
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
 import numpy as np
-from numpy.polynomial import polynomial
 
 from .._errors import DataError
 from .._log import Log
 from .._types import AnyArray
-from ..temperature import thermometer
-from ._thermal import AXES, at_reference, model_of
+from ..temperature import Steps, ThermalModel, thermometer
+from ._parts import Part
+from ._thermal import AXES, Thermal
 
 _SENSORS = ("gyro", "accel", "mag")
 
@@ -19,32 +20,19 @@ def corrected(calibration: Any, log: Log) -> Log:
     """The log with every correction that the calibration has for its sensors."""
     notes, warnings = [], []
     _same_recording(calibration, log, warnings)
-    imu, section = calibration.imu or {}, calibration.temperature
+    parts = {**({} if calibration.imu is None else calibration.imu.parts), "mag": calibration.magnetometer}
     values: dict[str, Any] = {name: np.array(getattr(log, name)) for name in _SENSORS if getattr(log, name) is not None}
     done = []
     for sensor in values:
-        offset = None if section is None else _thermal(section, log, sensor, values[sensor], sensor in imu, notes, warnings)
+        offset = _thermal(calibration.temperature, log, sensor, values[sensor], sensor in parts, notes, warnings)
         if offset is not None:
             values[sensor] = values[sensor] - offset
             done.append(sensor)
-    accel = imu.get("accel")
-    if accel is not None and _whole(values, "accel", warnings):
-        values["accel"] = _solved(accel["matrix"], values["accel"] - accel["bias"])
-        done.append("accel")
-    gyro = imu.get("gyro")
-    if gyro is not None and _whole(values, "gyro", warnings):
-        felt = np.zeros(3)
-        if np.any(gyro["g_sensitivity"]):
-            if "accel" in values and values["accel"].shape[1:] == (3,):
-                felt = values["accel"] @ gyro["g_sensitivity"].T
-            else:
-                warnings.append("the gyroscope's g-sensitivity is not corrected, for the log has no accelerometer with three axes")
-        values["gyro"] = _solved(gyro["matrix"], values["gyro"] - gyro["bias"] - felt)
-        done.append("gyro")
-    mag = calibration.magnetometer
-    if mag is not None and _whole(values, "mag", warnings):
-        values["mag"] = _solved(mag["soft_iron"], values["mag"] - mag["hard_iron"])
-        done.append("mag")
+    for sensor in ("accel", "gyro", "mag"):  # a gyroscope's model takes the corrected accelerometer
+        part = parts.get(sensor)
+        if part is not None and _whole(values, sensor, warnings):
+            values[sensor] = _modelled(part, sensor, log, values, warnings)
+            done.append(sensor)
     if not done:
         raise DataError("the calibration holds nothing that this log could be corrected with; see its imu, magnetometer and temperature")
     notes.append(f"corrected: {', '.join(dict.fromkeys(done))}")
@@ -57,8 +45,16 @@ def corrected(calibration: Any, log: Log) -> Log:
     return found
 
 
-def _solved(matrix: AnyArray, y: AnyArray) -> AnyArray:
-    return y @ np.linalg.inv(matrix).T
+def _modelled(part: Part[Any], sensor: str, log: Log, values: dict[str, Any], warnings: list[str]) -> AnyArray:
+    """Readings through the model of their sensor, with what it takes beside them: temperature, specific force, time."""
+    conditions: dict[str, Callable[[], Any]] = {"temperature": lambda: thermometer(log), "time": lambda: log.time}
+    if sensor == "gyro" and np.any(part.model.g_sensitivity):
+        if "accel" in values and values["accel"].shape[1:] == (3,):
+            conditions["accel"] = lambda: values["accel"]
+        else:
+            warnings.append("the gyroscope's g-sensitivity is not corrected, for the log has no accelerometer with three axes")
+            part = eqx.tree_at(lambda one: one.model.g_sensitivity, part, np.zeros((3, 3)))
+    return part.correct(values[sensor], conditions, sensor)
 
 
 def _whole(values: dict[str, Any], sensor: str, warnings: list[str]) -> bool:
@@ -71,36 +67,31 @@ def _whole(values: dict[str, Any], sensor: str, warnings: list[str]) -> bool:
 
 
 def _thermal(
-    section: dict[str, Any], log: Log, sensor: str, y: AnyArray, has_bias: bool, notes: list[str], warnings: list[str]
+    thermal: Thermal | None, log: Log, sensor: str, y: AnyArray, has_bias: bool, notes: list[str], warnings: list[str]
 ) -> AnyArray | None:
     """What the temperature adds to a sensor, (n, axes); None where the calibration does not say."""
-    channels = section.get("channels", {})
-    names = [f"{sensor}_{axis}" for axis in AXES[: y.reshape(len(y), -1).shape[1]]]
-    powers = section.get(sensor)
-    if powers is None and not any(name in channels for name in names):
+    axes = AXES[: y.reshape(len(y), -1).shape[1]]
+    models = {} if thermal is None else {axis: model for axis, model in thermal.of(sensor).items() if axis in axes}
+    if thermal is None or not models:
         return None
     t = thermometer(log)
-    offset = np.zeros((len(t), len(names)))
+    offset = np.zeros((len(t), len(axes)))
     kept = False
-    for i, name in enumerate(names):
-        if name in channels:
-            model = model_of(channels[name])
-            felt = np.asarray(model.effective(t, rate=log.rate)[0])
-            _outside(name, felt, float(model.low), float(model.high), warnings)
-            offset[:, i] = np.asarray(model.curve.value(np.clip(felt, model.low, model.high)))
-            if has_bias or sensor != "gyro":
-                offset[:, i] -= at_reference(section, name)
-                kept = True
-            _passages(name, channels[name], felt, warnings)
-        elif powers is not None:
-            _outside(name, t, section["minimum"], section["maximum"], warnings)
-            d = np.clip(t, section["minimum"], section["maximum"]) - section["reference"]
-            offset[:, i] = polynomial.polyval(d, np.concatenate([[0.0], powers[i]]))
-            kept = True
-        else:
+    for i, axis in enumerate(axes):
+        name = f"{sensor}_{axis}"
+        if axis not in models:
             warnings.append(f"{name} is not corrected for temperature; the calibration does not have it")
+            continue
+        model, constant = models[axis], thermal.constant(name)
+        felt = np.asarray(model.effective(t, rate=log.rate)[0])
+        _outside(name, felt, float(model.low), float(model.high), warnings)
+        offset[:, i] = np.asarray(model.curve.value(np.clip(felt, model.low, model.high)))
+        if constant == 0 or has_bias or sensor != "gyro":
+            offset[:, i] -= constant
+            kept = True
+        _passages(name, model, felt, warnings)
     if kept:
-        notes.append(f"{sensor}: brought to {section['reference']:g} degC; its constant part is kept")
+        notes.append(f"{sensor}: brought to {thermal.reference:g} degC; its constant part is kept")
     return offset.reshape(y.shape)
 
 
@@ -113,8 +104,9 @@ def _outside(name: str, t: AnyArray, low: float, high: float, warnings: list[str
         )
 
 
-def _passages(name: str, channel: dict[str, Any], t: AnyArray, warnings: list[str]) -> None:
-    for centre, width in zip(channel.get("centre", ()), channel.get("width", ()), strict=True):
+def _passages(name: str, model: ThermalModel, t: AnyArray, warnings: list[str]) -> None:
+    curve = model.curve
+    for centre, width in zip(curve.centre, curve.width, strict=True) if isinstance(curve, Steps) else ():
         if t.min() < centre + 3 * width and t.max() > centre - 3 * width:
             warnings.append(
                 f"{name}: the temperature passes a jump of the bias at {centre:.2f} degC in this record; what the correction leaves of it "

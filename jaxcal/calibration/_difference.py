@@ -5,7 +5,6 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
-from numpy.polynomial import polynomial
 from scipy.linalg import polar, solve_sylvester
 from scipy.stats import chi2
 
@@ -14,7 +13,8 @@ from .._types import AnyArray
 from .._units import noise_units, si_unit
 from ._calibration import Calibration
 from ._compose import QUADRIC
-from ._thermal import model_of
+from ._parts import Part
+from ._thermal import Thermal
 
 _RANK = 1e-9  # of the largest eigenvalue of the correlations
 _AXES = "xyz"
@@ -85,9 +85,9 @@ def difference(a: Calibration, b: Calibration) -> tuple[PartDifference, ...]:
     """
     shared = _same_recording(a, b)
     found = []
-    for sensor in ("accel", "gyro"):
-        if sensor in (a.imu or {}) and sensor in (b.imu or {}):
-            found.append(_triad(sensor, (a.imu or {})[sensor], (b.imu or {})[sensor], shared))
+    if a.imu is not None and b.imu is not None:
+        others = b.imu.parts
+        found += [_triad(sensor, part, others[sensor], shared) for sensor, part in a.imu.parts.items() if sensor in others]
     if a.magnetometer is not None and b.magnetometer is not None:
         found.append(_magnetometer(a.magnetometer, b.magnetometer, shared))
     if a.noise is not None and b.noise is not None:
@@ -100,46 +100,52 @@ def difference(a: Calibration, b: Calibration) -> tuple[PartDifference, ...]:
     return tuple(found)
 
 
-def _triad(sensor: str, a: dict[str, Any], b: dict[str, Any], notes: Sequence[str]) -> PartDifference:
-    names = [f"matrix[{i},{j}]" for i in range(3) for j in range(3)] + [f"bias[{i}]" for i in range(3)]
-    units = ["1"] * 9 + [si_unit(sensor)] * 3
-    keys = ["matrix", "bias"]
-    if sensor == "gyro":
-        names += [f"g_sensitivity[{i},{j}]" for i in range(3) for j in range(3)]
-        units += ["rad/s per m/s^2"] * 9
-        keys.append("g_sensitivity")
-    first, second = (np.concatenate([np.ravel(part[key]) for key in keys]) for part in (a, b))
-    spread, said = _sum([_ordered(part["covariance"], names) for part in (a, b)])
-    return _part(sensor, names, units, first, second, spread, (*notes, *said))
+def _triad(sensor: str, a: Part[Any], b: Part[Any], notes: Sequence[str]) -> PartDifference:
+    held = [part.parameters for part in (a, b)]
+    names = [name for name in held[0] if name in held[1] and (sensor == "gyro" or not name.startswith("g_sensitivity"))]
+    base = {"matrix": "1", "bias": si_unit(sensor), "g_sensitivity": "rad/s per m/s^2"}
+    units = [base.get(name.partition("[")[0], "") for name in names]
+    first, second = (np.array([values[name] for name in names]) for values in held)
+    spread, said = _sum([_ordered(part, names) for part in (a, b)])
+    return _part(sensor, names, units, first, second, spread, (*notes, *_unequal(a, b), *said))
 
 
-def _magnetometer(a: dict[str, Any], b: dict[str, Any], notes: Sequence[str]) -> PartDifference:
+def _unequal(a: Part[Any], b: Part[Any]) -> list[str]:
+    """A sentence where the two models are of different classes."""
+    kinds = [type(part.model).__name__ for part in (a, b)]
+    return [] if kinds[0] == kinds[1] else [f"the first is a {kinds[0]} and the second a {kinds[1]}; what only one has is not compared"]
+
+
+def _magnetometer(a: Part[Any], b: Part[Any], notes: Sequence[str]) -> PartDifference:
     """The root W of the ellipsoid's matrix A = W W, times the field of `a`; dA = W dW + dW W gives the covariance."""
-    said = list(notes)
-    field = 1.0 if a["field"] is None or b["field"] is None or not np.isfinite(a["field"] * b["field"]) else a["field"]
-    if field == 1.0:
+    said = [*notes, *_unequal(a, b)]
+    known = all(part.field is not None and np.isfinite(part.field) for part in (a, b))
+    if not known:
         said.append("the field's strength is not known in one of the two, so that its changes count as none")
-    names = ["correction " + _AXES[i] + _AXES[j] for i, j in QUADRIC] + [f"hard iron {axis}" for axis in _AXES]
+    further = [name for name in a.further if name in b.further]
+    names = ["correction " + _AXES[i] + _AXES[j] for i, j in QUADRIC] + [f"hard iron {axis}" for axis in _AXES] + further
     values, spreads, turns = [], [], []
     for part in (a, b):
-        turn, shape = polar(np.linalg.inv(part["soft_iron"]))
-        scale = 1.0 if field == 1.0 else field / part["field"]
+        turn, shape = polar(np.linalg.inv(part.model.soft_iron))
+        scale = a.field / part.field if known else 1.0  # type: ignore[operator]
         turns.append(turn)
-        values.append(np.concatenate([[scale * shape[i, j] for i, j in QUADRIC], part["hard_iron"]]))
-        known = _ordered(part["covariance"], [*(f"A_{_AXES[i]}{_AXES[j]}" for i, j in QUADRIC), "b_x", "b_y", "b_z"])
-        strength = part["field"] if part["field"] else np.nan
-        spreads.append(None if known is None or not np.isfinite(strength) else _of_root(known, shape / strength, scale * strength))
+        numbers = part.parameters
+        values.append(np.array([*(scale * shape[i, j] for i, j in QUADRIC), *part.model.hard_iron, *(numbers[name] for name in further)]))
+        quadric = _ordered(part, [*(f"A_{_AXES[i]}{_AXES[j]}" for i, j in QUADRIC), "b_x", "b_y", "b_z", *further])
+        strength = part.field if part.field else np.nan
+        spreads.append(None if quadric is None or not np.isfinite(strength) else _of_root(quadric, shape / strength, scale * strength))
     turned = turns[1] @ turns[0].T
     angle = np.degrees(np.arccos(np.clip((np.trace(turned) - 1) / 2, -1.0, 1.0)))
     if angle > 1e-3:
         said.append(f"beside it the axes turned by {angle:.3g} degrees, which the covariances of norms do not know")
     spread, more = _sum(spreads)
-    return _part("magnetometer", names, ["1"] * 6 + ["T"] * 3, values[0], values[1], spread, (*said, *more))
+    units = ["1"] * 6 + ["T"] * 3 + [""] * len(further)
+    return _part("magnetometer", names, units, values[0], values[1], spread, (*said, *more))
 
 
 def _of_root(spread: AnyArray, root: AnyArray, scale: float) -> AnyArray:
     """Covariance of scale W and of the hard iron, from that of A = W W and of the hard iron."""
-    slope = np.eye(9)
+    slope = np.eye(len(spread))
     for k, (i, j) in enumerate(QUADRIC):
         unit = np.zeros((3, 3))
         unit[i, j] = unit[j, i] = 1.0
@@ -155,9 +161,8 @@ def _noise(sensor: str, i: int, a: Any, b: Any, notes: Sequence[str]) -> PartDif
     first, second = (np.array([getattr(one, term)[i] for term in terms]) for one in (a, b))
     squares = []
     for one in (a, b):
-        held = one.covariance
-        axis = None if held is None else {"parameters": held["parameters"], "values": held["values"][i]}
-        squares.append(_ordered(axis, [f"{term}^2" for term in terms]))
+        held = None if one.covariance is None else one.covariance.axis(i)
+        squares.append(None if held is None else held.of([f"{term}^2" for term in terms]))
     spread, said = _sum(squares)
     part = _part("", terms, [""] * len(terms), first**2, second**2, spread, (*notes, *said))
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -169,12 +174,12 @@ def _noise(sensor: str, i: int, a: Any, b: Any, notes: Sequence[str]) -> PartDif
                           part.chi_square, part.degrees_of_freedom, part.probability, part.notes)  # fmt: skip
 
 
-def _temperature(sensor: str, a: dict[str, Any], b: dict[str, Any]) -> PartDifference | None:
-    low, high = max(a["minimum"], b["minimum"]), min(a["maximum"], b["maximum"])
+def _temperature(sensor: str, a: Thermal, b: Thermal) -> PartDifference | None:
+    low, high = max(a.minimum, b.minimum), min(a.maximum, b.maximum)
     if not low < high:
         return None
     t = np.linspace(low, high, 201)
-    curves = [_curve(section, sensor, t) for section in (a, b)]
+    curves = [_curve(thermal, sensor, t) for thermal in (a, b)]
     if any(curve is None for curve in curves):
         return None
     where = np.argmax(np.abs(curves[1] - curves[0]), axis=1)
@@ -184,32 +189,17 @@ def _temperature(sensor: str, a: dict[str, Any], b: dict[str, Any]) -> PartDiffe
     return _part(f"temperature {sensor}", names, [si_unit(sensor)] * 3, first, second, None, (note,))
 
 
-def _curve(section: dict[str, Any], sensor: str, t: AnyArray) -> Any:
+def _curve(thermal: Thermal, sensor: str, t: AnyArray) -> Any:
     """Change of the bias of the three axes since the middle of `t`, (3, n); None where an axis has no model."""
-    rows = []
-    for i, axis in enumerate(_AXES):
-        channel = section.get("channels", {}).get(f"{sensor}_{axis}")
-        if channel is not None:
-            model = model_of(channel)
-            rows.append(np.asarray(model.curve.value(np.clip(t, model.low, model.high))))
-        elif sensor in section:
-            d = np.clip(t, section["minimum"], section["maximum"]) - section["reference"]
-            rows.append(polynomial.polyval(d, np.concatenate([[0.0], section[sensor][i]])))
-        else:
-            return None
-    found = np.stack(rows)
+    models = thermal.of(sensor)
+    if len(models) < len(_AXES):
+        return None
+    found = np.stack([np.asarray(model.curve.value(np.clip(t, model.low, model.high))) for model in models.values()])
     return found - found[:, [len(t) // 2]]
 
 
-def _ordered(covariance: dict[str, Any] | None, names: Sequence[str]) -> AnyArray | None:
-    """The covariance of the named parameters in their order; None where some are not in it."""
-    if covariance is None or not np.isfinite(covariance["values"]).all():
-        return None
-    held = list(covariance["parameters"])
-    if any(name not in held for name in names):
-        return None
-    where = [held.index(name) for name in names]
-    return covariance["values"][np.ix_(where, where)]
+def _ordered(part: Part[Any], names: Sequence[str]) -> AnyArray | None:
+    return None if part.covariance is None else part.covariance.of(names)
 
 
 def _sum(spreads: Sequence[AnyArray | None]) -> tuple[AnyArray | None, list[str]]:

@@ -5,17 +5,30 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Float
 
 from .._errors import DataError
-from .._types import AnyArray
 from .._units import si_unit
 from ..noise import NoiseFit
-from ._form import Nullable, checked, wrong
+from ._codec import LARGEST, checked_unit, structured, wrong
+from ._parts import Covariance
 
 TERMS = ("Q", "N", "B", "K", "R")
 AXES = ("x", "y", "z")
 SENSORS = ("gyro", "accel", "mag")
-_FASTEST, _LARGEST = 1e12, 1e15  # Hz, any unit
+_FASTEST = 1e12  # Hz
+Axes = Float[np.ndarray, "3"]
+
+
+class NoiseCovariance(eqx.Module):
+    """Covariance of squared coefficients, for each axis."""
+
+    parameters: tuple[str, ...]
+    values: Float[np.ndarray, "3 _ _"]
+
+    def axis(self, i: int) -> Covariance:
+        """That of one axis."""
+        return Covariance(self.parameters, self.values[i])
 
 
 class SensorNoise(eqx.Module):
@@ -29,23 +42,23 @@ class SensorNoise(eqx.Module):
         are None where the coefficients do not come from a fit.
     low, high, upper_limit : term -> (3,).
     verdict : term -> ("present", "hint" or "not detected", None for an axis that was not measured) for the three axes.
-    covariance : {"parameters": ("N^2", ...), "values": (3, terms, terms)} of the squared coefficients.
+    covariance : `parameters` ("N^2", ...) and `values` (3, terms, terms) of the squared coefficients.
     markov, sinusoid : for each axis ((qc, Tc), ...) and ((A, f0), ...).
     """
 
     unit: str
-    Q: AnyArray | None
-    N: AnyArray | None
-    B: AnyArray | None
-    K: AnyArray | None
-    R: AnyArray | None
+    Q: Axes | None
+    N: Axes | None
+    B: Axes | None
+    K: Axes | None
+    R: Axes | None
     method: str | None = None
     confidence: float | None = None
-    low: dict[str, AnyArray] | None = None
-    high: dict[str, AnyArray] | None = None
-    upper_limit: dict[str, AnyArray] | None = None
+    low: dict[str, Axes] | None = None
+    high: dict[str, Axes] | None = None
+    upper_limit: dict[str, Axes] | None = None
     verdict: dict[str, tuple[str | None, ...]] | None = None
-    covariance: dict[str, Any] | None = None
+    covariance: NoiseCovariance | None = None
     markov: tuple[tuple[tuple[float, ...], ...], ...] | None = None
     sinusoid: tuple[tuple[tuple[float, ...], ...], ...] | None = None
 
@@ -59,24 +72,7 @@ class DeviceNoise(eqx.Module):
     mag: SensorNoise | None = None
 
 
-def _form(sensor: str) -> dict[str, Any]:
-    numbers = {f"{term}?": (3,) for term in TERMS}
-    return {
-        "unit": si_unit(sensor),
-        **{term: Nullable((3,)) for term in TERMS},
-        "method?": str,
-        "confidence?": float,
-        "low?": numbers,
-        "high?": numbers,
-        "upper_limit?": numbers,
-        "verdict?": {f"{term}?": [Nullable(str)] for term in TERMS},
-        "covariance?": {"parameters": [str], "values": (3, None, None)},
-        "markov?": [[[float]]],
-        "sinusoid?": [[[float]]],
-    }
-
-
-def device_noise(noise: Any) -> DeviceNoise:
+def device_noise(noise: Any) -> DeviceNoise | None:
     """The noise of a device, from the fits of its channels or from the stored form.
 
     Raises
@@ -84,18 +80,23 @@ def device_noise(noise: Any) -> DeviceNoise:
     DataError
         If a channel is unknown, if the fits do not belong together, or if the stored form is not complete.
     """
+    if noise is None or isinstance(noise, DeviceNoise):
+        return noise
     if isinstance(noise, dict) and noise and all(isinstance(fit, NoiseFit) for fit in noise.values()):
         noise = _stored_form(noise)
-    found = checked(noise, {"rate": float, **{f"{sensor}?": _form(sensor) for sensor in SENSORS}}, "noise")
-    if not 0 < found["rate"] < _FASTEST:
-        raise wrong(found["rate"], "the sampling rate in Hz", "noise.rate")
+    found = structured(noise, DeviceNoise, "noise")
+    if not 0 < found.rate < _FASTEST:
+        raise wrong(found.rate, "the sampling rate in Hz", "noise.rate")
     for sensor in SENSORS:
-        for term in TERMS if sensor in found else ():
-            values = found[sensor][term]
-            if values is not None and np.any((values < 0) | (values > _LARGEST)):
-                raise wrong(values.tolist(), f"coefficients from 0 to {_LARGEST:g}, or None", f"noise.{sensor}.{term}")
-    sensors = {sensor: SensorNoise(**found[sensor]) for sensor in SENSORS if sensor in found}
-    return DeviceNoise(rate=found["rate"], **sensors)
+        held = getattr(found, sensor)
+        if held is None:
+            continue
+        checked_unit(noise[sensor], si_unit(sensor), f"noise.{sensor}")
+        for term in TERMS:
+            values = getattr(held, term)
+            if values is not None and np.any((values < 0) | (values > LARGEST)):
+                raise wrong(values.tolist(), f"coefficients from 0 to {LARGEST:g}, or None", f"noise.{sensor}.{term}")
+    return found
 
 
 def _stored_form(fits: dict[str, NoiseFit]) -> dict[str, Any]:

@@ -1,20 +1,17 @@
-"""The schema of the file: its version, and the way from older minor versions to this one.
+"""The file: its schema, and what is no file of this kind.
 
-The major version changes where an old reader would misread the file; it refuses. The minor version changes where keys were added or
-renamed: an old reader ignores what it does not know, and a new one brings an old file up to date by the steps in `_STEPS`.
+The major version changes where an old reader would misread the file; it refuses. The minor version changes where keys were added: an old
+reader ignores what it does not know.
 """
 
 import json
 import pathlib
 import re
-from collections.abc import Callable
 from typing import Any
 
 from .._errors import DataError
 
 _MAJOR = 1
-#: minor version -> function that makes a document of the next one out of it
-_STEPS: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {}
 SCHEMA = f"jaxcal.calibration/{_MAJOR}"
 _LARGEST_FILE = 64 * 2**20  # bytes; a calibration has some thousands
 
@@ -49,7 +46,7 @@ def _no_constant(word: str) -> None:
 
 
 def current(document: Any) -> dict[str, Any]:
-    """A document as this version writes it, from one of any minor version.
+    """The document, if its schema is one that this version reads.
 
     Raises
     ------
@@ -62,8 +59,4 @@ def current(document: Any) -> dict[str, Any]:
         raise DataError(f"schema is {schema!r:.80}; expected {SCHEMA!r}, as Calibration.save writes it")
     if int(found[1]) != _MAJOR:
         raise DataError(f"schema is {schema!r}, but this version of jaxcal reads {SCHEMA!r}; install the version that wrote the file")
-    minor = int(found[2] or 0)
-    while minor in _STEPS:  # a newer minor version has no steps, and what it added is ignored
-        document = _STEPS[minor](document)
-        minor += 1
     return document

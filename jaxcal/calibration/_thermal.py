@@ -1,194 +1,256 @@
-"""The temperature section: thermal models of single channels, or polynomials of whole sensors, as they are stored."""
+"""Thermal models of a device: one for every channel, and how they are stored."""
 
 from typing import Any
 
+import equinox as eqx
 import numpy as np
 from numpy.polynomial import polynomial
 
 from .._errors import DataError
 from .._types import AnyArray
 from .._units import si_unit
-from ..temperature import Chebyshev, Piecewise, Steps, TemperatureFit, ThermalModel
-from ._form import wrong
+from ..temperature import AbstractCurve, Chebyshev, Piecewise, Steps, TemperatureFit, ThermalModel
+from ._codec import check_finite, checked_unit, document_of, numbers, required, structured, wrong
 
 AXES = ("x", "y", "z")
-_SENSORS = ("gyro", "accel", "mag")
-_CHANNELS = tuple(f"{sensor}_{axis}" for sensor in _SENSORS for axis in AXES)
-_NUMBERS = ("coefficients", "height", "centre", "width", "nodes")
-_CHANNEL: dict[str, Any] = {
-    "curve": str, "minimum": float, "maximum": float, "lag": float, "play": float,
-    **{f"{name}?": (None,) for name in _NUMBERS}, "pieces?": (None, None),
-}  # fmt: skip
-_HOTTEST, _LONGEST, _LARGEST = 1e4, 1e6, 1e15  # degC, s, any unit: beyond them is damage
+SENSORS = ("gyro", "accel", "mag")
+CHANNELS = tuple(f"{sensor}_{axis}" for sensor in SENSORS for axis in AXES)
+_HOTTEST, _LONGEST = 1e4, 1e6  # degC, s: beyond them is damage
 _MOST_POWERS, _MOST_NODES = 64, 4096
-FORM: dict[str, Any] = {
-    "unit": si_unit("temperature"),
-    "reference": float,
-    "minimum": float,
-    "maximum": float,
-    "accel?": (3, None),
-    "gyro?": (3, None),
-    "channels?": {f"{name}?": _CHANNEL for name in _CHANNELS},
-}
 
 
-def stored(section: Any) -> Any:
-    """The stored form of fits (channel -> `TemperatureFit`); anything else as it is.
+class Powers(AbstractCurve):
+    r"""Change of a bias since a reference temperature, as a polynomial.
 
-    The reference temperature is the middle of the range that all channels share.
+    .. math:: b(T) = \sum_{i \ge 1} c_i (T - T_r)^i
+
+    Attributes
+    ----------
+    reference : T_r, degC.
+    coefficients : (degree,) c, in the unit of the bias per degC, degC^2, ...
+    """
+
+    reference: Any
+    coefficients: Any
+
+    def value(self, t: Any) -> AnyArray:
+        """The polynomial at the temperatures `t`, degC."""
+        return polynomial.polyval(np.asarray(t) - self.reference, np.concatenate([[0.0], self.coefficients]))
+
+
+class Thermal(eqx.Module):
+    """Thermal models of the channels of a device.
+
+    Attributes
+    ----------
+    reference : temperature to which corrected readings belong, degC.
+    minimum, maximum : range that the channels share, degC.
+    channels : "gyro_x" .. "mag_z" -> `ThermalModel`.
+    """
+
+    reference: float
+    minimum: float
+    maximum: float
+    channels: dict[str, ThermalModel]
+
+    def of(self, sensor: str) -> dict[str, ThermalModel]:
+        """Axis -> model, of one sensor."""
+        return {axis: self.channels[f"{sensor}_{axis}"] for axis in AXES if f"{sensor}_{axis}" in self.channels}
+
+    def constant(self, name: str) -> float:
+        """Bias of a channel at the reference temperature."""
+        model = self.channels[name]
+        if isinstance(model.curve, Powers):
+            return 0.0
+        return float(np.asarray(model.curve.value(np.clip(self.reference, model.low, model.high))))
+
+    def powers(self, sensor: str) -> AnyArray | None:
+        """(3, degree) coefficients of a sensor whose axes are all plain polynomials over the range; None of any other."""
+        models = self.of(sensor)
+        plain = [
+            np.asarray(model.curve.coefficients)
+            for model in models.values()
+            if isinstance(model.curve, Powers)
+            and (model.curve.reference, model.low, model.high) == (self.reference, self.minimum, self.maximum)
+            and not (model.lag or model.play)
+        ]
+        same = len(plain) == len(AXES) and len({len(row) for row in plain}) == 1
+        return np.stack(plain) if same else None
+
+    def to_document(self) -> dict[str, Any]:
+        """The stored form, in which plain polynomials of a sensor are the rows of a matrix."""
+        found: dict[str, Any] = {"unit": si_unit("temperature"), **{key: getattr(self, key) for key in ("reference", "minimum", "maximum")}}
+        found |= {sensor: rows for sensor in ("accel", "gyro") if (rows := self.powers(sensor)) is not None}
+        single = {
+            name: _document(model, f"temperature.channels.{name}")
+            for name, model in self.channels.items()
+            if name.partition("_")[0] not in found
+        }
+        return found | ({"channels": single} if single else {})
+
+
+def polynomials(reference: float, minimum: float, maximum: float, **sensors: AnyArray) -> Thermal:
+    """A `Thermal` of sensors that have (3, degree) coefficients of the powers 1, 2, ... of the temperature above the reference."""
+    models = {
+        f"{sensor}_{axis}": ThermalModel(Powers(reference, np.asarray(row)), minimum, maximum)
+        for sensor, rows in sensors.items()
+        for axis, row in zip(AXES, rows, strict=True)
+    }
+    return Thermal(reference, minimum, maximum, models)
+
+
+#: built-in curve, as a file names it -> the keys of its numbers
+_CURVES = {
+    "chebyshev": ("coefficients",), "steps": ("coefficients", "height", "centre", "width"), "piecewise": ("nodes", "pieces"),
+    "powers": ("coefficients",),
+}  # fmt: skip
+_RANGE = ("minimum", "maximum", "lag", "play")
+
+
+def thermal_of(value: Any) -> Thermal | None:
+    """The thermal part of a calibration: fits (channel -> `TemperatureFit`), the stored form, or a `Thermal`.
+
+    The reference temperature of fits is the middle of the range that all channels share.
 
     Raises
     ------
     DataError
-        If a channel is unknown, is a scale factor, or the channels have no temperature in common.
+        If a channel is unknown, is a scale factor, or the channels have no temperature in common; or a key is missing or holds
+        something else than it should.
     """
-    if not (isinstance(section, dict) and section and all(isinstance(fit, TemperatureFit) for fit in section.values())):
-        return section
-    for name, fit in section.items():
-        if name not in _CHANNELS:
-            raise DataError(f"temperature holds a channel {name!r}; expected the channels of a log: {', '.join(_CHANNELS)}")
-        if fit.model.scale:
-            raise DataError(f"temperature.{name} is a scale factor; the calibration holds biases, keep scale factors beside it")
-    low = max(float(fit.model.low) for fit in section.values())
-    high = min(float(fit.model.high) for fit in section.values())
-    if not low < high:
-        raise DataError("the channels were fitted over different temperatures; fit those of one recording together")
-    return {
-        "unit": si_unit("temperature"), "reference": float(np.round((low + high) / 2, 2)), "minimum": low, "maximum": high,
-        "channels": {name: _stored_model(fit.model) for name, fit in section.items()},
-    }  # fmt: skip
+    if value is None:
+        return None
+    if isinstance(value, dict) and value and all(isinstance(fit, TemperatureFit) for fit in value.values()):
+        low = max(float(fit.model.low) for fit in value.values())
+        high = min(float(fit.model.high) for fit in value.values())
+        if not low < high:
+            raise DataError("the channels were fitted over different temperatures; fit those of one recording together")
+        value = Thermal(float(np.round((low + high) / 2, 2)), low, high, {name: fit.model for name, fit in value.items()})
+    found = value if isinstance(value, Thermal) else _from_document(value)
+    _check_range(found, "temperature")
+    for name, model in found.channels.items():
+        if name not in CHANNELS:
+            raise DataError(f"temperature holds a channel {name!r}; expected the channels of a log: {', '.join(CHANNELS)}")
+        if model.scale or type(model) is not ThermalModel:
+            what = "a scale factor" if model.scale else f"a {type(model).__name__}"
+            raise DataError(f"temperature.{name} is {what}; the calibration holds biases as ThermalModel, keep others beside it")
+        _check_model(model, f"temperature.channels.{name}")
+    return found
 
 
-def _stored_model(model: ThermalModel) -> dict[str, Any]:
-    found: dict[str, Any] = {
-        "minimum": float(model.low), "maximum": float(model.high), "lag": float(model.lag), "play": float(model.play)
-    }  # fmt: skip
-    curve = model.curve
-    if isinstance(curve, Piecewise):
-        return {"curve": "piecewise", **found, "nodes": curve.nodes, "pieces": curve.coefficients}
-    if isinstance(curve, Steps):
-        steps = {"height": curve.height, "centre": curve.centre, "width": curve.width}
-        return {"curve": "steps", **found, "coefficients": curve.base.coefficients, **steps}
-    assert isinstance(curve, Chebyshev)
-    return {"curve": "chebyshev", **found, "coefficients": curve.coefficients}
+def _from_document(value: Any) -> Thermal:
+    checked_unit(value, si_unit("temperature"), "temperature")
+    needed = ("reference", "minimum", "maximum")
+    limits = [structured(required(value, key, "temperature", needed), float, f"temperature.{key}") for key in needed]
+    sensors = {}
+    for name in ("accel", "gyro"):
+        if value.get(name) is not None:
+            sensors[name] = numbers(value[name], (3, None), f"temperature.{name}")
+            _check_numbers(sensors[name], f"temperature.{name}", _MOST_POWERS)
+    reference, low, high = limits
+    channels = polynomials(reference, low, high, **sensors).channels
+    stored = value.get("channels") or {}
+    if not isinstance(stored, dict):
+        raise wrong(stored, "a dictionary with gyro_x, ...", "temperature.channels")
+    for name in CHANNELS:
+        if stored.get(name) is not None:
+            channels[name] = _model(stored[name], reference, f"temperature.channels.{name}")
+    return Thermal(reference, low, high, channels)
 
 
-def check(section: dict[str, Any]) -> dict[str, Any]:
-    """A section whose channels are complete.
-
-    Raises
-    ------
-    DataError
-        If a channel lacks what its curve needs, or the range is empty.
-    """
-    for key in ("reference", "minimum", "maximum"):
-        if not abs(section[key]) < _HOTTEST:
-            raise wrong(section[key], "a temperature in degC", f"temperature.{key}")
-    for sensor in _SENSORS[:2]:
-        if sensor in section:
-            _check_numbers(section[sensor], f"temperature.{sensor}", _MOST_POWERS)
-    if not section["minimum"] < section["maximum"]:
-        raise DataError(f"temperature.minimum is {section['minimum']:g} and maximum {section['maximum']:g}; expected the smaller first")
-    needs = {"chebyshev": ("coefficients",), "steps": ("coefficients", "height", "centre", "width"), "piecewise": ("nodes", "pieces")}
-    for name, channel in section.get("channels", {}).items():
-        if channel["curve"] not in needs:
-            raise DataError(f"temperature.channels.{name}.curve is {channel['curve']!r}; expected one of {', '.join(needs)}")
-        for key in needs[channel["curve"]]:
-            if key not in channel:
-                raise DataError(f"temperature.channels.{name}.{key} is missing; curve {channel['curve']!r} needs it")
-        _check_channel(channel, f"temperature.channels.{name}")
-        if channel["curve"] == "piecewise" and len(channel["pieces"]) != len(channel["nodes"]) - 1:
-            raise DataError(f"temperature.channels.{name}.pieces has {len(channel['pieces'])} rows for {len(channel['nodes'])} nodes")
-    return section
+def _model(value: Any, reference: float, path: str) -> ThermalModel:
+    """A channel from its stored form; the curve is a built-in one, or a class of the user's."""
+    if not isinstance(value, dict):
+        raise wrong(value, f"a dictionary with curve, {', '.join(_RANGE)}", path)
+    name = structured(required(value, "curve", path, ("curve", *_RANGE)), str, f"{path}.curve")
+    low, high, lag, play = (structured(required(value, key, path, ("curve", *_RANGE)), float, f"{path}.{key}") for key in _RANGE)
+    if name not in _CURVES:
+        return ThermalModel(structured({**value, "class": name}, AbstractCurve, path), low, high, lag, play)
+    held = {}
+    for key in _CURVES[name]:
+        if value.get(key) is None:
+            raise DataError(f"{path}.{key} is missing; curve {name!r} needs it")
+        held[key] = numbers(value[key], (None, None) if key == "pieces" else (None,), f"{path}.{key}")
+    if name == "piecewise":
+        return ThermalModel(Piecewise(held["nodes"], held["pieces"]), low, high, lag, play)
+    curve: Any = Powers(reference, held["coefficients"]) if name == "powers" else Chebyshev(held.pop("coefficients"), low, high)
+    return ThermalModel(Steps(curve, **held) if name == "steps" else curve, low, high, lag, play)
 
 
-def _check_channel(channel: dict[str, Any], path: str) -> None:
-    for key in ("minimum", "maximum"):
-        if not abs(channel[key]) < _HOTTEST:
-            raise wrong(channel[key], "a temperature in degC", f"{path}.{key}")
-    if not channel["minimum"] < channel["maximum"]:
-        raise DataError(f"{path}.minimum is {channel['minimum']:g} and maximum {channel['maximum']:g}; expected the smaller first")
+def _document(model: ThermalModel, path: str) -> dict[str, Any]:
+    fields = document_of(model.curve, AbstractCurve, path)
+    name = fields.pop("class")
+    if name.lower() in _CURVES:
+        name, fields = name.lower(), fields | fields.get("base", {})
+        fields |= {"pieces": fields["coefficients"]} if name == "piecewise" else {}
+        fields = {key: fields[key] for key in _CURVES[name]}
+    limits = zip(_RANGE, (model.low, model.high, model.lag, model.play), strict=True)
+    return {"curve": name, **{key: float(number) for key, number in limits}, **fields}
+
+
+def _check_model(model: ThermalModel, path: str) -> None:
+    curve: Any = model.curve
+    _check_range(Thermal(0.0, float(model.low), float(model.high), {}), path)
     for key in ("lag", "play"):
-        if not 0 <= channel[key] < _LONGEST:
-            raise wrong(channel[key], "a number from 0", f"{path}.{key}")
-    for key in (*_NUMBERS, "pieces"):
-        if key in channel:
-            _check_numbers(channel[key], f"{path}.{key}", _MOST_POWERS if key == "coefficients" else _MOST_NODES)
-    if channel["curve"] == "steps":
-        if len({len(channel[key]) for key in ("height", "centre", "width")}) > 1:
+        if not 0 <= getattr(model, key) < _LONGEST:
+            raise wrong(getattr(model, key), "a number from 0", f"{path}.{key}")
+    held = _document(model, path)
+    for key in ("coefficients", "nodes", "pieces", "height", "centre", "width"):
+        if isinstance(held.get(key), list):
+            jumps = key in ("height", "centre", "width")
+            _check_numbers(np.array(held[key]), f"{path}.{key}", _MOST_POWERS if key == "coefficients" else _MOST_NODES, 0 if jumps else 1)
+    if isinstance(curve, Steps):
+        if len({len(held[key]) for key in ("height", "centre", "width")}) > 1:
             raise DataError(f"{path}: height, centre and width have different lengths; expected one of each for every jump")
-        if not np.all(channel["width"] > 0):
-            raise wrong(channel["width"].tolist(), "widths above 0 in degC", f"{path}.width")
-    if channel["curve"] == "piecewise" and (len(channel["nodes"]) < 2 or not np.all(np.diff(channel["nodes"]) > 0)):
-        raise wrong(channel["nodes"].tolist(), "two rising temperatures or more", f"{path}.nodes")
+        if not np.all(np.asarray(curve.width) > 0):
+            raise wrong(held["width"], "widths above 0 in degC", f"{path}.width")
+    if isinstance(curve, Piecewise):
+        if len(held["nodes"]) < 2 or not np.all(np.diff(held["nodes"]) > 0):
+            raise wrong(held["nodes"], "two rising temperatures or more", f"{path}.nodes")
+        if len(held["pieces"]) != len(held["nodes"]) - 1:
+            raise DataError(f"{path}.pieces has {len(held['pieces'])} rows for {len(held['nodes'])} nodes")
 
 
-def _check_numbers(values: AnyArray, path: str, most: int) -> None:
-    if not np.all(np.abs(values) < _LARGEST):
-        raise wrong(values.tolist(), f"finite numbers below {_LARGEST:g}", path)
-    jumps = path.endswith((".height", ".centre", ".width"))
-    if not (0 if jumps else 1) <= max(values.shape) <= most or (values.ndim == 2 and not 0 < values.shape[1] <= _MOST_POWERS):
+def _check_range(thermal: Thermal, path: str) -> None:
+    for key in ("reference", "minimum", "maximum"):
+        if not abs(getattr(thermal, key)) < _HOTTEST:
+            raise wrong(getattr(thermal, key), "a temperature in degC", f"{path}.{key}")
+    if not thermal.minimum < thermal.maximum:
+        raise DataError(f"{path}.minimum is {thermal.minimum:g} and maximum {thermal.maximum:g}; expected the smaller first")
+
+
+def _check_numbers(values: AnyArray, path: str, most: int, least: int = 1) -> None:
+    check_finite(values, path)
+    if not least <= max(values.shape) <= most or (values.ndim == 2 and not 0 < values.shape[1] <= _MOST_POWERS):
         raise DataError(f"{path} has {values.shape} numbers; expected at least one and at most {most} in a row")
 
 
-def model_of(channel: dict[str, Any]) -> ThermalModel:
-    """The model of a stored channel."""
-    low, high = channel["minimum"], channel["maximum"]
-    if channel["curve"] == "piecewise":
-        curve: Any = Piecewise(channel["nodes"], channel["pieces"])
-    else:
-        curve = Chebyshev(channel["coefficients"], low, high)
-        if channel["curve"] == "steps":
-            curve = Steps(curve, channel["height"], channel["centre"], channel["width"])
-    return ThermalModel(curve, low, high, channel["lag"], channel["play"])
-
-
-def at_reference(section: dict[str, Any], name: str) -> float:
-    """Bias of a stored channel at the reference temperature."""
-    model = model_of(section["channels"][name])
-    return float(np.asarray(model.curve.value(np.clip(section["reference"], model.low, model.high))))
-
-
-def powers(section: dict[str, Any], sensor: str, degree: int, reference: float) -> tuple[AnyArray, AnyArray, AnyArray] | None:
-    """A sensor's thermal model as polynomials about a temperature, for tools that know nothing else; None where it has none.
+def cubic(thermal: Thermal, sensor: str, degree: int, reference: float) -> tuple[AnyArray, AnyArray, AnyArray] | None:
+    """A sensor's thermal models as polynomials about a temperature, for tools that know nothing else; None where it has none.
 
     Returns
     -------
     (3, degree) coefficients of the powers 1, 2, ... of T - reference; (3,) change of the bias from the stored reference to this one;
     (3,) largest departure from the model over its range.
     """
-    t = np.linspace(section["minimum"], section["maximum"], 501)
-    rows, moved, lost = [], [], []
-    channels = section.get("channels", {})
-    polynomials = section.get(sensor)
-    if polynomials is None and not any(f"{sensor}_{axis}" in channels for axis in AXES):
+    models = thermal.of(sensor)
+    if not models:
         return None
-    half = (section["maximum"] - section["minimum"]) / 2
-    middle = (section["maximum"] + section["minimum"]) / 2
+    t = np.linspace(thermal.minimum, thermal.maximum, 501)
+    found, lost = np.zeros((3, degree + 1)), np.zeros(3)
     for i, axis in enumerate(AXES):
-        if polynomials is not None:
-            exact = np.concatenate([[0.0], polynomials[i]])
-            about = polynomial.Polynomial(exact)(polynomial.Polynomial([reference - section["reference"], 1.0])).coef
-            value = polynomial.polyval(t - section["reference"], exact)
-            if len(exact) <= degree + 1:
-                rows.append(np.pad(about[1 : degree + 1], (0, degree - len(about[1 : degree + 1]))))
-                moved.append(about[0])
-                lost.append(0.0)
-                continue
+        if axis not in models:
+            continue
+        model = models[axis]
+        curve: Any = model.curve
+        if isinstance(curve, Powers) and len(curve.coefficients) <= degree:
+            exact = polynomial.Polynomial(np.concatenate([[0.0], curve.coefficients]))
+            about = exact(polynomial.Polynomial([reference - curve.reference, 1.0])).coef
         else:
-            name = f"{sensor}_{axis}"
-            if name not in channels:
-                rows.append(np.zeros(degree))
-                moved.append(0.0)
-                lost.append(0.0)
-                continue
-            model = model_of(channels[name])
-            value = np.asarray(model.curve.value(np.clip(t, model.low, model.high))) - at_reference(section, name)
-        scaled = np.polynomial.Polynomial.fit(t, value, degree, domain=[middle - half, middle + half])
-        about = scaled.convert()(polynomial.Polynomial([reference, 1.0])).coef
-        about = np.pad(about, (0, degree + 1 - len(about)))
-        rows.append(about[1:])
-        moved.append(about[0])
-        departure = float(np.max(np.abs(scaled(t) - value)))
-        lost.append(departure if departure > 1e-9 * np.max(np.abs(value)) else 0.0)  # less is rounding
-    return np.stack(rows), np.array(moved), np.array(lost)
+            value = np.asarray(model.curve.value(np.clip(t, model.low, model.high))) - thermal.constant(f"{sensor}_{axis}")
+            fitted = polynomial.Polynomial.fit(t, value, degree, domain=[thermal.minimum, thermal.maximum])
+            about = fitted.convert()(polynomial.Polynomial([reference, 1.0])).coef
+            departure = float(np.max(np.abs(fitted(t) - value)))
+            lost[i] = departure if departure > 1e-9 * np.max(np.abs(value)) else 0.0  # less is rounding
+        found[i, : len(about)] = about
+    return found[:, 1:], found[:, 0], lost

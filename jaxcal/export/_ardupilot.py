@@ -1,6 +1,7 @@
 """ArduPilot's parameters for Mission Planner and MAVProxy: https://ardupilot.org/copter/docs/common-imutempcal.html."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -60,17 +61,17 @@ def _rows(calibration: Calibration, i: int, options: Options, warnings: list[str
     thermal = {letter: cubics(calibration, sensor, _REFERENCE, warnings) for letter, sensor in (("ACC", "accel"), ("GYR", "gyro"))}
     holds, moved = _where_it_holds(calibration, thermal)
     if "accel" in parts:
-        scale, bias = diagonal(calibration, warnings), parts["accel"]["bias"] + moved["ACC"]
+        scale, bias = diagonal(calibration, warnings), parts["accel"].bias + moved["ACC"]
         if max(abs(bias)) > 3.5 or min(scale) < 0.8 or max(scale) > 1.2:
             warnings.append("accelerometer: bias above 3.5 m/s^2 or scale factor outside 0.8 to 1.2, which the firmware does not take")
         rows[names["accel_id"]] = _id(calibration, "accel_id")
         rows |= _named(names["accel_offset"], bias) | _named(names["accel_scale"], scale)
     if "gyro" in parts:
-        rows |= _gyro(calibration, names, options, parts["gyro"]["bias"] + moved["GYR"], warnings)
+        rows |= _gyro(calibration, names, options, parts["gyro"].bias + moved["GYR"], warnings)
     if calibration.magnetometer is not None:
         rows |= _compass(calibration, names, i, warnings)
     if section is not None and any(found is not None for found in thermal.values()):
-        low, high = section["minimum"], section["maximum"]
+        low, high = section.minimum, section.maximum
         if high - low < _LEAST_RANGE:
             raise ExportError(
                 f"the thermal model covers {low:.2f} to {high:.2f} degC; ArduPilot needs at least {_LEAST_RANGE:g} degC: calibrate over a "
@@ -98,10 +99,10 @@ def _where_it_holds(calibration: Calibration, thermal) -> tuple[float, dict[str,
     moved: dict[str, AnyArray] = dict.fromkeys(thermal, np.zeros(3))
     if section is None:
         return _REFERENCE, moved
-    holds = min(max(section["reference"], section["minimum"]), section["maximum"])
+    holds = min(max(section.reference, section.minimum), section.maximum)
     for letter, found in thermal.items():
-        if found is not None and holds != section["reference"]:
-            d = np.array([holds, section["reference"]]) - _REFERENCE
+        if found is not None and holds != section.reference:
+            d = np.array([holds, section.reference]) - _REFERENCE
             here, there = (found.powers @ np.array([x, x**2, x**3]) for x in d)
             moved[letter] = here - there
     return holds, moved
@@ -117,7 +118,7 @@ def _gyro(calibration: Calibration, names: dict[str, str], options: Options, bia
 
 
 def _compass(calibration: Calibration, names: dict[str, str], i: int, warnings: list[str]) -> dict[str, float | int]:
-    mag = calibration.magnetometer or {}
+    mag: Any = calibration.magnetometer
     if i > _COMPASSES:
         raise ExportError(f"ArduPilot has calibrations of compasses 1 to {_COMPASSES}; compass {i} is one too many")
     shape = symmetric(calibration, "COMPASS_ORIENT" if i == 1 else f"COMPASS_ORIENT{i}", warnings)
@@ -128,7 +129,7 @@ def _compass(calibration: Calibration, names: dict[str, str], i: int, warnings: 
         warnings.append("compass: the log had motor compensation on; firmware before per-motor compensation adds it inside the matrix")
     rows: dict[str, float | int] = {names["compass_id"]: _id(calibration, "compass_id"), names["compass_scale"]: 1}
     # the firmware adds the offset to the reading
-    rows |= _named(names["compass_offset"], -mag["hard_iron"] / _MILLIGAUSS)
+    rows |= _named(names["compass_offset"], -mag.model.hard_iron / _MILLIGAUSS)
     return rows | _named(names["compass_diagonal"], shape.diagonal()) | _named(names["compass_rest"], rest)
 
 

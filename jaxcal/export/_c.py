@@ -1,10 +1,13 @@
 """A calibration as a C header that needs nothing else: C99, float32, SI, no dynamic memory."""
 
+from typing import Any
+
 import numpy as np
 
 from .._errors import ExportError
 from .._types import AnyArray
 from ..calibration import Calibration
+from ..imu import Triad
 from ..magnetometer import Moments
 from ..magnetometer._admission import APART, CELLS, MOST
 from ._matrices import correction, triads, unknown_field
@@ -132,7 +135,7 @@ def header(calibration: Calibration, options: Options) -> Product:
         head.append(_THERMAL % p)
         section = calibration.temperature
         for name, key in (("REFERENCE", "reference"), ("MIN", "minimum"), ("MAX", "maximum")):
-            ranges.append(f"#define {p}TEMPERATURE_{name}_C {_number(section[key])}")
+            ranges.append(f"#define {p}TEMPERATURE_{name}_C {_number(getattr(section, key))}")
         ranges.append("")
     guard = f"{p}CALIBRATION_H"
     lines = [*head, " */", f"#ifndef {guard}", f"#define {guard}", "", *ranges, *body, ""]
@@ -145,7 +148,7 @@ def header(calibration: Calibration, options: Options) -> Product:
 
 
 def _inertial(
-    calibration: Calibration, sensor: str, part: dict | None, thermal: Cubics | None, prefix: str, warnings: list[str]
+    calibration: Calibration, sensor: str, part: Triad | None, thermal: Cubics | None, prefix: str, warnings: list[str]
 ) -> list[str]:
     if part is None:
         bias = gyro_bias(calibration) if sensor == "gyro" else None
@@ -154,35 +157,39 @@ def _inertial(
         if bias is None:
             bias = np.zeros(3)
             warnings.append(f"{sensor}: no bias is known to go with the thermal model; zero is written")
-        part = {"matrix": np.eye(3), "bias": bias, "g_sensitivity": np.zeros((3, 3))}
+        part = Triad(np.eye(3), bias)
     start = f"static const float {prefix}{sensor.upper()}"
-    lines = [f"{start}_MATRIX[3][3] = {_table(correction(part['matrix']))};", f"{start}_BIAS[3] = {_row(part['bias'])};"]
+    lines = [f"{start}_MATRIX[3][3] = {_table(correction(part.matrix))};", f"{start}_BIAS[3] = {_row(part.bias)};"]
     if thermal is not None:
         remark = " /* [axis][power-1] */" if sensor == "accel" else ""
         lines.append(f"{start}_BIAS_TEMPERATURE[3][3] = {_table(thermal.powers)};{remark}")
     if sensor == "gyro":
-        lines.append(f"{start}_G_SENSITIVITY[3][3] = {_table(part['g_sensitivity'])};")
+        lines.append(f"{start}_G_SENSITIVITY[3][3] = {_table(part.g_sensitivity)};")
     return lines
 
 
 def _magnetic(calibration: Calibration, options: Options, warnings: list[str]) -> list[str]:
-    section = calibration.magnetometer or {}
+    section: Any = calibration.magnetometer
+    model = section.model
     start = f"static const float {options.prefix}MAG"
-    lines = [f"{start}_MATRIX[3][3] = {_table(correction(section['soft_iron']))};", f"{start}_BIAS[3] = {_row(section['hard_iron'])};"]
+    lines = [
+        f"{start}_MATRIX[3][3] = {_table(correction(model.soft_iron))};",
+        f"{start}_BIAS[3] = {_row(model.hard_iron)};",
+    ]
     unknown_field(calibration, warnings)
     if options.accumulator:
-        if section["field"] is None:
+        if section.field is None:
             raise ExportError("accumulator=True needs the field's strength as a scale; the calibration has none")
-        lines.append(f"{start}_FIELD = {_number(section['field'])}; /* norm of the corrected field, T */")
+        lines.append(f"{start}_FIELD = {_number(section.field)}; /* norm of the corrected field, T */")
     return lines
 
 
 def _spread(calibration: Calibration) -> tuple[str, ...]:
-    covariance = (calibration.magnetometer or {}).get("covariance")
-    if covariance is None or "b_x" not in covariance["parameters"]:
+    covariance = None if calibration.magnetometer is None else calibration.magnetometer.covariance
+    known = None if covariance is None else covariance.of(("b_x", "b_y", "b_z"))
+    if known is None:
         return ()
-    first = covariance["parameters"].index("b_x")
-    spread = np.sqrt(np.diag(covariance["values"])[first : first + 3])
+    spread = np.sqrt(np.diag(known))
     return (f"standard deviation of the magnetometer's bias: {', '.join(f'{s:.2g}' for s in spread)} T",)
 
 

@@ -8,7 +8,6 @@ from .._types import AnyArray
 from ..calibration import Calibration
 from ._isotropic import isotropic, noise_of, per_axis, rate_of
 from ._kalibr import topic_of
-from ._matrices import triads
 from ._options import UNITS, Options, Product
 from ._text import listed, number
 
@@ -108,12 +107,11 @@ def gtsam(calibration: Calibration, options: Options) -> Product:
 def _bias_covariance(calibration: Calibration) -> AnyArray | None:
     """(6, 6), accelerometer first; None where one of the two is not known."""
     found = np.zeros((6, 6))
-    parts = triads(calibration)
+    parts = {} if calibration.imu is None else calibration.imu.parts
     for first, sensor in ((0, "accel"), (3, "gyro")):
-        held = parts.get(sensor, {}).get("covariance")
-        names = [f"bias[{i}]" for i in range(3)]
-        if held is None or not all(name in held["parameters"] for name in names):
+        held = parts[sensor].covariance if sensor in parts else None
+        known = None if held is None else held.of([f"bias[{i}]" for i in range(3)])
+        if known is None:
             return None
-        where = [held["parameters"].index(name) for name in names]
-        found[first : first + 3, first : first + 3] = held["values"][np.ix_(where, where)]
+        found[first : first + 3, first : first + 3] = known
     return found

@@ -5,6 +5,7 @@ import numpy as np
 from .._errors import ExportError
 from .._types import AnyArray
 from ..calibration import Calibration
+from ..imu import Triad
 from ._matrices import correction, dropped_g_sensitivity, triads
 from ._options import Options, Product
 from ._text import plain
@@ -24,13 +25,13 @@ def imu_tk(calibration: Calibration, options: Options) -> Product:
     return Product({SUFFIXES[name]: _text(part) for name, part in parts.items()}, tuple(warnings))
 
 
-def _text(part: dict) -> str:
-    correction(part["matrix"])  # refuses what has no inverse; its rounding would be seen in the twelfth digit of T
-    full = np.linalg.inv(part["matrix"])
+def _text(part: Triad) -> str:
+    correction(part.matrix)  # refuses what has no inverse; its rounding would be seen in the twelfth digit of T
+    full = np.linalg.inv(part.matrix)
     scale = np.diag(full)
     if not np.all(scale):
         raise ExportError("an axis has no scale factor of its own, so that imu_tk's T and K cannot be told apart; look at the mounting")
-    return "".join(_block(rows) for rows in (np.round(full / scale, _DECIMALS), np.diag(scale), part["bias"][:, None]))
+    return "".join(_block(rows) for rows in (np.round(full / scale, _DECIMALS), np.diag(scale), part.bias[:, None]))
 
 
 def _block(rows: AnyArray) -> str:

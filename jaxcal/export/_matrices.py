@@ -1,5 +1,7 @@
 """Matrices as other tools hold them: full, triangular, symmetric, diagonal, or not at all; with what is lost."""
 
+from typing import Any
+
 import numpy as np
 from scipy.linalg import polar
 
@@ -7,6 +9,7 @@ from .._errors import ExportError
 from .._types import AnyArray
 from .._units import STANDARD_GRAVITY
 from ..calibration import Calibration
+from ..imu import Triad
 
 _DECIMALS = 14  # below the largest entry; what is smaller is rounding of the inverse
 
@@ -61,14 +64,14 @@ def angle(turn: AnyArray) -> float:
     return float(np.degrees(np.arctan2(np.linalg.norm(axis), np.trace(turn) - 1)))
 
 
-def triads(calibration: Calibration) -> dict[str, dict]:
-    """Sensor -> its part of the imu section."""
-    return {name: part for name, part in (calibration.imu or {}).items() if isinstance(part, dict)}
+def triads(calibration: Calibration) -> dict[str, Triad]:
+    """Sensor -> its model."""
+    return {} if calibration.imu is None else {name: part.model for name, part in calibration.imu.parts.items()}
 
 
 def diagonal(calibration: Calibration, warnings: list[str]) -> AnyArray:
     """Scale factors of the accelerometer's correction, (3,)."""
-    full = correction(triads(calibration)["accel"]["matrix"])
+    full = correction(triads(calibration)["accel"].matrix)
     scale = np.diag(full)
     lost = np.linalg.norm(full - np.diag(scale), 2)
     if lost > 0:
@@ -80,8 +83,8 @@ def diagonal(calibration: Calibration, warnings: list[str]) -> AnyArray:
 
 def symmetric(calibration: Calibration, mounting: str, warnings: list[str]) -> AnyArray:
     """Correction of the magnetometer as a symmetric matrix, (3, 3): A = U P gives P, and U is lost."""
-    mag = calibration.magnetometer or {}
-    full = correction(mag["soft_iron"])
+    mag: Any = calibration.magnetometer
+    full = correction(mag.model.soft_iron)
     if np.linalg.det(full) < 0:
         raise ExportError("the soft iron mirrors the axes, which a symmetric matrix cannot hold; exchange or negate an axis of the log")
     turn, shape = polar(full)
@@ -94,10 +97,10 @@ def symmetric(calibration: Calibration, mounting: str, warnings: list[str]) -> A
 
 def unknown_field(calibration: Calibration, warnings: list[str]) -> None:
     """Say that the scale of the magnetometer is arbitrary, where it is."""
-    mag = calibration.magnetometer or {}
+    mag: Any = calibration.magnetometer
     asked = (calibration.provenance or {}).get("options")
     guessed = isinstance(asked, dict) and "field" in asked and asked["field"] is None and asked.get("place") is None
-    if mag["field"] is None or not np.isfinite(mag["field"]) or guessed:
+    if mag.field is None or not np.isfinite(mag.field) or guessed:
         warnings.append("magnetometer: the field's strength was not known, so that the overall scale is arbitrary")
 
 
@@ -106,7 +109,7 @@ def dropped_of_gyro(calibration: Calibration) -> list[str]:
     gyro = triads(calibration).get("gyro")
     if gyro is None:
         return []
-    lost = np.linalg.norm(correction(gyro["matrix"]) - np.eye(3), 2)
+    lost = np.linalg.norm(correction(gyro.matrix) - np.eye(3), 2)
     said = [f"gyroscope: scale factors and misalignment not written, for there is no place for them: {lost:.4g}"] if lost > 0 else []
     return said + dropped_g_sensitivity(calibration)
 
@@ -114,9 +117,9 @@ def dropped_of_gyro(calibration: Calibration) -> list[str]:
 def dropped_g_sensitivity(calibration: Calibration) -> list[str]:
     """The gyroscope's g-sensitivity, where a format has no place for it."""
     gyro = triads(calibration).get("gyro")
-    if gyro is None or not np.any(gyro["g_sensitivity"]):
+    if gyro is None or not np.any(gyro.g_sensitivity):
         return []
-    size = np.linalg.norm(gyro["g_sensitivity"], 2)
+    size = np.linalg.norm(gyro.g_sensitivity, 2)
     return [
         f"gyroscope: g-sensitivity not written, for there is no place for it: {size:.4g} rad/s per m/s^2 "
         f"({size * STANDARD_GRAVITY:.4g} rad/s at 1 g)"

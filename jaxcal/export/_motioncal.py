@@ -25,13 +25,13 @@ def motioncal(calibration: Calibration, options: Options) -> Product:
     shape = symmetric(calibration, "the mounting of the sensor", warnings)
     determinant = float(np.linalg.det(shape))
     scale = 1.0 if abs(determinant - 1) < _UNIT else np.cbrt(determinant)
-    shape, field = shape / scale, np.nan if mag["field"] is None else mag["field"] / scale
+    shape, field = shape / scale, np.nan if mag.field is None else mag.field / scale
     if not np.isfinite(field):
         field = 50 * MICROTESLA
         warnings.append("magnetometer: 50 uT are written for the field's strength, which is not known")
     if calibration.imu is not None:
         warnings.append("the packet's offsets of accelerometer and gyroscope are zero; MotionCal does not know their units")
-    values = [0.0] * 6 + [*mag["hard_iron"] / MICROTESLA, field / MICROTESLA, *shape.diagonal(), shape[0, 1], shape[0, 2], shape[1, 2]]
+    values = [0.0] * 6 + [*mag.model.hard_iron / MICROTESLA, field / MICROTESLA, *shape.diagonal(), shape[0, 1], shape[0, 2], shape[1, 2]]
     for value in values:
         plain(float(value))  # float32 holds it
     body = SIGNATURE + struct.pack("<16f", *values)

@@ -22,8 +22,8 @@ def openvins(calibration: Calibration, options: Options) -> Product:
     gyro, accel = isotropic(noise, "gyro", options), isotropic(noise, "accel", options)
     rate, warnings = rate_of(noise, calibration, options, "OpenVINS makes the noise discrete with it")
     parts = triads(calibration)
-    matrices = {sensor: parts[sensor]["matrix"] if sensor in parts else np.eye(3) for sensor in ("accel", "gyro")}
-    sensitivity = parts["gyro"]["g_sensitivity"] if "gyro" in parts else np.zeros((3, 3))
+    matrices = {sensor: parts[sensor].matrix if sensor in parts else np.eye(3) for sensor in ("accel", "gyro")}
+    sensitivity = parts["gyro"].g_sensitivity if "gyro" in parts else np.zeros((3, 3))
     make = _kalibr if options.model == "kalibr" else _rpng
     found, turned, name = make(matrices["accel"], matrices["gyro"], sensitivity)
     lines = [
@@ -53,7 +53,7 @@ def openvins(calibration: Calibration, options: Options) -> Product:
             f"the IMU frame of this file is turned by {angle(turned):.4f} degrees from that of the calibration: x_file = {name} x with "
             f"{name} = {rows}; the extrinsics of cameras must be turned with it"
         )
-    if any(np.any(part["bias"]) for part in parts.values()):
+    if any(np.any(part.bias) for part in parts.values()):
         said.append("biases are not written: OpenVINS estimates them while it runs")
     facts = (
         "units: noise density m/s^2/sqrt(Hz), rad/s/sqrt(Hz); random walk m/s^3/sqrt(Hz), rad/s^2/sqrt(Hz); Tg (rad/s)/(m/s^2)",

@@ -32,7 +32,7 @@ def _rows(calibration: Calibration, i: int, warnings: list[str]) -> dict[str, fl
     rows: dict[str, float | int] = {}
     parts = triads(calibration)
     if "accel" in parts:
-        scale, bias = diagonal(calibration, warnings), parts["accel"]["bias"]
+        scale, bias = diagonal(calibration, warnings), parts["accel"].bias
         if min(scale) < 0.1 or max(scale) > 3:
             warnings.append("accelerometer: scale factor outside 0.1 to 3, which the firmware does not take; were the readings in m/s^2?")
         rows[f"CAL_ACC{i}_ID"] = device_id(calibration, "px4", "accel_id")
@@ -45,7 +45,7 @@ def _rows(calibration: Calibration, i: int, warnings: list[str]) -> dict[str, fl
     if calibration.magnetometer is not None:
         shape = symmetric(calibration, f"CAL_MAG{i}_ROT", warnings)
         rows[f"CAL_MAG{i}_ID"] = device_id(calibration, "px4", "mag_id")
-        rows |= _named(f"CAL_MAG{i}_{{}}OFF", calibration.magnetometer["hard_iron"] / _GAUSS)
+        rows |= _named(f"CAL_MAG{i}_{{}}OFF", calibration.magnetometer.model.hard_iron / _GAUSS)
         rows |= _named(f"CAL_MAG{i}_{{}}SCALE", shape.diagonal()) | _named(f"CAL_MAG{i}_{{}}ODIAG", (shape[0, 1], shape[0, 2], shape[1, 2]))
     for sensor, letter in (("accel", "A"), ("gyro", "G")):
         found = cubics(calibration, sensor, None, warnings)

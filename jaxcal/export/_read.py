@@ -64,7 +64,7 @@ def read(
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     path = pathlib.Path(folder, "a.csv")
     ...     warnings = jaxcal.export.write(jaxcal.Calibration(magnetometer=mag), path, format="csv")
-    ...     print(jaxcal.export.read(path, format="csv").magnetometer["hard_iron"])
+    ...     print(jaxcal.export.read(path, format="csv").magnetometer.model.hard_iron)
     [1.e-05 0.e+00 0.e+00]
     """
     if format not in READABLE:

@@ -24,16 +24,16 @@ def _ros2(calibration: Calibration, options: Options) -> tuple[list[str], list[s
     parts, warnings, lines = triads(calibration), [], []
     remark = "   # row-major; x = accel_matrix (y - accel_bias)"
     if "accel" in parts:
-        lines += [f"accel_matrix: {_flat(correction(parts['accel']['matrix']))}{remark}"]
-        lines += [f"accel_bias: {listed(parts['accel']['bias'])}   # m/s^2"]
+        lines += [f"accel_matrix: {_flat(correction(parts['accel'].matrix))}{remark}"]
+        lines += [f"accel_bias: {listed(parts['accel'].bias)}   # m/s^2"]
     if "gyro" in parts:
         gyro = parts["gyro"]
-        lines += [f"gyro_matrix: {_flat(correction(gyro['matrix']))}", f"gyro_bias: {listed(gyro['bias'])}   # rad/s"]
-        lines += [f"gyro_g_sensitivity: {_flat(gyro['g_sensitivity'])}   # (rad/s)/(m/s^2)"]
+        lines += [f"gyro_matrix: {_flat(correction(gyro.matrix))}", f"gyro_bias: {listed(gyro.bias)}   # rad/s"]
+        lines += [f"gyro_g_sensitivity: {_flat(gyro.g_sensitivity)}   # (rad/s)/(m/s^2)"]
     if calibration.magnetometer is not None:
         unknown_field(calibration, warnings)
         mag = calibration.magnetometer
-        lines += [f"mag_matrix: {_flat(correction(mag['soft_iron']))}", f"mag_bias: {listed(mag['hard_iron'])}   # T"]
+        lines += [f"mag_matrix: {_flat(correction(mag.model.soft_iron))}", f"mag_bias: {listed(mag.model.hard_iron)}   # T"]
     lines += _covariances(calibration, options, warnings)
     if not lines:
         raise ExportError("the calibration holds no imu, magnetometer or noise, of which parameters could be made")
@@ -67,16 +67,16 @@ def _imu_calib(calibration: Calibration, options: Options) -> tuple[list[str], l
     parts = triads(calibration)
     if "accel" not in parts:
         raise ExportError("the calibration holds no accelerometer, for which alone imu_calib has a place")
-    matrix = correction(parts["accel"]["matrix"])
+    matrix = correction(parts["accel"].matrix)
     warnings = _left_out(calibration, "imu_calib", ("gyro", "magnetometer", "noise"))
-    return [f"SM: {_flat(matrix)}", f"bias: {listed(matrix @ parts['accel']['bias'])}"], warnings
+    return [f"SM: {_flat(matrix)}", f"bias: {listed(matrix @ parts['accel'].bias)}"], warnings
 
 
 def _dlio(calibration: Calibration, options: Options) -> tuple[list[str], list[str]]:
     parts = triads(calibration)
     if "accel" not in parts:
         raise ExportError("the calibration holds no accelerometer; DLIO reads its intrinsics together with the gyroscope's")
-    matrix = correction(parts["accel"]["matrix"])
+    matrix = correction(parts["accel"].matrix)
     bias, warnings = gyro_bias(calibration), dropped_of_gyro(calibration)
     if bias is None:
         bias = np.zeros(3)
@@ -87,7 +87,7 @@ def _dlio(calibration: Calibration, options: Options) -> tuple[list[str], list[s
         "    calibration: false   # true ignores the values below",
         "    intrinsics:",
         "      accel:",
-        f"        bias: {listed(matrix @ parts['accel']['bias'])}   # m/s^2, subtracted after sm",
+        f"        bias: {listed(matrix @ parts['accel'].bias)}   # m/s^2, subtracted after sm",
         f"        sm: {_flat(matrix)}   # row-major",
         "      gyro:",
         f"        bias: {listed(bias)}   # rad/s",
@@ -99,9 +99,9 @@ def _madgwick(calibration: Calibration, options: Options) -> tuple[list[str], li
     mag = calibration.magnetometer
     if mag is None:
         raise ExportError("the calibration holds no magnetometer, for which alone imu_filter_madgwick has a place")
-    lost = np.linalg.norm(correction(mag["soft_iron"]) - np.eye(3), 2)
+    lost = np.linalg.norm(correction(mag.model.soft_iron) - np.eye(3), 2)
     warnings = [f"magnetometer: soft iron not written, for there is no place for it: {lost:.4g}"] if lost > 0 else []
-    lines = [f"mag_bias_{axis}: {number(float(value))}   # T" for axis, value in zip("xyz", mag["hard_iron"], strict=True)]
+    lines = [f"mag_bias_{axis}: {number(float(value))}   # T" for axis, value in zip("xyz", mag.model.hard_iron, strict=True)]
     return lines, warnings + _left_out(calibration, "imu_filter_madgwick", ("accel", "gyro", "noise"))
 
 

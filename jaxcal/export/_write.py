@@ -131,9 +131,9 @@ def _doubts(calibration: Calibration, kind: Format, force: bool) -> list[str]:
         section = getattr(calibration, name)
         if name not in kind.sections or section is None:
             continue
-        verdict = section.get("verdict")
+        verdict = section.verdict
         if verdict in ("weak", "refused"):
-            reason = f" ({section['verdict_reason']})" if section.get("verdict_reason") else ""
+            reason = f" ({section.verdict_reason})" if section.verdict_reason else ""
             sentence = f"the verdict on the {name} calibration is {verdict!r}{reason}"
             if not force:
                 raise ExportError(f"{sentence}; force=True (--force) writes it all the same")
@@ -150,12 +150,21 @@ def _doubts(calibration: Calibration, kind: Format, force: bool) -> list[str]:
 
 def _left_out(calibration: Calibration, kind: Format, format: str) -> list[str]:
     """Sections for which the format has no place at all."""
-    left = [name for name in ("noise", "imu", "magnetometer", "temperature") if getattr(calibration, name) is not None]
-    left = [name for name in left if name not in kind.sections]
-    if not left:
-        return []
-    mend = "" if left == ["noise"] else ": correct the data with this calibration before the tool gets them (jaxcal apply)"
-    return [f"not written, for {format} has no place for it: {', '.join(left)}{mend}"]
+    held = [name for name in ("noise", "imu", "magnetometer", "temperature") if getattr(calibration, name) is not None]
+    left = [name for name in held if name not in kind.sections]
+    said = []
+    if left:
+        mend = "" if left == ["noise"] else ": correct the data with this calibration before the tool gets them (jaxcal apply)"
+        said.append(f"not written, for {format} has no place for it: {', '.join(left)}{mend}")
+    parts = {} if calibration.imu is None or "imu" in left else calibration.imu.parts
+    if calibration.magnetometer is not None and "magnetometer" not in left:
+        parts = {**parts, "magnetometer": calibration.magnetometer}
+    for sensor, part in parts.items():
+        if type(part.model) is not part.base:
+            fields = dict.fromkeys(name.partition("[")[0] for name in part.further)
+            what = ", ".join(fields) or "the formula"
+            said.append(f"not written, for {format} has no place for it: {what} of the {sensor} ({type(part.model).__name__})")
+    return said
 
 
 def _origin(devices: Sequence[Calibration], format: str) -> list[str]:

@@ -1,6 +1,6 @@
 """Thermal models of sensor biases: polynomials, tables, splines, jumps, hysteresis."""
 
-from ._curves import Chebyshev as Chebyshev, Piecewise as Piecewise, Steps as Steps
+from ._curves import AbstractCurve as AbstractCurve, Chebyshev as Chebyshev, Piecewise as Piecewise, Steps as Steps
 from ._fit import fit as fit
 from ._log import characterise as characterise, thermometer as thermometer
 from ._model import ClampWarning as ClampWarning, ThermalModel as ThermalModel

@@ -47,7 +47,7 @@ def call(monkeypatch, capsys, tmp_path):
 @pytest.fixture(scope="session")
 def shell(tmp_path_factory):
     """Call the command line in a process of its own, as a shell does; all of them share one compilation cache."""
-    environment = {name: value for name, value in os.environ.items() if not name.startswith(("JAX", "XLA"))}
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("JAX")}
     environment |= {"XDG_CACHE_HOME": str(tmp_path_factory.mktemp("cache")), "COLUMNS": "80"}
 
     def run(*argv, cwd):

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from jaxcal import Calibration
+from jaxcal.calibration import Imu
 from jaxcal.cli._export import FILES
 from jaxcal.export import read
 from jaxcal.export._formats import FORMATS
@@ -101,7 +102,7 @@ def test_options_reach_the_writer(call, folder, device):
 
 def test_several_devices_and_ids(call, folder, device):
     golden = Calibration.load(folder / device)
-    Calibration(imu={"accel": golden.imu["accel"]}).save(folder / "second.json")
+    Calibration(imu={"accel": golden.imu.accel}).save(folder / "second.json")
     found = call("export", device, "second.json", "--to", "px4")
     assert found.status == 1
     assert "the accel_id of the sensor is not known" in found.reason
@@ -116,7 +117,7 @@ def test_several_devices_and_ids(call, folder, device):
 
 def test_a_weak_calibration_is_forced(call, folder, device):
     golden = Calibration.load(folder / device)
-    Calibration(imu={**golden.imu, "verdict": "weak", "verdict_reason": "few poses"}).save(folder / "weak.json")
+    Calibration(imu=Imu(golden.imu.accel, golden.imu.gyro, "weak", "few poses")).save(folder / "weak.json")
     found = call("export", "weak.json", "--to", "c")
     assert found.status == 1
     assert "'weak' (few poses); force=True (--force)" in found.reason

@@ -38,9 +38,9 @@ def test_a_simulated_log_is_calibrated(call, folder):
     ):
         assert text in page
     stored = jaxcal.Calibration.load(folder / "log-imu" / "calibration.json")
-    np.testing.assert_allclose(stored.imu["gyro"]["bias"], document["sensors"]["gyro"]["bias"])
-    np.testing.assert_allclose(stored.imu["gyro"]["g_sensitivity"], GYRO.g_sensitivity, atol=1e-4)
-    assert stored.imu["accel"]["covariance"]["parameters"][0] == "matrix[0,0]"
+    np.testing.assert_allclose(stored.imu.gyro.model.bias, document["sensors"]["gyro"]["bias"])
+    np.testing.assert_allclose(stored.imu.gyro.model.g_sensitivity, GYRO.g_sensitivity, atol=1e-4)
+    assert stored.imu.accel.covariance.parameters[0] == "matrix[0,0]"
 
 
 @pytest.mark.parametrize(

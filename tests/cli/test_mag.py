@@ -56,7 +56,7 @@ def test_it_finds_the_truth_and_writes_everything(simulated, folder):
     assert page.count("<svg") == 4
     assert "Magnetometer of tumble.csv" in page
     calibration = jaxcal.Calibration.load(folder / "tumble-mag" / "calibration.json")
-    np.testing.assert_array_equal(calibration.magnetometer["hard_iron"], document["hard_iron"])
+    np.testing.assert_array_equal(calibration.magnetometer.model.hard_iron, document["hard_iron"])
 
 
 def test_the_corrected_log_has_one_norm(simulated, folder):
@@ -117,10 +117,10 @@ def test_exports_hold_what_the_calibration_says(simulated, folder):
     found = call("mag", "tumble.csv", "--calibration", "device.json", "--export", "c", "--export", "csv=mag.csv", "--export", "motioncal")
     assert found.status == 0
     assert "field's strength was not known" in " ".join(found.out.split())
-    hard = jaxcal.Calibration.load(folder / "device.json").magnetometer["hard_iron"]
+    hard = jaxcal.Calibration.load(folder / "device.json").magnetometer.model.hard_iron
     for name, given in (("mag.csv", "csv"), ("motioncal.bin", "motioncal")):
         read = jaxcal.export.read(folder / name, format=given).magnetometer
-        np.testing.assert_allclose(read["hard_iron"], hard, rtol=1e-6)
+        np.testing.assert_allclose(read.model.hard_iron, hard, rtol=1e-6)
     assert "JAXCAL_MAG_BIAS" in (folder / "calibration.h").read_text()
     refused = call("mag", "tumble.csv", "--export", "kalibr")
     assert refused.status == 2

@@ -1,5 +1,6 @@
 """PX4's and ArduPilot's parameters: golden files, the tools' own formulas, and what is lost."""
 
+import json
 import pathlib
 
 import equinox as eqx
@@ -11,6 +12,7 @@ from jaxcal.export import write
 from jaxcal.temperature import Chebyshev, Steps, ThermalModel, characterise, simulate
 
 FOLDER = pathlib.Path(__file__).parent
+DOCUMENT = json.loads((FOLDER / "golden.json").read_text())
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +58,7 @@ def test_px4_applies_it_to_the_check_vectors(golden, tmp_path):
 
 def test_ardupilot_re_expands_about_35_degrees(golden, tmp_path):
     moved = Calibration(
-        imu=golden.imu, temperature={**golden.temperature, "reference": 30.0}, device={"ardupilot": {"accel_id": 7, "compass_id": 8}}
+        imu=golden.imu, temperature={**DOCUMENT["temperature"], "reference": 30.0}, device={"ardupilot": {"accel_id": 7, "compass_id": 8}}
     )
     write(moved, tmp_path / "a.param", format="ardupilot")
     p = parameters(tmp_path / "a.param", ",")
@@ -66,7 +68,7 @@ def test_ardupilot_re_expands_about_35_degrees(golden, tmp_path):
 
     for i, axis in enumerate("XYZ"):
         for t in (12.0, 30.0, 55.0):
-            expected = sum(golden.temperature["accel"][i][k] * (t - 30.0) ** (k + 1) for k in range(3))
+            expected = sum(golden.temperature.powers("accel")[i][k] * (t - 30.0) ** (k + 1) for k in range(3))
             assert series(t, axis) - series(p["INS_ACC1_CALTEMP"], axis) == pytest.approx(expected, abs=1e-8)
 
 
@@ -89,7 +91,7 @@ def test_what_cannot_be_written_is_refused(golden, fitted, tmp_path):
             write(Calibration(imu=golden.imu), path, format=format)
         with pytest.raises(ExportError, match="holds no imu, magnetometer or temperature"):
             write(Calibration(noise=golden.noise), path, format=format)
-    narrow = {**golden.temperature, "minimum": 31.0, "maximum": 38.0}
+    narrow = {**DOCUMENT["temperature"], "minimum": 31.0, "maximum": 38.0}
     with pytest.raises(ExportError, match=r"31\.00 to 38\.00 degC; ArduPilot needs at least 10"):
         write(Calibration(temperature=narrow), path, format="ardupilot")
     assert not path.exists()

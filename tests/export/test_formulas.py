@@ -4,6 +4,7 @@ The formulas are those of the tools' sources as formats.md, table 2.1, lists the
 2.2, and, where nothing is lost, what `Calibration.correct` makes of the readings.
 """
 
+import json
 import pathlib
 
 import numpy as np
@@ -14,6 +15,7 @@ from jaxcal import Calibration, Log
 from jaxcal.export import write
 
 FOLDER = pathlib.Path(__file__).parent
+DOCUMENT = json.loads((FOLDER / "golden.json").read_text())
 ACCEL, GYRO, MAG = np.array([1.0, 2.0, 9.5]), np.array([0.3, -0.2, 0.1]), np.array([20.0, 10.0, -35.0])
 TOLERANCE = 1e-6
 AXES = "XYZ"
@@ -98,13 +100,13 @@ def test_ardupilot(golden, tmp_path):
 
 def test_ardupilot_where_the_reference_is_outside_its_range(golden, tmp_path):
     """CALTEMP is clipped by the firmware: the offset must be that of the clipped temperature."""
-    device = Calibration(imu=golden.imu, temperature={**golden.temperature, "reference": 5.0}, device=golden.device)
+    device = Calibration(imu=golden.imu, temperature={**DOCUMENT["temperature"], "reference": 5.0}, device=golden.device)
     said = write(device, tmp_path / "a", format="ardupilot")
     p = params(tmp_path / "a", 0)
     assert p["INS_ACC1_CALTEMP"] == 10.0
     assert any("5 degC, at which the bias holds, is outside the thermal model (10 to 60 degC)" in sentence for sentence in said)
-    c = golden.temperature["accel"]
-    expected = golden.imu["accel"]["bias"] + c @ np.array([5.0, 25.0, 125.0])
+    c = golden.temperature.powers("accel")
+    expected = golden.imu.accel.model.bias + c @ np.array([5.0, 25.0, 125.0])
     close(three(p, "INS_ACCOFFS_{}"), expected)
 
 
@@ -161,8 +163,8 @@ def test_openvins(golden, right, tmp_path, model):
     p = yaml.safe_load((tmp_path / "a").read_text().removeprefix("%YAML:1.0\n"))["imu0"]
     keep = np.tril if model == "kalibr" else np.triu
     ta, tw = keep(p["Ta"]), keep(p["Tw"])
-    accel = np.transpose(p["R_IMUtoACC"]) @ np.linalg.solve(ta, ACCEL - golden.imu["accel"]["bias"])
-    gyro = np.transpose(p["R_IMUtoGYRO"]) @ np.linalg.solve(tw, GYRO - golden.imu["gyro"]["bias"] - np.array(p["Tg"]) @ accel)
+    accel = np.transpose(p["R_IMUtoACC"]) @ np.linalg.solve(ta, ACCEL - golden.imu.accel.model.bias)
+    gyro = np.transpose(p["R_IMUtoGYRO"]) @ np.linalg.solve(tw, GYRO - golden.imu.gyro.model.bias - np.array(p["Tg"]) @ accel)
     if model == "kalibr":
         close(accel, [0.881757798, 2.07495958, 9.29492466])
         close(gyro, [0.292150479, -0.17824089, 0.0961253891])

@@ -1,5 +1,6 @@
 """Every format against its golden file, and its output read by a real parser or compiler."""
 
+import json
 import pathlib
 import shutil
 import subprocess
@@ -12,6 +13,7 @@ from jaxcal import Calibration, ExportError, Log
 from jaxcal.export import write
 
 FOLDER = pathlib.Path(__file__).parent
+DOCUMENT = json.loads((FOLDER / "golden.json").read_text())
 GOLDEN = FOLDER / "golden"
 CASES = [
     ("kalibr", {}, "imu.yaml"),
@@ -67,7 +69,7 @@ def test_golden_files_of_imu_tk(golden, tmp_path):
     write(golden, tmp_path / "golden.calib", format="imu_tk")
     for name in ("golden_acc.calib", "golden_gyro.calib"):
         assert (tmp_path / name).read_bytes() == (GOLDEN / name).read_bytes()
-    write(Calibration(imu={"gyro": golden.imu["gyro"]}), tmp_path / "other", format="imu_tk")
+    write(Calibration(imu={"gyro": golden.imu.gyro}), tmp_path / "other", format="imu_tk")
     assert (tmp_path / "other_gyro.calib").exists()
     assert not (tmp_path / "other_acc.calib").exists()
 
@@ -104,7 +106,7 @@ def test_the_snippet_of_gtsam_runs(golden, tmp_path, frame, monkeypatch):
     """Against a stand-in that keeps what it is told; the names are those of GTSAM's documentation."""
     values = np.diag([4e-6, 5e-6, 6e-6]), np.diag([7e-8, 8e-8, 9e-8])
     imu = {
-        name: {**golden.imu[name], "covariance": {"parameters": tuple(f"bias[{i}]" for i in range(3)), "values": value}}
+        name: {**DOCUMENT["imu"][name], "covariance": {"parameters": tuple(f"bias[{i}]" for i in range(3)), "values": value}}
         for name, value in zip(("accel", "gyro"), values, strict=True)
     }
     write(Calibration(noise=golden.noise, imu=imu), tmp_path / "a.py", format="gtsam", frame=frame, inflate=2.0)
@@ -225,7 +227,7 @@ def test_rate_given_is_no_guess(golden, tmp_path):
 @pytest.mark.parametrize("verdict", ["weak", "refused"])
 @pytest.mark.parametrize("format", ["px4", "c", "imu_tk", "csv"])
 def test_a_weak_verdict_needs_force(golden, tmp_path, verdict, format):
-    doubtful = Calibration(imu={**golden.imu, "verdict": verdict, "verdict_reason": "three poses"}, device=golden.device)
+    doubtful = Calibration(imu={**DOCUMENT["imu"], "verdict": verdict, "verdict_reason": "three poses"}, device=golden.device)
     with pytest.raises(ExportError, match=rf"'{verdict}' \(three poses\); force=True"):
         write(doubtful, tmp_path / "a", format=format)
     assert list(tmp_path.iterdir()) == []
@@ -235,14 +237,14 @@ def test_a_weak_verdict_needs_force(golden, tmp_path, verdict, format):
 def test_other_warnings(golden, tmp_path):
     applied = Calibration(imu=golden.imu, device=golden.device, provenance={"applied": ["accel"]})
     assert any("applied twice" in sentence and "(accel)" in sentence for sentence in write(applied, tmp_path / "a", format="px4"))
-    unknown = Calibration(magnetometer={**golden.magnetometer, "field": None}, device=golden.device)
+    unknown = Calibration(magnetometer={**DOCUMENT["magnetometer"], "field": None}, device=golden.device)
     guessed = Calibration(magnetometer=golden.magnetometer, device=golden.device, provenance={"options": {"field": None, "place": None}})
     for device in (unknown, guessed):
         for format in ("px4", "ardupilot", "c", "motioncal", "ros"):
             assert any("strength was not known" in sentence for sentence in write(device, tmp_path / "a", format=format)), format
     turn = np.array([[np.cos(0.02), -np.sin(0.02), 0], [np.sin(0.02), np.cos(0.02), 0], [0, 0, 1]])
-    soft = golden.magnetometer["soft_iron"] @ turn.T  # A = turn inv(soft)
-    turned = Calibration(magnetometer={**golden.magnetometer, "soft_iron": soft}, device=golden.device)
+    soft = golden.magnetometer.model.soft_iron @ turn.T  # A = turn inv(soft)
+    turned = Calibration(magnetometer={**DOCUMENT["magnetometer"], "soft_iron": soft}, device=golden.device)
     for format, name in (("px4", "CAL_MAG0_ROT"), ("ardupilot", "COMPASS_ORIENT")):
         assert f"magnetometer: a rotation of {np.degrees(0.02):.3g} degrees not written; {name} could hold it" in write(
             turned, tmp_path / "a", format=format

@@ -103,8 +103,8 @@ def test_imu_tk_comes_back(golden, tmp_path, seed):
     write(again, tmp_path / "b.calib", format="imu_tk")
     for sensor, suffix in (("accel", "acc"), ("gyro", "gyro")):
         assert (tmp_path / f"a_{suffix}.calib").read_bytes() == (tmp_path / f"b_{suffix}.calib").read_bytes()
-        np.testing.assert_allclose(again.imu[sensor]["matrix"], device.imu[sensor]["matrix"], rtol=0, atol=1e-11)
-        assert list(read(tmp_path / f"a_{suffix}.calib", format="imu_tk").imu) == [sensor]
+        np.testing.assert_allclose(getattr(again.imu, sensor).model.matrix, getattr(device.imu, sensor).model.matrix, rtol=0, atol=1e-11)
+        assert list(read(tmp_path / f"a_{suffix}.calib", format="imu_tk").imu.parts) == [sensor]
 
 
 def test_values_are_those_that_were_printed(golden, tmp_path):
@@ -114,13 +114,14 @@ def test_values_are_those_that_were_printed(golden, tmp_path):
         found = read(tmp_path / "a", format=format)
         for sensor in ("accel", "gyro"):
             for name in ("matrix", "bias"):
-                np.testing.assert_allclose(found.imu[sensor][name], device.imu[sensor][name], rtol=2e-8, atol=1e-10)
+                values = (getattr(one.imu.parts[sensor].model, name) for one in (found, device))
+                np.testing.assert_allclose(*values, rtol=2e-8, atol=1e-10)
             np.testing.assert_allclose(getattr(found.noise, sensor).N, getattr(device.noise, sensor).N, rtol=1e-8)
-        np.testing.assert_allclose(found.magnetometer["soft_iron"], device.magnetometer["soft_iron"], rtol=0, atol=5e-9)
+        np.testing.assert_allclose(found.magnetometer.model.soft_iron, device.magnetometer.model.soft_iron, rtol=0, atol=5e-9)
     write(device, tmp_path / "a", format="csv")
     found = read(tmp_path / "a", format="csv")
-    np.testing.assert_allclose(found.temperature["gyro"], device.temperature["gyro"], rtol=1e-8)
-    assert found.temperature["reference"] == 27.5
+    np.testing.assert_allclose(found.temperature.powers("gyro"), device.temperature.powers("gyro"), rtol=1e-8)
+    assert found.temperature.reference == 27.5
     for format in ("kalibr", "vins", "orbslam3", "openvins"):
         write(golden, tmp_path / "a", format=format)
         noise = read(tmp_path / "a", format=format).noise
@@ -137,10 +138,10 @@ def test_several_instances_in_one_file(golden, tmp_path):
         write(devices, tmp_path / "a", format=format)
         for i, device in enumerate(devices):
             found = read(tmp_path / "a", format=format, instance=i)
-            np.testing.assert_allclose(found.magnetometer["hard_iron"], device.magnetometer["hard_iron"], rtol=1e-8)
-            reach = found.temperature["reference"] - 27.5
+            np.testing.assert_allclose(found.magnetometer.model.hard_iron, device.magnetometer.model.hard_iron, rtol=1e-8)
+            reach = found.temperature.reference - 27.5
             assert reach == 0
-            np.testing.assert_allclose(found.temperature["accel"], device.temperature["accel"], rtol=1e-6)
+            np.testing.assert_allclose(found.temperature.powers("accel"), device.temperature.powers("accel"), rtol=1e-6)
     with pytest.raises(JaxcalError, match="kalibr holds one device, not 2"):
         write(devices, tmp_path / "a", format="kalibr")
     lines = (tmp_path / "a").read_text()
@@ -181,9 +182,9 @@ def test_the_result_of_kalibr(tmp_path):
     }}  # fmt: skip
     (tmp_path / "a.yaml").write_text(yaml.safe_dump(document, default_flow_style=None).replace("1.0e-4", "0.0001"))
     found = read(tmp_path / "a.yaml", format="kalibr")
-    np.testing.assert_allclose(found.imu["accel"]["matrix"], ma)
-    np.testing.assert_allclose(found.imu["gyro"]["matrix"], mg @ turn)
-    np.testing.assert_allclose(found.imu["gyro"]["g_sensitivity"], a @ turn)
+    np.testing.assert_allclose(found.imu.accel.model.matrix, ma)
+    np.testing.assert_allclose(found.imu.gyro.model.matrix, mg @ turn)
+    np.testing.assert_allclose(found.imu.gyro.model.g_sensitivity, a @ turn)
     assert found.noise.gyro.N[0] == 0.02
 
 
@@ -203,9 +204,9 @@ def test_thermal_constants_of_px4_go_to_the_bias(golden, tmp_path):
     write(golden, tmp_path / "a", format="px4")
     text = (tmp_path / "a").read_text()
     (tmp_path / "a").write_text(text.replace("TC_A0_X0_1\t0\t9", "TC_A0_X0_1\t0.5\t9"))
-    assert read(tmp_path / "a", format="px4").imu["accel"]["bias"][1] == pytest.approx(0.42)
+    assert read(tmp_path / "a", format="px4").imu.accel.model.bias[1] == pytest.approx(0.42)
     (tmp_path / "a").write_text(text.replace("TC_A_ENABLE\t1", "TC_A_ENABLE\t0"))
-    assert "accel" not in read(tmp_path / "a", format="px4").temperature
+    assert not read(tmp_path / "a", format="px4").temperature.of("accel")
 
 
 def test_the_scale_of_a_compass_multiplies(golden, tmp_path):
@@ -213,22 +214,24 @@ def test_the_scale_of_a_compass_multiplies(golden, tmp_path):
     text = (tmp_path / "a").read_text().replace("COMPASS_SCALE,1", "COMPASS_SCALE,2")
     (tmp_path / "a").write_text(text.replace(",", " "))  # as MAVProxy has it
     found = read(tmp_path / "a", format="ardupilot").magnetometer
-    np.testing.assert_allclose(np.linalg.inv(found["soft_iron"]), 2 * np.linalg.inv(golden.magnetometer["soft_iron"]), rtol=1e-8, atol=1e-9)
+    np.testing.assert_allclose(
+        np.linalg.inv(found.model.soft_iron), 2 * np.linalg.inv(golden.magnetometer.model.soft_iron), rtol=1e-8, atol=1e-9
+    )
 
 
 def test_packets_of_motioncal(golden, tmp_path):
     packet = bytes.fromhex((GOLDEN / "motioncal.hex").read_text())
     (tmp_path / "a").write_bytes(packet)
     found = read(tmp_path / "a", format="motioncal").magnetometer
-    np.testing.assert_allclose(np.linalg.inv(found["soft_iron"]) @ ([20, 10, -35] - found["hard_iron"] * 1e6),
+    np.testing.assert_allclose(np.linalg.inv(found.model.soft_iron) @ ([20, 10, -35] - found.model.hard_iron * 1e6),
                                [8.82016591, 14.8486051, -64.1947983], atol=2e-5)  # float32 of an offset of 65 uT  # fmt: skip
-    assert found["field"] == pytest.approx(47.73032e-6, rel=1e-6)
-    correction = np.linalg.inv(found["soft_iron"])
-    old = b"\x75\x54" + struct.pack("<12f", *found["hard_iron"] * 1e6, *correction.ravel())
+    assert found.field == pytest.approx(47.73032e-6, rel=1e-6)
+    correction = np.linalg.inv(found.model.soft_iron)
+    old = b"\x75\x54" + struct.pack("<12f", *found.model.hard_iron * 1e6, *correction.ravel())
     (tmp_path / "b").write_bytes(old + struct.pack("<H", checksum(old)))
     older = read(tmp_path / "b", format="motioncal").magnetometer
-    np.testing.assert_allclose(older["soft_iron"], found["soft_iron"], rtol=1e-6, atol=1e-7)
-    assert older["field"] is None
+    np.testing.assert_allclose(older.model.soft_iron, found.model.soft_iron, rtol=1e-6, atol=1e-7)
+    assert older.field is None
     for i in range(len(packet)):
         (tmp_path / "c").write_bytes(packet[:i] + bytes([packet[i] ^ 1]) + packet[i + 1 :])
         with pytest.raises(DataError, match=r"checksum|begin with 75 54"):
@@ -285,8 +288,8 @@ def test_damage_never_gets_through(golden, tmp_path, format):
         except JaxcalError:
             refused += 1
             continue
-        for part in (found.imu or {}).values():
-            assert np.isfinite(part["matrix"]).all()
+        for part in () if found.imu is None else found.imu.parts.values():
+            assert np.isfinite(part.model.matrix).all()
     assert refused > 15
 
 

@@ -296,8 +296,8 @@ def test_a_fit_is_drawn_and_stored(repeated, tmp_path):
     calibration = jaxcal.Calibration(imu=found)
     calibration.save(tmp_path / "device.json")
     again = jaxcal.Calibration.load(tmp_path / "device.json")
-    np.testing.assert_array_equal(again.imu["accel"]["matrix"], found.accel.matrix)
-    np.testing.assert_array_equal(again.imu["gyro"]["covariance"]["values"], found.covariance[12:, 12:])
+    np.testing.assert_array_equal(again.imu.accel.model.matrix, found.accel.matrix)
+    np.testing.assert_array_equal(again.imu.gyro.covariance.values, found.covariance[12:, 12:])
 
 
 def test_laws_of_constants_and_axes():

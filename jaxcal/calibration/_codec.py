@@ -1,0 +1,250 @@
+"""JSON to objects and back. What a file must hold follows from the fields of the classes and their types.
+
+A type is `float`, `str`, `X | None`, `tuple[X, ...]`, `dict[str, X]`, `Float[np.ndarray, "3 _"]` (numbers of that shape, `_` for any
+length), `Any` (numbers of any shape, text or None), or a class with fields. Of a class that has subclasses, such as a sensor model, the
+key "class" names the one that is meant.
+"""
+
+import dataclasses
+import math
+import os
+import types
+import typing
+from typing import Any
+
+import numpy as np
+
+from .._errors import DataError
+
+#: a number above this is damage; raw counts per SI unit stay far below it
+LARGEST = 1e15
+_LARGEST_INTEGER = 2**63
+_REASONS = {"not known": math.nan, "infinite": math.inf, "minus infinite": -math.inf}
+
+
+def structured(value: Any, kind: Any, path: str) -> Any:
+    """`value` as an object of type `kind`: numbers as float64 arrays, lists as tuples, without unknown keys.
+
+    Raises
+    ------
+    DataError
+        Where the value is not of the type; the message names the key by its `path`.
+    """
+    origin, inner = typing.get_origin(kind), typing.get_args(kind)
+    if origin in (typing.Union, types.UnionType):
+        return None if value is None else structured(value, inner[0], path)
+    if isinstance(kind, type) and dataclasses.is_dataclass(kind):
+        return value if isinstance(value, kind) else _object(value, kind, path)
+    if origin is tuple:
+        if not isinstance(value, (list, tuple)):
+            raise wrong(value, "a list", path)
+        return tuple(structured(item, inner[0], f"{path}[{i}]") for i, item in enumerate(value))
+    if origin is dict:
+        if not isinstance(value, dict):
+            raise wrong(value, "a dictionary", path)
+        return {_text(key, path): structured(item, inner[1], f"{path}.{key}") for key, item in value.items()}
+    if kind is str:
+        return _text(value, path)
+    if hasattr(kind, "dim_str"):
+        return numbers(value, tuple(int(word) if word.isdigit() else None for word in kind.dim_str.split()), path)
+    if kind is not float and (value is None or isinstance(value, (str, bool, int))):
+        return free(value, path)
+    depth = 0 if kind is float else _depth(value)
+    return numbers(value, (None,) * depth, path) if depth else float(numbers(value, (), path))
+
+
+def _object(value: Any, kind: Any, path: str) -> Any:
+    if isinstance(value, dict) and "class" in value:
+        kind = _class_of(kind, value["class"], f"{path}.class")
+    types_of = hints(kind)
+    fields = {field.name: field for field in dataclasses.fields(kind)}
+    needed = [name for name, one in fields.items() if one.default is one.default_factory is dataclasses.MISSING]
+    if not isinstance(value, dict):
+        raise wrong(value, f"a dictionary with {', '.join(fields)}", path)
+    for name in needed:
+        required(value, name, path, needed)
+    present = [name for name in fields if name in needed or value.get(name) is not None]
+    arguments = {name: structured(value[name], types_of.get(name, Any), f"{path}.{name}") for name in present}
+    try:
+        return kind(**arguments)
+    except (TypeError, ValueError) as error:
+        raise DataError(f"{path} makes no {kind.__name__}: {error}") from error
+
+
+def hints(kind: type) -> dict[str, Any]:
+    """Types of the fields of a class; none where one was imported for type checkers alone."""
+    try:
+        return typing.get_type_hints(kind)
+    except NameError:
+        return {}
+
+
+def _class_of(base: type, name: Any, path: str) -> type:
+    """The class of that name among `base` and its subclasses, the one defined last where several have it; nothing is imported."""
+    known = [base]
+    for kind in known:
+        known += kind.__subclasses__()
+    found = [kind for kind in known if kind.__name__ == name]
+    if not found:
+        names = ", ".join(dict.fromkeys(kind.__name__ for kind in known))
+        raise DataError(
+            f"{path} is {name!r:.80}, which is none of the known classes {names}; import the module that defines it as a subclass of "
+            f"{base.__name__} before you load the file"
+        )
+    return found[-1]
+
+
+def _depth(value: Any) -> int:
+    """How many lists are within one another; one beyond what an array can have is enough to be refused."""
+    if isinstance(value, np.ndarray):
+        return value.ndim
+    depth = 0
+    while isinstance(value, (list, tuple)) and depth <= 64:
+        value, depth = value[0] if value else None, depth + 1
+    return depth
+
+
+def required(value: dict[str, Any], name: str, path: str, needed: Any) -> Any:
+    """The value of a key that must be there."""
+    if name not in value:
+        raise DataError(f"{path}.{name} is missing; {path} needs {', '.join(needed)}")
+    return value[name]
+
+
+def checked_unit(value: Any, unit: str, path: str) -> None:
+    """Raise a `DataError` unless a section says that it holds SI units."""
+    if not isinstance(value, dict):
+        raise wrong(value, f"a dictionary with unit {unit!r}", path)
+    if required(value, "unit", path, ("unit",)) != unit:
+        raise wrong(value["unit"], f"{unit!r}, because jaxcal holds SI", f"{path}.unit")
+
+
+def numbers(value: Any, shape: tuple[int | None, ...], path: str) -> np.ndarray:
+    """Numbers of a shape, in which None stands for any length; a number that is None is not known."""
+    try:
+        raw = np.array(value, dtype=object)
+    except ValueError:  # lists within lists beyond what an array can have
+        raise wrong(value, "numbers", path) from None
+    fits = raw.ndim == len(shape) and all(want in (None, got) for want, got in zip(shape, raw.shape, strict=True))
+    if not fits or not all(x is None or (isinstance(x, (int, float, np.number)) and not isinstance(x, bool)) for x in raw.flat):
+        size = " x ".join("any" if length is None else str(length) for length in shape)
+        raise wrong(value, f"{size} numbers" if shape else "a number", path)
+    try:
+        return np.array([math.nan if x is None else float(x) for x in raw.flat], dtype=np.float64).reshape(raw.shape)
+    except OverflowError:  # an integer of hundreds of digits
+        raise wrong(value, "numbers that a float can hold", path) from None
+
+
+def _text(value: Any, path: str) -> str:
+    try:
+        if isinstance(value, str) and value.encode() is not None:
+            return value
+    except UnicodeEncodeError:
+        raise wrong(value, "text of whole characters", path) from None
+    raise wrong(value, "text", path)
+
+
+def wrong(value: Any, expected: str, path: str) -> DataError:
+    """The error that says what stands at `path` and what should."""
+    try:
+        text = repr(value)
+    except ValueError:  # an integer of thousands of digits
+        text = f"a {type(value).__name__}"
+    return DataError(f"{path} is {text if len(text) <= 80 else text[:77] + '...'}; expected {expected}")
+
+
+def free(value: Any, path: str) -> Any:
+    """A value of the user's own, as JSON can say it.
+
+    Raises
+    ------
+    DataError
+        If it holds something that JSON cannot say.
+    """
+    if isinstance(value, (np.ndarray, np.generic)):
+        value = value.tolist()
+    if isinstance(value, os.PathLike):
+        value = os.fspath(value)
+    if isinstance(value, dict) and all(isinstance(key, str) for key in value):
+        return {key: free(item, f"{path}.{key}") for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [free(item, f"{path}[{i}]") for i, item in enumerate(value)]
+    if isinstance(value, str):
+        return _text(value, path)
+    if isinstance(value, int) and not abs(value) < _LARGEST_INTEGER:
+        raise wrong(value, f"a whole number below {_LARGEST_INTEGER:g}", path)
+    if value is None or isinstance(value, (bool, int)) or (isinstance(value, float) and math.isfinite(value)):
+        return value
+    raise wrong(value, "text, a finite number, true, false, None, or lists and dictionaries of these", path)
+
+
+def document_of(model: Any, base: type, path: str) -> dict[str, Any]:
+    """The fields of a model as lists, numbers and text, with its class where that is not `base`.
+
+    Raises
+    ------
+    DataError
+        If a field holds something else.
+    """
+    found: dict[str, Any] = {} if type(model) is base else {"class": type(model).__name__}
+    for field in dataclasses.fields(model):
+        value, kind, place = getattr(model, field.name), hints(type(model)).get(field.name), f"{path}.{field.name}"
+        if dataclasses.is_dataclass(value):
+            if not (isinstance(kind, type) and isinstance(value, kind)):
+                raise wrong(value, f"a field declared as {type(value).__name__}, for it could not be read", place)
+            found[field.name] = document_of(value, kind, place)
+        elif value is None or isinstance(value, (str, bool, int)):
+            found[field.name] = value
+        else:
+            found[field.name] = numbers(np.asarray(value), (None,) * np.ndim(value), place).tolist()
+    return found
+
+
+def check_finite(values: Any, path: str) -> None:
+    """Raise a `DataError` where a number is not finite, or beyond all sense."""
+    if not np.all(np.abs(values) < LARGEST):
+        raise wrong(np.asarray(values).tolist(), f"finite numbers below {LARGEST:g}", path)
+
+
+# what JSON cannot say
+
+
+def to_json(section: Any) -> dict[str, Any]:
+    """A section for JSON: numbers that it cannot say are null, and `reason` tells for each what it was."""
+    reason: dict[str, str] = {}
+
+    def walk(value: Any, path: str) -> Any:
+        if hasattr(value, "to_document"):
+            value = value.to_document()
+        elif dataclasses.is_dataclass(value) and not isinstance(value, type):
+            held = ((field, getattr(value, field.name)) for field in dataclasses.fields(value))
+            value = {field.name: item for field, item in held if not (item is None and field.default is None)}
+        if isinstance(value, np.ndarray):
+            value = value.tolist()
+        if isinstance(value, dict):
+            return {key: walk(item, f"{path}.{key}" if path else key) for key, item in value.items()}
+        if isinstance(value, (list, tuple)):
+            return [walk(item, f"{path}[{i}]") for i, item in enumerate(value)]
+        if isinstance(value, float) and not math.isfinite(value):
+            reason[path] = next(word for word, number in _REASONS.items() if np.array_equal(value, number, equal_nan=True))
+            return None
+        return value
+
+    document = walk(section, "")
+    return document | {"reason": reason} if reason else document
+
+
+def from_json(section: Any) -> Any:
+    """A section as it was before `to_json`, lists for arrays."""
+    reason = section.get("reason") if isinstance(section, dict) else None
+    if not isinstance(reason, dict):
+        return section
+
+    def walk(value: Any, path: str) -> Any:
+        if isinstance(value, dict):
+            return {key: walk(item, f"{path}.{key}" if path else key) for key, item in value.items()}
+        if isinstance(value, list):
+            return [walk(item, f"{path}[{i}]") for i, item in enumerate(value)]
+        return _REASONS.get(str(reason[path]), math.nan) if value is None and path in reason else value
+
+    return walk(section, "")

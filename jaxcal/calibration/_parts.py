@@ -1,0 +1,231 @@
+"""What a calibration holds of the inertial sensors and the magnetometer: their models, with what is known about each."""
+
+import dataclasses
+import inspect
+from collections.abc import Callable
+from typing import Any, Generic, TypeVar
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Float
+
+from .._errors import DataError
+from .._types import AnyArray
+from .._units import si_unit
+from ..imu import ImuFit, Triad
+from ..magnetometer import MagFit, MagModel
+from ._codec import check_finite, checked_unit, document_of, numbers, required, structured, wrong
+
+M = TypeVar("M", bound=eqx.Module)
+_CONDITION = 1e10
+_SHAPES = {"matrix": (3, 3), "bias": (3,), "g_sensitivity": (3, 3), "soft_iron": (3, 3), "hard_iron": (3,)}
+SENSORS = ("accel", "gyro")
+
+
+class Covariance(eqx.Module):
+    """Covariance of named parameters, in their order."""
+
+    parameters: tuple[str, ...]
+    values: Float[np.ndarray, "rows columns"]
+
+    def of(self, names: Any) -> AnyArray | None:
+        """The covariance of the named parameters in their order; None where some are not in it, or not known."""
+        if not np.isfinite(self.values).all() or any(name not in self.parameters for name in names):
+            return None
+        where = [self.parameters.index(name) for name in names]
+        return self.values[np.ix_(where, where)]
+
+
+class Interval(eqx.Module):
+    """Limits of the intervals of 95 % of the parameters of a covariance."""
+
+    low: Float[np.ndarray, " parameters"]
+    high: Float[np.ndarray, " parameters"]
+
+
+class Part(eqx.Module, Generic[M]):
+    """The model of a sensor, with what is known about it.
+
+    Attributes
+    ----------
+    model : a `Triad` or `MagModel`, or a subclass with more fields.
+    unit : SI unit of the readings.
+    covariance, interval : of its parameters, or None.
+    field : of a magnetometer the norm of the corrected field in tesla; None where it is not known.
+    verdict, verdict_reason : of the fit; None where there was none. Those of an IMU are with both sensors.
+    """
+
+    model: M
+    unit: str
+    field: float | None = None
+    covariance: Covariance | None = None
+    interval: Interval | None = None
+    verdict: str | None = None
+    verdict_reason: str | None = None
+
+    @property
+    def base(self) -> type:
+        """The class of the package that the model is, or derives from."""
+        return MagModel if isinstance(self.model, MagModel) else Triad
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Numbers of the model by name: "matrix[0,1]", "bias[2]", and those of a subclass by the names of its fields."""
+        found = {}
+        for name, value in _leaves(document_of(self.model, self.base, "model")):
+            values = np.asarray(value, dtype=float)
+            for entry in np.ndindex(values.shape):
+                found[name + (f"[{','.join(map(str, entry))}]" if entry else "")] = float(values[entry])
+        return found
+
+    @property
+    def further(self) -> list[str]:
+        """Names of the parameters that only a subclass has."""
+        return [name for name in self.parameters if name.partition("[")[0] not in _SHAPES]
+
+    def correct(self, y: AnyArray, conditions: dict[str, Callable[[], Any]], what: str) -> AnyArray:
+        """Readings without the sensor's errors; the model gets those of the `conditions` that its `correct` takes.
+
+        Raises
+        ------
+        DataError
+            If it takes one that the log does not have, or fails.
+        """
+        name, taken = type(self.model).__name__, list(inspect.signature(self.model.correct).parameters.values())[1:]  # type: ignore[attr-defined]
+        open_ended = any(one.kind is one.VAR_KEYWORD for one in taken) and type(self.model) is not self.base
+        for one in taken:
+            if one.name not in conditions and one.default is one.empty and one.kind is not one.VAR_KEYWORD:
+                raise DataError(f"the model {name} of {what} needs {one.name}, which this log does not have")
+        given = {key: value() for key, value in conditions.items() if open_ended or key in [one.name for one in taken]}
+        try:
+            return np.asarray(self.model.correct(y, **given))  # type: ignore[attr-defined]
+        except (TypeError, ValueError) as error:
+            raise DataError(f"the model {name} of {what} does not correct this log: {error}") from error
+
+    def to_document(self) -> dict[str, Any]:
+        """The stored form: the fields of the model stand beside the others."""
+        sensor = next(name for name in (*SENSORS, "mag") if si_unit(name) == self.unit)
+        fields = document_of(self.model, self.base, sensor)
+        if sensor == "accel" and not np.any(fields["g_sensitivity"]):
+            del fields["g_sensitivity"]
+        known: dict[str, Any] = {"field": self.field} if sensor == "mag" else {}
+        known["covariance"] = self.covariance
+        known |= {name: getattr(self, name) for name in ("interval", "verdict", "verdict_reason") if getattr(self, name) is not None}
+        if twice := set(fields) & {"unit", *known}:
+            raise DataError(f"the model {type(self.model).__name__} has a field {min(twice)!r}, which the file needs itself; rename it")
+        return {"unit": self.unit, **fields, **known}
+
+
+class Imu(eqx.Module):
+    """Accelerometer and gyroscope, and the verdict on the fit of both."""
+
+    accel: Part[Triad] | None = None
+    gyro: Part[Triad] | None = None
+    verdict: str | None = None
+    verdict_reason: str | None = None
+
+    @property
+    def parts(self) -> dict[str, Part[Triad]]:
+        """Sensor -> its part, of those that are there."""
+        return {name: part for name in SENSORS if (part := getattr(self, name)) is not None}
+
+
+def imu_of(value: Any) -> Imu | None:
+    """The inertial part of a calibration: an `ImuFit`, the stored form, or sensor -> `Triad` or `Part`.
+
+    Raises
+    ------
+    DataError
+        If the fit was refused, or a key is missing or holds something else than it should.
+    """
+    if value is None or isinstance(value, Imu):
+        return value
+    if isinstance(value, ImuFit):
+        return _from_imu_fit(value)
+    if not isinstance(value, dict):
+        raise wrong(value, "a dictionary with accel, gyro, verdict, verdict_reason", "imu")
+    texts = {name: structured(value.get(name), str | None, f"imu.{name}") for name in ("verdict", "verdict_reason")}
+    parts = {name: _part(value[name], Triad, name, f"imu.{name}") for name in SENSORS if value.get(name) is not None}
+    return Imu(**parts, **texts)
+
+
+def magnetometer_of(value: Any) -> Part[MagModel] | None:
+    """The magnetometer of a calibration: a `MagFit` in tesla, the stored form, a `MagModel`, or a `Part`.
+
+    Raises
+    ------
+    DataError
+        As `imu_of`; or if the fit is not in tesla.
+    """
+    if isinstance(value, MagFit):
+        if value.model is None or value.verdict == "refused":
+            raise DataError(f"the magnetometer fit is refused, and is no calibration: {value.reason}")
+        if not 1e-6 < value.field < 1e-3:
+            raise DataError(
+                f"the magnetometer fit has a field of {value.field:.4g}; a calibration holds tesla, in which Earth's is 2e-5 to 7e-5"
+            )
+        covariance = Covariance(tuple(value.names), np.asarray(value.covariance))
+        value = Part(value.model, si_unit("mag"), float(value.field), covariance, None, value.verdict, value.reason)
+    part = None if value is None else _part(value, MagModel, "mag", "magnetometer")
+    if part is not None and part.field is not None and (np.isinf(part.field) or part.field <= 0):
+        raise wrong(part.field, "the norm of the field in tesla, or None", "magnetometer.field")
+    return part
+
+
+def _from_imu_fit(fit: ImuFit) -> Imu:
+    if fit.verdict == "refused" or fit.accel is None:
+        raise DataError(f"the calibration was refused and cannot be stored: {fit.reason}")
+    parts = {}
+    for sensor, triad in (("accel", fit.accel), ("gyro", fit.gyro)):
+        if triad is not None:
+            where = [i for i, name in enumerate(fit.names) if name.startswith(f"{sensor}.")]
+            values = np.asarray(fit.covariance)[np.ix_(where, where)]
+            names = tuple(fit.names[i].removeprefix(f"{sensor}.") for i in where)
+            low, high = np.asarray(fit.interval)[where].T
+            covariance = Covariance(names, values) if np.isfinite(values).all() else None
+            parts[sensor] = _part(Part(triad, si_unit(sensor), None, covariance, Interval(low, high)), Triad, sensor, f"imu.{sensor}")
+    return Imu(**parts, verdict=fit.verdict, verdict_reason=fit.reason)
+
+
+def _part(value: Any, base: type, sensor: str, path: str) -> Part[Any]:
+    """A sensor's part from a model or its stored form, checked."""
+    if isinstance(value, base):
+        value = Part(value, si_unit(sensor))
+    if not isinstance(value, Part):
+        checked_unit(value, si_unit(sensor), path)
+        needed = {"accel": ("covariance",), "gyro": ("g_sensitivity", "covariance"), "mag": ("field", "covariance")}[sensor]
+        known_shapes = {name: numbers(value[name], shape, f"{path}.{name}") for name, shape in _SHAPES.items() if name in value}
+        model = structured(value | known_shapes, base, path)
+        for name in needed:
+            required(value, name, path, needed)
+        known = {"covariance": Covariance, "interval": Interval, "field": float, "verdict": str, "verdict_reason": str}
+        rest = {name: structured(value.get(name), kind | None, f"{path}.{name}") for name, kind in known.items()}
+        value = Part(model, si_unit(sensor), **rest)
+    arrays = {}
+    for name, number in _leaves(document_of(value.model, base, path)):
+        check_finite(np.asarray(number, dtype=float), f"{path}.{name}")
+        if name in _SHAPES:
+            arrays[name] = numbers(number, _SHAPES[name], f"{path}.{name}")
+        if name in ("matrix", "soft_iron") and not np.linalg.cond(arrays[name]) < _CONDITION:
+            raise wrong(number, "a matrix that has an inverse", f"{path}.{name}")
+    if not all(isinstance(getattr(value.model, name), np.ndarray) for name in arrays):
+        value = dataclasses.replace(value, model=dataclasses.replace(value.model, **arrays))
+    if value.covariance is not None:
+        size, shape = len(value.covariance.parameters), value.covariance.values.shape
+        if shape != (size, size):
+            place = f"{path}.covariance"
+            raise DataError(
+                f"{place}.values has {' rows and '.join(map(str, shape))} columns; expected {size} of each, as {place}.parameters names"
+            )
+    return value
+
+
+def _leaves(fields: dict[str, Any], path: str = "") -> list[tuple[str, Any]]:
+    """Numbers among the stored fields of a model, by their path."""
+    found = []
+    for name, value in fields.items():
+        if isinstance(value, dict):
+            found += _leaves(value, f"{path}{name}.")
+        elif not (value is None or isinstance(value, (str, bool))):
+            found.append((path + name, value))
+    return found
