@@ -230,8 +230,8 @@ def _draw_several(ax: "Axes", channels: list[_Channel]) -> list[list[Any]]:
         if channel.fit is not None and channel.deviation.kind in _MODELLED:
             _draw_model(ax, channel, channel.fit.noise, color)
     fits = [channel.fit for channel in channels if channel.fit is not None]
-    names = dict.fromkeys([*TERM_COLORS, *(term for fit in fits for term in fit.terms)])
-    found = [term for term in names if any(term in fit.terms and fit.verdict.get(term) != "not detected" for fit in fits)]
+    fitted = dict.fromkeys([*TERM_COLORS, *(term for fit in fits for term in fit.terms)])
+    found = [term for term in fitted if any(term in fit.terms and fit.verdict.get(term) != "not detected" for fit in fits)]
     coefficients = ([text_only(_coefficient_of(channel, term)) for channel in channels] for term in found)
     return [[*names, *_left_out(channels, "left out")], *coefficients]
 
