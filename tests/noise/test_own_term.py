@@ -117,6 +117,17 @@ def test_derivative_of_a_traced_fit():
     np.testing.assert_allclose(slope, value, rtol=1e-5)  # it is proportional to the record
 
 
+def test_kept_in_a_calibration(fits, tmp_path):
+    jaxcal.Calibration(noise={"gyro_x": fits[0], "gyro_z": fits[1]}).save(tmp_path / "device.json")
+    held = jaxcal.Calibration.load(tmp_path / "device.json").noise.gyro
+    (further,) = held.further
+    assert further.term == LAW
+    np.testing.assert_allclose(further.coefficient, [fits[0].noise.coefficient("P"), np.nan, fits[1].noise.coefficient("P")])
+    np.testing.assert_allclose(held.upper_limit["P"][0], fits[0].upper_limit["P"])
+    assert held.verdict["P"] == ("present", None, "present")
+    assert held.covariance.parameters == ("N^2", "P^2")
+
+
 def test_saved_reported_and_drawn(fits, tmp_path):
     fit = fits[0]
     fit.save(tmp_path / "fit.json")

@@ -64,7 +64,8 @@ class Flicker(Term):
         """2 ln 2/pi; for samples by the digamma function; with a cut-off by integration."""
         xp = array_module(tau, dt, self)
         flat = xp.full_like(tau, 2.0 * math.log(2.0) / math.pi) if dt is None else _sampled(tau / dt)
-        return flat if self.whole else _cut(tau, dt, self.cutoff, flat)
+        cutoff = self.cutoff if np.ndim(self.cutoff) else xp.broadcast_to(self.cutoff, xp.shape(flat))
+        return flat if self.whole else _cut(tau, dt, cutoff, flat)
 
     def ordinates(self, k, n, dt):
         """dt/s (1 - 2/(pi^2 k)) nearly; short records, and the first ordinates of long ones, from the sum over lags."""
