@@ -19,11 +19,10 @@ import jax
 import numpy as np
 
 import jaxcal
-from jaxcal.fitting import solve
-from jaxcal.imu import ImuTk, multi_position
-from jaxcal.imu._norms import GyroParameters
-from jaxcal.imu._simulate import NOISE
-from jaxcal.imu._turns import Turns, segments_of, turn_residuals
+from jaxcal.imu import MEMS_NOISE, ImuTk, Triad, multi_position
+from jaxcal.imu._poses import padded, turns_of
+from jaxcal.imu._recording import recording
+from jaxcal.imu._tedaldi import gyro_fit
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests" / "imu"))
@@ -43,23 +42,14 @@ def timed(function, repeats=3):
 
 def gyroscope(log, stamps, found):
     """imu_tk's fit of the gyroscope alone, from a start that is 25 % off."""
-    still, segments_slots = found.still, 64
+    still, slots = found.still, 64
+    force = np.array([found.accel.correct(log.accel[i:j]).mean(axis=0) for i, j in zip(still.start, still.stop, strict=True)])
+    up = padded(force / np.linalg.norm(force, axis=1, keepdims=True), slots)
+    turns = turns_of(recording(log, stamps), still.start, still.stop, slots)
+    begin = Triad(6258 * np.eye(3), found.gyro.bias)
     with jax.enable_x64(True):
-        correction = np.linalg.inv(found.accel.matrix)
-        force = np.array(
-            [((log.accel[i:j] - found.accel.bias) @ correction.T).mean(axis=0) for i, j in zip(still.start, still.stop, strict=True)]
-        )
-        up = force / np.linalg.norm(force, axis=1, keepdims=True)
-        up = np.concatenate([up, np.repeat(up[:1], segments_slots - len(up), axis=0)])
-        segments = segments_of(stamps - stamps[0], np.asarray(log.gyro), np.asarray(log.accel), still.start, still.stop, segments_slots)
-        begin = GyroParameters(np.zeros(6), np.full(3, 1 / 6258), found.gyro.bias, np.zeros((3, 3)))
-        free = GyroParameters(True, True, False, False)
-
-        def run():
-            return solve(turn_residuals, begin, Turns(segments, up), free=free).cost.block_until_ready()
-
-        cost, first, best = timed(run)
-    print(f"gyroscope of imu_tk: cost {float(cost):.11f}; {best:.2f} s after compilation, {first:.1f} s with it")
+        fit, first, best = timed(lambda: jax.block_until_ready(gyro_fit(begin, turns, up)))
+    print(f"gyroscope of imu_tk: cost {float(fit.cost):.11f}; {best:.2f} s after compilation, {first:.1f} s with it")
 
 
 def xsens(_):
@@ -100,7 +90,7 @@ def coverage(runs):
 
     truth = cases.turned_truth()
     for name, options in (
-        ("noise known", {"noise": {sensor: {"N": value} for sensor, value in NOISE.items()}}),
+        ("noise known", {"noise": {sensor: {"N": value} for sensor, value in MEMS_NOISE.items()}}),
         ("noise not known", {}),
         ("noise not known, no loss", {"loss": None}),
     ):

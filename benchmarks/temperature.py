@@ -13,8 +13,7 @@ import warnings
 
 import numpy as np
 
-from jaxcal.temperature import fit, reference_bias, simulate
-from jaxcal.temperature._bins import binned
+from jaxcal.temperature import binned, fit, reference_bias, simulate
 from jaxcal.temperature._curves import Chebyshev
 from jaxcal.temperature._linear import table_bins, table_curve
 from jaxcal.temperature._smoothing import spline_curve

@@ -131,6 +131,9 @@ def plain(value: Any) -> Any:
     """
     if isinstance(value, np.ndarray | np.generic | jax.Array):
         value = np.asarray(value).tolist()
+    if hasattr(value, "_enumeration"):  # an item of an Enumeration of Equinox, by its name
+        names = value._enumeration._name_to_item.items()
+        return next(name for name, item in names if int(item._value) == int(np.asarray(value._value)))
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         value = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
     if isinstance(value, Mapping):

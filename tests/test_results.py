@@ -11,7 +11,7 @@ import pytest
 
 import jaxcal
 from jaxcal import ExportError
-from jaxcal.alignment import AlignmentFit
+from jaxcal.alignment import AlignmentFit, Positions
 from jaxcal.allan import Deviation
 from jaxcal.imu import ImuFit
 from jaxcal.magnetometer import MagFit, body_field, scenario
@@ -71,3 +71,14 @@ def test_curves_are_judged_by_their_warnings_and_thinned():
     assert (curve.verdict, curve.reason) == ("weak", "2 warnings.")
     assert curve.to_dict()["lower"] == [None] * 38
     assert " to " not in curve.summary()
+
+
+def test_an_alignment_says_its_verdict_by_name():
+    readings = jaxcal.alignment.simulate(Positions(np.deg2rad([0.0, 90.0, 180.0, 270.0]), ["x"] * 4, 60.0), (0.01, 0.02, 0.5), 0.7)
+    found = jaxcal.alignment.fit(readings, 0.7, free=("phi", "theta", "psi"))
+    document = found.to_dict()
+    json.dumps(document, allow_nan=False)
+    assert document["verdict"] == "ok"
+    assert document["reason"] == found.reason
+    assert document["values"][2] == pytest.approx(0.5, abs=0.05)
+    assert "psi" in found.summary()

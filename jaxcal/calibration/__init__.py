@@ -5,4 +5,4 @@ from ._difference import PartDifference as PartDifference, difference as differe
 from ._noise import DeviceNoise as DeviceNoise, SensorNoise as SensorNoise
 from ._parts import Covariance as Covariance, Imu as Imu, Interval as Interval, Part as Part
 from ._provenance import provenance as provenance
-from ._thermal import Powers as Powers, Thermal as Thermal
+from ._thermal import Powers as Powers, Thermal as Thermal, polynomials as polynomials

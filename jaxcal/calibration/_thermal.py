@@ -35,7 +35,7 @@ class Powers(AbstractCurve):
 
     def value(self, t: Any) -> AnyArray:
         """The polynomial at the temperatures `t`, degC."""
-        return polynomial.polyval(np.asarray(t) - self.reference, np.concatenate([[0.0], self.coefficients]))
+        return np.asarray(polynomial.polyval(np.asarray(t) - self.reference, np.concatenate([[0.0], self.coefficients])))
 
 
 class Thermal(eqx.Module):
@@ -90,7 +90,21 @@ class Thermal(eqx.Module):
 
 
 def polynomials(reference: float, minimum: float, maximum: float, **sensors: AnyArray) -> Thermal:
-    """A `Thermal` of sensors that have (3, degree) coefficients of the powers 1, 2, ... of the temperature above the reference."""
+    """Thermal models of whole sensors: polynomials of the temperature above a reference.
+
+    Parameters
+    ----------
+    reference, minimum, maximum : temperature to which corrected readings belong, and range of the models, degC.
+    sensors : (3, degree) coefficients of the powers 1, 2, ... for "accel" and "gyro", SI per degC, degC^2, ...
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.calibration import polynomials
+    >>> model = polynomials(25.0, 0.0, 50.0, gyro=np.array([[1e-3], [0.0], [0.0]])).channels["gyro_x"]
+    >>> round(float(model.bias_at(np.array(35.0))), 6)
+    0.01
+    """
     models = {
         f"{sensor}_{axis}": ThermalModel(Powers(reference, np.asarray(row)), minimum, maximum)
         for sensor, rows in sensors.items()

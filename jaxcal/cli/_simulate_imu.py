@@ -57,15 +57,14 @@ def simulate_imu(
         raise CallError(f"--latitude {latitude:g}: expected degrees between -90 and 90")
     if rate * (initial + poses * (still + turn)) > LARGEST:
         raise CallError(f"--rate {rate:g}: expected a log of at most {LARGEST} samples")
-    from ..imu import gravity, simulate as simulated
-    from ..imu._simulate import NOISE
+    from ..imu import MEMS_NOISE, gravity, simulate as simulated
 
     given = {sensor: noise_from_text(text, sensor) for sensor, text in (("gyro", gyro), ("accel", accel)) if text is not None}
     screen = Screen(running.quiet)
     with staged([out]) as places, progress("simulating", running.quiet):
         angle = None if latitude is None else math.radians(latitude)
         log = simulated(
-            poses, rate=rate, initial=initial, still=still, turn=turn, noise=NOISE | given, seed=running.seed, latitude=angle,
+            poses, rate=rate, initial=initial, still=still, turn=turn, noise=MEMS_NOISE | given, seed=running.seed, latitude=angle,
             gravity=STANDARD_GRAVITY if angle is None else float(gravity(angle)),
         )  # fmt: skip
         save_log(places[out], log.time, {"gyro": log.gyro, "accel": log.accel})

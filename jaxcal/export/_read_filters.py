@@ -9,6 +9,8 @@ from .._errors import DataError
 from .._types import AnyArray
 from .._units import si_unit
 from ..calibration import Calibration
+from ..imu import Triad
+from ..magnetometer import MagModel
 from ._rounded import exact_rotation
 from ._yaml import parse
 
@@ -26,7 +28,7 @@ def kalibr(text: str, options: dict[str, Any]) -> Calibration:
         accel, gyro = _mapping(part, "accelerometers"), _mapping(part, "gyroscopes")
         turn = _matrix(gyro, "C_gyro_i") if "C_gyro_i" in gyro else np.eye(3)
         sensitivity = _matrix(gyro, "A") @ turn if "A" in gyro else np.zeros((3, 3))
-        imu = _imu(_matrix(accel, "M"), _matrix(gyro, "M") @ turn, sensitivity)
+        imu = {"accel": Triad(_matrix(accel, "M"), np.zeros(3)), "gyro": Triad(_matrix(gyro, "M") @ turn, np.zeros(3), sensitivity)}
     return Calibration(noise=_continuous(part, options), imu=imu)
 
 
@@ -36,7 +38,8 @@ def openvins(text: str, options: dict[str, Any]) -> Calibration:
     imu = None
     if "Ta" in part or "Tw" in part:
         turns = {key: exact_rotation(_matrix(part, key)) for key in ("R_IMUtoACC", "R_IMUtoGYRO")}
-        imu = _imu(_matrix(part, "Ta") @ turns["R_IMUtoACC"], _matrix(part, "Tw") @ turns["R_IMUtoGYRO"], _matrix(part, "Tg"))
+        accel, gyro = _matrix(part, "Ta") @ turns["R_IMUtoACC"], _matrix(part, "Tw") @ turns["R_IMUtoGYRO"]
+        imu = {"accel": Triad(accel, np.zeros(3)), "gyro": Triad(gyro, np.zeros(3), _matrix(part, "Tg"))}
     return Calibration(noise=_continuous(part, options), imu=imu)
 
 
@@ -83,28 +86,24 @@ def ros(text: str, options: dict[str, Any]) -> Calibration:
     if "dlio" in document:
         inner = _mapping(_mapping(_mapping(document, "dlio"), "imu"), "intrinsics")
         accel, gyro = _mapping(inner, "accel"), _mapping(inner, "gyro")
-        triad = {"unit": "rad/s", "matrix": np.eye(3), "bias": _vector(gyro, "bias"), "g_sensitivity": np.zeros((3, 3)), "covariance": None}
-        return Calibration(imu={"accel": _after_matrix(_matrix(accel, "sm"), _vector(accel, "bias")), "gyro": triad})
+        accel = _after_matrix(_matrix(accel, "sm"), _vector(accel, "bias"))
+        return Calibration(imu={"accel": accel, "gyro": Triad(np.eye(3), _vector(gyro, "bias"))})
     if "mag_bias_x" in document:
         bias = np.array([_number(document, f"mag_bias_{axis}") for axis in "xyz"])
-        return Calibration(magnetometer=_magnetometer(np.eye(3), bias, None))
+        return Calibration(magnetometer=MagModel(np.eye(3), bias))
     if "/**" in document:
         return _ros2(_mapping(_mapping(document, "/**"), "ros__parameters"), text, options)
     raise DataError("the file has none of the keys SM, dlio, mag_bias_x and /**, by which a calibration for ROS is known")
 
 
 def _ros2(found: dict[str, Any], text: str, options: dict[str, Any]) -> Calibration:
-    imu: dict[str, Any] = {}
-    if "accel_matrix" in found:
-        imu["accel"] = {
-            "unit": "m/s^2", "matrix": inverse(_matrix(found, "accel_matrix")), "bias": _vector(found, "accel_bias"), "covariance": None,
-        }  # fmt: skip
+    def held(name: str) -> tuple[AnyArray, AnyArray]:
+        return inverse(_matrix(found, f"{name}_matrix")), _vector(found, f"{name}_bias")
+
+    imu = {"accel": Triad(*held("accel"))} if "accel_matrix" in found else {}
     if "gyro_matrix" in found:
-        imu["gyro"] = {
-            "unit": "rad/s", "matrix": inverse(_matrix(found, "gyro_matrix")), "bias": _vector(found, "gyro_bias"),
-            "g_sensitivity": _matrix(found, "gyro_g_sensitivity"), "covariance": None,
-        }  # fmt: skip
-    mag = _magnetometer(inverse(_matrix(found, "mag_matrix")), _vector(found, "mag_bias"), None) if "mag_matrix" in found else None
+        imu["gyro"] = Triad(*held("gyro"), _matrix(found, "gyro_g_sensitivity"))
+    mag = MagModel(*held("mag")) if "mag_matrix" in found else None
     noise: dict[str, Any] = {}
     for sensor, key in (("gyro", "angular_velocity_covariance"), ("accel", "linear_acceleration_covariance")):
         if key in found:
@@ -130,22 +129,10 @@ def inverse(matrix: AnyArray) -> AnyArray:
         raise DataError("a matrix of the file has no inverse") from None
 
 
-def _after_matrix(correction: AnyArray, bias: AnyArray) -> dict[str, Any]:
+def _after_matrix(correction: AnyArray, bias: AnyArray) -> Triad:
     """An accelerometer whose bias is subtracted after the matrix."""
     matrix = inverse(correction)
-    return {"unit": "m/s^2", "matrix": matrix, "bias": matrix @ bias, "covariance": None}
-
-
-def _magnetometer(soft: AnyArray, hard: AnyArray, field: float | None) -> dict[str, Any]:
-    return {"unit": "T", "soft_iron": soft, "hard_iron": hard, "field": field, "covariance": None}
-
-
-def _imu(accel: AnyArray, gyro: AnyArray, sensitivity: AnyArray) -> dict[str, Any]:
-    zero = np.zeros(3)
-    return {
-        "accel": {"unit": "m/s^2", "matrix": accel, "bias": zero, "covariance": None},
-        "gyro": {"unit": "rad/s", "matrix": gyro, "bias": zero, "g_sensitivity": sensitivity, "covariance": None},
-    }
+    return Triad(matrix, matrix @ bias)
 
 
 def _continuous(found: dict[str, Any], options: dict[str, Any]) -> dict[str, Any]:
@@ -177,10 +164,7 @@ def _mapping(found: dict[str, Any], key: str) -> dict[str, Any]:
 
 
 def _number(found: dict[str, Any], key: str) -> float:
-    value = found.get(key)
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) < 1e15:
-        raise DataError(f"{key} is {'missing' if value is None else repr(value)[:80]}; expected a number")
-    return float(value)
+    return float(_array(found, key, 1)[0])
 
 
 def _vector(found: dict[str, Any], key: str) -> AnyArray:
@@ -193,8 +177,14 @@ def _matrix(found: dict[str, Any], key: str) -> AnyArray:
 
 def _array(found: dict[str, Any], key: str, size: int) -> AnyArray:
     value = found.get(key)
-    rows = value if isinstance(value, list) else []
-    flat = [item for row in rows for item in (row if isinstance(row, list) else [row])]
-    if len(flat) != size or not all(isinstance(item, (int, float)) and not isinstance(item, bool) and abs(item) < 1e15 for item in flat):
-        raise DataError(f"{key} is {'missing' if value is None else repr(value)[:80]}; expected {size} numbers")
-    return np.array(flat, dtype=np.float64)
+    rows = value if isinstance(value, list) else [value]
+    flat: list[Any] = [item for row in rows for item in (row if isinstance(row, list) else [row])]
+    try:
+        # YAML takes 1e-3, without a point, for a word
+        values = np.array([float("nan") if isinstance(item, bool) else float(item) for item in flat])
+    except (TypeError, ValueError, OverflowError):
+        values = np.array([])
+    if len(values) != size or not np.all(np.abs(values) < 1e15):
+        expected = f"{size} numbers" if size > 1 else "a number"
+        raise DataError(f"{key} is {'missing' if value is None else repr(value)[:80]}; expected {expected}")
+    return values

@@ -10,7 +10,9 @@ import numpy as np
 from .._errors import DataError
 from .._types import AnyArray
 from .._units import si_unit
-from ..calibration import Calibration
+from ..calibration import Calibration, Part, Thermal, polynomials
+from ..imu import Triad
+from ..magnetometer import MagModel
 from ._csv import AXES, HEADER, TERMS
 from ._motioncal import MICROTESLA, SIGNATURE, checksum
 from ._read_filters import inverse
@@ -28,9 +30,7 @@ def imu_tk(texts: dict[str, str]) -> Calibration:
             raise DataError(f"the file of the {sensor} has {len(words)} numbers; expected {_NUMBERS}: T, K and B")
         values = np.array([_number(word) for word in words])
         matrix = inverse(values[:9].reshape(3, 3) @ values[9:18].reshape(3, 3))
-        imu[sensor] = {"unit": si_unit(sensor), "matrix": matrix, "bias": values[18:], "covariance": None}
-        if sensor == "gyro":
-            imu[sensor]["g_sensitivity"] = np.zeros((3, 3))
+        imu[sensor] = Triad(matrix, values[18:])
     return Calibration(imu=imu)
 
 
@@ -50,9 +50,7 @@ def motioncal(data: bytes) -> Calibration:
         hard, field = values[6:9], float(values[9]) * MICROTESLA
         xx, yy, zz, xy, xz, yz = values[10:]
         correction = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    soft = inverse(correction)
-    section = {"unit": "T", "soft_iron": soft, "hard_iron": hard * MICROTESLA, "field": field, "covariance": None}
-    return Calibration(magnetometer=section)
+    return Calibration(magnetometer=Part(MagModel(inverse(correction), hard * MICROTESLA), si_unit("mag"), field))
 
 
 def table(text: str) -> Calibration:
@@ -92,42 +90,35 @@ def _noise(found: Cells) -> dict[str, Any] | None:
     return noise
 
 
-def _imu(found: Cells) -> dict[str, Any] | None:
+def _imu(found: Cells) -> dict[str, Triad] | None:
     imu = {}
     for sensor in ("accel", "gyro"):
         if (sensor, "matrix") in found:
-            imu[sensor] = {
-                "unit": si_unit(sensor), "matrix": _square(found, sensor, "matrix"), "bias": _three(found, sensor, "bias"),
-                "covariance": None,
-            }  # fmt: skip
-            if sensor == "gyro":
-                imu[sensor]["g_sensitivity"] = _square(found, sensor, "g_sensitivity")
+            felt = [_square(found, sensor, "g_sensitivity")] if sensor == "gyro" else []
+            imu[sensor] = Triad(_square(found, sensor, "matrix"), _three(found, sensor, "bias"), *felt)
     return imu or None
 
 
-def _mag(found: Cells) -> dict[str, Any] | None:
+def _mag(found: Cells) -> Part[MagModel] | None:
     if ("mag", "matrix") not in found:
         return None
     field = found.get(("mag", "field"), {}).get("")
-    return {
-        "unit": si_unit("mag"), "soft_iron": _square(found, "mag", "matrix"), "hard_iron": _three(found, "mag", "bias"),
-        "field": None if field is None else float(field[0]), "covariance": None,
-    }  # fmt: skip
+    model = MagModel(_square(found, "mag", "matrix"), _three(found, "mag", "bias"))
+    return Part(model, si_unit("mag"), None if field is None else float(field[0]))
 
 
-def _temperature(found: Cells) -> dict[str, Any] | None:
+def _temperature(found: Cells) -> Thermal | None:
     if ("temperature", "reference") not in found:
         return None
-    section: dict[str, Any] = {"unit": "degC"}
-    for key in ("reference", "minimum", "maximum"):
-        section[key] = float(_cell(found, "temperature", key, "")[0])
+    reference, low, high = (float(_cell(found, "temperature", key, "")[0]) for key in ("reference", "minimum", "maximum"))
+    sensors = {}
     for sensor in ("accel", "gyro"):
         powers = []
         while (sensor, f"bias_temperature_{len(powers) + 1}") in found:
             powers.append(_three(found, sensor, f"bias_temperature_{len(powers) + 1}"))
         if powers:
-            section[sensor] = np.stack(powers, axis=1)
-    return section
+            sensors[sensor] = np.stack(powers, axis=1)
+    return polynomials(reference, low, high, **sensors)
 
 
 def _square(found: Cells, quantity: str, kind: str) -> AnyArray:

@@ -8,7 +8,9 @@ from numpy.polynomial import polynomial
 
 from .._errors import DataError
 from .._types import AnyArray
-from ..calibration import Calibration
+from ..calibration import Calibration, Thermal, polynomials
+from ..imu import Triad
+from ..magnetometer import MagModel
 from ._ardupilot import names_of
 from ._read_filters import inverse
 
@@ -29,7 +31,7 @@ def px4(text: str, options: dict[str, Any]) -> Calibration:
             )
     values = {row[2].strip(): _number(row[2], row[3]) for row in rows}
     i = options["instance"]
-    imu: dict[str, Any] = {}
+    imu: dict[str, Triad] = {}
     ids: dict[str, int] = {}
     thermal: dict[str, Any] = {}
     for sensor, letter, start in (("accel", "A", f"CAL_ACC{i}"), ("gyro", "G", f"CAL_GYRO{i}")):
@@ -39,13 +41,13 @@ def px4(text: str, options: dict[str, Any]) -> Calibration:
         if f"{start}_XOFF" in values:
             bias = _three(values, f"{start}_{{}}OFF") + constant
             scale = _three(values, f"{start}_{{}}SCALE") if sensor == "accel" else np.ones(3)
-            imu[sensor] = _triad(sensor, scale, bias)
+            imu[sensor] = _triad(scale, bias)
         _keep_id(ids, f"{sensor}_id", values.get(f"{start}_ID", values.get(f"TC_{letter}{i}_ID")))
     mag = None
     if f"CAL_MAG{i}_XOFF" in values:
         start = f"CAL_MAG{i}"
         correction = _symmetric(_three(values, f"{start}_{{}}SCALE"), _three(values, f"{start}_{{}}ODIAG"))
-        mag = _magnetometer(correction, _three(values, f"{start}_{{}}OFF") * _GAUSS)
+        mag = MagModel(inverse(correction), _three(values, f"{start}_{{}}OFF") * _GAUSS)
         _keep_id(ids, "mag_id", values.get(f"{start}_ID"))
     return _calibration(imu, mag, _joined(thermal), {"px4": ids}, f"instance {i} of any sensor")
 
@@ -69,49 +71,45 @@ def ardupilot(text: str, options: dict[str, Any]) -> Calibration:
                 raise DataError(f"the line {line!r:.80} has {len(parts)} items; expected a name and a value")
             values[parts[0]] = _number(parts[0], parts[1])
     names = names_of(options["instance"] + 1)
-    imu: dict[str, Any] = {}
+    imu: dict[str, Triad] = {}
     ids: dict[str, int] = {}
     for sensor in ("accel", "gyro"):
         if names[f"{sensor}_offset"].format("X") in values:
             scale = _three(values, names["accel_scale"]) if sensor == "accel" else np.ones(3)
-            imu[sensor] = _triad(sensor, scale, _three(values, names[f"{sensor}_offset"]))
+            imu[sensor] = _triad(scale, _three(values, names[f"{sensor}_offset"]))
     _keep_id(ids, "accel_id", values.get(names["accel_id"]))
     mag = None
     if names["compass_offset"].format("X") in values:
         # a scale of 0 is ignored by the firmware
         scale = values.get(names["compass_scale"], 1.0) or 1.0
         correction = scale * _symmetric(_three(values, names["compass_diagonal"]), _three(values, names["compass_rest"]))
-        mag = _magnetometer(correction, -_three(values, names["compass_offset"]) * _MILLIGAUSS)
+        mag = MagModel(inverse(correction), -_three(values, names["compass_offset"]) * _MILLIGAUSS)
         _keep_id(ids, "compass_id", values.get(names["compass_id"]))
     return _calibration(imu, mag, _ardupilot_thermal(values, names), {"ardupilot": ids}, f"instance {options['instance']} of any sensor")
 
 
-def _ardupilot_thermal(values: Values, names: dict[str, str]) -> dict[str, Any] | None:
+def _ardupilot_thermal(values: Values, names: dict[str, str]) -> Thermal | None:
     start = names["thermal"]
     if values.get(f"{start}ENABLE", 0) != 1:
         return None
     low, high = _of(values, f"{start}TMIN"), _of(values, f"{start}TMAX")
     holds = min(max(values.get(names["accel_temperature"], low), low), high)
-    section: dict[str, Any] = {"unit": "degC", "reference": holds, "minimum": low, "maximum": high}
+    sensors = {}
     for sensor, letter in (("accel", "ACC"), ("gyro", "GYR")):
         powers = np.array([[values.get(f"{start}{letter}{power}_{axis}", 0.0) for power in (1, 2, 3)] for axis in _AXES])
         if np.any(powers):
-            section[sensor] = _about(powers * _MILLIONTH, _REFERENCE, holds)
-    return section
+            sensors[sensor] = _about(powers * _MILLIONTH, _REFERENCE, holds)
+    return polynomials(holds, low, high, **sensors)
 
 
-def _joined(thermal: dict[str, Any]) -> dict[str, Any] | None:
+def _joined(thermal: dict[str, Any]) -> Thermal | None:
     """One section of the models of two sensors: the reference of the first, and the range that both share."""
     if not thermal:
         return None
-    first = next(iter(thermal.values()))
-    section: dict[str, Any] = {
-        "unit": "degC", "reference": first["reference"], "minimum": max(model["minimum"] for model in thermal.values()),
-        "maximum": min(model["maximum"] for model in thermal.values()),
-    }  # fmt: skip
-    for sensor, model in thermal.items():
-        section[sensor] = _about(model["powers"], model["reference"], first["reference"])
-    return section
+    models = thermal.values()
+    reference = next(iter(models))["reference"]
+    sensors = {sensor: _about(model["powers"], model["reference"], reference) for sensor, model in thermal.items()}
+    return polynomials(reference, max(model["minimum"] for model in models), min(model["maximum"] for model in models), **sensors)
 
 
 def _about(powers: AnyArray, old: float, new: float) -> AnyArray:
@@ -123,18 +121,13 @@ def _about(powers: AnyArray, old: float, new: float) -> AnyArray:
     return np.stack([np.pad(row, (0, powers.shape[1] + 1 - len(row)))[1:] for row in found])
 
 
-def _triad(sensor: str, scale: AnyArray, bias: AnyArray) -> dict[str, Any]:
+def _triad(scale: AnyArray, bias: AnyArray) -> Triad:
     if not np.all(scale):
         raise DataError("a scale factor of the accelerometer is 0")
-    part = {"unit": "m/s^2" if sensor == "accel" else "rad/s", "matrix": np.diag(1 / scale), "bias": bias, "covariance": None}
-    return part | ({"g_sensitivity": np.zeros((3, 3))} if sensor == "gyro" else {})
+    return Triad(np.diag(1 / scale), bias)
 
 
-def _magnetometer(correction: AnyArray, hard: AnyArray) -> dict[str, Any]:
-    return {"unit": "T", "soft_iron": inverse(correction), "hard_iron": hard, "field": None, "covariance": None}
-
-
-def _calibration(imu: dict, mag: dict | None, thermal: dict | None, device: dict[str, Any], what: str) -> Calibration:
+def _calibration(imu: dict, mag: MagModel | None, thermal: Thermal | None, device: dict[str, Any], what: str) -> Calibration:
     if not imu and mag is None and thermal is None:
         raise DataError(f"the file has no calibration of {what}")
     return Calibration(

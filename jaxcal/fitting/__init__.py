@@ -5,12 +5,19 @@ A calibration is a residual problem: a model (any tree of numbers, as a rule an 
 well the parameters are known. Every estimator of jaxcal stands on this package, the only one that uses optimistix.
 """
 
-from ._covariance import covariance as covariance, standard_errors as standard_errors
+from ._covariance import covariance as covariance, intervals as intervals
 from ._fit import solve as solve
+from ._information import (
+    Information as Information,
+    identifiability as identifiability,
+    information as information,
+    leverage as leverage,
+)
 from ._loss import AbstractLoss as AbstractLoss, Cauchy as Cauchy, Huber as Huber, SoftL1 as SoftL1, Tukey as Tukey
 from ._many import solve_many as solve_many
 from ._nonnegative import Nonnegative as Nonnegative, nonnegative as nonnegative
 from ._outcome import Outcome as Outcome
+from ._parameters import names_of as names_of
+from ._prior import AbstractPrior as AbstractPrior, Gaussian as Gaussian
 from ._profile import Interval as Interval, profile_interval as profile_interval
-from ._rank import Identifiability as Identifiability, identifiability as identifiability
 from ._result import Fit as Fit

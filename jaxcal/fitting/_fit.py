@@ -1,7 +1,7 @@
 """`solve`: fit any model to residuals."""
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -10,33 +10,36 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 
+from .._compile import filter_jit
 from .._errors import FitError
 from .._precision import array_module, is_traced
 from .._types import Array
+from ._information import known_of
 from ._loss import AbstractLoss
 from ._outcome import Outcome
+from ._prior import AbstractPrior
 from ._problem import Problem, check, define
-from ._rank import rank_of
-from ._result import Fit, to_numpy
-from ._search import search, transformed
+from ._result import Fit, M, to_numpy
+from ._search import cost, search
 
 
 def solve(
     residuals: Callable[[Any, Any], Array],
-    start: Any,
+    start: M,
     data: Any = None,
     *,
     free: Any = None,
     bounds: tuple[Any, Any] | None = None,
     loss: AbstractLoss | None = None,
+    priors: AbstractPrior | Sequence[AbstractPrior] = (),
     solver: optx.AbstractLeastSquaresSolver | None = None,
     starts: Any = None,
     max_steps: int = 128,
     rtol: float | None = None,
-) -> Fit:
+) -> Fit[M]:
     """Fit a model by minimising 1/2 sum_i c^2 rho(r_i^2 / c^2) over its parameters (half the sum of squares without a loss).
 
-    The fit is differentiable in `data`, in the bounds and in the parameters held fixed (implicit function theorem), and runs
+    The fit is differentiable in `data`, bounds, held parameters and the numbers of priors and loss (implicit function theorem), and runs
     under `jit` and `vmap`. Repeated calls with the same residual function and the same shapes do not recompile.
 
     Parameters
@@ -56,6 +59,8 @@ def solve(
         with `Outcome.at_bound`, and the parameter counts as fixed for covariance and degrees of freedom.
     loss
         Robust loss, such as `Huber()`.
+    priors
+        What is known of the parameters besides: a prior such as `Gaussian("bias[2]", 0.0, 0.01)`, or several.
     solver
         Any least-squares solver of optimistix instead of the default one; without bounds.
     starts
@@ -86,35 +91,39 @@ def solve(
     ('offset', 'slope') [1. 2.] The fit converged.
     """
     problem = define(
-        residuals, start, data, free=free, bounds=bounds, loss=loss, solver=solver, starts=starts, max_steps=max_steps, rtol=rtol
-    )
+        residuals, start, data, free=free, bounds=bounds, loss=loss, priors=priors, solver=solver, starts=starts, max_steps=max_steps,
+        rtol=rtol,
+    )  # fmt: skip
     check(problem)
     fit = run(problem)
     _check_residuals(problem, fit)
     return dataclasses.replace(fit, problem=problem)
 
 
-@eqx.filter_jit
+@filter_jit
 def _run(problem: Problem) -> Fit:
     """Solve and describe the solution, but for its rank."""
     found = search(problem)
-    x, r, jacobian = found.x, found.residuals, found.jacobian
+    x, rows, r = found.x, found.rows, found.rows.residuals
     outcome = Outcome.where(jnp.any(found.held), Outcome.at_bound, Outcome.converged)
     unfinished = Outcome.where(found.steps >= problem.max_steps, Outcome.step_limit, Outcome.stalled)
     outcome = Outcome.where(found.flat, outcome, unfinished)
-    finite = jnp.all(jnp.isfinite(r)) & jnp.all(jnp.isfinite(jacobian))
+    finite = jnp.all(jnp.array([jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(rows)]))
     influence = lambda r: (jnp.ones_like(r) if problem.loss is None else problem.loss.weight(r)) * r  # noqa: E731
     return Fit(
         model=problem.model(x),
         outcome=Outcome.where(finite, outcome, Outcome.not_finite),
-        cost=0.5 * jnp.sum(transformed(problem, r)[0] ** 2),
+        cost=cost(problem, r, rows.prior),
         parameters=x,
         residuals=r,
-        jacobian=jacobian,
+        jacobian=rows.jacobian,
         weights=jnp.ones_like(r) if problem.loss is None else problem.loss.weight(r),
         curvature=jax.jvp(influence, (r,), (jnp.ones_like(r),))[1],
+        prior_residuals=rows.prior,
+        prior_jacobian=rows.prior_jacobian,
         at_bound=found.held,
         steps=found.steps,
+        effective=jnp.sum(~found.held, dtype=r.dtype),
         names=problem.names,
         robust=problem.loss is not None,
     )
@@ -127,7 +136,10 @@ def run(problem: Problem) -> Fit:
     """
     found = _run(problem)
     fit = dataclasses.replace(to_numpy(found), model=found.model)
-    lost = array_module(fit).logical_and(rank_of(fit) < fit.parameters.size, fit.outcome != Outcome.not_finite)
+    xp, known = array_module(fit), known_of(fit)
+    if problem.priors:
+        fit = dataclasses.replace(fit, effective=fit.effective - xp.sum(known.leverage(fit.prior_jacobian)))
+    lost = xp.logical_and(known.rank < xp.sum(~fit.at_bound), fit.outcome != Outcome.not_finite)
     if is_traced(lost):
         return dataclasses.replace(fit, outcome=Outcome.where(lost, Outcome.unidentifiable, fit.outcome))
     return dataclasses.replace(fit, outcome=to_numpy(Outcome.unidentifiable)) if lost else fit
@@ -137,9 +149,10 @@ def _check_residuals(problem: Problem, fit: Fit) -> None:
     """Refuse residuals that are not finite at the start, and say which (host only)."""
     if is_traced(fit) or fit.outcome != Outcome.not_finite:
         return
-    bad = np.flatnonzero(~np.isfinite(np.asarray(eqx.filter_jit(problem.residual)(problem.values()))))
+    at_start = np.concatenate([np.asarray(part) for part in eqx.filter_jit(problem.residual)(problem.values())])
+    bad = np.flatnonzero(~np.isfinite(at_start))
     if bad.size:
         raise FitError(
-            f"{bad.size} of {fit.residuals.size} residuals are not finite at the start, the first at {bad[:5].tolist()}; "
+            f"{bad.size} of {at_start.size} residuals are not finite at the start, the first at {bad[:5].tolist()}; "
             "remove NaN and infinite data, or start where the model is defined."
         )

@@ -7,22 +7,23 @@ from typing import Any, Literal
 import equinox as eqx
 import jax
 
+from .._compile import filter_jit
 from .._types import Array
 from ._fit import run
 from ._parameters import common_dtype, to_floats
 from ._problem import Problem, define
-from ._result import Fit
+from ._result import Fit, M
 
 
 def solve_many(
     residuals: Callable[[Any, Any], Array],
-    start: Any,
+    start: M,
     data: Any,
     *,
     batched: Any = (True, True),
     batch: Literal["map", "vmap"] | None = None,
     **options: Any,
-) -> Fit:
+) -> Fit[M]:
     """Fit the same model to many data sets in one compiled call.
 
     Nothing is raised for one bad data set among many: look at `outcome` or `usable`, one per fit.
@@ -57,14 +58,14 @@ def solve_many(
     start, data = to_floats((start, data), common_dtype(start, data))
     mapped, shared = eqx.partition((start, data), batched)
     first = eqx.combine(jax.tree.map(lambda leaf: leaf[0], mapped), shared)
-    defaults = dict.fromkeys(("free", "bounds", "loss", "solver", "starts", "rtol")) | {"max_steps": 128}
+    defaults = dict.fromkeys(("free", "bounds", "loss", "solver", "starts", "rtol")) | {"priors": (), "max_steps": 128}
     template = define(residuals, *first, **(defaults | options))
     if batch is None:
         batch = "map" if jax.default_backend() == "cpu" else "vmap"
     return _each(template, mapped, shared, batch == "vmap")
 
 
-@eqx.filter_jit
+@filter_jit
 def _each(template: Problem, mapped: Any, shared: Any, together: bool) -> Fit:
     def one(item: Any) -> Fit:
         start, data = eqx.combine(item, shared)

@@ -8,7 +8,7 @@ class Outcome(eqx.Enumeration):
 
     converged = "The fit converged."
     at_bound = "The fit converged with a parameter at its bound, where its interval is one-sided; widen the bound unless it is a fact."
-    unidentifiable = "The data do not determine every parameter; hold one fixed, add a prior as a residual, or record data that move it."
+    unidentifiable = "The data do not determine every parameter; hold one fixed, add a prior, or record data that move it."
     stalled = "The fit stopped where its residuals still slope; look for a kink in the model, and run in float64."
     step_limit = "The fit reached its step limit before it converged; start closer, try several starts, or raise max_steps."
     not_finite = "The residuals became infinite or NaN; bound the parameters to where the model is defined, or start closer."

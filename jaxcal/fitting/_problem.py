@@ -14,6 +14,7 @@ from .._precision import is_traced
 from .._types import Array
 from ._loss import AbstractLoss
 from ._parameters import common_dtype, names_of, spread, to_floats, vector_of
+from ._prior import AbstractPrior
 
 
 class Problem(eqx.Module):
@@ -25,6 +26,8 @@ class Problem(eqx.Module):
     upper: Array
     starts: Array | None
     loss: AbstractLoss | None
+    priors: tuple[AbstractPrior, ...]
+    keep: Array | None
     residuals: Callable = eqx.field(static=True)
     solver: optx.AbstractLeastSquaresSolver | None = eqx.field(static=True)
     free: tuple[int, ...] = eqx.field(static=True)
@@ -44,23 +47,26 @@ class Problem(eqx.Module):
         place[list(self.free)] = np.arange(x.size)
         return put(x if len(self.free) == vector.size else jnp.concatenate([x, vector])[place])
 
-    def residual(self, x: Array) -> Array:
-        """All residuals in one vector; their shape is checked here, which costs nothing once compiled."""
-        r = self.residuals(self.model(x), self.data)
+    def residual(self, x: Array) -> tuple[Array, Array]:
+        """Residuals of the data and of the priors, a vector each; their shape is checked here, which costs nothing once compiled."""
+        model = self.model(x)
+        r = self.residuals(model, self.data)
         if not (isinstance(r, (jnp.ndarray, np.ndarray)) and jnp.issubdtype(r.dtype, jnp.floating)):
             raise FitError(f"The residual function returned {type(r).__name__}; it must return one floating-point array.")
-        if r.size < x.size:
+        prior = jnp.concatenate([jnp.ravel(one.residuals(model)) for one in self.priors] + [jnp.zeros(0, dtype=r.dtype)])
+        if r.size + prior.size < x.size:
             raise FitError(
-                f"{r.size} residuals cannot determine {x.size} parameters ({', '.join(self.names)}); "
+                f"{r.size + prior.size} residuals cannot determine {x.size} parameters ({', '.join(self.names)}); "
                 "add data, or hold parameters fixed with `free`."
             )
-        return jnp.ravel(r)
+        return jnp.ravel(r) if self.keep is None else jnp.where(self.keep, jnp.ravel(r), 0), prior
 
 
-def define(residuals, start, data, *, free, bounds, loss, solver, starts, max_steps, rtol) -> Problem:
+def define(residuals, start, data, *, free, bounds, loss, priors, solver, starts, max_steps, rtol) -> Problem:
     """Bring the arguments of `solve` into one shape and dtype."""
     dtype = common_dtype(start, data)
-    start, data, loss = (to_floats(tree, dtype) for tree in (start, data, loss))
+    priors = (priors,) if isinstance(priors, AbstractPrior) else tuple(priors)
+    start, data, loss, priors = (to_floats(tree, dtype) for tree in (start, data, loss, priors))
     names = names_of(start)
     index = np.arange(len(names)) if free is None else np.flatnonzero(spread(free, start, "`free`"))
     if not index.size:
@@ -79,6 +85,8 @@ def define(residuals, start, data, *, free, bounds, loss, solver, starts, max_st
         upper=chosen(high, "The upper bound"),
         starts=None if starts is None else _rows(to_floats(starts, dtype))[:, index],
         loss=loss,
+        priors=priors,
+        keep=None,
         residuals=residuals,
         solver=solver,
         free=tuple(index.tolist()),

@@ -68,6 +68,8 @@ def profile_interval(fit: Fit, name: str, *, confidence: float = 0.95, scaled: b
     fit.checked()
     problem = eqx.tree_at(lambda p: p.starts, fit.problem, None, is_leaf=lambda leaf: leaf is None)
     j, best, least = fit.names.index(name), np.asarray(fit.parameters, dtype=np.float64), 2 * float(fit.cost)
+    if scaled and problem.priors:
+        raise FitError("A scaled profile would scale the priors too; divide the residuals by their standard deviation instead.")
     if scaled or fit.robust:
         rise = float(fit.variance * fit.mean_curvature) * scipy.stats.f.ppf(confidence, 1, int(fit.degrees_of_freedom))
     else:

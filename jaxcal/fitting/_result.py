@@ -1,6 +1,6 @@
 """`Fit`: what a solve returns."""
 
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import equinox as eqx
 import jax
@@ -13,28 +13,32 @@ from .._types import AnyArray, Value
 from ._outcome import Outcome
 from ._problem import Problem
 
+M = TypeVar("M")
 
-class Fit(eqx.Module):
+
+class Fit(eqx.Module, Generic[M]):
     """A fitted model and everything needed to say how well it is known.
 
     Attributes
     ----------
     model : the fitted model, of the type of the start.
     outcome : an item of `Outcome`.
-    cost : half the sum of the squared residuals (of the loss, where there is one).
+    cost : half the sum of the squared residuals (of the loss, where there is one) and of the residuals of the priors.
     parameters : (p,) free parameters, in the order of `names`.
     residuals : (n,) whitened residuals at the solution, without the loss.
     jacobian : (n, p) their derivative with respect to `parameters`.
     weights : (n,) weight of each residual under the loss, one without it.
     curvature : (n,) second derivative of the loss, one without it.
+    prior_residuals, prior_jacobian : (m,) residuals of the priors, and (m, p) their derivative; empty without priors.
     at_bound : (p,) True where a bound holds the parameter.
     steps : evaluations of the residuals.
+    effective : number of parameters that the data determine: the free ones, less what the priors determine (sum of the leverage).
     names : one name per free parameter.
     robust : whether there was a loss.
     problem : what was solved, for `profile_interval`; None for one of many.
     """
 
-    model: Any
+    model: M
     outcome: Any
     cost: AnyArray
     parameters: AnyArray
@@ -42,8 +46,11 @@ class Fit(eqx.Module):
     jacobian: AnyArray
     weights: AnyArray
     curvature: AnyArray
+    prior_residuals: AnyArray
+    prior_jacobian: AnyArray
     at_bound: AnyArray
     steps: AnyArray
+    effective: Value
     names: tuple[str, ...] = eqx.field(static=True)
     robust: bool = eqx.field(static=True)
     problem: Problem | None = None
@@ -70,8 +77,8 @@ class Fit(eqx.Module):
 
     @property
     def degrees_of_freedom(self) -> Value:
-        """`count` less `free`."""
-        return self.count - self.free
+        """`count` less `effective`: residuals of the data that are left to test the fit."""
+        return self.count - self.effective
 
     @property
     def mean_curvature(self) -> Value:
@@ -103,7 +110,7 @@ class Fit(eqx.Module):
         held = [name for name, at in zip(self.names, np.asarray(self.at_bound), strict=True) if at]
         return Outcome[self.outcome] + (f" At its bound: {', '.join(held)}." if held else "")
 
-    def checked(self) -> "Fit":
+    def checked(self) -> "Fit[M]":
         """Return this fit, or raise a `FitError` with the outcome's sentence where it did not converge (host only, one fit)."""
         if not bool(self.usable):
             raise FitError(self.message)

@@ -15,51 +15,69 @@ from ._levenberg_marquardt import BoundedLevenbergMarquardt, linear_problem
 from ._problem import Problem
 
 
+class Rows(eqx.Module):
+    """Residuals of data (n,) and priors (m,), and their Jacobians (n, p) and (m, p)."""
+
+    residuals: Array
+    jacobian: Array
+    prior: Array
+    prior_jacobian: Array
+
+
 class Found(eqx.Module):
     """Where a search ended; `flat` says that the cost has no slope left there. A derivative of it has None for what has none."""
 
     x: Array
-    residuals: Array
-    jacobian: Array
+    rows: Rows
     held: Array | None
     flat: Array | None
     steps: Array | None
 
 
 @eqx.filter_jit
-def linearised(problem: Problem, x: Array) -> tuple[Array, Array]:
-    """Residuals (n,) and their Jacobian (n, p)."""
-    value, push = jax.linearize(problem.residual, x)
-    return value, jax.vmap(push, out_axes=1)(jnp.eye(x.size, dtype=x.dtype))
+def linearised(problem: Problem, x: Array) -> Rows:
+    """Residuals and their Jacobian."""
+    (r, prior), push = jax.linearize(problem.residual, x)
+    jacobian, prior_jacobian = jax.vmap(push, out_axes=1)(jnp.eye(x.size, dtype=x.dtype))
+    return Rows(r, jacobian, prior, prior_jacobian)
 
 
-def transformed(problem: Problem, r: Array) -> tuple[Array, Array]:
-    """Residuals whose half sum of squares is the cost, and their derivative with respect to the residuals."""
+def lossy(problem: Problem, r: Array) -> tuple[Array, Array]:
+    """Residuals whose half sum of squares is the loss, and their derivative with respect to the residuals."""
     return (r, jnp.ones_like(r)) if problem.loss is None else jax.jvp(problem.loss, (r,), (jnp.ones_like(r),))
+
+
+def cost(problem: Problem, r: Array, prior: Array) -> Array:
+    """What the fit minimises."""
+    return 0.5 * (jnp.sum(lossy(problem, r)[0] ** 2) + jnp.sum(prior**2))
 
 
 def _from(problem: Problem, x: Array) -> Found:
     """Lowest point that the solver reaches from `x`."""
 
-    def evaluated(x: Array, given: Problem) -> tuple[Array, tuple[Array, tuple[Array, Array]]]:
-        r, jacobian = linearised(given, x)
-        value, slope = transformed(given, r)
-        return value, (slope[:, None] * jacobian, (r, jacobian))
+    def evaluated(x: Array, given: Problem) -> tuple[Array, tuple[Array, Rows]]:
+        rows = linearised(given, x)
+        value, slope = lossy(given, rows.residuals)
+        return jnp.concatenate([value, rows.prior]), (jnp.concatenate([slope[:, None] * rows.jacobian, rows.prior_jacobian]), rows)
 
     if problem.solver is None:
         solver = BoundedLevenbergMarquardt(rtol=problem.rtol, lower=problem.lower, upper=problem.upper)
         end = optx.least_squares(evaluated, solver, x, problem, has_aux=True, max_steps=problem.max_steps, throw=False)
-        x, last, newton, (r, jacobian) = end.value, end.state.linear, end.state.newton, end.state.seen
+        x, last, newton, rows = end.value, end.state.linear, end.state.newton, end.state.seen
     else:  # the default solver scales by itself; another one gets parameters that move the residuals by one
-        column = jnp.linalg.norm(linearised(problem, x)[1], axis=0)
+        column = jnp.linalg.norm(evaluated(x, problem)[1][0], axis=0)
         scale = jnp.where(column > 0, 1 / jnp.where(column > 0, column, 1), 1)
-        objective = lambda u, given: transformed(given, given.residual(u * scale))[0]  # noqa: E731
+
+        def objective(u: Array, given: Problem) -> Array:
+            r, prior = given.residual(u * scale)
+            return jnp.concatenate([lossy(given, r)[0], prior])
+
         end = optx.least_squares(objective, problem.solver, x / scale, problem, max_steps=problem.max_steps, throw=False)
         x = end.value * scale
-        value, (moved, (r, jacobian)) = evaluated(x, problem)
-        last = linear_problem(moved, value, x, problem.lower, problem.upper)
+        value, (jacobian, rows) = evaluated(x, problem)
+        last = linear_problem(jacobian, value, x, problem.lower, problem.upper)
         newton = last.steps(jnp.zeros_like(x))[1]
-    return Found(x, r, jacobian, last.held, last.flat(newton), end.stats["num_steps"])
+    return Found(x, rows, last.held, last.flat(newton), end.stats["num_steps"])
 
 
 @eqx.filter_custom_jvp
@@ -68,8 +86,8 @@ def search(problem: Problem) -> Found:
     if problem.starts is None:
         return _from(problem, problem.values())
     found = jax.lax.map(lambda start: _from(problem, start), problem.starts)
-    cost = jnp.sum(jax.vmap(lambda r: transformed(problem, r)[0])(found.residuals) ** 2, axis=1)
-    best = jnp.argmin(jnp.where(jnp.isfinite(cost), cost, jnp.inf))
+    costs = jax.vmap(lambda rows: cost(problem, rows.residuals, rows.prior))(found.rows)
+    best = jnp.argmin(jnp.where(jnp.isfinite(costs), costs, jnp.inf))
     return jax.tree.map(lambda leaf: leaf[best], found)
 
 
@@ -85,7 +103,7 @@ def _(primals, tangents):
     def gradient(x: Array, moving: Problem) -> Array:
         given = eqx.combine(moving, fixed)
         bound = jnp.where(held, jnp.where(x <= given.lower, given.lower, given.upper), 0)
-        slope = jax.grad(lambda x: 0.5 * jnp.sum(transformed(given, given.residual(x))[0] ** 2))(x)
+        slope = jax.grad(lambda x: cost(given, *given.residual(x)))(x)
         return jnp.where(held, x - bound, slope)
 
     push = jax.jvp(lambda moving: gradient(x, moving), (moving,), (change,))[1]
@@ -93,8 +111,5 @@ def _(primals, tangents):
     size = jnp.sqrt(jnp.abs(jnp.diagonal(hessian)))
     size = jnp.where(size > 0, size, 1)
     dx = -jnp.linalg.solve(hessian / size[:, None] / size[None, :], push / size) / size
-    (r, jacobian), (dr, slope) = jax.jvp(lambda x, moving: linearised(eqx.combine(moving, fixed), x), (x, moving), (dx, change))
-    return (
-        Found(x, r, jacobian, held, found.flat, found.steps),
-        Found(dx, dr, slope, None, None, None),
-    )
+    rows, slopes = jax.jvp(lambda x, moving: linearised(eqx.combine(moving, fixed), x), (x, moving), (dx, change))
+    return Found(x, rows, held, found.flat, found.steps), Found(dx, slopes, None, None, None)

@@ -1,13 +1,23 @@
 """Accelerometers and gyroscopes: scale factors, misalignment, bias, g-sensitivity, with a turntable and without one."""
 
 from ._conversions import ArduPilot as ArduPilot, ImuTk as ImuTk, Kalibr as Kalibr, OpenVins as OpenVins, Px4 as Px4
-from ._frames import turned_to as turned_to
+from ._estimate import Estimate as Estimate, estimate as estimate
+from ._frames import in_convention as in_convention, turned_to as turned_to
 from ._gravity import gravity as gravity
+from ._integrate import attitude as attitude
 from ._known import rate_table as rate_table, six_position as six_position
 from ._linear import TriadFit as TriadFit
+from ._model import Imu as Imu
 from ._multi import multi_position as multi_position
 from ._observe import Observability as Observability, observability as observability
+from ._residuals import Poses as Poses, Turns as Turns, Weighted as Weighted, residuals as residuals, weighted as weighted
 from ._result import ImuFit as ImuFit
-from ._simulate import simulate as simulate, simulate_positions as simulate_positions
-from ._static import StillIntervals as StillIntervals, static_intervals as static_intervals
+from ._simulate import (
+    MEMS as MEMS,
+    MEMS_NOISE as MEMS_NOISE,
+    attitudes as attitudes,
+    simulate as simulate,
+    simulate_positions as simulate_positions,
+)
+from ._static import StillIntervals as StillIntervals, static_intervals as static_intervals, windowed_variance as windowed_variance
 from ._triad import Triad as Triad

@@ -10,6 +10,7 @@ from .._errors import DataError
 from .._precision import host_float64
 from .._types import AnyArray
 from ._frames import in_convention, lower_times_rotation
+from ._model import Imu
 from ._triad import Triad
 
 
@@ -70,9 +71,10 @@ class Kalibr(eqx.Module):
     @host_float64
     def of(cls, accel: Triad, gyro: Triad) -> "Kalibr":
         """Turns the frame so that the accelerometer's matrix becomes lower triangular, then parts the gyroscope's into M C."""
-        turned = in_convention(jnp.asarray(accel.matrix), jnp.asarray(gyro.matrix), jnp.asarray(gyro.g_sensitivity), "lower")
-        lower, rotation = lower_times_rotation(turned.gyro)
-        return cls(turned.accel, lower, rotation, turned.g_sensitivity @ rotation.T, jnp.asarray(accel.bias), jnp.asarray(gyro.bias))
+        turned = in_convention(Imu(accel, gyro), "lower")
+        lower, rotation = lower_times_rotation(jnp.asarray(turned.gyro.matrix))
+        sensitivity = jnp.asarray(turned.gyro.g_sensitivity) @ rotation.T
+        return cls(turned.accel.matrix, lower, rotation, sensitivity, jnp.asarray(accel.bias), jnp.asarray(gyro.bias))
 
     @host_float64
     def triads(self) -> tuple[Triad, Triad]:

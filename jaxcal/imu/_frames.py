@@ -1,9 +1,15 @@
 """Which frame a calibration without reference attitudes speaks of: three conventions of one map, exact in both directions."""
 
+from typing import Any
+
 import equinox as eqx
 import jax.numpy as jnp
 
-from .._types import Any, Array
+from .._errors import DataError
+from .._precision import host_float64
+from .._types import Array
+from ._model import Imu
+from ._triad import inverse
 
 CONVENTIONS = ("upper", "lower", "full")
 
@@ -54,20 +60,44 @@ def turned_to(correction: Any, convention: str) -> Array:
     return (half + half.T) / 2
 
 
-class Turned(eqx.Module):
-    """Matrices of both triads (reading per SI unit) and the g-sensitivity, in another frame: M Q', G Q'."""
+@host_float64
+def in_convention(imu: Imu, convention: str) -> Imu:
+    """The same device in the frame of a convention: matrices M Q', sensitivities G Q', biases as they are.
 
-    accel: Any
-    gyro: Any
-    g_sensitivity: Any
+    Parameters
+    ----------
+    imu : accelerometer, and gyroscope where there is one; both plain `Triad`s.
+    convention : "upper", "lower" or "full", see `turned_to`.
 
+    Returns
+    -------
+    Imu
 
-def in_convention(accel: Array, gyro: Array, g_sensitivity: Array, convention: str) -> Turned:
-    """Both triads in the frame that makes the accelerometer's correction triangular or symmetric; biases stay."""
-    correction = jnp.linalg.inv(accel)
-    new = turned_to(correction, convention)
-    turn = new @ accel
-    return Turned(jnp.linalg.inv(new), gyro @ turn.T, g_sensitivity @ turn.T)
+    Raises
+    ------
+    DataError
+        For a subclass of `Triad`, whose own parameters jaxcal cannot turn.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.imu import Imu, Triad, in_convention
+    >>> lower = in_convention(Imu(Triad(np.array([[1.0, 0.1, 0], [0, 1, 0], [0, 0, 1]]), np.zeros(3))), "lower")
+    >>> print(lower.accel.matrix.round(3))
+    [[1.005 0.    0.   ]
+     [0.1   0.995 0.   ]
+     [0.    0.    1.   ]]
+    """
+    if not imu.plain:
+        raise DataError(f"A sensor has parameters of its own, which cannot be turned into the frame {convention!r}; fit it in that frame.")
+    accel = jnp.asarray(imu.accel.matrix)
+    new = turned_to(inverse(accel), convention)
+    turn = (new @ accel).T
+    turned = eqx.tree_at(lambda m: m.accel.matrix, imu, inverse(new))
+    if imu.gyro is None:
+        return turned
+    gyro = (jnp.asarray(imu.gyro.matrix) @ turn, jnp.asarray(imu.gyro.g_sensitivity) @ turn)
+    return eqx.tree_at(lambda m: (m.gyro.matrix, m.gyro.g_sensitivity), turned, gyro)
 
 
 def lower_times_rotation(matrix: Array) -> tuple[Array, Array]:

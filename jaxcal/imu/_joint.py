@@ -1,119 +1,140 @@
-"""Both triads at once: norms, turns and still rates in one whitened residual."""
+"""The joint fit of a recording: rounds in which the sizes of the errors are found, and its check on data left out (host)."""
 
+import dataclasses
 from typing import Any
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
+import numpy as np
+import scipy.stats
 
-from .._types import Array
-from ._integrate import attitude, closed_form
-from ._norms import AccelParameters, GyroParameters, corrected
-from ._turns import Segments
+from ..fitting import AbstractLoss, Fit
+from ._estimate import solved
+from ._linear import least_squares
+from ._model import Imu
+from ._poses import Rests
+from ._residuals import Pieces, Weighted, pieces, reweighted
+from ._scales import excess, leverage, mean_variance
+from ._triad import Triad
+
+_FIRST_TURN = 0.02  # rad, before the turns have told their own size
+_ROUNDS = 3
+_DRIFT_LEVEL = 0.01
 
 
-class ImuParameters(eqx.Module):
-    """Accelerometer, gyroscope, drift of the gyroscope's bias (readings per s), and the heading of the first pose (cos, sin)."""
+class Options(eqx.Module):
+    """What the joint fit may do; noise as (N, B) of both sensors in SI."""
 
-    accel: AccelParameters
-    gyro: GyroParameters
-    drift: Any
-    north: Any
-
-
-class Poses(eqx.Module):
-    """Means over the still intervals, padded.
-
-    accel, gyro : (k, 3) readings. weight : (k,) zero for padding. time : (k,) s from the middle of the record.
-    """
-
-    accel: Any
-    gyro: Any
-    weight: Any
-    time: Any
+    gravity: float
+    convention: str
+    g_sensitivity: bool
+    misalignment: bool
+    loss: AbstractLoss | None
+    accel_noise: tuple[float, float]
+    gyro_noise: tuple[float, float]
+    latitude: float | None
 
 
 class Joint(eqx.Module):
-    """What the joint fit is given.
+    """A joint fit, its data, residuals in physical units, and the sizes of its errors: norm (m/s^2), turn (rad), rest (rad/s)."""
 
-    origin : (6,) readings of gyroscope and accelerometer that are taken off before they are multiplied (rounding).
-    sigma_norm : (k,) of the norms, m/s^2. sigma_rest : (k, 3) of the still rates, readings.
-    tangent : (s, 3, 2) plane across the vertical after each turn. whiten : (2s, 2s) inverse Cholesky factor of the turns' errors.
-    time : (s,) middle of each turn, s. earth : (2,) vertical and horizontal part of the Earth's rate, rad/s.
-    """
-
-    poses: Poses
-    segments: Segments
-    origin: Any
-    gravity: Any
-    sigma_norm: Any
-    sigma_rest: Any
-    tangent: Any
-    whiten: Any
-    time: Any
-    earth: Any
-    sigma_north: Any
+    fit: Fit
+    data: Weighted
+    found: Pieces
+    sigma: np.ndarray
 
 
-def _unit(f: Array) -> Array:
-    return f / jnp.sqrt(jnp.sum(f**2, axis=-1, keepdims=True))
+def described(model: Imu, data: Weighted) -> Pieces:
+    """Residuals in physical units, as NumPy arrays."""
+    return jax.tree.map(np.asarray, pieces(model, data))
 
 
-def rate_matrix(p: ImuParameters, origin: Array) -> Array:
-    """(3, 8) that turns readings less their origin, one, and the time into angular rate: w = D (y - b - G f - drift t)."""
-    matrix = p.gyro.correction()
-    cross = matrix @ p.gyro.g_sensitivity
-    force = cross @ p.accel.correction()
-    constant = matrix @ (origin[:3] - p.gyro.bias) - force @ (origin[3:] - p.accel.bias)
-    return jnp.concatenate([matrix, -force, constant[:, None], -(matrix @ p.drift)[:, None]], axis=1)
+def rest_start(rests: Rests, force: np.ndarray, with_force: bool, earth: np.ndarray) -> tuple[np.ndarray, np.ndarray, bool]:
+    """Bias and g-sensitivity by least squares on the still rates, and whether the bias drifts (F test at 1 %)."""
+    columns = [np.ones((len(force), 1))] + ([force] if with_force else [])
+    x, y = np.concatenate(columns, axis=1), rests.gyro - earth
+    found = least_squares(x, y)
+    longer = least_squares(np.concatenate([x, rests.time[:, None]], axis=1), y)
+    freedom = 3 * (len(x) - x.shape[1] - 1)
+    less, more = np.sum(longer.residual**2), np.sum(found.residual**2)
+    drifts = freedom > 6 and less > 0 and scipy.stats.f.sf((more - less) / 3 / (less / freedom), 3, freedom) < _DRIFT_LEVEL
+    return found.beta[0], found.beta[1:].T if with_force else np.zeros((3, 3)), bool(drifts)
 
 
-def attitudes(p: ImuParameters, data: Joint) -> Array:
-    """Rotation of every segment from the axes after it to those before, (s, 3, 3)."""
-    s = data.segments
-    one = jnp.ones_like(s.gyro[..., :1])
-    gyro, accel = s.gyro - jnp.broadcast_to(data.origin[:3], s.gyro.shape), s.accel - jnp.broadcast_to(data.origin[3:], s.accel.shape)
-    column = jnp.concatenate([gyro, accel, one, one * data.time[:, None, None]], axis=-1)
-    return attitude(rate_matrix(p, data.origin), column, s.dt)
+def _paid(fit: Fit, slots: int) -> np.ndarray:
+    """How many parameters each kind of residual pays for, the traces of their parts of the hat matrix: norms, turns, rests (3)."""
+    hat, turns = leverage(fit), 3 * slots - 2
+    return np.array([hat[:slots].sum(), hat[slots:turns].sum(), *hat[turns : turns + 3 * slots].reshape(-1, 3).sum(axis=0)])
 
 
-def _norths(p: ImuParameters, vertical: Array, turn: Array, data: Joint) -> Array:
-    """Horizontal vector of the Earth's rate over its size in the axes of every pose, from that of the first and the turns."""
-    first = vertical[0]
-    # any axis that is far from the vertical gives a horizontal pair
-    aside = jnp.where(jnp.abs(first) == jnp.min(jnp.abs(first)), 1.0, 0.0).astype(first.dtype)
-    right = _unit(jnp.cross(first, aside))
-    start = p.north[0] * right + p.north[1] * jnp.cross(first, right)
-    kept = jnp.where(data.segments.weight[:, None, None] > 0, turn, jnp.eye(3, dtype=turn.dtype))
-    rest = jax.lax.scan(lambda north, c: (north @ c, north @ c), start, kept)[1]
-    return jnp.concatenate([start[None, :], rest])[: len(vertical)]
+def _sized(data: Weighted, found: Pieces, rests: Rests, options: Options, gyro: Triad, paid: np.ndarray) -> tuple[Weighted, np.ndarray]:
+    """The same data with errors as large as the residuals say, and these sizes; `paid` as from `_paid`."""
+    turns: Any = data.turns
+    count, valid = len(rests.accel), np.isfinite(turns.sigma)
+    base = mean_variance(options.accel_noise, rests.duration)
+    variance = base + excess(found.norm[:count], base, paid[0])
+
+    scale = np.abs(np.diag(gyro.matrix))
+    still = mean_variance(options.gyro_noise, rests.duration)[:, None] * scale**2
+    rest: Any = found.rest
+    still = still + np.array([excess(rest[:count, axis], still[:, axis], paid[2 + axis]) for axis in range(3)])
+
+    across = np.einsum("sij,si->sj", data.tangent, found.turned)[valid]
+    white = options.gyro_noise[0] ** 2 * turns.dt.sum(axis=1)[valid]
+    upright = np.concatenate([variance, np.zeros(rests.slots - count)]) / options.gravity**2
+    around = (upright[:-1] + upright[1:])[valid]
+    # a turn without an error of its own would make the covariance singular where poses are shared
+    turn = np.maximum(white + excess(across, np.repeat((white + around)[:, None], 2, axis=1), paid[1]), 1e-3 * around)
+    sigma = np.full(len(valid), np.inf)
+    sigma[valid] = np.sqrt(turn)
+    sizes = np.sqrt([np.mean(variance), np.mean(turn + around), np.mean(still / scale**2)])
+    return dataclasses.replace(
+        data, poses=rests.poses(np.sqrt(variance), np.sqrt(still)), turns=dataclasses.replace(turns, sigma=sigma)
+    ), sizes
 
 
-def parts(p: ImuParameters, data: Joint) -> tuple[Array, Array, Array, Array]:
-    """Residuals in physical units: norms (k,) m/s^2, turns (s, 3), still rates (k, 3) in readings; and the vertical (k, 3)."""
-    force = corrected(p.accel, data.poses.accel)
-    size = jnp.sqrt(jnp.sum(force**2, axis=-1))
-    vertical = force / size[:, None]
-    s = data.segments
-    turn = attitudes(p, data)
-    moved, still = vertical[s.first], force @ p.gyro.g_sensitivity.T + data.poses.time[:, None] * p.drift[None, :]
-    if data.earth is not None:
-        earth = data.earth[0] * vertical + data.earth[1] * _norths(p, vertical, turn, data)
-        # against the stars the vertical of a resting table turns with the Earth
-        rate = earth[s.first]
-        moved = jnp.einsum("sij,sj->si", closed_form(rate, rate, s.duration[:, None]).rotation, moved)
-        still = still + earth @ jnp.linalg.inv(p.gyro.correction()).T
-    turned = jnp.einsum("sji,sj->si", turn, moved) - vertical[s.second]
-    rest = data.poses.gyro - jnp.broadcast_to(p.gyro.bias, force.shape) - still
-    weight = data.poses.weight
-    return weight * (data.gravity - size), s.weight[:, None] * turned, weight[:, None] * rest, vertical
+def refitted(start: Imu, data: Weighted, options: Options) -> Fit:
+    """One fit with the errors as they stand in the data."""
+    return solved(start, data, options.convention, options.misalignment, options.g_sensitivity, options.loss)
 
 
-@jax.jit
-def joint_residuals(p: ImuParameters, data: Joint) -> Array:
-    """All of it, whitened: norms, turns across the vertical, still rates, and a prior on the heading of a unit vector."""
-    norm, turned, rest, _ = parts(p, data)
-    across = jnp.einsum("sij,si->sj", data.tangent, turned)
-    return jnp.concatenate(
-        [norm / data.sigma_norm, data.whiten @ across.reshape(-1), (rest / data.sigma_rest).reshape(-1), p.north / data.sigma_north]
-    )
+def joint_fit(start: Imu, data: Weighted, rests: Rests, options: Options, paid: int) -> Joint:
+    """Fit, find the sizes of the errors, and fit again; `paid` is the number of parameters of the accelerometer."""
+    found = described(start, data)
+    data = dataclasses.replace(data, tangent=found.tangent)
+    # still rates and norms are in order from the start; turns are not
+    per_axis = 1 + 3 * options.g_sensitivity + (start.drift is not None)
+    turns: Any = data.turns
+    data = _sized(data, found, rests, options, start.gyro, np.array([paid, 9, per_axis, per_axis, per_axis]))[0]
+    data = dataclasses.replace(data, whiten=np.diag(np.repeat(np.isfinite(turns.sigma), 2) / _FIRST_TURN))
+    fit = refitted(start, data, options)
+    sizes = np.zeros(3)
+    for _ in range(_ROUNDS - 1):
+        found = described(fit.model, data)
+        data, sizes = _sized(data, found, rests, options, fit.model.gyro, _paid(fit, rests.slots))
+        data = jax.tree.map(np.asarray, reweighted(fit.model, data, found))
+        fit = refitted(fit.model, data, options)
+    return Joint(fit, data, described(fit.model, data), sizes)
+
+
+def held_out(joint: Joint, options: Options) -> np.ndarray:
+    """Root mean square of norms and of turns' components, fitted on even poses and turns and seen on odd ones, and the reverse."""
+    squares: list[list[np.ndarray]] = [[], []]
+    data, turns = joint.data, joint.data.turns
+    assert turns is not None
+    known, valid, whiten = np.isfinite(data.poses.sigma), np.isfinite(turns.sigma), np.asarray(data.whiten)
+    even = np.arange(len(known)) % 2 == 0
+    for inside in (even, ~even):
+        if np.sum(known[inside]) < 9 or np.sum(valid[inside[:-1]]) < 6:
+            return np.full(2, np.nan)
+        keep = np.repeat(inside[:-1], 2)
+        sigma = np.where(inside, data.poses.sigma, np.inf)
+        still = np.where(inside[:, None], data.poses.gyro_sigma, np.inf)
+        half = dataclasses.replace(
+            data, poses=dataclasses.replace(data.poses, sigma=sigma, gyro_sigma=still),
+            whiten=np.where(keep[:, None] & keep[None, :], whiten, 0.0),
+        )  # fmt: skip
+        found = described(refitted(joint.fit.model, half, options).model, data)
+        squares[0].append(found.norm[~inside & known] ** 2)
+        squares[1].append(np.asarray(found.turned)[~inside[:-1] & valid] ** 2)
+    return np.array([np.sqrt(np.mean(np.concatenate(part))) for part in squares])

@@ -6,21 +6,21 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy.stats
 
 from .._precision import host_float64
 from .._results import Result, Row
-from .._types import AnyArray, Array
-from ._frames import in_convention
-from ._joint import ImuParameters
+from .._types import AnyArray
+from ._model import Imu, entries, replaced, values
 from ._observe import Observability
 from ._static import StillIntervals
 from ._triad import Triad
 
-NAMES = (
-    *(f"accel.matrix[{i},{j}]" for i in range(3) for j in range(3)), *(f"accel.bias[{i}]" for i in range(3)),
-    *(f"gyro.matrix[{i},{j}]" for i in range(3) for j in range(3)), *(f"gyro.bias[{i}]" for i in range(3)),
-    *(f"gyro.g_sensitivity[{i},{j}]" for i in range(3) for j in range(3)),
-)  # fmt: skip
+_UNITS = {"matrix": "1", "g_sensitivity": "rad/s per m/s^2"}
+
+
+def _unknown(*shape: int, fill: float = np.nan) -> Any:
+    return eqx.field(default_factory=lambda: np.full(shape, fill))
 
 
 class ImuFit(Result):
@@ -28,12 +28,13 @@ class ImuFit(Result):
 
     Attributes
     ----------
-    accel, gyro : `Triad`s, in the frame of `convention`; None where the recording allows none, or has no gyroscope.
-    covariance : (33, 33) of the parameters in `names`, in units of the readings per SI. What the convention or an option fixes has
+    accel, gyro : `Triad`s, or the subclasses that were fitted, in the frame of `convention`; None where the recording allows none, or has
+        no gyroscope.
+    covariance : (p, p) of the parameters in `names`, in units of the readings per SI. What the convention or an option fixes has
         zeros. Poses and turns are the independent units of it: errors that are common to a still interval are in it.
-    interval : (33, 2) limits of the intervals of 95 %.
-    robust_covariance : (33, 33) the sandwich form, clusters being poses and turns, which also holds where their errors differ in size.
-    degrees_of_freedom : (33,) of the estimate of each parameter's standard error.
+    interval : (p, 2) limits of the intervals of 95 %.
+    robust_covariance : (p, p) the sandwich form, clusters being poses and turns, which also holds where their errors differ in size.
+    degrees_of_freedom : (p,) of the estimate of each parameter's standard error.
     residual_norm : (k,) gravity less the norm of the corrected specific force of each pose, m/s^2.
     residual_turn : (s,) angle between the vertical that the gyroscope predicts after each turn and the accelerometer's; rad.
     residual_rest : (k, 3) still rates less the model, rad/s.
@@ -53,57 +54,57 @@ class ImuFit(Result):
     convention, method : as asked for.
     """
 
-    accel: Triad | None
-    gyro: Triad | None
-    covariance: AnyArray
-    interval: AnyArray
-    robust_covariance: AnyArray
-    degrees_of_freedom: AnyArray
-    residual_norm: AnyArray
-    residual_turn: AnyArray
-    residual_rest: AnyArray
-    sigma: AnyArray
-    down_weighted: tuple[Any, Any]
-    cost: AnyArray
-    held_out: AnyArray
-    still: StillIntervals | None
-    thresholds: AnyArray
-    observability: Observability | None
-    drift: AnyArray
     rate: float
     gravity: float
     temperature: float
     verdict: str = eqx.field(static=True)
     reason: str = eqx.field(static=True)
-    warnings: tuple[str, ...] = eqx.field(static=True)
     convention: str = eqx.field(static=True)
     method: str = eqx.field(static=True)
+    warnings: tuple[str, ...] = eqx.field(static=True, default=())
+    accel: Triad | None = None
+    gyro: Triad | None = None
+    covariance: AnyArray = _unknown(33, 33, fill=np.inf)
+    interval: AnyArray = _unknown(33, 2)
+    robust_covariance: AnyArray = _unknown(33, 33, fill=np.inf)
+    degrees_of_freedom: AnyArray = _unknown(33, fill=0.0)
+    residual_norm: AnyArray = _unknown(0)
+    residual_turn: AnyArray = _unknown(0)
+    residual_rest: AnyArray = _unknown(0, 3)
+    sigma: AnyArray = _unknown(3)
+    down_weighted: tuple[Any, Any] = (np.zeros(0, dtype=int), np.zeros(0, dtype=int))
+    cost: AnyArray = _unknown(2)
+    held_out: AnyArray = _unknown(2)
+    still: StillIntervals | None = None
+    thresholds: AnyArray = _unknown(0, 4)
+    observability: Observability | None = None
+    drift: AnyArray = _unknown(3, fill=0.0)
+
+    @property
+    def model(self) -> Imu:
+        """Both sensors; a sensor that is missing is a `Triad` of NaN."""
+        missing = Triad(np.full((3, 3), np.nan), np.full(3, np.nan), np.full((3, 3), np.nan))
+        return Imu(*(missing if sensor is None else sensor for sensor in (self.accel, self.gyro)))
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the 33 parameters."""
-        return NAMES
+        """Names of the p parameters: 33 of both triads, and those that a subclass of `Triad` adds."""
+        return entries(self.model)[0]
 
     @property
-    def values(self) -> np.ndarray:
-        """(33,) parameters in the order of `names`; NaN for those of a sensor that is missing."""
-        parts = []
-        for triad, size in ((self.accel, 12), (self.gyro, 21)):
-            if triad is None:
-                parts.append(np.full(size, np.nan))
-            else:
-                flat = [np.ravel(triad.matrix), np.ravel(triad.bias)] + ([np.ravel(triad.g_sensitivity)] if size == 21 else [])
-                parts.append(np.concatenate(flat))
-        return np.concatenate(parts)
+    def values(self) -> AnyArray:
+        """(p,) parameters in the order of `names`; NaN for those of a sensor that is missing."""
+        return values(self.model)
 
     def _rows(self) -> list[Row]:
-        units = ["1"] * 9 + ["m/s^2"] * 3 + ["1"] * 9 + ["rad/s"] * 3 + ["rad/s per m/s^2"] * 9
+        fields = [name.split("[")[0].split(".") for name in self.names]
+        units = [_UNITS.get(field[1], ("m/s^2" if field[0] == "accel" else "rad/s") if field[1] == "bias" else "") for field in fields]
         rows = zip(self.names, self.values, self.interval, units, strict=True)
         return [Row(name, value, low, high, unit) for name, value, (low, high), unit in rows if np.isfinite(value)]
 
     @property
     def standard_error(self) -> np.ndarray:
-        """(33,) roots of the diagonal of the covariance."""
+        """(p,) roots of the diagonal of the covariance."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
     @host_float64
@@ -112,28 +113,24 @@ class ImuFit(Result):
 
         Parameters
         ----------
-        function : of (accel, gyro), two `Triad`s, that returns an array; traced by JAX.
+        function : of (accel, gyro), the two sensors, that returns an array; traced by JAX.
 
         Returns
         -------
         Its value, and the covariance of its entries in the order of `ravel`.
         """
-        x = jnp.asarray(self.values)
-        missing = jnp.isnan(x)
-        x = jnp.where(missing, jnp.asarray(np.concatenate([np.eye(3).ravel(), np.zeros(3), np.eye(3).ravel(), np.zeros(12)])), x)
+        unit = Triad(np.eye(3), np.zeros(3))
+        model = Imu(*(unit if sensor is None else sensor for sensor in (self.accel, self.gyro)))
 
-        def flat(x: Array) -> Array:
-            accel = Triad(x[:9].reshape(3, 3), x[9:12])
-            return function(accel, Triad(x[12:21].reshape(3, 3), x[21:24], x[24:].reshape(3, 3)))
+        def of(x: AnyArray) -> AnyArray:
+            moved = replaced(model, x)
+            return function(moved.accel, moved.gyro)
 
-        value = flat(x)
-        slope = jax.jacfwd(lambda x: jnp.ravel(flat(x)))(x)
-        return value, slope @ jnp.asarray(self.covariance) @ slope.T
+        value, slope = jax.jit(lambda x: (of(x), jax.jacfwd(lambda x: jnp.ravel(of(x)))(x)))(values(model))
+        return value, np.asarray(slope) @ self.covariance @ np.asarray(slope).T
 
 
-def flattened(p: ImuParameters, convention: str) -> Array:
-    """The 33 named parameters of a fit, in the frame of the convention."""
-    accel = jnp.linalg.inv(p.accel.correction())
-    gyro = jnp.linalg.inv(p.gyro.correction())
-    turned = in_convention(accel, gyro, p.gyro.g_sensitivity, convention)
-    return jnp.concatenate([turned.accel.ravel(), p.accel.bias, turned.gyro.ravel(), p.gyro.bias, turned.g_sensitivity.ravel()])
+def intervals(values: np.ndarray, covariance: np.ndarray, freedom: np.ndarray) -> np.ndarray:
+    """(p, 2) limits of 95 % by Student's t."""
+    half = scipy.stats.t.ppf(0.975, np.maximum(freedom, 1)) * np.sqrt(np.maximum(np.diag(covariance), 0))
+    return np.stack([values - half, values + half], axis=1)

@@ -7,6 +7,7 @@ import scipy.optimize
 import scipy.stats
 
 from .._errors import DataError
+from ..fitting import Fit
 
 _CLIP = 2.5
 _KEPT = float(scipy.stats.chi2.cdf(_CLIP**2, 3) + _CLIP**2 * scipy.stats.chi2.sf(_CLIP**2, 1))
@@ -55,35 +56,35 @@ def mean_variance(noise: tuple[float, float], duration: np.ndarray) -> np.ndarra
     return white**2 / duration + 2 * np.log(2) / np.pi * flicker**2
 
 
-def whitening(
-    turn: np.ndarray, vertical: np.ndarray, tangent: np.ndarray, rotation: np.ndarray, first: np.ndarray, valid: np.ndarray
-) -> np.ndarray:
-    """Inverse Cholesky factor (2s, 2s) of the covariance of the turns' residuals.
+def _hat(fit: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Orthonormal rows q of the weighted Jacobian, the inverse of its triangle in units of the parameters, and the weighted residuals."""
+    root = np.sqrt(np.asarray(fit.weights))
+    jacobian = np.asarray(fit.jacobian) * root[:, None]
+    size = np.linalg.norm(jacobian, axis=0)
+    size = np.where(size > 0, size, 1)
+    q, r = np.linalg.qr(jacobian / size)
+    return q, np.linalg.pinv(r) / size[:, None], np.asarray(fit.residuals) * root
 
-    Parameters
-    ----------
-    turn : (s,) variance of what the gyroscope adds, rad^2. vertical : (k,) variance of a pose's vertical, rad^2.
-    tangent : (s, 3, 2). rotation : (s, 3, 3) from the axes after a turn to those before it. first : (s,) pose before.
-    valid : (s,) bool; rows of the others are zero.
 
-    The vertical of a pose closes one turn and opens the next, so that neighbours share its error.
+def leverage(fit: Fit) -> np.ndarray:
+    """(n,) diagonal of the hat matrix: what each residual pays for the parameters."""
+    return np.sum(_hat(fit)[0] ** 2, axis=1)
+
+
+def sandwich(fit: Fit, clusters: np.ndarray) -> np.ndarray:
+    """Cluster-robust covariance whose clusters are freed of their own leverage, which a fit of few clusters needs.
+
+    R. M. Bell and D. F. McCaffrey, Survey Methodology 28 (2002) 169: residuals of a cluster times (1 - H)^-1/2, H its part of the
+    hat matrix; unbiased where the errors are alike.
     """
-    count = len(turn)
-    covariance = np.zeros((count, 2, count, 2))
-    for i in range(count):
-        covariance[i, :, i, :] = np.eye(2) * (turn[i] + vertical[first[i]] + vertical[first[i] + 1]) if valid[i] else np.eye(2)
-        if i + 1 < count and valid[i] and valid[i + 1] and first[i + 1] == first[i] + 1:
-            cross = -vertical[first[i + 1]] * tangent[i].T @ rotation[i + 1] @ tangent[i + 1]
-            covariance[i, :, i + 1, :], covariance[i + 1, :, i, :] = cross, cross.T
-    factor = np.linalg.cholesky(covariance.reshape(2 * count, 2 * count))
-    inverse = np.linalg.inv(factor)
-    keep = np.repeat(valid, 2)
-    return np.where(keep[:, None] & keep[None, :], inverse, 0.0)
-
-
-def tangents(vertical: np.ndarray) -> np.ndarray:
-    """Two unit vectors across each vertical, (s, 3, 2)."""
-    aside = np.eye(3)[np.argmin(np.abs(vertical), axis=1)]
-    right = np.cross(vertical, aside)
-    right /= np.linalg.norm(right, axis=1, keepdims=True)
-    return np.stack([right, np.cross(vertical, right)], axis=2)
+    q, inverse, residual = _hat(fit)
+    counted = np.asarray(fit.counted)
+    meat = np.zeros((q.shape[1],) * 2)
+    for label in np.unique(clusters):
+        rows = np.flatnonzero((clusters == label) & counted)
+        if len(rows):
+            part = q[rows]
+            values, vectors = np.linalg.eigh(np.eye(len(rows)) - part @ part.T)
+            score = part.T @ (vectors @ ((vectors.T @ residual[rows]) / np.sqrt(np.maximum(values, 1e-6))))
+            meat += np.outer(score, score)
+    return inverse @ meat @ inverse.T

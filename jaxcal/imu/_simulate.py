@@ -10,18 +10,19 @@ from .._precision import host_float64
 from .._types import AnyArray
 from ._gravity import EARTH_RATE
 from ._known import SIX, checked_gravity
+from ._model import Imu
 from ._observe import _PLACES
 from ._triad import Triad
 
-#: a MEMS unit of the common kind
-ACCEL = Triad(
-    np.array([[1.012, 0.004, -0.006], [0.0, 0.991, 0.009], [0.0, 0.0, 1.005]]), np.array([0.12, -0.08, 0.2]),
+#: a MEMS unit of the common kind, and its white noise in m/s/sqrt(s) and rad/sqrt(s)
+MEMS = Imu(
+    Triad(np.array([[1.012, 0.004, -0.006], [0.0, 0.991, 0.009], [0.0, 0.0, 1.005]]), np.array([0.12, -0.08, 0.2])),
+    Triad(
+        np.array([[0.993, 0.006, 0.003], [-0.005, 1.008, -0.004], [0.002, 0.007, 1.011]]), np.array([0.004, -0.006, 0.002]),
+        np.array([[3e-5, -1e-5, 2e-5], [1e-5, -4e-5, 0.5e-5], [-2e-5, 1e-5, 2e-5]]),
+    ),
 )  # fmt: skip
-GYRO = Triad(
-    np.array([[0.993, 0.006, 0.003], [-0.005, 1.008, -0.004], [0.002, 0.007, 1.011]]), np.array([0.004, -0.006, 0.002]),
-    np.array([[3e-5, -1e-5, 2e-5], [1e-5, -4e-5, 0.5e-5], [-2e-5, 1e-5, 2e-5]]),
-)  # fmt: skip
-NOISE = {"accel": 1.5e-3, "gyro": 1e-4}
+MEMS_NOISE = {"accel": 1.5e-3, "gyro": 1e-4}
 
 
 def _quaternion_matrix(v: np.ndarray) -> np.ndarray:
@@ -34,8 +35,26 @@ def _quaternion_matrix(v: np.ndarray) -> np.ndarray:
     return np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * (k @ k)
 
 
-def upward(poses: int, rng: np.random.Generator) -> np.ndarray:
-    """(poses, 3) upward directions: faces, edges and corners of the case in random order, each off by some degrees."""
+def attitudes(poses: int = 24, seed: Any = 0) -> np.ndarray:
+    """Attitudes for a calibration by hand: faces, edges and corners of the case in random order, each off by some degrees.
+
+    Parameters
+    ----------
+    poses : number of them; from 26 on the places are taken again.
+    seed : of the order and the errors, or a generator of NumPy.
+
+    Returns
+    -------
+    (poses, 3) unit vectors, the upward direction in body axes.
+
+    Examples
+    --------
+    >>> import jaxcal
+    >>> up = jaxcal.imu.attitudes(18)
+    >>> jaxcal.imu.observability(up).condition < 12
+    True
+    """
+    rng = np.random.default_rng(seed)
     places = _PLACES[np.argsort(np.abs(_PLACES).sum(axis=1), kind="stable")]
     chosen = places[np.arange(poses) % len(places)]
     chosen = chosen / np.linalg.norm(chosen, axis=1, keepdims=True) + 0.12 * rng.normal(size=(poses, 3))
@@ -67,8 +86,8 @@ def simulate(
     initial: float | int = 30.0,
     still: float | int = 4.0,
     turn: float | int = 3.0,
-    accel: Triad = ACCEL,
-    gyro: Triad = GYRO,
+    accel: Triad = MEMS.accel,
+    gyro: Triad = MEMS.gyro,
     noise: Any = None,
     gravity: float | int = 9.81,
     latitude: float | None = None,
@@ -86,7 +105,7 @@ def simulate(
     ----------
     poses : number of still intervals, the first of which is the initial rest.
     rate : Hz. initial, still, turn : length of the initial rest, of the others and of the turns, s.
-    accel, gyro : `Triad`s of the sensors.
+    accel, gyro : `Triad`s of the sensors, or subclasses; `jaxcal.imu.MEMS` unless given.
     noise : {"accel": N, "gyro": N}, white noise in m/s/sqrt(s) and rad/sqrt(s), or a `jaxcal.noise.Noise` for each; None for that of a
         common MEMS unit.
     gravity : m/s^2.
@@ -119,19 +138,19 @@ def simulate(
         )
     rng = np.random.default_rng([seed if motion is None else motion, 0])
     size = checked_gravity(gravity)
-    directions = upward(poses, rng) if up is None else np.asarray(up, dtype=float)
+    directions = attitudes(poses, rng) if up is None else np.asarray(up, dtype=float)
     if directions.shape != (poses, 3):
         raise DataError(f"up has shape {directions.shape}; expected ({poses}, 3)")
     directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
-    attitudes = [_attitude_with(u, h) for u, h in zip(directions, rng.uniform(0, 2 * np.pi, poses), strict=True)]
+    held = [_attitude_with(u, h) for u, h in zip(directions, rng.uniform(0, 2 * np.pi, poses), strict=True)]
     rest, moving = round(float(still) * rate), round(float(turn) * rate)
     body, rates = [], []
-    for i, attitude in enumerate(attitudes):
+    for i, attitude in enumerate(held):
         samples = round(float(initial) * rate) if i == 0 else rest
         body.append(np.broadcast_to(attitude, (samples, 3, 3)))
         rates.append(np.zeros((samples, 3)))
         if i + 1 < poses:
-            vector = _turn_vector(attitude, attitudes[i + 1])
+            vector = _turn_vector(attitude, held[i + 1])
             x = (np.arange(moving) + 1) / (moving + 1)
             part, speed = x**3 * (10 - 15 * x + 6 * x**2), 30 * x**2 * (1 - x) ** 2 * rate / (moving + 1)
             body.append(attitude @ _quaternion_matrix(part[:, None] * vector))
@@ -143,7 +162,7 @@ def simulate(
     rng = np.random.default_rng([seed, 1])
     readings = [np.asarray(accel.measure(force)), np.asarray(gyro.measure(w, force))]
     for i, sensor in enumerate(("accel", "gyro")):
-        own: Any = (NOISE if noise is None else noise).get(sensor, 0.0)
+        own: Any = (MEMS_NOISE if noise is None else noise).get(sensor, 0.0)
         if hasattr(own, "simulate"):
             readings[i] = readings[i] + np.stack([own.simulate(len(w), float(rate), seed=rng) for _ in range(3)], axis=1)
         else:
@@ -155,7 +174,7 @@ def simulate(
 
 @host_float64
 def simulate_positions(
-    triad: Triad = ACCEL,
+    triad: Triad = MEMS.accel,
     gravity: float | int = 9.81,
     *,
     up: Any = None,

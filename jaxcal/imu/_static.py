@@ -42,6 +42,13 @@ def windowed_variance(x: np.ndarray, window: int) -> np.ndarray:
     """Norm of the three unbiased variances over `window` samples about each: (n - window + 1,), infinite where samples are missing.
 
     Running sums of blocks of a few windows, each less its own mean: counts of a million with a variance of four keep their digits.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.imu import windowed_variance
+    >>> print(windowed_variance(np.array([[0.0, 0, 0], [2, 0, 0], [4, 0, 0]]), 3))
+    [4.]
     """
     count = len(x) - window + 1
     size = _BLOCK * window

@@ -1,127 +1,126 @@
 """The two-step fit of imu_tk, with its thresholds, weights, integrator and frozen bias: for comparison, and to reproduce its results."""
 
-import dataclasses
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import scipy.stats
 
-from ..fitting import Outcome, solve
-from ._estimate import Options, padded, spread
-from ._joint import ImuParameters
-from ._norms import AccelParameters, GyroParameters, Norms, norm_residuals
+from .._types import Array
+from ..fitting import Fit, Outcome, covariance, solve
+from ._estimate import framed, placed, solved
+from ._integrate import attitude
+from ._joint import Options
+from ._model import Imu, entries, freed, values
 from ._observe import observability
+from ._poses import padded, turns_of
 from ._recording import Recording
-from ._result import ImuFit
+from ._residuals import Turns, arrays
+from ._result import ImuFit, intervals
+from ._scales import sandwich
 from ._start import explanation, scanned_scale
-from ._threshold import Choice
-from ._triad import Triad
-from ._turns import Segments, Turns, segments_of, turn_residuals
+from ._threshold import Choice, norms
+from ._triad import Triad, inverse
 from ._verdict import Judgement, judge
 
-_FREE = GyroParameters(True, True, False, False)
+
+class Fixed(eqx.Module):
+    """What imu_tk's fit of the gyroscope is given: turns, and the vertical (k, 3) of every pose, fixed."""
+
+    turns: Turns
+    vertical: Any
 
 
-@jax.jit
-def _turned(p: Any, data: Any) -> Any:
-    return turn_residuals(p, data)
+@eqx.filter_jit
+def turn_residuals(model: Imu, data: Fixed) -> Array:
+    """R' u_before - u_after, three components for every turn, by Runge-Kutta steps: the residual of imu_tk."""
+    gyro, turns = model.gyro, data.turns
+    matrix = inverse(gyro.matrix)
+    column = jnp.concatenate([turns.gyro, jnp.ones_like(turns.gyro[..., :1])], axis=-1)
+    rotation = attitude(jnp.concatenate([matrix, -(matrix @ gyro.bias)[:, None]], axis=1), column, turns.dt, "runge_kutta")
+    return (jnp.einsum("sji,sj->si", rotation, data.vertical[:-1]) - data.vertical[1:]) / turns.sigma[:, None]
 
 
-def tedaldi(
-    record: Recording, choice: Choice, options: Options, convention: str, least: Any, raw: bool, initial: Any, held_out: bool
-) -> ImuFit:
+def gyro_fit(gyro: Triad, turns: Turns, vertical: np.ndarray) -> Fit:
+    """The gyroscope's matrix, its bias held."""
+    model = Imu(None, gyro)
+    free = eqx.tree_at(lambda m: m.gyro.bias, freed(model, "upper", g_sensitivity=False), np.zeros(3, dtype=bool))
+    return solve(turn_residuals, model, Fixed(turns, vertical), free=free)
+
+
+def tedaldi(record: Recording, choice: Choice, options: Options, least: Any, raw: bool, initial: Any, held_out: bool) -> ImuFit:
     """Norms of the first samples of every interval, then the turns by Runge-Kutta steps, verticals and bias fixed."""
     assert record.gyro is not None
     start, stop = choice.still.start, choice.still.stop
-    accel = choice.fits[choice.still.multiple]
+    fit = choice.fits[choice.still.multiple]
     each = max(round(float(least) * record.rate), 2)
-    count = len(start)
-    slots = len(np.asarray(accel.residuals)) // each
-    p = accel.model
-    matrix = np.asarray(p.correction())
-    force = np.array([((record.accel[i:j] - np.asarray(p.bias)) @ matrix.T).mean(axis=0) for i, j in zip(start, stop, strict=True)])
-    vertical = force / np.linalg.norm(force, axis=1, keepdims=True)
+    count, slots = len(start), len(np.asarray(fit.residuals)) // each
+    vertical = _verticals(record, fit, start, stop)
     last = stop[0] if initial is None else round(float(initial) * record.rate) + 1
     bias = record.gyro[:last].mean(axis=0)
-    segments = segments_of(record.time, record.gyro, record.accel, start, stop, slots)
-    verticals = padded(vertical, slots)
-    scale = scanned_scale(bias, verticals, segments) if raw else 1.0
-    begin = GyroParameters(np.zeros(6), np.full(3, scale), bias, np.zeros((3, 3)))
-    gyro = solve(turn_residuals, begin, Turns(segments, verticals), free=_FREE)
-    seen = observability(vertical, options.diagonal)
+    turns, up = turns_of(record, start, stop, slots), padded(vertical, slots)
+    scale = scanned_scale(bias, up, turns) if raw else 1.0
+    gyro = gyro_fit(Triad(np.eye(3) / scale, bias), turns, up)
+    seen = observability(vertical, not options.misalignment)
 
-    model = ImuParameters(p, gyro.model, np.zeros(3), np.zeros(2))
-    fixed = GyroParameters(False, False, False, False)
-    off = AccelParameters(False, False, False)
+    model = Imu(fit.model.accel, gyro.model.gyro)
+    names = entries(model)[0]
     by_sample = np.concatenate([np.repeat(np.arange(count), each), np.full((slots - count) * each, -1)])
-    by_turn = np.repeat(np.arange(slots), 3)
-    values, plain, robust = _both(
-        (accel, ImuParameters(AccelParameters(True, True, True), fixed, False, False), by_sample),
-        (gyro, ImuParameters(off, _FREE, False, False), by_turn), model, convention,
-    )  # fmt: skip
-    valid = segments.weight > 0
-    turned = np.asarray(gyro.residuals).reshape(slots, 3)[valid]
-    turns = len(turned)
-    freedom = np.concatenate([np.full(12, count - 9), np.full(21, 2 * turns - 9)]).astype(float)
-    half = scipy.stats.t.ppf(0.975, np.maximum(freedom, 1)) * np.sqrt(np.maximum(np.diag(plain), 0))
-    norm = np.asarray(accel.residuals)[: count * each].reshape(count, each).mean(axis=1)
+    by_turn = np.repeat(np.arange(slots - 1), 3)
+    plain, robust = np.zeros((33, 33)), np.zeros((33, 33))
+    for part, clusters in ((fit, by_sample), (gyro, by_turn)):
+        known = bool(part.outcome != Outcome.unidentifiable)
+        plain = plain + np.asarray(placed(part.names, covariance(part, scaled=True), names))
+        robust = robust + placed(part.names, sandwich(part, clusters) if known else np.full((9, 9), np.inf), names)
+    model, (plain, robust) = framed(model, options.convention, plain, robust)
+    model, plain, robust = jax.tree.map(np.asarray, (model, plain, robust))
+    at = values(model)
+    valid = np.isfinite(turns.sigma)
+    turned = np.asarray(gyro.residuals).reshape(-1, 3)[valid]
+    freedom = np.concatenate([np.full(12, count - 9), np.full(21, 2 * len(turned) - 9)]).astype(float)
+    norm = np.asarray(fit.residuals)[: count * each].reshape(count, each).mean(axis=1)
     angle = np.linalg.norm(turned, axis=1)
+    left = max(2 * len(turned) - 9, 1)
+    sigma = np.array([np.sqrt(2 * float(fit.cost) / (count * each - 9)), np.sqrt(2 * float(gyro.cost) / left), np.nan])
     low = (np.zeros(0, dtype=int), np.zeros(0, dtype=int))
-    sigma = np.array([np.sqrt(2 * float(accel.cost) / (count * each - 9)), np.sqrt(2 * float(gyro.cost) / max(2 * turns - 9, 1)), np.nan])
-    judged = judge(gyro, values, plain, seen, count, turns, angle, low, sigma, options, True, list(choice.warnings))
-    if judged.verdict == "refused" and (why := explanation(bias, verticals, segments, scale)):
+    judged = judge(gyro, at, plain, seen, count, len(turned), angle, low, sigma, options, True, list(choice.warnings))
+    if judged.verdict == "refused" and (why := explanation(bias, up, turns, scale)):
         judged = Judgement(judged.verdict, f"{judged.reason} {why}", judged.warnings)
-    outside = _held_out(record, start, each, slots, p, gyro.model, segments, options) if held_out else np.full(2, np.nan)
+    outside = _held_out(record, start, each, slots, fit.model, gyro.model.gyro, turns, options) if held_out else np.full(2, np.nan)
     return ImuFit(
-        accel=Triad(values[:9].reshape(3, 3), values[9:12]), gyro=Triad(values[12:21].reshape(3, 3), values[21:24]), covariance=plain,
-        interval=np.stack([values - half, values + half], axis=1), robust_covariance=robust, degrees_of_freedom=freedom, residual_norm=norm,
-        residual_turn=angle, residual_rest=np.zeros((0, 3)), sigma=sigma, down_weighted=low,
-        cost=np.array([float(accel.cost), float(gyro.cost)]), held_out=outside, still=choice.still, thresholds=choice.table,
-        observability=seen, drift=np.zeros(3), rate=record.rate, gravity=options.gravity, temperature=record.temperature,
-        verdict=judged.verdict, reason=judged.reason, warnings=judged.warnings, convention=convention, method="imu_tk",
+        accel=model.accel, gyro=model.gyro, covariance=plain, interval=intervals(at, plain, freedom), robust_covariance=robust,
+        degrees_of_freedom=freedom, residual_norm=norm, residual_turn=angle, sigma=sigma, cost=np.array([fit.cost, gyro.cost], dtype=float),
+        held_out=outside, still=choice.still, thresholds=choice.table, observability=seen, rate=record.rate, gravity=options.gravity,
+        temperature=record.temperature, verdict=judged.verdict, reason=judged.reason, warnings=judged.warnings,
+        convention=options.convention, method="imu_tk",
     )  # fmt: skip
 
 
-def _both(first: tuple, second: tuple, model: ImuParameters, convention: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Parameters, and the covariances of two separate fits put together."""
-    total = []
-    values = np.zeros(33)
-    for fit, free, clusters in (first, second):
-        whole = dataclasses.replace(fit, model=model)
-        known = bool(fit.outcome != Outcome.unidentifiable)
-        values, plain, robust = spread(whole, free, convention, clusters if known else None)
-        total.append((plain, np.full_like(plain, np.inf) if robust is None else robust))
-    return values, total[0][0] + total[1][0], total[0][1] + total[1][1]
+def _verticals(record: Recording, fit: Fit, start: np.ndarray, stop: np.ndarray) -> np.ndarray:
+    """Direction of the mean corrected specific force of every interval."""
+    accel = jax.tree.map(np.asarray, fit.model.accel)
+    force = accel.correct(np.array([record.accel[i:j].mean(axis=0) for i, j in zip(start, stop, strict=True)]))
+    return force / np.linalg.norm(force, axis=1, keepdims=True)
 
 
 def _held_out(
-    record: Recording, start: np.ndarray, each: int, slots: int, p: Any, gyro: Any, segments: Segments, options: Options
+    record: Recording, start: np.ndarray, each: int, slots: int, model: Imu, gyro: Triad, turns: Turns, options: Options
 ) -> np.ndarray:
     """As for the joint fit: rms of norms and of turns' components that the fit did not see."""
     count = len(start)
-    sample = padded(np.concatenate([record.accel[i : i + each] for i in start]), slots * each)
-    stop = start + each
-    mean = np.array([record.accel[i:j].mean(axis=0) for i, j in zip(start, stop, strict=True)])
-    inside_all, squares = np.arange(slots) % 2, ([], [])
-    for parity in (0, 1):
-        keep = (inside_all == parity) & (np.arange(slots) < count)
-        if keep.sum() < 9:
+    data = norms(np.concatenate([record.accel[i : i + each] for i in start]), slots * each, options.gravity)
+    mean = np.array([record.accel[i : i + each].mean(axis=0) for i in start])
+    even, valid, squares = np.arange(slots) % 2 == 0, np.isfinite(turns.sigma), ([], [])
+    for inside in (even, ~even):
+        if inside[:count].sum() < 9:
             return np.full(2, np.nan)
-        fit = solve(
-            norm_residuals,
-            p,
-            Norms(sample, np.repeat(keep.astype(float), each), options.gravity, 1.0),
-            free=AccelParameters(True, True, True),
-        )
-        matrix, bias = np.asarray(fit.model.correction()), np.asarray(fit.model.bias)
-        force = (mean - bias) @ matrix.T
-        squares[0].append((options.gravity - np.linalg.norm(force, axis=1))[~keep[:count]] ** 2)
-        vertical = padded(force / np.linalg.norm(force, axis=1, keepdims=True), slots)
-        part = dataclasses.replace(segments, weight=np.where(inside_all == parity, segments.weight, 0.0))
-        turn = solve(turn_residuals, gyro, Turns(part, vertical), free=_FREE)
-        data = jax.tree.map(jnp.asarray, Turns(segments, vertical))
-        turned = np.asarray(_turned(turn.model, data))
-        squares[1].append(turned[(inside_all != parity) & (segments.weight > 0)] ** 2)
+        poses = eqx.tree_at(lambda p: p.sigma, data.poses, np.where(np.repeat(inside, each), data.poses.sigma, np.inf))
+        fit = solved(model, eqx.tree_at(lambda d: d.poses, data, poses), rtol=None)
+        force = np.asarray(jax.tree.map(np.asarray, fit.model.accel).correct(mean))
+        squares[0].append((options.gravity - np.linalg.norm(force, axis=1))[~inside[:count]] ** 2)
+        up = padded(_verticals(record, fit, start, start + each), slots)
+        part = eqx.tree_at(lambda t: t.sigma, turns, np.where(inside[:-1], turns.sigma, np.inf))
+        turned = np.asarray(turn_residuals(*arrays((gyro_fit(gyro, part, up).model, Fixed(turns, up)))))
+        squares[1].append(turned[~inside[:-1] & valid] ** 2)
     return np.array([np.sqrt(np.mean(np.concatenate(part))) for part in squares])

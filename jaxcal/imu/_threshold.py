@@ -6,11 +6,16 @@ import equinox as eqx
 import numpy as np
 
 from .._types import Any
-from ._estimate import Options, fit_norms, padded, weights
-from ._norms import nominal_start
+from ._estimate import solved
+from ._joint import Options
+from ._model import Imu
+from ._poses import padded, power_of_two
 from ._recording import Recording
+from ._residuals import Poses, Weighted
+from ._scales import leverage
+from ._start import nominal_start
 from ._static import StillIntervals, runs
-from ._turns import power_of_two
+from ._triad import Triad
 
 
 class Choice(eqx.Module):
@@ -22,18 +27,14 @@ class Choice(eqx.Module):
     warnings: tuple[str, ...] = eqx.field(static=True)
 
 
-def leave_one_out(fit: Any, count: int) -> np.ndarray:
-    """Residual of every pose under the fit without it, to first order: r / (1 - leverage)."""
-    jacobian = np.asarray(fit.jacobian)
-    size = np.linalg.norm(jacobian, axis=0)
-    q = np.linalg.qr(jacobian / np.where(size > 0, size, 1))[0]
-    leverage = np.minimum(np.sum(q**2, axis=1), 1 - 1e-6)
-    return (np.asarray(fit.residuals) / (1 - leverage))[:count]
+def norms(mean: np.ndarray, slots: int, gravity: float, sigma: float = 1.0) -> Weighted:
+    """Readings at rest, padded, as a fit of the accelerometer alone takes them."""
+    return Weighted(Poses(padded(mean, slots), padded(np.full(len(mean), sigma), slots, np.inf)), None, gravity)
 
 
 def chosen(
-    record: Recording, still: StillIntervals, variance: np.ndarray, options: Options, threshold: Any, window: Any, least: Any, raw: bool,
-    all_samples: bool,
+    record: Recording, still: StillIntervals, variance: np.ndarray, model: Triad, needed: int, options: Options, threshold: Any,
+    window: Any, least: Any, raw: bool, all_samples: bool,
 ) -> Choice | None:  # fmt: skip
     """The intervals to use, or None where no multiple leaves enough poses.
 
@@ -44,7 +45,6 @@ def chosen(
     shortest = max(round(float(least) * record.rate), 2)
     multiples = list(still.counts) if threshold is None else [float(threshold)]
     found = {k: runs(variance, k * still.initial_variance, half, shortest) for k in multiples}
-    needed = 6 if options.diagonal else 9
     found = {k: ends for k, ends in found.items() if len(ends[0]) >= needed}
     if not found:
         return None
@@ -57,9 +57,11 @@ def chosen(
         else:
             reading = np.array([record.accel[i:j].mean(axis=0) for i, j in zip(start, stop, strict=True)])
         each = len(reading) // count
-        begin = nominal_start(reading.reshape(count, each, 3).mean(axis=1), options.gravity, raw)
-        fit = fit_norms(padded(reading, slots * each), weights(count * each, slots * each), begin, options.gravity, options.diagonal)
-        rest = leave_one_out(fit, count * each).reshape(count, each).mean(axis=1)
+        start_at = nominal_start(model, reading.reshape(count, each, 3).mean(axis=1), options.gravity) if raw else model
+        fit = solved(Imu(start_at), norms(reading, slots * each, options.gravity), options.convention, options.misalignment, rtol=None)
+        # residual of every pose under the fit without it, to first order
+        without = np.asarray(fit.residuals) / (1 - np.minimum(leverage(fit), 1 - 1e-6))
+        rest = without[: count * each].reshape(count, each).mean(axis=1)
         fits[k] = fit
         table.append((k, count, float(fit.cost), float(np.sqrt(np.mean(rest**2))), float(np.std(rest**2) / np.sqrt(count))))
     rows = np.array(table)

@@ -3,8 +3,8 @@
 import equinox as eqx
 import numpy as np
 
-from ..fitting import Fit, Outcome
-from ._observe import ILL, Observability
+from ..fitting import Fit, Outcome, identifiability
+from ._observe import ILL, SINGULAR, Observability
 
 _FEW_POSES, _FEW_TURNS = 12, 10
 _TURN = np.deg2rad(5.0)
@@ -47,9 +47,11 @@ def judge(
             "The turns do not determine the gyroscope: turn by 45 to 180 degrees about several horizontal axes. A rotation about "
             "the vertical tells nothing."
         )
-    if not force <= _UNKNOWN:
+    if fit.outcome == Outcome.unidentifiable and not refused and seen.condition <= SINGULAR:
+        refused.append(identifiability(fit).sentence)
+    elif not force <= _UNKNOWN:
         refused.append(seen.sentence)
-    if poses < _FEW_POSES and not options.diagonal:
+    if poses < _FEW_POSES and options.misalignment:
         weak.append(f"There are {poses} poses, 18 to 24 are advised.")
     if seen.condition > ILL:
         weak.append(seen.sentence)

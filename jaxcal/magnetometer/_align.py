@@ -218,7 +218,7 @@ def _by_headings(y, model, accel, headings) -> Alignment:
         start = {"rho": np.zeros(3)}
         fit = solve(heading_residuals, start, data)
         spread.append(np.sqrt(np.mean(_values(heading_residuals, start, data)[: len(y)] ** 2)))
-        rotation = rotation @ np.asarray(turn(fit.model["rho"]))
+        rotation = rotation @ np.asarray(turn(jnp.asarray(fit.model["rho"])))
     return alignment_of(model, rotation, np.eye(3), np.asarray(covariance(fit, scaled=True)), np.array(spread), len(y), "headings", fit)  # type: ignore[arg-type]
 
 

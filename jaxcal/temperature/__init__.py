@@ -1,7 +1,10 @@
 """Thermal models of sensor biases: polynomials, tables, splines, jumps, hysteresis."""
 
+from ._bins import Bins as Bins, binned as binned
 from ._curves import AbstractCurve as AbstractCurve, Chebyshev as Chebyshev, Piecewise as Piecewise, Steps as Steps
+from ._estimate import residuals as residuals
 from ._fit import fit as fit
+from ._hysteresis import lagged as lagged, played as played
 from ._log import characterise as characterise, thermometer as thermometer
 from ._model import ClampWarning as ClampWarning, ThermalModel as ThermalModel
 from ._result import Candidate as Candidate, Step as Step, TemperatureFit as TemperatureFit

@@ -2,13 +2,16 @@
 
 from typing import Any
 
+import jax
 import numpy as np
 
 from .._errors import DataError
-from .._precision import host_float64
+from .._precision import host_float64, is_traced
 from .._types import AnyArray
+from ..fitting import Fit
 from ._bins import Bins, binned
 from ._curves import AbstractCurve, Chebyshev, Steps
+from ._estimate import fitted, traced
 from ._linear import ALARM, CAP, degree_by_bic, monomials, pchip_curve, polynomial_curve, table_bins, table_curve
 from ._model import ThermalModel
 from ._record import Record, record
@@ -29,7 +32,7 @@ def fit(
     temperature: Any,
     bias: Any,
     *,
-    model: str = "auto",
+    model: Any = "auto",
     degree: int | None = None,
     time: Any = None,
     lag: Any = None,
@@ -48,7 +51,8 @@ def fit(
     bias : (n,) readings at rest, any unit; rows that are not numbers are left out, and told.
     model : "polynomial"; "table", means over 0.25 degC with lines between; "pchip", the same with monotone cubics; "spline", cubic
         smoothing spline by generalised cross-validation; "steps"; or "auto", which compares polynomials of degree 1, 3 and 5, steps and
-        the spline on held-out data, and takes the simplest within a standard error of the best.
+        the spline on held-out data, and takes the simplest within a standard error of the best. Or a curve, or a `ThermalModel` with
+        one: its numbers are where the search begins, all but the `low`, `high` and `nodes` of curves are fitted.
     degree : of the polynomial; None chooses by BIC up to 25 (model="polynomial").
     time : (n,) s. With it the record is averaged to seconds, and a lag can be found.
     lag : time constant in s with which the sensor follows the thermometer: a number, "auto" to search it, None for "auto" with
@@ -59,6 +63,8 @@ def fit(
     Returns
     -------
     TemperatureFit
+        Traced, for a polynomial of given degree, a table or a curve, with lag and play as numbers: the model, bins and residuals alone,
+        of a record that is taken as it is, neither averaged nor cleaned.
 
     Raises
     ------
@@ -80,6 +86,10 @@ def fit(
     The thesis, equation (5.3) and section 7.1 (polynomials); G. Schwarz, Ann. Stat. 6 (1978) 461 (BIC); P. Craven and G. Wahba, Numer.
     Math. 31 (1979) 377 (spline); L. Breiman et al., Classification and Regression Trees, 1984, section 3.4.3 (one standard error).
     """
+    if isinstance(model, ThermalModel):
+        lag, play, model = model.lag if lag is None else lag, model.play if play is None else play, model.curve
+    if is_traced(temperature, bias, time, model, lag, play):
+        return traced(temperature, bias, model, degree, time, 0.0 if lag is None else lag, 0.0 if play is None else play)
     lag, play = _check(model, degree, lag, play, confidence, time)
     given = record(temperature, bias, time)
     found = search(given, lag, play)
@@ -94,20 +104,23 @@ def fit(
         warnings.append("a lag was not looked for, because the times are not known; give time=")
     candidates: tuple[Candidate, ...] = ()
     held_out, by_bic = "", degree_by_bic(binned(t, given.b), low, high)
-    if model == "auto":
+    own = None
+    if isinstance(model, AbstractCurve):
+        own, kind = fitted(model, binned(t, given.b, low=low)).checked(), type(model).__name__
+    elif model == "auto":
         kind, degree, candidates, held_out = _chosen(t, given, low, high)
     else:
         kind, degree = model, by_bic if model == "polynomial" and degree is None else degree
-    if by_bic >= min(ALARM, CAP) and (model in ("auto", "polynomial")):
+    if own is None and by_bic >= min(ALARM, CAP) and model in ("auto", "polynomial"):
         end = f"; {kind} was taken" if kind != "polynomial" else "; take model='auto'"
         warnings.append(f"BIC asks for a polynomial of degree {by_bic} of at most {CAP}: this curve is not a polynomial{end}")
-    return _described(kind, degree, t, given, low, high, found, candidates, held_out, confidence, warnings)
+    return _described(kind, degree, t, given, low, high, found, candidates, held_out, confidence, warnings, own)
 
 
-def _check(model: str, degree: Any, lag: Any, play: Any, confidence: float, time: Any) -> tuple[Any, Any]:
-    if model not in MODELS:
+def _check(model: Any, degree: Any, lag: Any, play: Any, confidence: float, time: Any) -> tuple[Any, Any]:
+    if not isinstance(model, AbstractCurve) and model not in MODELS:
         raise DataError(f"unknown model {model!r}; expected one of {', '.join(MODELS)}")
-    if degree is not None and model != "polynomial":
+    if degree is not None and (isinstance(model, AbstractCurve) or model != "polynomial"):
         raise DataError(f"degree={degree} goes with model='polynomial', not with {model!r}")
     if degree is not None and (not isinstance(degree, (int, np.integer)) or isinstance(degree, bool) or not 0 <= degree <= CAP):
         raise DataError(f"degree={degree!r}; expected a whole number from 0 to {CAP}")
@@ -163,12 +176,12 @@ def _name(kind: str, degree: int | None) -> str:
 
 def _described(
     kind: str, degree: int | None, t: AnyArray, given: Record, low: float, high: float, hysteresis: Any,
-    candidates: tuple[Candidate, ...], held_out: str, confidence: float, warnings: list[str],
+    candidates: tuple[Candidate, ...], held_out: str, confidence: float, warnings: list[str], own: Fit | None,
 ) -> TemperatureFit:  # fmt: skip
     bins = binned(t, given.b, low=low)
     if degree is not None and degree >= len(bins.t):
         raise DataError(f"degree={degree} needs more than the {len(bins.t)} bins of 0.1 degC that the record fills; take a lower one")
-    curve = _fitter(kind, degree)(t, given.b, low, high)
+    curve = _fitter(kind, degree)(t, given.b, low, high) if own is None else jax.tree.map(np.asarray, own.model)
     residual = bins.b - np.asarray(curve.value(bins.t))
     rms, worst, worst_at = _windows(bins, residual)
     if kind == "polynomial" and worst > _STANDS_OUT * _elsewhere(bins, residual, worst_at):
@@ -176,10 +189,13 @@ def _described(
             f"the polynomial of degree {degree} leaves {worst:.3g} (unit of the bias) in the degree around {worst_at:.1f} degC, "
             f"{worst / rms:.1f} times its rms: a jump there? model='auto' follows it"
         )
-    grid, error, covariance = _uncertain(kind, curve, t, given, bins, low, high)
+    grid, error, covariance = _uncertain(kind, curve, t, given, bins, low, high, own)
     coefficients = coefficient_error = None
     steps: tuple[Step, ...] = ()
-    if isinstance(curve, Chebyshev):
+    parameters = {}
+    if own is not None:
+        parameters = dict(zip(own.names, zip(own.parameters.tolist(), np.sqrt(np.diag(covariance)).tolist(), strict=True), strict=True))
+    elif isinstance(curve, Chebyshev):
         coefficients = monomials(curve)
         units = np.eye(len(coefficients))
         change = np.stack([monomials(Chebyshev(unit, low, high)) for unit in units], axis=1)
@@ -193,9 +209,9 @@ def _described(
     notes.append(f"the thermometer's noise of {given.noise:.2g} degC adds up to {adds:.2g} to a corrected reading, at {steepest:.1f} degC")
     return TemperatureFit(
         model=ThermalModel(curve, low, high, float(hysteresis.lag), float(hysteresis.play)),
-        degree=degree, coefficients=coefficients, coefficient_error=coefficient_error, steps=steps, rms=rms, worst=worst,
-        worst_at=worst_at, grid=grid, error=error, bins=bins, residual=residual, thermometer=given.noise, candidates=candidates,
-        kind=kind, held_out=held_out, confidence=float(confidence), warnings=tuple(warnings), notes=tuple(notes),
+        degree=degree, parameters=parameters, coefficients=coefficients, coefficient_error=coefficient_error, steps=steps, rms=rms,
+        worst=worst, worst_at=worst_at, grid=grid, error=error, bins=bins, residual=residual, thermometer=given.noise,
+        candidates=candidates, kind=kind, held_out=held_out, confidence=float(confidence), warnings=tuple(warnings), notes=tuple(notes),
     )  # fmt: skip
 
 
@@ -217,10 +233,15 @@ def _elsewhere(bins: Bins, residual: AnyArray, centre: float) -> float:
 
 
 def _uncertain(
-    kind: str, curve: Any, t: AnyArray, given: Record, bins: Bins, low: float, high: float
+    kind: str, curve: Any, t: AnyArray, given: Record, bins: Bins, low: float, high: float, own: Fit | None
 ) -> tuple[AnyArray, AnyArray, AnyArray]:
     """Temperatures, standard errors of the curve there, and the covariance of its parameters (empty where it has none)."""
     v = bins_covariance(curve, t, given.b, bins, given.noise)
+    if own is not None:
+        root = np.sqrt(bins.count)
+        covariance = v.through(np.linalg.pinv(own.jacobian) * root)
+        rows = own.jacobian / root[:, None]
+        return bins.t, np.sqrt(np.einsum("ij,jk,ik->i", rows, covariance, rows)), covariance
     if isinstance(curve, (Chebyshev, Steps)):
         covariance = parametric(curve, bins, v, low, high)
         return bins.t, parametric_error(curve, covariance, bins.t, low, high), covariance

@@ -31,6 +31,13 @@ def lagged(temperature: Any, dt: Any, tau: Any, start: Any = None) -> AnyArray:
     dt : step in s, one number or (n,) with the step that leads to each sample.
     tau : time constant in s; 0 gives the thermometer itself.
     start : state before the first sample, degC; None begins at the first sample.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.temperature import lagged
+    >>> print(lagged(np.array([20.0, 30.0, 30.0]), 1.0, 1.0).round(2))
+    [20.   26.32 28.65]
     """
     xp = array_module(temperature, dt, tau, start)
     t, dt, tau = common(xp, temperature, dt, tau)
@@ -51,6 +58,13 @@ def played(temperature: Any, play: Any, start: Any = None) -> AnyArray:
     temperature : (n,) degC.
     play : h in degC; 0 gives the temperature itself.
     start : state before the first sample, degC; None begins at the first sample.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.temperature import played
+    >>> print(played(np.array([20.0, 21.0, 20.5, 20.0]), 0.4))
+    [20.  20.6 20.6 20.4]
     """
     xp = array_module(temperature, play, start)
     t, h = common(xp, temperature, play)

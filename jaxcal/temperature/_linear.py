@@ -6,6 +6,7 @@ import numpy as np
 from numpy.polynomial import chebyshev, polynomial
 from scipy.interpolate import PchipInterpolator
 
+from .._precision import array_module
 from .._types import AnyArray
 from ._bins import COARSE, Bins, binned
 from ._curves import Chebyshev, Piecewise
@@ -59,8 +60,10 @@ def table_bins(t: AnyArray, b: AnyArray, width: float = COARSE) -> Bins:
 
 def table_curve(nodes: Bins) -> Piecewise:
     """Bin means, with lines between them."""
-    slope = np.diff(nodes.b) / np.diff(nodes.t)
-    return Piecewise(nodes.t, np.stack([nodes.b[:-1], slope], axis=1))
+    xp = array_module(nodes)
+    step = xp.diff(nodes.t)  # zero between the copies of a last node
+    slope = xp.where(step > 0, xp.diff(nodes.b) / xp.where(step > 0, step, 1), 0)
+    return Piecewise(nodes.t, xp.stack([nodes.b[:-1], slope], axis=1))
 
 
 def pchip_curve(nodes: Bins) -> Piecewise:

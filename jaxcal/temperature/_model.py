@@ -78,6 +78,12 @@ class ThermalModel(eqx.Module):
         return self._value(t)
 
     @host_float64
+    def measure(self, x: Any, temperature: Any, *, time: Any = None, rate: Any = None) -> AnyArray:
+        """Readings of a true input, x + b(T), or x s(T) for a scale factor; parameters and errors as of `correct`, its inverse."""
+        x, value, _ = self._at(x, temperature, time, rate, None)
+        return x * value if self.scale else x + value
+
+    @host_float64
     def correct(self, y: Any, temperature: Any, *, time: Any = None, rate: Any = None) -> AnyArray:
         """Readings without the bias: y - b(T), or y / s(T) for a scale factor.
 
@@ -104,6 +110,11 @@ class ThermalModel(eqx.Module):
 
         With `state` and `time`, the first time must be followed at the same step as within the part; parts of one sample need `rate`.
         """
+        y, value, state = self._at(y, temperature, time, rate, state)
+        return (y / value if self.scale else y - value), state
+
+    def _at(self, y: Any, temperature: Any, time: Any, rate: Any, state: Any) -> tuple[Any, Any, Any]:
+        """Readings, and the curve at every sample's effective temperature, in one type; and the state after them."""
         if np.shape(y) != np.shape(temperature) or np.ndim(temperature) != 1 or not np.size(temperature):
             raise DataError(
                 f"y has shape {np.shape(y)} and temperature {np.shape(temperature)}; expected both (n,), one temperature per reading"
@@ -113,8 +124,7 @@ class ThermalModel(eqx.Module):
         if not is_traced(t) and not np.isfinite(t).all():
             raise DataError(f"{np.count_nonzero(~np.isfinite(t))} temperatures are not finite; interpolate the thermometer first")
         t, state = self.effective(t, time=time, rate=rate, state=state)
-        value = self._value(t)
-        return (y / value if self.scale else y - value), state
+        return y, self._value(t), state
 
     def effective(self, temperature: Any, *, time: Any = None, rate: Any = None, state: Any = None) -> tuple[Any, Any]:
         """Temperature that the sensor feels, not yet clipped, and the state (of lag and of play) after it."""
@@ -135,7 +145,7 @@ class ThermalModel(eqx.Module):
                     f"{100 * outside:.3g} % of the temperatures ({np.min(t):.2f} to {np.max(t):.2f} degC) are outside the range of the "
                     f"model, {low:.2f} to {high:.2f} degC; the value at its end is used. Calibrate over a wider range",
                     ClampWarning,
-                    stacklevel=4,
+                    stacklevel=5,
                 )
         return self.curve.value(xp.clip(t, low, high))
 

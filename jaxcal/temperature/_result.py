@@ -63,6 +63,7 @@ class TemperatureFit(Unjudged):
     coefficients, coefficient_error : (degree + 1,) a1, a2, ... of the powers of T in degC, equation (5.3) of the thesis, and their
         standard errors; None for other models. Above degree 5 they are numbers of alternating sign that nearly cancel: use `model`.
     steps : tuple of `Step`.
+    parameters : numbers of a curve that was given to `fit`, by name, with their standard errors.
     rms, worst, worst_at : rms residual of the means over 0.1 degC: over all the range, and in the worst window of 1 degC, whose centre
         is `worst_at` (degC). The first alone hides a failure at a jump.
     grid, error : (bins,) temperatures, degC, and the standard error of the curve there.
@@ -78,14 +79,15 @@ class TemperatureFit(Unjudged):
     coefficients: Any
     coefficient_error: Any
     steps: tuple[Step, ...]
-    rms: float
-    worst: float
-    worst_at: float
-    grid: AnyArray
-    error: AnyArray
+    parameters: dict[str, tuple[float, float]]
+    rms: Any
+    worst: Any
+    worst_at: Any
+    grid: Any
+    error: Any
     bins: Bins
     residual: AnyArray
-    thermometer: float
+    thermometer: Any
     candidates: tuple[Candidate, ...]
     kind: str = eqx.field(static=True)
     held_out: str = eqx.field(static=True)
@@ -97,6 +99,7 @@ class TemperatureFit(Unjudged):
         z = scipy.stats.norm.ppf(0.5 + self.confidence / 2)
         known = () if self.coefficients is None else enumerate(zip(self.coefficients, self.coefficient_error, strict=True), 1)
         rows = [Row(f"a{i}", value, value - z * error, value + z * error, f"unit/degC^{i - 1}") for i, (value, error) in known]
+        rows += [Row(name, value, value - z * error, value + z * error) for name, (value, error) in self.parameters.items()]
         for step in self.steps:
             half = z * step.height_error
             rows.append(Row(f"jump at {step.centre:.2f} degC", step.height, step.height - half, step.height + half, "unit"))

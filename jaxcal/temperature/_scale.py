@@ -89,7 +89,8 @@ def scale_factor(temperature: Any, scale: Any, *, error: Any = None, degree: int
     worst = int(np.argmax(np.abs(residual)))
     return TemperatureFit(
         model=ThermalModel(curve, low, high, scale=True), degree=chosen, coefficients=monomials(curve),
-        coefficient_error=np.sqrt(np.diag(change @ covariance @ change.T)), steps=(), rms=float(np.sqrt(np.mean(residual**2))),
+        coefficient_error=np.sqrt(np.diag(change @ covariance @ change.T)), steps=(), parameters={},
+        rms=float(np.sqrt(np.mean(residual**2))),
         worst=float(np.abs(residual[worst])), worst_at=float(t[worst]), grid=grid,
         error=np.sqrt(np.einsum("ij,jk,ik->i", rows, covariance, rows)), bins=Bins(t, s, np.ones(len(s))), residual=residual,
         thermometer=0.0, kind="polynomial", held_out="", confidence=float(confidence), warnings=(), notes=(),

@@ -7,6 +7,8 @@ by restricted likelihood, which knows what the curve has taken from them (H. D. 
 545). Blocks of temperature drawn with replacement would tear holes at a step and not see the walk.
 """
 
+from typing import Any
+
 import equinox as eqx
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -38,7 +40,7 @@ def bins_covariance(curve: AbstractCurve, t: AnyArray, b: AnyArray, bins: Bins, 
     segment = np.arange(len(t)) * count // len(t)
     size = np.bincount(segment).astype(float)
     # what a table or a spline has taken from the noise cannot be counted: steps stand for it
-    model = curve if isinstance(curve, (Chebyshev, Steps)) else _steps.steps_curve(t, b, float(t.min()), float(t.max()))
+    model: Any = curve if type(curve) in (Chebyshev, Steps) else _steps.steps_curve(t, b, float(t.min()), float(t.max()))
     residual = np.bincount(segment, b - np.asarray(model.value(t))) / size
     low, high = float(t.min()), float(t.max())
     design = _design(model, t, low, high)

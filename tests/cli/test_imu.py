@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxcal
-from jaxcal.imu._simulate import ACCEL, GYRO
+from jaxcal.imu import MEMS
 
 from .conftest import listing
 
@@ -24,8 +24,8 @@ def test_a_simulated_log_is_calibrated(call, folder):
     document = json.loads((folder / "log-imu" / "imu.json").read_text())
     assert (document["schema"], document["verdict"], document["poses"], document["turns"]) == ("jaxcal.imu/1", "good", 18, 17)
     accel = document["sensors"]["accel"]
-    assert accel["bias"] == pytest.approx(ACCEL.bias, abs=5e-3)
-    assert accel["matrix"][0] == pytest.approx(ACCEL.matrix[0], abs=2e-3)
+    assert accel["bias"] == pytest.approx(MEMS.accel.bias, abs=5e-3)
+    assert accel["matrix"][0] == pytest.approx(MEMS.accel.matrix[0], abs=2e-3)
     low, high = document["sensors"]["gyro"]["intervals"]["matrix[1,1]"]
     assert low < document["sensors"]["gyro"]["matrix"][1][1] < high
     page = (folder / "log-imu" / "report.html").read_text()
@@ -39,7 +39,7 @@ def test_a_simulated_log_is_calibrated(call, folder):
         assert text in page
     stored = jaxcal.Calibration.load(folder / "log-imu" / "calibration.json")
     np.testing.assert_allclose(stored.imu.gyro.model.bias, document["sensors"]["gyro"]["bias"])
-    np.testing.assert_allclose(stored.imu.gyro.model.g_sensitivity, GYRO.g_sensitivity, atol=1e-4)
+    np.testing.assert_allclose(stored.imu.gyro.model.g_sensitivity, MEMS.gyro.g_sensitivity, atol=1e-4)
     assert stored.imu.accel.covariance.parameters[0] == "matrix[0,0]"
 
 

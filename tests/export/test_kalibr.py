@@ -11,7 +11,6 @@ import yaml
 import jaxcal
 from jaxcal import Calibration, ExportError
 from jaxcal.export import write
-from jaxcal.export._text import comment, number
 
 FOLDER = pathlib.Path(__file__).parent
 
@@ -226,13 +225,17 @@ def test_a_failed_write_leaves_the_old_file(golden, path, monkeypatch):
 
 
 @pytest.mark.parametrize("value", [4e-6, 200.0, 0.0021, 1e-300, 123456789.0, 1.5e16, 1 / 3, 100, 1e9, 3.3e-5])
-def test_number_text_is_a_yaml_float_exact_for_float32(value):
-    found = yaml.safe_load(number(value))
+def test_number_text_is_a_yaml_float_exact_for_float32(golden, path, value):
+    write(golden, path, rate=value)
+    found = yaml.safe_load(path.read_text())["update_rate"]
     assert isinstance(found, float)
     assert math.isclose(found, value, rel_tol=1e-8)
     single = np.float32(min(value, 1e30))
-    assert np.float32(yaml.safe_load(number(float(single)))) == single
+    if single > 0:
+        write(golden, path, rate=float(single))
+        assert np.float32(yaml.safe_load(path.read_text())["update_rate"]) == single
 
 
-def test_comment_is_one_line():
-    assert comment("a\nb\r\n\tc\u2028d") == "# a b c d"
+def test_comment_is_one_line(golden, path):
+    write(Calibration(noise=golden.noise, device="a\nb\r\n\tc\u2028d"), path)
+    assert "# device: a b c d" in path.read_text().splitlines()

@@ -10,10 +10,6 @@ from scipy.spatial.transform import Rotation
 
 from jaxcal import Calibration, DataError, JaxcalError
 from jaxcal.export import read, write
-from jaxcal.export._motioncal import checksum
-from jaxcal.export._rounded import exact_rotation
-from jaxcal.export._text import plain
-from jaxcal.export._yaml import parse
 
 FOLDER = pathlib.Path(__file__).parent
 GOLDEN = FOLDER / "golden"
@@ -159,15 +155,21 @@ def test_several_instances_in_one_file(golden, tmp_path):
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_the_rotation_behind_nine_digits(seed):
-    turn = Rotation.from_rotvec(0.02 * np.random.default_rng(seed).standard_normal(3)).as_matrix()
-    printed = np.array([[float(plain(float(value))) for value in row] for row in turn])
-    found = exact_rotation(printed)
-    np.testing.assert_allclose(found @ found.T, np.eye(3), rtol=0, atol=4e-15)
-    assert [plain(float(value)) for value in found.ravel()] == [plain(float(value)) for value in printed.ravel()]
-    about_z = Rotation.from_rotvec([0, 0, 0.01 * seed]).as_matrix()
-    printed = np.array([[float(plain(float(value))) for value in row] for row in about_z])
-    np.testing.assert_allclose(exact_rotation(printed), about_z, rtol=0, atol=1e-9)
+def test_the_rotation_behind_nine_digits(golden, tmp_path, seed):
+    """A file of OpenVINS holds a rotation in nine digits; what is read is a rotation to the last digit, and prints the same."""
+    write(golden, tmp_path / "a.yaml", format="openvins")
+    lines = (tmp_path / "a.yaml").read_text().splitlines()
+    start = lines.index("  R_IMUtoGYRO:") + 1
+    triangle = np.array([yaml.safe_load(line.strip(" -")) for line in lines[start - 4 : start - 1]])
+    for turn in (0.02 * np.random.default_rng(seed).standard_normal(3), [0, 0, 0.01 * seed]):
+        exact = Rotation.from_rotvec(turn).as_matrix()
+        printed = [[f"{value + 0.0:.9g}" for value in row] for row in np.where(np.abs(exact) < 1e-15, 0.0, exact)]
+        rows = [f"    - [{', '.join(row)}]" for row in printed]
+        (tmp_path / "b.yaml").write_text("\n".join([*lines[:start], *rows, *lines[start + 3 :]]) + "\n")
+        found = np.linalg.solve(triangle, read(tmp_path / "b.yaml", format="openvins").imu.gyro.model.matrix)
+        np.testing.assert_allclose(found @ found.T, np.eye(3), rtol=0, atol=4e-15)
+        np.testing.assert_allclose(found, np.array(printed, dtype=float), rtol=0, atol=5.1e-10)
+        np.testing.assert_allclose(found, exact, rtol=0, atol=1e-9)
 
 
 def test_the_result_of_kalibr(tmp_path):
@@ -219,6 +221,17 @@ def test_the_scale_of_a_compass_multiplies(golden, tmp_path):
     )
 
 
+def checksum(data):
+    """CRC-16 with the polynomial x^16 + x^15 + x^2 + 1, bits reflected, by long division of the whole message."""
+    bits = [byte >> k & 1 for byte in data for k in range(8)] + [0] * 16
+    bits[:16] = [bit ^ 1 for bit in bits[:16]]  # the register starts with ones
+    for i in range(len(bits) - 16):
+        if bits[i]:
+            for k in (0, 1, 14, 16):
+                bits[i + k] ^= 1
+    return sum(bit << k for k, bit in enumerate(bits[-16:]))
+
+
 def test_packets_of_motioncal(golden, tmp_path):
     packet = bytes.fromhex((GOLDEN / "motioncal.hex").read_text())
     (tmp_path / "a").write_bytes(packet)
@@ -238,21 +251,28 @@ def test_packets_of_motioncal(golden, tmp_path):
             read(tmp_path / "c", format="motioncal")
 
 
-@pytest.mark.parametrize("text", [
-    "a: 1\nb: -2.5e-3\nc: word\nd: \"# no comment\"  # one\ne: [1.0, -2.0]\nf: true\ng: null\n",
-    "a:\n  b:\n    - [1.0, 2.0]\n    - [3.0,\n       4.0]\n  c: 5.0\nd:\n- 6.0\n- 7.0\n",
-    "/**:\n  ros__parameters:\n    x: [1.0]\n",
-])  # fmt: skip
-def test_yaml_is_read_as_pyyaml_reads_it(text):
-    assert parse(text) == yaml.safe_load(text)
+def test_yaml_of_opencv_and_numbers_without_a_point(tmp_path):
+    lines = "IMU.NoiseGyro: 1e-3\nIMU.NoiseAcc: 2.0e-3\nIMU.GyroWalk: 3e-5\nIMU.AccWalk: 4\nIMU.Frequency: 200\n"
+    matrix = "IMU.T_b_c1: !!opencv-matrix\n   rows: 4\n   dt: f\n   data: [1.0, 0.0,\n      0.0]\n"
+    (tmp_path / "a.yaml").write_text(f"%YAML:1.0\n---\n{matrix}{lines}")
+    noise = read(tmp_path / "a.yaml", format="orbslam3").noise
+    assert (noise.gyro.N[0], noise.accel.N[1], noise.gyro.K[2], noise.accel.K[0], noise.rate) == (1e-3, 2e-3, 3e-5, 4.0, 200.0)
+    (tmp_path / "a.yaml").write_text("IMU.NoiseGyro: 1\n" + lines)
+    with pytest.raises(DataError, match=r"line 1: 'IMU.NoiseGyro' is no name, or stands there twice"):
+        read(tmp_path / "a.yaml", format="orbslam3")
 
 
 @pytest.mark.parametrize(
-    "text", ["", "a", "- 1\n- 2", "a: {b: 1}", "a: &x 1", "a: 1\n   b: 2", "\ta: 1", "a: [1, [2]]", "a: [1", "a: 1\na: 2", "a: |\n  text"]
-)
-def test_yaml_beyond_calibrations_is_refused(text):
+    "text",
+    ["", "a", "- 1\n- 2", "a: {b: 1}", "a: &x 1\nb: *x", "a: 1\n   b: 2", "\ta: 1", "a: [1, [2]]", "a: [1", "a: 1\na: 2", "a: |\n  text",
+     "a: " + "[" * 5000, "a: !!python/object/apply:os.system [x]", "a: 2020-99-99", "? [1]\n: 2", "1: 2", "a: x" * 2**19],
+    ids=range(17),
+)  # fmt: skip
+@pytest.mark.parametrize("format", ["kalibr", "ros"])
+def test_yaml_beyond_calibrations_is_refused(tmp_path, text, format):
+    (tmp_path / "a.yaml").write_text(text)
     with pytest.raises(DataError):
-        parse(text)
+        read(tmp_path / "a.yaml", format=format)
 
 
 FILES = {

@@ -4,11 +4,23 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy.linalg
 import scipy.optimize
+import scipy.signal
 import scipy.stats
 
-from jaxcal._errors import FitError
-from jaxcal.fitting import Outcome, covariance, identifiability, profile_interval, solve, solve_many, standard_errors
+from jaxcal import FitError
+from jaxcal.fitting import (
+    Outcome,
+    covariance,
+    identifiability,
+    information,
+    intervals,
+    leverage,
+    profile_interval,
+    solve,
+    solve_many,
+)
 
 from . import problems as p
 
@@ -36,39 +48,151 @@ def test_covariance_of_a_linear_model():
     np.testing.assert_allclose(fit.goodness, scipy.stats.chi2.sf(squares[0] / 0.25, 38), rtol=1e-8)
 
 
-def test_cluster_covariance_in_closed_form():
+def test_covariance_by_blocks_in_closed_form():
     data, label = line_data(shared=0.5), np.repeat(["a", "c", "b", "d", "e", "j", "i", "h", "g", "f"], 4)
-    number = np.unique(label, return_inverse=True)[1]
     fit = solve(line, np.zeros(2), data)
-    x, e = data["design"], data["y"] - data["design"] @ np.asarray(fit.parameters)
-    meat = sum(np.outer(x[label == g].T @ e[label == g], x[label == g].T @ e[label == g]) for g in np.unique(label))
+    x = data["design"] / 0.5
+    e = data["y"] / 0.5 - x @ fit.parameters
     bread = np.linalg.inv(x.T @ x)
-    np.testing.assert_allclose(covariance(fit, clusters=number), 10 / 9 * 39 / 38 * bread @ meat @ bread, rtol=1e-7)
-    np.testing.assert_allclose(covariance(fit, clusters=7 - 3 * number), covariance(fit, clusters=number), rtol=1e-10)
-    with pytest.raises(FitError, match="2 clusters cannot give the covariance of 2 parameters; record more"):
-        covariance(fit, clusters=np.arange(40) % 2)
-    with pytest.raises(FitError, match=r"shape \(3,\); give one per residual, shape \(40,\)"):
-        covariance(fit, clusters=np.arange(3))
+    hat = x @ bread @ x.T
+    # Bell and McCaffrey: residuals of a block times (1 - H)^-1/2
+    score = np.array(
+        [
+            x[one].T @ np.linalg.inv(scipy.linalg.sqrtm(np.eye(4) - hat[np.ix_(one, one)])) @ e[one]
+            for one in (label == g for g in set(label))
+        ]
+    )
+    expected = bread @ score.T @ score @ bread
+    np.testing.assert_allclose(covariance(fit, "sandwich", blocks=label), expected, rtol=1e-7)
+    np.testing.assert_allclose(covariance(fit, "sandwich", blocks=10), expected, rtol=1e-7)
+    single = (x * (e / (1 - np.diag(hat)) ** 0.5)[:, None]).T
+    np.testing.assert_allclose(covariance(fit, "sandwich"), bread @ single @ single.T @ bread, rtol=1e-7)
+
+    without = np.array([np.linalg.lstsq(x[label != g], data["y"][label != g] / 0.5, rcond=None)[0] for g in set(label)])
+    away = without - without.mean(axis=0)
+    for blocks in (label, 10):
+        np.testing.assert_allclose(covariance(fit, "jackknife", blocks=blocks), 0.9 * away.T @ away, rtol=1e-5)
+    np.testing.assert_allclose(leverage(fit), np.diag(hat), rtol=1e-8)
+    np.testing.assert_allclose(leverage(fit).sum(), 2, rtol=1e-12)
+    np.testing.assert_allclose(covariance(fit, information=4 * x.T @ x), bread / 4, rtol=1e-10)
 
 
-def test_coverage_with_clusters():
-    data = jax.tree.map(lambda *a: np.stack(a), *[line_data(seed, n=120, clusters=30, shared=1.0) for seed in range(400)])
-    fits = solve_many(line, np.zeros(2), data, batched=(False, True))
-    clusters = np.repeat(np.arange(30), 4)
-    error = abs(np.asarray(fits.parameters)[:, 0] - 1)
-    robust = np.asarray(jax.vmap(lambda fit: standard_errors(fit, clusters=clusters))(fits))[:, 0]
-    naive = np.asarray(jax.vmap(lambda fit: standard_errors(fit, scaled=True))(fits))[:, 0]
-    assert abs(np.mean(error < scipy.stats.t.ppf(0.975, 29) * robust) - 0.95) < 4 * np.sqrt(0.95 * 0.05 / 400)
-    assert np.mean(error < 1.96 * naive) < 0.8
+def test_intervals_use_the_quantile_of_their_variance():
+    fit = solve(line, np.zeros(2), line_data())
+    for kind, options, freedom in (
+        ("model", {}, np.inf),
+        ("model", {"scaled": True}, 38),
+        ("sandwich", {"blocks": 8}, 7),
+        ("jackknife", {}, 5),
+    ):
+        error = np.sqrt(np.diag(covariance(fit, kind, **options)))
+        half = scipy.stats.t.ppf(0.95, freedom) * error
+        expected = np.stack([fit.parameters - half, fit.parameters + half], axis=1)
+        np.testing.assert_allclose(intervals(fit, kind, confidence=0.9, **options), expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("kind", "blocks", "message"),
+    [
+        ("sandwich", np.arange(40) % 2, "2 blocks cannot give the covariance of 2 parameters; record more"),
+        ("sandwich", np.arange(3), r"shape \(3,\); give one per residual, shape \(40,\)"),
+        ("jackknife", 1, "1 blocks were asked for; give at least 2"),
+        ("model", 6, "takes no blocks; give kind='sandwich'"),
+    ],
+)
+def test_refused_covariances(kind, blocks, message):
+    with pytest.raises(FitError, match=message):
+        covariance(solve(line, np.zeros(2), line_data()), kind, blocks=blocks)
+
+
+def test_a_jackknife_without_its_data_or_identity():
+    data = line_data()
+    many = solve_many(line, np.zeros(2), jax.tree.map(lambda a: np.stack([a]), data), batched=(False, True))
+    with pytest.raises(FitError, match="out of many does not keep its data"):
+        covariance(jax.tree.map(lambda a: a[0], many), "jackknife")
+    # the second parameter is seen by the first block alone: without it nothing determines it
+    apart = {**data, "design": np.stack([np.ones(40), np.arange(40) < 5], axis=1).astype(float)}
+    fit = solve(line, np.zeros(2), apart)
+    assert np.isfinite(covariance(fit)).all()
+    assert np.isinf(covariance(fit, "jackknife")).all()
+
+
+RUNS, LENGTH = 1000, 600
+
+
+@pytest.fixture(scope="module")
+def covered():
+    """Coverage of 95 % intervals of offset and slope under white and correlated errors, by kind of covariance, in one program."""
+    rng, design = np.random.default_rng(3), line_data(n=LENGTH)["design"]
+    white = rng.normal(size=(RUNS, LENGTH))
+    walk = scipy.signal.lfilter([np.sqrt(1 - 0.81)], [1, -0.9], rng.normal(size=(RUNS, LENGTH + 200)), axis=1)[:, 200:]
+
+    def one(y):
+        fit = solve(line, jnp.zeros(2), {"design": design, "y": y, "sigma": 1.0})
+        kinds = {
+            "model": covariance(fit, scaled=True),
+            "sandwich": covariance(fit, "sandwich", blocks=12),
+            "jackknife": covariance(fit, "jackknife"),
+        }
+        return fit.parameters, jax.tree.map(lambda c: jnp.sqrt(jnp.diagonal(c)), kinds)
+
+    parameters, errors = jax.jit(jax.vmap(one))(np.concatenate([white, walk]) + design @ [1.0, 2.0])
+    freedom = {"model": LENGTH - 2, "sandwich": 11, "jackknife": 5}
+    inside = {
+        kind: abs(np.asarray(parameters) - [1.0, 2.0]) < scipy.stats.t.ppf(0.975, freedom[kind]) * np.asarray(error)
+        for kind, error in errors.items()
+    }
+    return {kind: (yes[:RUNS].mean(), yes[RUNS:].mean()) for kind, yes in inside.items()}
+
+
+def test_coverage_of_white_errors(covered):
+    for kind in ("model", "sandwich", "jackknife"):
+        assert 0.93 < covered[kind][0] < 0.97, kind
+
+
+def test_coverage_of_correlated_errors(covered):
+    assert covered["model"][1] < 0.5
+    assert covered["sandwich"][1] > covered["model"][1] + 0.2
+    assert covered["jackknife"][1] > 0.9
+
+
+def test_information_of_a_jacobian():
+    rng = np.random.default_rng(2)
+    rows = rng.normal(size=(12, 3)) * [1.0, 1e-6, 1e6]
+    known = information(rows)
+    np.testing.assert_allclose(known.covariance, np.linalg.inv(rows.T @ rows), rtol=1e-9)
+    np.testing.assert_allclose(known.leverage(rows), np.diag(rows @ np.linalg.inv(rows.T @ rows) @ rows.T), rtol=1e-9)
+    traced = jax.jit(information)(rows)
+    np.testing.assert_allclose(traced.covariance, known.covariance, rtol=1e-9)
+    # two parameters that only their sum is known of, beside one that is known
+    rows = np.stack([rows[:, 0], rows[:, 0], rows[:, 2]], axis=1)
+    known = information(rows)
+    assert known.rank == 2
+    np.testing.assert_array_equal(known.determined, [False, False, True])
+    np.testing.assert_array_equal(np.isinf(known.covariance), np.diag([True, True, False]))
+    pair = np.linalg.inv(rows[:, 1:].T @ rows[:, 1:])
+    np.testing.assert_allclose(known.covariance[2, 2], pair[1, 1], rtol=1e-9)
+    held = information(rows, held=np.array([True, False, False]))
+    np.testing.assert_allclose(held.covariance[1:, 1:], pair, rtol=1e-9)
+    assert (held.covariance[0] == 0).all()
+
+
+def test_covariance_has_a_derivative_where_singular_values_are_equal():
+    design = np.kron(np.eye(2), np.ones((20, 1)))
+
+    def variance(size):
+        return covariance(solve(line, jnp.zeros(2), {"design": design * size, "y": np.ones(40), "sigma": 1.0}))[0, 0]
+
+    np.testing.assert_allclose(jax.jit(jax.grad(variance))(2.0), -2 / 20 / 8, rtol=1e-10)
 
 
 def test_profile_of_a_linear_model_is_the_covariance():
     fit = solve(line, np.zeros(2), line_data())
     for i, name in enumerate(fit.names):
-        reach = scipy.stats.norm.ppf(0.95) * float(standard_errors(fit)[i])
+        reach = scipy.stats.norm.ppf(0.95) * float(covariance(fit)[i, i] ** 0.5)
         interval = profile_interval(fit, name, confidence=0.9)
         np.testing.assert_allclose([interval.low, interval.high], [fit.parameters[i] - reach, fit.parameters[i] + reach], rtol=1e-5)
-        reach = scipy.stats.t.ppf(0.95, 38) * float(standard_errors(fit, scaled=True)[i])
+        reach = scipy.stats.t.ppf(0.95, 38) * float(covariance(fit, scaled=True)[i, i] ** 0.5)
         interval = profile_interval(fit, name, confidence=0.9, scaled=True)
         np.testing.assert_allclose([interval.low, interval.high], [fit.parameters[i] - reach, fit.parameters[i] + reach], rtol=1e-5)
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import scipy.optimize
 
-from jaxcal._errors import FitError
+from jaxcal import FitError
 from jaxcal.fitting import nonnegative
 
 solve = jax.jit(nonnegative)

@@ -3,13 +3,14 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from jaxcal.imu import ImuTk, simulate
-from jaxcal.imu._simulate import ACCEL, GYRO, NOISE, upward
+from jaxcal.imu import MEMS, MEMS_NOISE as NOISE, ImuTk, attitudes, simulate
+
+ACCEL, GYRO = MEMS.accel, MEMS.gyro
 
 RATE, STILL, TURN, POSES = 50.0, 3.0, 2.0, 24
 GRAVITY = 9.81
 #: upward directions of the poses, the same in every run
-UP = upward(POSES, np.random.default_rng(0))
+UP = attitudes(POSES, 0)
 
 
 def recording(seed, **options):

@@ -4,13 +4,22 @@ import numpy as np
 import pytest
 
 from jaxcal import DataError
-from jaxcal.imu import Triad, gravity, observability, rate_table, simulate_positions, six_position, static_intervals
-from jaxcal.imu._gravity import EARTH_RATE
-from jaxcal.imu._known import SIX
-from jaxcal.imu._simulate import ACCEL, GYRO
-from jaxcal.imu._static import windowed_variance
+from jaxcal.imu import (
+    MEMS,
+    Triad,
+    gravity,
+    observability,
+    rate_table,
+    simulate_positions,
+    six_position,
+    static_intervals,
+    windowed_variance,
+)
 
 G = 9.81
+ACCEL, GYRO = MEMS.accel, MEMS.gyro
+EARTH_RATE = 7.292115e-5  # rad/s, WGS 84
+SIX = np.kron(np.eye(3), np.array([[1.0], [-1.0]]))
 
 
 def test_six_positions_are_the_closed_form(precision):

@@ -8,8 +8,7 @@ import scipy.linalg
 from scipy.spatial.transform import Rotation
 
 from jaxcal import DataError, _rotation
-from jaxcal.imu import ArduPilot, ImuTk, Kalibr, OpenVins, Px4, Triad, gravity, turned_to
-from jaxcal.imu._integrate import attitude
+from jaxcal.imu import ArduPilot, ImuTk, Kalibr, OpenVins, Px4, Triad, attitude, gravity, turned_to
 
 
 def triads(seed):

@@ -10,10 +10,7 @@ import pytest
 
 import jaxcal
 from jaxcal import DataError
-from jaxcal.imu import Triad, multi_position
-from jaxcal.imu._frames import in_convention
-from jaxcal.imu._norms import AccelParameters, Norms, norm_residuals
-from jaxcal.imu._simulate import NOISE
+from jaxcal.imu import MEMS, MEMS_NOISE as NOISE, Imu, Poses, Triad, in_convention, multi_position, residuals, weighted
 
 from . import cases
 
@@ -65,11 +62,10 @@ def test_conventions_are_one_calibration(repeated):
     upper = repeated[0]
     for convention in ("lower", "full"):
         other = fit(cases.recording(0), noise=KNOWN, convention=convention)
-        matrices = (upper.accel.matrix, upper.gyro.matrix, upper.gyro.g_sensitivity)
-        turned = in_convention(*(jnp.asarray(m) for m in matrices), convention)
-        np.testing.assert_allclose(other.accel.matrix, turned.accel, atol=1e-12)
-        np.testing.assert_allclose(other.gyro.matrix, turned.gyro, atol=1e-12)
-        np.testing.assert_allclose(other.gyro.g_sensitivity, turned.g_sensitivity, atol=1e-14)
+        turned = in_convention(Imu(upper.accel, upper.gyro), convention)
+        np.testing.assert_allclose(other.accel.matrix, turned.accel.matrix, atol=1e-12)
+        np.testing.assert_allclose(other.gyro.matrix, turned.gyro.matrix, atol=1e-12)
+        np.testing.assert_allclose(other.gyro.g_sensitivity, turned.gyro.g_sensitivity, atol=1e-14)
         zero = np.array([3, 6, 7]) if convention == "upper" else np.array([1, 2, 5])
         if convention == "lower":
             np.testing.assert_allclose(np.diag(other.covariance)[zero], 0, atol=1e-20)
@@ -100,7 +96,7 @@ def test_errors_common_to_a_still_interval_are_in_the_intervals():
 
 
 def test_counts_without_a_nominal_scale():
-    accel, gyro = jaxcal.imu._simulate.ACCEL, jaxcal.imu._simulate.GYRO
+    accel, gyro = MEMS.accel, MEMS.gyro
     counts = [Triad(s * t.matrix, s * t.bias + 32768, s * t.g_sensitivity) for s, t in ((400.0, accel), (4800.0, gyro))]
     log = cases.recording(3)
     raw = jaxcal.Log(None, accel=400 * log.accel + 32768, gyro=4800 * log.gyro + 32768, rate=log.rate)
@@ -240,7 +236,8 @@ def test_options_that_are_no_options():
     for options, reason in (
         ({"convention": "sideways"}, "no convention 'sideways'; known are 'upper', 'lower', 'full'"),
         ({"method": "magic"}, "no method"),
-        ({"loss": "cubic"}, "no loss"),
+        ({"loss": "cubic"}, "no loss 'cubic'; give one of jaxcal.fitting"),
+        ({"model": "cubic"}, "no model 'cubic'; known are"),
         ({"latitude": 40.0}, "degrees must be multiplied"),
         ({"noise": 3.0}, "noise must be"),
         ({"noise": {"gyro": {"N": -1.0}}}, "not negative"),
@@ -254,26 +251,27 @@ def test_options_that_are_no_options():
         fit(jaxcal.Log(None, gyro=log.gyro, rate=log.rate))
 
 
-def test_norm_residuals_are_traced_and_their_derivatives_exact():
-    p = AccelParameters(jnp.array([0.01, -0.02, 0.03]), jnp.array([1.0, 1.1, 0.9]), jnp.array([0.1, 0.2, -0.1]))
-    y = jnp.asarray(cases.UP * 9.7)
-    data = Norms(y, jnp.ones(len(y)), jnp.asarray(9.81), jnp.asarray(1.0))
-    leaves, tree = jax.tree.flatten(p)
-    flat = jnp.concatenate(leaves)
+def test_residuals_of_norms_are_traced_and_their_derivatives_exact():
+    matrix = np.linalg.inv(np.array([[1.0, 0.01, -0.02], [0.0, 1.1, 0.03], [0.0, 0.0, 0.9]]))
+    y, bias = jnp.asarray(cases.UP * 9.7), jnp.array([0.1, 0.2, -0.1])
+    data = weighted(Imu(Triad(matrix, bias)), Poses(y, jnp.ones(len(y))), gravity=9.81)
 
-    def of(x):
-        return norm_residuals(jax.tree.unflatten(tree, [x[:3], x[3:6], x[6:]]), data)
+    @jax.jit
+    def of(x, reading=data.poses.accel):
+        poses = dataclasses.replace(data.poses, accel=reading)
+        return residuals(Imu(Triad(x[:9].reshape(3, 3), x[9:])), dataclasses.replace(data, poses=poses))
 
-    slope = jax.jacfwd(of)(flat)
-    for i in range(9):
-        step = 1e-6 * jnp.eye(9)[i]
+    flat = jnp.concatenate([jnp.ravel(matrix), bias])
+    slope = jax.jit(jax.jacfwd(of))(flat)
+    for i in range(12):
+        step = 1e-6 * np.eye(12)[i]
         np.testing.assert_allclose(slope[:, i], (of(flat + step) - of(flat - step)) / 2e-6, atol=1e-7)
     # the formulas of the specification: dr/db = n'D
-    force = (y - p.bias[None, :]) @ p.correction().T
-    n = force / jnp.linalg.norm(force, axis=1, keepdims=True)
-    np.testing.assert_allclose(slope[:, 6:], n @ p.correction(), atol=1e-12)
-    many = jax.vmap(lambda z: norm_residuals(p, dataclasses.replace(data, reading=z)))(jnp.stack([y, 1.01 * y]))
-    np.testing.assert_allclose(many[1], norm_residuals(p, dataclasses.replace(data, reading=1.01 * y)), atol=1e-12)
+    force = (y - bias[None, :]) @ np.linalg.inv(matrix).T
+    n = force / np.linalg.norm(force, axis=1, keepdims=True)
+    np.testing.assert_allclose(slope[:, 9:], n @ np.linalg.inv(matrix), atol=1e-12)
+    many = jax.jit(jax.vmap(lambda z: of(flat, z)))(jnp.stack([y, 1.01 * y]))
+    np.testing.assert_allclose(many[1], of(flat, 1.01 * y), atol=1e-12)
 
 
 def test_a_fit_is_drawn_and_stored(repeated, tmp_path):

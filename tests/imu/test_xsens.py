@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 import jaxcal
-from jaxcal.fitting import solve
-from jaxcal.imu import ImuTk, multi_position
-from jaxcal.imu._frames import in_convention
-from jaxcal.imu._norms import GyroParameters
-from jaxcal.imu._turns import Turns, segments_of, turn_residuals
+from jaxcal.imu import Imu, ImuTk, Triad, in_convention, multi_position
+from jaxcal.imu._poses import padded, turns_of
+from jaxcal.imu._recording import recording
+from jaxcal.imu._tedaldi import Fixed, gyro_fit, turn_residuals
 
 from . import cases
 
@@ -67,8 +66,8 @@ def test_every_parameter_to_the_printed_digits(tedaldi, xsens, convention):
 
 def test_upper_turned_to_lower_is_the_lower_result(tedaldi, xsens):
     upper = tedaldi["upper"]
-    turned = in_convention(*(jnp.asarray(m) for m in (upper.accel.matrix, upper.gyro.matrix, upper.gyro.g_sensitivity)), "lower")
-    for matrix, name in ((turned.accel, "acc"), (turned.gyro, "gyro")):
+    turned = in_convention(Imu(upper.accel, upper.gyro), "lower")
+    for matrix, name in ((turned.accel.matrix, "acc"), (turned.gyro.matrix, "gyro")):
         part = xsens[2]["lower"][name]
         np.testing.assert_allclose(np.linalg.inv(matrix), np.array(part["T"]) * part["scale"], atol=1e-6 * np.max(part["scale"]))
 
@@ -90,22 +89,15 @@ def test_naive_errors_are_the_recorded_ones(tedaldi, xsens):
 def test_the_gyroscope_fit_from_the_start_of_the_specification(xsens, tedaldi):
     log, stamps, _ = xsens
     found = tedaldi["upper"]
-    correction, bias = np.linalg.inv(found.accel.matrix), found.accel.bias
-    with jax.enable_x64(True):
-        force = np.array(
-            [((log.accel[i:j] - bias) @ correction.T).mean(axis=0) for i, j in zip(found.still.start, found.still.stop, strict=True)]
-        )
-        vertical = force / np.linalg.norm(force, axis=1, keepdims=True)
-        vertical = np.concatenate([vertical, np.repeat(vertical[:1], 64 - len(vertical), axis=0)])
-        segments = segments_of(stamps - stamps[0], np.asarray(log.gyro), np.asarray(log.accel), found.still.start, found.still.stop, 64)
-        begin = GyroParameters(np.zeros(6), np.full(3, 1 / 6258), found.gyro.bias, np.zeros((3, 3)))
-        free = GyroParameters(True, True, False, False)
-        fit = solve(turn_residuals, begin, Turns(segments, vertical), free=free)
-        # from the start of the specification, whose cost there is 8.531
-        assert float(fit.cost) == pytest.approx(0.00150695538, rel=1e-5)
-        assert 0.5 * float(np.sum(turn_residuals(begin, Turns(*jax.tree.map(jnp.asarray, (segments, vertical)))) ** 2)) == pytest.approx(
-            8.531, abs=5e-4
-        )
+    still = found.still
+    force = np.array([found.accel.correct(log.accel[i:j]).mean(axis=0) for i, j in zip(still.start, still.stop, strict=True)])
+    vertical = padded(force / np.linalg.norm(force, axis=1, keepdims=True), 64)
+    turns = turns_of(recording(log, stamps), still.start, still.stop, 64)
+    begin = Triad(6258 * np.eye(3), found.gyro.bias)
+    # the start of the specification, whose cost there is 8.531
+    given = jax.tree.map(jnp.asarray, (Imu(None, begin), Fixed(turns, vertical)))
+    assert 0.5 * float(np.sum(turn_residuals(*given) ** 2)) == pytest.approx(8.531, abs=5e-4)
+    assert float(gyro_fit(begin, turns, vertical).cost) == pytest.approx(0.00150695538, rel=1e-5)
 
 
 def test_the_joint_fit_agrees_where_the_models_agree_and_predicts_better(joint, tedaldi, xsens):

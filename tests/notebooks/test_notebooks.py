@@ -24,6 +24,7 @@ def test_there_are_notebooks():
     found = {path.stem for path in NOTEBOOKS}
     assert found >= {
         "quickstart", "imu_to_vio", "magnetometer", "imu_by_hand", "temperature_jump", "north_finding", "differentiable_noise", "thesis",
+        "own_model",
     }  # fmt: skip
 
 

@@ -1,13 +1,15 @@
 """`fit`: numpy's and scipy's own answers, choices, uncertainty, and data that allow no answer."""
 
+from typing import Any
+
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.interpolate import PchipInterpolator, make_smoothing_spline
 
 from jaxcal import DataError, Log
-from jaxcal.temperature import characterise, fit, scale_factor, thermometer
-from jaxcal.temperature._bins import Bins, binned
-from jaxcal.temperature._linear import degree_by_bic
+from jaxcal.temperature import AbstractCurve, Bins, Chebyshev, Steps, binned, characterise, fit, residuals, scale_factor, thermometer
 from jaxcal.temperature._record import ramps
 from jaxcal.temperature._smoothing import _chosen, spline_curve
 
@@ -31,8 +33,7 @@ def test_the_degree_is_that_of_the_lowest_bic():
     for degree in range(9):
         line = np.polynomial.Polynomial.fit(bins.t, bins.b, degree, w=np.sqrt(bins.count))
         values.append(n * np.log(np.sum(bins.count * (bins.b - line(bins.t)) ** 2) / n) + (degree + 1) * np.log(n))
-    assert degree_by_bic(bins, t.min(), t.max()) == int(np.argmin(values)) == 3
-    assert fit(t, b, model="polynomial").degree == 3
+    assert fit(t, b, model="polynomial").degree == int(np.argmin(values)) == 3
 
 
 def test_table_and_pchip_go_through_the_means():
@@ -191,3 +192,66 @@ def test_a_log_with_a_slow_thermometer():
         characterise(Log(None, temperature=t, rate=10.0))
     with pytest.raises(DataError, match="gyro_x: the temperature is constant"):
         characterise(Log(None, gyro=b, temperature=np.full(3000, 20.0), rate=10.0))
+
+
+JUMP = Steps(Chebyshev(np.zeros(4), 10.0, 40.0), np.array([0.003]), np.array([24.0]), np.array([0.5]))
+AT = np.array([24.3, 33.0])
+
+
+def jumping(n=600):
+    t, b, _ = smooth_record(n=n, degree=3)
+    return t, b + 0.005 / (1 + np.exp(-(t - 24.5) / 0.3))
+
+
+@pytest.mark.parametrize("options", [{"model": "polynomial", "degree": 3}, {"model": "table"}, {"model": JUMP}])
+def test_a_given_form_is_traced_mapped_and_differentiable(options):
+    t, b = jumping()
+    host = fit(t, b, **options).model.bias_at(AT)
+
+    def values(t, b):
+        return fit(t, b, **options).model.bias_at(jnp.asarray(AT))
+
+    along = 1e-6 * np.random.default_rng(1).normal(size=len(b))
+    many = np.stack([b, b + along / 2, b - along / 2])
+    found, slope = jax.jit(lambda t, b, v: jax.jvp(lambda b: values(t, b), (b,), (v,)))(t, b, along)
+    np.testing.assert_allclose(found, host, rtol=1e-9)
+    mapped = jax.jit(jax.vmap(lambda b: values(t, b)))(many)
+    np.testing.assert_allclose(mapped, [fit(t, one, **options).model.bias_at(AT) for one in many], rtol=1e-9)
+    np.testing.assert_allclose(slope, mapped[1] - mapped[2], rtol=1e-4)
+
+
+class Sine(AbstractCurve):
+    """A curve that the package does not know."""
+
+    line: Chebyshev
+    amplitude: Any
+    period: Any
+
+    def value(self, t):
+        xp = jnp if isinstance(t, jax.Array) else np
+        return self.line.value(t) + self.amplitude * xp.sin(2 * np.pi * t / self.period)
+
+
+def test_a_curve_of_ones_own_is_fitted_with_intervals_and_reported():
+    start, inside = Sine(Chebyshev(np.zeros(2), 10.0, 40.0), 1e-3, 8.0), []
+    t = np.linspace(10, 40, 900)
+    truth = Sine(Chebyshev(np.array([0.02, 0.003]), 10.0, 40.0), 2e-3, 7.5)
+    for seed in range(20):
+        found = fit(t, truth.value(t) + 1e-4 * np.random.default_rng(seed).normal(size=900), model=start)
+        value, error = found.parameters["period"]
+        inside.append(abs(value - 7.5) < 1.96 * error)
+    assert isinstance(found.model.curve, Sine)
+    assert found.kind == "Sine"
+    assert sum(inside) >= 16  # probability below 0.003 at 95 %
+    assert "period" in found.summary()
+    bins = found.bins
+    np.testing.assert_allclose(residuals(found.model, bins), np.sqrt(bins.count) * -found.residual, rtol=1e-9, atol=1e-15)
+    low, high = found.interval_at(t)
+    assert np.mean((low <= truth.value(t)) & (truth.value(t) <= high)) > 0.5
+
+
+def test_what_the_host_decides_is_not_traced():
+    t, b = jumping()
+    for options, words in (({}, "cannot be traced"), ({"model": "polynomial"}, "give degree="), ({"model": "spline"}, "cannot be traced")):
+        with pytest.raises(DataError, match=words):
+            jax.jit(lambda b, options=options: fit(t, b, **options).rms)(b)

@@ -8,9 +8,7 @@ from numpy.polynomial import chebyshev
 from scipy.interpolate import CubicSpline
 
 from jaxcal import DataError
-from jaxcal.temperature import Chebyshev, ClampWarning, Piecewise, Steps, ThermalModel
-from jaxcal.temperature._hysteresis import lagged, played
-from jaxcal.temperature._linear import monomials
+from jaxcal.temperature import Chebyshev, ClampWarning, Piecewise, Steps, ThermalModel, lagged, played
 
 T = np.linspace(20.0, 45.0, 57)
 BASE = Chebyshev(np.array([0.2, -0.1, 0.05, 0.02]), 20.0, 45.0)
@@ -25,7 +23,6 @@ def test_curves_are_their_formulas():
     logistic = 0.3 / (1 + np.exp(-(T - 24.5) / 0.08)) - 0.1 / (1 + np.exp(-(T - 33) / 0.5))
     np.testing.assert_allclose(STEPPED.value(T), chebyshev.chebval(u, BASE.coefficients) + logistic, atol=1e-12)
     np.testing.assert_allclose(SPLINE.value(T), _CUBIC(T), atol=1e-14)
-    np.testing.assert_allclose(np.polynomial.polynomial.polyval(T, monomials(BASE)), BASE.value(T), rtol=1e-9)
     assert SPLINE.value(np.array([0.0, 99.0])) == pytest.approx([0.1, 0.3])
 
 
@@ -78,6 +75,8 @@ def test_correct_takes_the_bias_off_at_the_effective_temperature(precision):
     np.testing.assert_allclose(model.correct(y, t, time=np.arange(500) / 2), y - STEPPED.value(felt), atol=1e-12)
     scale = ThermalModel(BASE, 20.0, 45.0, scale=True)
     np.testing.assert_allclose(scale.correct(y, t), y / BASE.value(t), atol=1e-12)
+    for one, options in ((model, {"rate": 2.0}), (scale, {})):
+        np.testing.assert_allclose(one.correct(one.measure(y, t, **options), t, **options), y, atol=1e-14)
 
 
 def test_a_stream_in_parts_is_the_whole():

@@ -1,0 +1,192 @@
+"""What the rows of a Jacobian say of the parameters: rank, covariance and leverage from one decomposition."""
+
+import dataclasses
+
+import equinox as eqx
+import jax
+import numpy as np
+
+from .._precision import array_module
+from .._types import AnyArray, Value
+from ._result import Fit
+
+
+class Information(eqx.Module):
+    """What residuals with standard deviation one say of the parameters, from their Jacobian J = U S V' D with D the column lengths.
+
+    Attributes
+    ----------
+    singular_values : (p,) of the Jacobian with columns of unit length, largest first; zero where they count as none.
+    vectors : (p, p) rows of V', the combinations of the parameters that belong to them, in units of 1 / `column`.
+    triangle : (p, p) factor R of the Jacobian with columns of unit length.
+    column : (p,) lengths of the columns (one where a column is zero).
+    held : (p,) parameters that count as fixed, such as those at a bound.
+    names : the parameters in order, of a fit.
+    """
+
+    singular_values: AnyArray
+    vectors: AnyArray
+    triangle: AnyArray
+    column: AnyArray
+    held: AnyArray
+    names: tuple[str, ...] = eqx.field(static=True, default=())
+
+    @property
+    def rank(self) -> Value:
+        """Number of combinations of the free parameters that are determined."""
+        xp = array_module(self)
+        return xp.sum(self.singular_values > 0) - xp.sum(self.held)
+
+    @property
+    def condition(self) -> Value:
+        """Largest singular value over the smallest: up to this the standard error of the weakest combination is inflated."""
+        xp, s = array_module(self), self.singular_values
+        return xp.where(s[-1] > 0, s[0] / xp.where(s[-1] > 0, s[-1], 1), xp.inf)
+
+    @property
+    def direction(self) -> AnyArray:
+        """(p,) the weakest combination, of unit length, each parameter in units of its own effect on the residuals."""
+        return self.vectors[-1]
+
+    @property
+    def determined(self) -> AnyArray:
+        """(p,) parameters without a part in a combination that is not determined; True for held ones."""
+        xp, s = array_module(self), self.singular_values
+        return 1 - xp.sum(xp.where(s[:, None] > 0, self.vectors, 0) ** 2, axis=0) < xp.finfo(s.dtype).eps ** 0.75
+
+    @property
+    def root(self) -> AnyArray:
+        """(p, p) matrix A with A A' = (J'J)^-1, the pseudo-inverse where the rank is not full; zero rows for held parameters."""
+        xp, s = array_module(self), self.singular_values
+        # The triangle has a derivative where singular values are equal, which their vectors have not.
+        regular = xp.linalg.inv(xp.where(s[-1] > 0, self.triangle, xp.eye(s.size, dtype=s.dtype)))
+        singular = self.vectors.T * xp.where(s > 0, 1 / xp.where(s > 0, s, 1), 0)[None, :]
+        return xp.where(self.held[:, None], 0, xp.where(s[-1] > 0, regular, singular) / self.column[:, None])
+
+    @property
+    def covariance(self) -> AnyArray:
+        """(p, p) inverse of J'J: zero for held parameters, with infinite variance for those that are not determined."""
+        xp, root, lost = array_module(self), self.root, ~self.determined
+        infinite = xp.where(xp.eye(len(lost), dtype=bool), xp.inf, 0)
+        return xp.where(lost[:, None] | lost[None, :], infinite, root @ root.T).astype(root.dtype)
+
+    def leverage(self, rows: AnyArray) -> AnyArray:
+        """(n,) share of each row in its own prediction, diag(J (J'J)^-1 J'); over all rows they sum up to the rank."""
+        return ((rows @ self.root) ** 2).sum(axis=1)
+
+    @property
+    def sentence(self) -> str:
+        """What the data determine, with the weakest combination by name (host only)."""
+        count = len(self.names) - int(np.sum(self.held))
+        share = np.abs(np.asarray(self.direction))
+        weak = [name for name, part in zip(self.names, share, strict=True) if part > 0.3 * share.max()]
+        weakest, one = ", ".join(weak), len(weak) == 1
+        if int(self.rank) == count:
+            only = f"the least certain is {weakest}" if one else f"the least certain combination is that of {weakest}"
+            return f"The data determine all {count} parameters (condition number {float(self.condition):.3g}); {only}."
+        return f"The data determine {int(self.rank)} of {count} parameters and " + (
+            f"say nothing about {weakest}; hold it fixed, add a prior, or record data that move it."
+            if one
+            else f"cannot tell apart {weakest}; hold one of them fixed, add a prior, or record data in which they act differently."
+        )
+
+
+def information(jacobian: AnyArray, *, held: AnyArray | None = None, tolerance: float | None = None) -> Information:
+    """Rank, covariance and leverage of the parameters from the Jacobian of whitened residuals.
+
+    The columns are scaled to unit length, so that the units of the parameters do not matter. The condition number is not squared, as it
+    would be in the normal equations. Outside of a trace NumPy does the work, and nothing is compiled.
+
+    Parameters
+    ----------
+    jacobian
+        (n, p) derivative of residuals with standard deviation one. Rows of priors are rows like all others; what is not finite counts
+        as zero.
+    held
+        (p,) True for parameters that are fixed; by default none.
+    tolerance
+        Singular values below it, relative to columns of unit length, count as zero; by default 10 p times the rounding error.
+
+    Returns
+    -------
+    Information
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.fitting import information
+    >>> known = information(np.array([[1.0, 0.0], [1.0, 1.0], [1.0, 2.0]]))
+    >>> print(int(known.rank), known.covariance.diagonal().round(3))
+    2 [0.833 0.5  ]
+    """
+    xp = array_module(jacobian, held)
+    p = jacobian.shape[1]
+    fixed = xp.zeros(p, dtype=bool) if held is None else held
+    rows = xp.where(fixed[None, :] | ~xp.isfinite(jacobian), 0, jacobian)
+    column = xp.linalg.norm(rows, axis=0)
+    column = xp.where(column > 0, column, 1)
+    # a held column is replaced by one that is orthogonal to all others
+    triangle = xp.linalg.qr(xp.concatenate([rows / column[None, :], xp.diag(fixed.astype(rows.dtype))]), mode="r")
+    _, s, vectors = xp.linalg.svd(triangle)
+    floor = 10 * p * xp.finfo(s.dtype).eps if tolerance is None else tolerance
+    return Information(xp.where(s > floor, s, 0), vectors if xp is np else jax.lax.stop_gradient(vectors), triangle, column, fixed)
+
+
+def weighted_rows(fit: Fit) -> tuple[AnyArray, AnyArray]:
+    """Rows of the Jacobian that the solution sees: those of the data times the roots of their weights, and those of the priors."""
+    return array_module(fit).sqrt(fit.weights)[:, None] * fit.jacobian, fit.prior_jacobian
+
+
+def known_of(fit: Fit) -> Information:
+    """Information of data and priors at the solution."""
+    return information(array_module(fit).concatenate(weighted_rows(fit)), held=fit.at_bound)
+
+
+def leverage(fit: Fit) -> AnyArray:
+    """Share of each residual in its own prediction, the diagonal of the hat matrix W^1/2 J (J'WJ + K'K)^-1 J' W^1/2.
+
+    A residual of leverage one is fitted exactly, whatever was measured. W are the weights of a robust loss, K the Jacobian of the priors.
+
+    Parameters
+    ----------
+    fit
+        Any fit of `solve`.
+
+    Returns
+    -------
+    (n,) between 0 and 1; the sum is the number of parameters, less what the priors determine.
+
+    Examples
+    --------
+    >>> import jax.numpy as jnp
+    >>> from jaxcal.fitting import leverage, solve
+    >>> fit = solve(lambda slope, data: slope * data[0] - data[1], 0.0, (jnp.array([1.0, 1.0, 2.0]), jnp.array([1.0, 1.2, 2.1])))
+    >>> print(leverage(fit).round(3))
+    [0.167 0.167 0.667]
+    """
+    return known_of(fit).leverage(weighted_rows(fit)[0])
+
+
+def identifiability(fit: Fit) -> Information:
+    """Which parameters of a fit the data determine, and which combination they determine least.
+
+    Parameters
+    ----------
+    fit
+        Any fit, converged or not.
+
+    Returns
+    -------
+    Information of data and priors; its `sentence` names the parameters.
+
+    Examples
+    --------
+    >>> import jax.numpy as jnp
+    >>> from jaxcal.fitting import identifiability, solve
+    >>> def residuals(model, y):
+    ...     return model["scale"] * (9.81 + model["bias"]) - y
+    >>> fit = solve(residuals, {"bias": 0.0, "scale": 1.0}, jnp.array([9.9, 9.8, 9.9]))
+    >>> print(identifiability(fit).sentence.split(";")[0])
+    The data determine 1 of 2 parameters and cannot tell apart bias, scale
+    """
+    return dataclasses.replace(known_of(fit), names=fit.names)
