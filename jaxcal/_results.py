@@ -14,6 +14,7 @@ import jax
 import numpy as np
 
 from ._files import json_text, write_atomically
+from ._units import number
 
 #: half of a 95 % interval in standard deviations
 NORMAL95 = statistics.NormalDist().inv_cdf(0.975)
@@ -143,23 +144,6 @@ def plain(value: Any) -> Any:
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     return value if value is None or isinstance(value, bool | int | str) else str(value)
-
-
-def number(value: float, uncertainty: float) -> str:
-    """A number with the digits that its uncertainty leaves: two of them are doubtful.
-
-    Examples
-    --------
-    >>> from jaxcal._results import number
-    >>> number(0.250131, 0.0004), number(7.6123, 1.5), number(1234.5, 300.0), number(0.0, 0.5), number(2.5e-6, 1e-8)
-    ('0.25013', '7.6', '1234', '0.00', '2.500e-06')
-    """
-    if not (math.isfinite(value) and math.isfinite(uncertainty) and uncertainty > 0):
-        return f"{value:.4g}"
-    decimals = max(0, 1 - math.floor(math.log10(uncertainty)))
-    if decimals > 5 and abs(value) < 1e-3:
-        return f"{value:.{max(0, math.floor(math.log10(max(abs(value), uncertainty))) + decimals)}e}"
-    return f"{value:.{min(decimals, 9)}f}"
 
 
 def _cells(row: Row) -> list[str]:

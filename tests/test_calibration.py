@@ -1,5 +1,6 @@
 """`Calibration` against the golden file of its schema, and round trips of everything that it can hold."""
 
+import dataclasses
 import json
 import math
 import pathlib
@@ -406,6 +407,11 @@ def test_a_field_of_ones_own_in_a_difference(own):
     assert mag.change[-3] == pytest.approx(5e-10)
     assert mag.standard_error[-3] == pytest.approx(np.sqrt(2e-20))
     assert mag.degrees_of_freedom == 12
+    names = tuple(name for name in known.parameters if name.startswith(("hard_iron", "slope")))
+    fitted = [dataclasses.replace(part, covariance=Covariance(names, 1e-20 * np.eye(6))) for part in (own.magnetometer, known)]
+    (mag,) = difference(*(Calibration(magnetometer=part) for part in fitted))
+    assert mag.parameters == names
+    assert mag.chi_square == pytest.approx(5e-10**2 / 2e-20)
     (mag,) = difference(own, Calibration(magnetometer=MagModel(SOFT, own.magnetometer.model.hard_iron)))
     assert any("the first is a WarmMagnetometer and the second a MagModel" in note for note in mag.notes)
 

@@ -1,10 +1,12 @@
 """What all results have in common: verdict, reason, warnings, a summary, a dictionary, a file."""
 
+import dataclasses
 import json
 import math
 import pathlib
 import re
 import runpy
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +16,7 @@ from jaxcal import ExportError
 from jaxcal.alignment import AlignmentFit, Positions
 from jaxcal.allan import Deviation
 from jaxcal.imu import ImuFit
-from jaxcal.magnetometer import MagFit, body_field, scenario
+from jaxcal.magnetometer import MagFit, MagModel, body_field, scenario
 from jaxcal.noise import NoiseFit
 from jaxcal.spectrum import Spectrum
 from jaxcal.temperature import TemperatureFit
@@ -47,6 +49,20 @@ def test_a_magnetometer_fit_as_text_and_as_a_file(tmp_path):
     assert document["coverage"]["occupied"] == found.coverage.occupied
     with pytest.raises(ExportError, match="does not exist"):
         found.save(tmp_path / "nowhere" / "mag.json")
+
+
+class Warm(MagModel):
+    """A model with one more field."""
+
+    slope: Any = None
+
+
+def test_a_field_of_ones_own_is_in_the_summary_and_in_the_report(tmp_path):
+    found = jaxcal.magnetometer.fit(body_field(scenario("all"), 50e-6), field=50e-6)
+    found = dataclasses.replace(found, model=Warm(found.model.soft_iron, found.model.hard_iron, np.array([1.25e-8, 0.0])))
+    assert ["slope[0]", "1.25e-08"] in [line.split() for line in found.summary().splitlines()]
+    jaxcal.report.write(found, tmp_path / "a.html")
+    assert '<th scope="row">slope[1]</th>' in (tmp_path / "a.html").read_text()
 
 
 def test_a_noise_fit_says_its_verdict_on_every_term():

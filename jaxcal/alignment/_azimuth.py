@@ -1,5 +1,6 @@
 """`azimuth`: north from a gyro on the turntable, by eight closed forms."""
 
+import dataclasses
 from typing import Any
 
 import equinox as eqx
@@ -13,7 +14,7 @@ from ._closed import Closed, bias_and_scale, four_point, maximum, opposed, quadr
 from ._frames import EARTH_RATE, distance, wrap
 from ._level import Level
 from ._positions import Readings, check_latitude, harmonics, mean_at, measured, need
-from ._verdict import NO_NUMBER, Verdict, sentence, verdict_name
+from ._verdict import NO_NUMBER, Verdict, decided, sentence, verdict_name
 
 _QUARTER = np.pi / 2
 _THREE = [("x", 0.0), ("x", _QUARTER), ("x", np.pi)]
@@ -168,7 +169,7 @@ def _level(level: Any, method: str) -> tuple[Any, Any, Any]:
 
 
 @eqx.filter_jit
-def _found(readings, phi, theta, spread, latitude, hint, accuracy, angle, bias, scale, method: str) -> Azimuth:
+def _found(readings, phi, theta, level_covariance, latitude, hint, accuracy, angle, bias, scale, method: str) -> Azimuth:
     unit, level = EARTH_RATE, jnp.stack([phi, theta])
     dtype = phi.dtype
     # at a pole the formulas divide by zero, and the verdict says so
@@ -177,7 +178,7 @@ def _found(readings, phi, theta, spread, latitude, hint, accuracy, angle, bias, 
     missing = jnp.asarray(False)
     if method == "maximum":
         fit = harmonics(readings, "gyro", "x", unit)
-        x, covariance = jnp.concatenate([fit.value[:2], level]), _block(fit.covariance[:2, :2], spread)
+        x, covariance = jnp.concatenate([fit.value[:2], level]), _block(fit.covariance[:2, :2], level_covariance)
         form = maximum(x, covariance, lat, fit.value[2])
         gone = ~fit.determined
         form = eqx.tree_at(lambda f: (f.found.degenerate, f.found.real), form, (form.found.degenerate | gone, form.found.real & ~gone))
@@ -188,13 +189,13 @@ def _found(readings, phi, theta, spread, latitude, hint, accuracy, angle, bias, 
         missing = ~jnp.all(jnp.stack([one.present for one in at]))
         if method == "triad":
             x = jnp.concatenate([w[:3], level, w[3:]])
-            covariance = _block(_block(jnp.diag(variance[:3]), spread), jnp.diag(variance[3:]))
+            covariance = _block(_block(jnp.diag(variance[:3]), level_covariance), jnp.diag(variance[3:]))
             form = triad(x, covariance, lat)
         elif method == "single_reading":
             w, variance = (w - bias / unit) / scale, variance / scale**2
-            form = single_reading(jnp.concatenate([w, level]), _block(jnp.diag(variance), spread), lat, angle)
+            form = single_reading(jnp.concatenate([w, level]), _block(jnp.diag(variance), level_covariance), lat, angle)
         else:
-            form = _KERNELS[method](jnp.concatenate([w, level]), _block(jnp.diag(variance), spread), lat)
+            form = _KERNELS[method](jnp.concatenate([w, level]), _block(jnp.diag(variance), level_covariance), lat)
     return _judged(form, method, latitude, hint, accuracy, pole, missing, unit, dtype)
 
 
@@ -209,39 +210,26 @@ def _judged(form: Closed, method: str, latitude, hint, accuracy, pole, missing, 
     order = jnp.argsort(jnp.where(found.real, found.roots, 10.0))
     roots, std, real, merged, weak = (v[order] for v in (found.roots, found.std, found.real, found.merged, _each(found.weak, found)))
     scale = None if form.scale is None else form.scale[order]
-    allowed = real & (scale > 0) if positive and scale is not None else real
-    count = jnp.sum(allowed)
-    near = jnp.zeros_like(roots) if hint is None else distance(roots, hint)
-    if hint is not None:
-        cost = near
-    elif positive and scale is not None:
-        cost = jnp.abs(scale - 1)
-    else:
-        cost = jnp.zeros_like(roots)
-    best = jnp.argmin(jnp.where(allowed, cost, jnp.inf))
+    by_scale = scale if positive and scale is not None else None
+    allowed = real if by_scale is None else real & (by_scale > 0)
+    cost = jnp.zeros_like(roots) if by_scale is None else jnp.abs(by_scale - 1)
+    best = jnp.argmin(jnp.where(allowed, cost if hint is None else distance(roots, hint), jnp.inf))
     others = allowed & (jnp.arange(roots.size) != best)
-    apart = jnp.min(jnp.where(others, distance(roots, roots[best]), jnp.inf))
-    together = jnp.all(~others | (distance(roots, roots[best]) < 1e-4) | merged[best])
-
-    verdict = Verdict.where(weak[best], Verdict.weak, Verdict.ok)
+    apart = distance(roots, roots[best])
+    several = jnp.any(others) & ~jnp.all(~others | (apart < 1e-4) | merged[best])
+    chosen = ambiguous = off = jnp.asarray(False)
+    undecided = several
+    if hint is not None:
+        ambiguous, undecided = several & jnp.any(others & (apart < 2 * accuracy)), off
+    elif by_scale is not None:
+        chosen, undecided = several, several & jnp.any(others & (jnp.abs(by_scale - by_scale[best]) < _SAME_SCALE))
     if form.latitude is not None:
         off = (jnp.abs(form.latitude - latitude) > 4 * form.latitude_std) & (form.latitude_std > 0)
-        verdict = Verdict.where(off, Verdict.integrity, verdict)
-    if hint is not None:
-        verdict = Verdict.where((count > 1) & (apart < 2 * accuracy) & ~together, Verdict.ambiguous, verdict)
-    verdict = Verdict.where(merged[best], Verdict.double_root, verdict)
-    verdict = Verdict.where(found.clipped, Verdict.clipped, verdict)
-    undecided = (count > 1) & ~together
-    if hint is not None:
-        undecided = jnp.zeros_like(undecided)
-    elif positive and scale is not None:
-        verdict = Verdict.where((count > 1) & ~together & (verdict == Verdict.ok), Verdict.scale_chosen, verdict)
-        undecided = undecided & jnp.any(others & (jnp.abs(scale - scale[best]) < _SAME_SCALE))
-    verdict = Verdict.where(undecided, Verdict.undecided, verdict)
-    verdict = Verdict.where(found.infeasible, Verdict.infeasible, verdict)
-    verdict = Verdict.where(found.degenerate, Verdict.degenerate, verdict)
-    verdict = Verdict.where(pole, Verdict.pole, verdict)
-    verdict = Verdict.where(missing, Verdict.missing, verdict)
+    verdict = decided(
+        (chosen, Verdict.scale_chosen), (weak[best], Verdict.weak), (off, Verdict.integrity), (ambiguous, Verdict.ambiguous),
+        (merged[best], Verdict.double_root), (found.clipped, Verdict.clipped), (undecided, Verdict.undecided),
+        (found.infeasible, Verdict.infeasible), (found.degenerate, Verdict.degenerate), (pole, Verdict.pole), (missing, Verdict.missing),
+    )  # fmt: skip
     none = undecided | found.infeasible | found.degenerate | pole | missing
     zero = jnp.zeros((), dtype=dtype)
     return Azimuth(
@@ -265,11 +253,9 @@ def _trimmed(found: Azimuth) -> Azimuth:
     if verdict_name(found.verdict) not in ("ok", "undecided") and none:
         kept = kept & False
     one = lambda value: None if value is None else float(value)  # noqa: E731
-    return Azimuth(
-        psi=None if none else float(found.psi), std=None if none else float(found.std), roots=np.asarray(found.roots)[kept],
-        root_std=np.asarray(found.root_std)[kept], real=np.ones(kept.sum(), dtype=bool), bias=one(found.bias),
-        scale=None if found.scale is None else np.asarray(found.scale)[kept],
-        scale_approx=None if none and found.scale_approx is not None else one(found.scale_approx),
-        latitude=None if none else one(found.latitude), latitude_std=None if none else one(found.latitude_std), rho=one(found.rho),
-        verdict=found.verdict, method=found.method,
+    return dataclasses.replace(
+        found, psi=None if none else float(found.psi), std=None if none else float(found.std), roots=np.asarray(found.roots)[kept],
+        root_std=np.asarray(found.root_std)[kept], real=np.ones(kept.sum(), dtype=bool), bias=one(found.bias), rho=one(found.rho),
+        scale=None if found.scale is None else np.asarray(found.scale)[kept], scale_approx=None if none else one(found.scale_approx),
+        latitude=None if none else one(found.latitude), latitude_std=None if none else one(found.latitude_std),
     )  # fmt: skip

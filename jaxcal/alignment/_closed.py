@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 
 from .._types import Any, Array
-from ._equation import Roots, joined, solve
+from ._equation import Roots, joined, root_of, solve
 
 _FLAT = 1e-9
 _LEVEL = 1e-6
@@ -80,8 +80,7 @@ def _one_root(parts: Any, x: Array, covariance: Array, flat: Array) -> Roots:
     safe = jnp.where(empty, 1, y @ y)
     s, c = jnp.where(empty, 0, y[0]), jnp.where(empty, 1, y[1])
     row = (c * jax.jacfwd(parts)(x)[0] - s * jax.jacfwd(parts)(x)[1]) / safe
-    variance = row @ covariance @ row
-    std = jnp.where(variance > 0, jnp.sqrt(jnp.where(variance > 0, variance, 1)), 0)
+    std = root_of(row @ covariance @ row)
     steep = jnp.max(jnp.abs(row)) > 50
     weak = jnp.where(jnp.trace(covariance) > 0, std > 0.17453292519943295, steep) & ~empty
     false = jnp.zeros(1, dtype=bool)
@@ -94,17 +93,14 @@ def maximum(x: Array, covariance: Array, lat: Array, bias: Array) -> Closed:
     level = jnp.hypot(sf, st * cf) < _LEVEL
 
     def rate(x: Array, sign: float) -> Array:
-        rest = 1 - x[0] ** 2 - x[1] ** 2
-        inside = rest > 0
-        return sign * jnp.where(inside, jnp.sqrt(jnp.where(inside, rest, 1)), 0)
+        return sign * root_of(1 - x[0] ** 2 - x[1] ** 2)
 
     def coefficients(x: Array, sign: float) -> Array:
         sf, cf, st, ct = _trig(x[2], x[3])
         return jnp.stack([sf, st * cf, (rate(x, sign) + ct * cf * jnp.sin(lat)) / jnp.cos(lat)])
 
     both = joined(*(solve(lambda x, sign=sign: coefficients(x, sign), x, covariance, _LEVEL) for sign in (-1.0, 1.0)))
-    square = x[0] ** 2 + x[1] ** 2
-    rho = jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1)), 0)
+    rho = root_of(x[0] ** 2 + x[1] ** 2)
     toward = x[:2] / jnp.where(rho > 0, rho, 1)
     sigma = jnp.sqrt(jnp.maximum(toward @ covariance[:2, :2] @ toward, 0))
     over = rho - 1 > jnp.maximum(5 * sigma, 1e-9)
@@ -165,9 +161,7 @@ def scale_first(x: Array, covariance: Array, lat: Array) -> Closed:
     leading = p**2 + (w1 / ct) ** 2
     middle = -2 * (p * q + w1 * tl * tt / ct)
     last = (1 - (sl / (ct * cf)) ** 2) / cl**2
-    discriminant = middle**2 + 4 * leading * last
-    inside = discriminant > 0
-    root = jnp.where(inside, jnp.sqrt(jnp.where(inside, discriminant, 1)), 0)
+    root = root_of(middle**2 + 4 * leading * last)
     # the stable form of both roots: no difference of nearly equal numbers
     half = -(middle + jnp.where(middle < 0, -root, root)) / 2
     empty = flat | (leading < _FLAT**2)
@@ -197,9 +191,7 @@ def triad(x: Array, covariance: Array, lat: Array) -> Closed:
 
     def latitude(x: Array) -> Array:
         h = levelled(x)
-        square = h[0] ** 2 + h[1] ** 2
-        some = square > 0
-        return jnp.arctan2(-h[2], jnp.where(some, jnp.sqrt(jnp.where(some, square, 1)), 0))
+        return jnp.arctan2(-h[2], root_of(h[0] ** 2 + h[1] ** 2))
 
     found = _one_root(lambda x: jnp.stack([-1.0, 1.0]).astype(x.dtype) * levelled(x)[1::-1], x, covariance, jnp.asarray(False))
     alpha = jnp.sum(levelled(x) ** 2)

@@ -105,23 +105,23 @@ def coarse(
         pole, jnp.stack([jnp.arctan2(d[1], d[2]), jnp.arctan2(-d[0], jnp.hypot(d[1], d[2])), jnp.zeros_like(force)]),
         angles_of(jnp.where(pole, jnp.eye(3, dtype=f.dtype), matrix)),
     )  # fmt: skip
-    std = spread = None
+    std = latitude_std = None
     if gyro_error is not None and accel_error is not None:
         tilt, drift = accel_error / gravity, gyro_error / EARTH_RATE
         cosine = jnp.cos(jnp.where(pole, 0, found))
         std = jnp.stack(
             [tilt + 0 * cosine, tilt + 0 * cosine, jnp.sqrt((drift / cosine) ** 2 + (jnp.tan(jnp.where(pole, 0, found)) * tilt) ** 2)]
         )
-        spread = jnp.sqrt(drift**2 + tilt**2)
+        latitude_std = jnp.sqrt(drift**2 + tilt**2)
     off = None if latitude is None else found - latitude
     verdict = Verdict.where(jnp.asarray(False) if std is None else std[2] > np.deg2rad(10.0), Verdict.weak, Verdict.ok)
-    if off is not None and spread is not None:
-        verdict = Verdict.where(jnp.abs(off) > _SIGMAS * spread, Verdict.integrity, verdict)
+    if off is not None and latitude_std is not None:
+        verdict = Verdict.where(jnp.abs(off) > _SIGMAS * latitude_std, Verdict.integrity, verdict)
     verdict = Verdict.where(pole, Verdict.pole, verdict)
     verdict = Verdict.where(no_force, Verdict.degenerate, verdict)
     none = not traced and verdict_name(verdict) in ("pole", "degenerate")
     return Coarse(
         attitude=None if none else angles, latitude=found if traced or verdict_name(verdict) != "degenerate" else None,
-        attitude_std=None if none else std, latitude_std=spread, rate_error=rate - EARTH_RATE, force_error=force - gravity,
+        attitude_std=None if none else std, latitude_std=latitude_std, rate_error=rate - EARTH_RATE, force_error=force - gravity,
         latitude_error=off, verdict=verdict,
     )  # fmt: skip

@@ -33,12 +33,16 @@ class Roots(eqx.Module):
     weak: Array
 
 
+def root_of(square: Array) -> Array:
+    """Square root, zero for what is not positive, with the derivative zero there instead of none."""
+    inside = square > 0
+    return jnp.where(inside, jnp.sqrt(jnp.where(inside, square, 1)), 0)
+
+
 def arc_cosine(c: Array, r: Array) -> tuple[Array, Array]:
     """acos(clip(c / r)), accurate near 0 and pi, and sqrt(r^2 - c^2)."""
-    # the root has no derivative at zero: it is taken of 1 there, and left out
-    square = (r - c) * (r + c)
-    inside = square > 0
-    sine = jnp.where(inside, jnp.sqrt(jnp.where(inside, square, 1)), 0)
+    inside = (r - c) * (r + c) > 0
+    sine = root_of((r - c) * (r + c))
     angle = jnp.arctan2(jnp.where(inside, sine, 0), jnp.where(inside, c, 1))
     return jnp.where(inside, angle, jnp.where(c < 0, jnp.asarray(np.pi, dtype=c.dtype), 0)), sine
 
@@ -77,8 +81,7 @@ def solve(coefficients: Callable[[Array], Array], x: Array, covariance: Array, e
 def _misfit(root: Array, slopes: Array, covariance: Array) -> Array:
     """Standard deviation of a sin + b cos - c at one root."""
     row = jnp.sin(root) * slopes[0] + jnp.cos(root) * slopes[1] - slopes[2]
-    variance = row @ covariance @ row
-    return jnp.where(variance > 0, jnp.sqrt(jnp.where(variance > 0, variance, 1)), 0)
+    return root_of(row @ covariance @ row)
 
 
 def joined(*parts: Roots) -> Roots:

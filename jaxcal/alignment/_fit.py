@@ -162,8 +162,8 @@ def _solved(readings: Readings, gravity: Any, noise: dict[str, Any], o: _Options
     table = dataclasses.replace(table, prior=prior, certainty=certainty)
     # a parameter that is held lies between equal bounds: one program serves every choice, and the derivative by its value is kept
     low, high = ([end if name in chosen else first[name] for name in o.names] for end in (-np.inf, np.inf))
-    begin = with_values(o.model, [xp.asarray(first[name], dtype=dtype) for name in o.names])
-    found = solve(residuals, begin, table, bounds=(with_values(o.model, low), with_values(o.model, high)), rtol=_SETTLED)
+    guess = with_values(o.model, [xp.asarray(first[name], dtype=dtype) for name in o.names])
+    found = solve(residuals, guess, table, bounds=(with_values(o.model, low), with_values(o.model, high)), rtol=_SETTLED)
     other = xp.stack([xp.asarray(second[name], dtype=dtype) for name in o.names])
     found = dataclasses.replace(found, problem=None)
     return found if xp is jnp else jax.tree.map(np.asarray, found), table, other, twofold

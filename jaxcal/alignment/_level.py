@@ -1,5 +1,6 @@
 """`level`: roll and pitch from an accelerometer on the turntable, by five methods."""
 
+import dataclasses
 from typing import Any
 
 import equinox as eqx
@@ -10,10 +11,10 @@ import numpy as np
 from .._errors import DataError
 from .._precision import host_float64, is_traced
 from .._types import Array
-from ._equation import WEAK
+from ._equation import WEAK, root_of
 from ._frames import GRAVITY, distance, wrap
 from ._positions import Readings, check_gravity, harmonics, mean_at, need
-from ._verdict import Verdict, sentence, verdict_name
+from ._verdict import Verdict, decided, sentence, verdict_name
 
 LEVEL_METHODS = ("four_point_x", "least_squares_x", "four_point_y", "least_squares_y", "bias_and_scale")
 _QUARTER = np.pi / 2
@@ -132,14 +133,12 @@ def _trimmed(found: Level) -> Level:
     gone = name in ("degenerate", "missing") or (name == "clipped" and np.cos(float(found.theta)) < _SINGULAR)
     whole = gone and (not np.isfinite(float(found.theta)) or name == "missing" or bool(np.asarray(found.covariance)[1, 1] < 0))
     covariance = np.asarray(found.covariance)
-    return Level(
-        phi=None if gone else float(found.phi), theta=None if whole else float(found.theta),
-        phi_roots=np.zeros(0) if gone else np.asarray(found.phi_roots),
+    one = lambda value: None if value is None else float(value)  # noqa: E731
+    return dataclasses.replace(
+        found, phi=None if gone else float(found.phi), theta=None if whole else float(found.theta), bias=one(found.bias),
+        phi_roots=np.zeros(0) if gone else np.asarray(found.phi_roots), excess=float(found.excess),
         covariance=np.where(covariance < 0, np.inf, covariance) if whole else covariance,
-        bias=None if found.bias is None else float(found.bias),
-        scale=None if found.scale is None or gone else float(found.scale),
-        scale_approx=None if found.scale_approx is None or gone else float(found.scale_approx),
-        excess=float(found.excess), verdict=found.verdict, method=found.method,
+        scale=None if gone else one(found.scale), scale_approx=None if gone else one(found.scale_approx),
     )  # fmt: skip
 
 
@@ -180,17 +179,13 @@ def _from_plane(sine, product, covariance, bias, determined, down, hint, method)
     one = jnp.ones_like(sine)
     over_theta = jnp.abs(sine) - 1
     st = jnp.clip(sine, -1, 1)
-    square = (1 - st) * (1 + st)
-    inside = square > 0
-    ct = jnp.where(inside, jnp.sqrt(jnp.where(inside, square, 1)), 0)
+    ct = root_of((1 - st) * (1 + st))
     theta = jnp.arctan2(st, ct)
     undefined = ct < _SINGULAR
     ratio = product / jnp.where(undefined, 1, ct)
     over_phi = jnp.where(undefined, -one, jnp.abs(ratio) - 1)
     sf = jnp.clip(ratio, -1, 1)
-    rest = (1 - sf) * (1 + sf)
-    steady = rest > 0
-    cf = jnp.where(steady, jnp.sqrt(jnp.where(steady, rest, 1)), 0)
+    cf = root_of((1 - sf) * (1 + sf))
     near = jnp.where(undefined, 0, jnp.arctan2(sf, cf))
     roots = jnp.sort(jnp.stack([near, wrap(np.pi - near)]))
     far = distance(roots, hint) if hint is not None else jnp.where(down != 0, jnp.sign(down) * -jnp.cos(roots), -jnp.cos(roots))
@@ -202,20 +197,20 @@ def _from_plane(sine, product, covariance, bias, determined, down, hint, method)
     raw = by @ covariance @ by.T / jnp.outer(jnp.stack([scale, scale]), jnp.stack([scale, scale]))
     floor = jnp.maximum(cf, jnp.sqrt(jnp.sqrt(jnp.maximum(raw[0, 0], 1e-24))))
     lean = jnp.stack([jnp.sign(jnp.cos(phi)) / floor, one])
-    spread = raw * jnp.outer(lean, lean)
+    angle_covariance = raw * jnp.outer(lean, lean)
     variance = jnp.stack([covariance[0, 0], raw[0, 0]])
     sigma = jnp.sqrt(jnp.where(variance > 0, variance, 1))
     over = jnp.stack([over_theta, over_phi])
     rounding = 8 * jnp.finfo(sine.dtype).eps
     excess = jnp.max(jnp.where(over > rounding, jnp.where(variance > 0, over / sigma, jnp.inf), 0))
-    verdict = Verdict.where(spread[0, 0] > WEAK**2, Verdict.weak, Verdict.ok)
-    verdict = Verdict.where(cf < _SINGULAR, Verdict.double_root, verdict)
-    verdict = Verdict.where(undefined, Verdict.degenerate, verdict)
-    verdict = Verdict.where(excess > 0, Verdict.clipped, verdict)
     # fewer angles than unknowns: not even the pitch is known, and a negative variance says so to the host
-    spread = jnp.where(determined, spread, -jnp.eye(2, dtype=spread.dtype))
-    verdict = Verdict.where(determined, verdict, Verdict.degenerate if method.startswith("least") else Verdict.missing)
-    return Level(phi, theta, roots, spread, bias, None, None, excess, verdict, method)
+    unknown = Verdict.degenerate if method.startswith("least") else Verdict.missing
+    verdict = decided(
+        (angle_covariance[0, 0] > WEAK**2, Verdict.weak), (cf < _SINGULAR, Verdict.double_root), (undefined, Verdict.degenerate),
+        (excess > 0, Verdict.clipped), (~determined, unknown),
+    )  # fmt: skip
+    angle_covariance = jnp.where(determined, angle_covariance, -jnp.eye(2, dtype=angle_covariance.dtype))
+    return Level(phi, theta, roots, angle_covariance, bias, None, None, excess, verdict, method)
 
 
 def _with_z(readings: Readings, gravity: Array, both: bool) -> Level:
@@ -234,17 +229,17 @@ def _with_z(readings: Readings, gravity: Array, both: bool) -> Level:
         some = square > 0
         # straight up or down the roll has no value and no slope
         second, third = jnp.where(some, -a2, 0), jnp.where(some, -a3, 1)
-        return jnp.stack([jnp.arctan2(second, third), jnp.arctan2(a1, jnp.where(some, jnp.sqrt(jnp.where(some, square, 1)), 0))])
+        return jnp.stack([jnp.arctan2(second, third), jnp.arctan2(a1, root_of(square))])
 
     a = parts(x)
     phi, theta = angles(x)
     slopes = jax.jacfwd(angles)(x)
-    spread = (slopes * variance[None, :]) @ slopes.T
+    angle_covariance = (slopes * variance[None, :]) @ slopes.T
     alpha = a @ a
     scale = jnp.sqrt(alpha)
-    verdict = Verdict.where(spread[0, 0] > WEAK**2, Verdict.weak, Verdict.ok)
-    verdict = Verdict.where(jnp.hypot(a[1], a[2]) < _SINGULAR * scale, Verdict.degenerate, verdict)
-    verdict = Verdict.where(scale < 0.01, Verdict.infeasible, verdict)
-    verdict = Verdict.where(present, verdict, Verdict.missing)
-    zero = jnp.zeros_like(scale)
-    return Level(phi, theta, phi[None], spread, (x[0] + x[2]) / 2 * gravity, scale, 1 + (alpha - 1) / 2, zero, verdict, "bias_and_scale")
+    verdict = decided(
+        (angle_covariance[0, 0] > WEAK**2, Verdict.weak), (jnp.hypot(a[1], a[2]) < _SINGULAR * scale, Verdict.degenerate),
+        (scale < 0.01, Verdict.infeasible), (~present, Verdict.missing),
+    )  # fmt: skip
+    zero, bias = jnp.zeros_like(scale), (x[0] + x[2]) / 2 * gravity
+    return Level(phi, theta, phi[None], angle_covariance, bias, scale, 1 + (alpha - 1) / 2, zero, verdict, "bias_and_scale")

@@ -199,9 +199,9 @@ def _one(words: tuple[str, ...], free: Any, priors: Any, o: _Options, seed: int)
     for angles, shares in [*starts, *listed.values()]:
         if not np.isfinite(_value(angles, shares, *arguments)):
             continue
-        begin = np.concatenate([angles, np.log(np.maximum(shares, 1e-3))])
+        start = np.concatenate([angles, np.log(np.maximum(shares, 1e-3))])
         found = scipy.optimize.minimize(
-            lambda p: _objective(p, *arguments), begin, jac=True, method="L-BFGS-B", options={"maxiter": 400, "ftol": 1e-12, "gtol": 1e-7}
+            lambda p: _objective(p, *arguments), start, jac=True, method="L-BFGS-B", options={"maxiter": 400, "ftol": 1e-12, "gtol": 1e-7}
         )
         if np.isfinite(found.fun) and found.fun < value:
             best, value = (found.x[:count], _softmax(found.x[count:])), found.fun

@@ -93,11 +93,11 @@ class Positions(eqx.Module):
             raise DataError(f"There are {len(words)} mountings for {angle.size} table angles; give one per position.")
         self.angle, self.mounting = angle, words
         self.dwell, self.rate, self.acceleration, self.width = (
-            _spread(value, angle, name)
+            _per_position(value, angle, name)
             for value, name in ((dwell, "dwell"), (rate, "table rate"), (acceleration, "table acceleration"), (width, "sector width"))
         )
         xp = jnp if isinstance(self.dwell, jax.Array) else np
-        self.start = xp.cumsum(self.dwell) - self.dwell if start is None else _spread(start, angle, "start")
+        self.start = xp.cumsum(self.dwell) - self.dwell if start is None else _per_position(start, angle, "start")
         if not is_traced(self.dwell) and not np.all(np.asarray(self.dwell) > 0):
             raise DataError(f"A dwell of {float(np.min(np.asarray(self.dwell))):g} s was given; dwells are positive, in seconds.")
 
@@ -176,7 +176,7 @@ def _floats(values: Any, name: str) -> Any:
         raise DataError(f"The {name} given are not numbers: {str(values)[:60]}.") from error
 
 
-def _spread(value: Any, angle: Any, name: str) -> Any:
+def _per_position(value: Any, angle: Any, name: str) -> Any:
     value = _floats(value, name)
     if value.shape not in ((), angle.shape):
         raise DataError(f"The {name} has shape {value.shape} for {angle.size} positions; give one number, or one per position.")

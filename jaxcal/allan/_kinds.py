@@ -110,8 +110,10 @@ _KINDS = {
 }
 
 
-def find_kind(name: str) -> Kind:
-    """The statistic called `name`."""
+def find_kind(name: "str | Kind") -> Kind:
+    """The statistic called `name`, or the one given."""
+    if isinstance(name, Kind):
+        return name
     if name not in _KINDS:
         raise DataError(f"unknown kind {name!r}; expected one of {', '.join(_KINDS)}")
     return _KINDS[name]
@@ -129,14 +131,14 @@ def whole_sizes(m) -> Int[np.ndarray, " clusters"]:
     return sizes.astype(np.int64)
 
 
-def cluster_sizes(m, kind: Kind, samples: int) -> Int[np.ndarray, " clusters"]:
-    """Cluster sizes of a named grid, or the given ones, checked against the length of the record.
+def cluster_sizes(m, kind: str | Kind, samples: int) -> Int[np.ndarray, " clusters"]:
+    """Cluster sizes in samples at which `deviation` evaluates a record: those of a named grid, or the given ones, checked.
 
     Parameters
     ----------
     m : "log" (about 15 per decade), "octave" (1, 2, 4, ...), "decade" (1, 2, 4, 10, 20, 40, ...), "all", or integers. The named
         grids hold even sizes only for theo1, and end at half the record for mtie and tierms.
-    kind : the statistic.
+    kind : name of the statistic, such as "oadev".
     samples : number of rate samples.
 
     Raises
@@ -144,7 +146,14 @@ def cluster_sizes(m, kind: Kind, samples: int) -> Int[np.ndarray, " clusters"]:
     DataError
         If the record is too short for the statistic, or a given size is not an integer within 1 .. the largest possible, or
         odd where the statistic has even ones only.
+
+    Examples
+    --------
+    >>> from jaxcal.allan import cluster_sizes
+    >>> cluster_sizes("octave", "oadev", 100).tolist()
+    [1, 2, 4, 8, 16, 32]
     """
+    kind = find_kind(kind)
     largest, step = kind.largest(samples), 2 if kind.family == "theo1" else 1
     if largest < step or samples < 2:
         need = kind.difference - (1 if kind.modified else 0)

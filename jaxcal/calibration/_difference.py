@@ -1,6 +1,7 @@
 """`difference`: what changed between two calibrations of one device, and whether it is more than their uncertainty."""
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -87,9 +88,12 @@ def difference(a: Calibration, b: Calibration) -> tuple[PartDifference, ...]:
     found = []
     if a.imu is not None and b.imu is not None:
         others = b.imu.parts
-        found += [_triad(sensor, part, others[sensor], shared) for sensor, part in a.imu.parts.items() if sensor in others]
+        found += [_by_leaves(sensor, part, others[sensor], shared) for sensor, part in a.imu.parts.items() if sensor in others]
     if a.magnetometer is not None and b.magnetometer is not None:
-        found.append(_magnetometer(a.magnetometer, b.magnetometer, shared))
+        held = [one.covariance for one in (a.magnetometer, b.magnetometer)]
+        named = all(one is not None and "hard_iron[0]" in one.parameters for one in held)
+        compared = partial(_by_leaves, "magnetometer") if named else _magnetometer
+        found.append(compared(a.magnetometer, b.magnetometer, shared))
     if a.noise is not None and b.noise is not None:
         for sensor in ("gyro", "accel", "mag"):
             one, other = getattr(a.noise, sensor), getattr(b.noise, sensor)
@@ -100,10 +104,13 @@ def difference(a: Calibration, b: Calibration) -> tuple[PartDifference, ...]:
     return tuple(found)
 
 
-def _triad(sensor: str, a: Part[Any], b: Part[Any], notes: Sequence[str]) -> PartDifference:
+def _by_leaves(sensor: str, a: Part[Any], b: Part[Any], notes: Sequence[str]) -> PartDifference:
+    """The parameters as the fields of the models have them; of a magnetometer those that were fitted."""
     held = [part.parameters for part in (a, b)]
     names = [name for name in held[0] if name in held[1] and (sensor == "gyro" or not name.startswith("g_sensitivity"))]
-    base = {"matrix": "1", "bias": si_unit(sensor), "g_sensitivity": "rad/s per m/s^2"}
+    if sensor == "magnetometer" and a.covariance is not None and b.covariance is not None:
+        names = [name for name in names if name in a.covariance.parameters and name in b.covariance.parameters]
+    base = {"matrix": "1", "soft_iron": "1", "bias": a.unit, "hard_iron": a.unit, "g_sensitivity": "rad/s per m/s^2"}
     units = [base.get(name.partition("[")[0], "") for name in names]
     first, second = (np.array([values[name] for name in names]) for values in held)
     spread, said = _sum([_ordered(part, names) for part in (a, b)])

@@ -9,8 +9,7 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from .._results import number
-from .._units import STANDARD_GRAVITY
+from .._units import STANDARD_GRAVITY, number
 from ._cache import keep_compiled
 from ._export import FILES
 from ._options import WRITING, CallError, Reading, Running, read_log, stem

@@ -9,8 +9,7 @@ from typing import Annotated, Any, Literal
 from cyclopts import Parameter
 
 from .._files import json_text, write_atomically
-from .._results import number
-from .._units import factor, si_unit
+from .._units import factor, number, si_unit
 from ._options import WRITING, CallError, Reading, Running, read_log, stem
 from ._outputs import Maker, check_picture, exports, outputs, staged
 from ._screen import Screen, progress, show_log, show_written

@@ -4,8 +4,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from .._results import number
-from .._units import noise_factor, noise_units
+from .._units import noise_factor, noise_units, number
 from ._screen import Screen
 
 _SENSORS = {"gyro": "gyroscope", "accel": "accelerometer", "mag": "magnetometer"}

@@ -8,8 +8,7 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from .._results import number
-from .._units import noise_factor, noise_units
+from .._units import noise_factor, noise_units, number
 from ._cache import keep_compiled
 from ._export import FILES
 from ._options import WRITING, CallError, Reading, Running, read_log, stem

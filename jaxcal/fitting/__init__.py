@@ -15,7 +15,6 @@ from ._information import (
 )
 from ._loss import AbstractLoss as AbstractLoss, Cauchy as Cauchy, Huber as Huber, SoftL1 as SoftL1, Tukey as Tukey
 from ._many import solve_many as solve_many
-from ._nonnegative import Nonnegative as Nonnegative, nonnegative as nonnegative
 from ._outcome import Outcome as Outcome
 from ._parameters import names_of as names_of
 from ._prior import AbstractPrior as AbstractPrior, Gaussian as Gaussian

@@ -1,5 +1,6 @@
 """`MagFit`: a magnetometer calibration with what is known about it."""
 
+import dataclasses
 from typing import Any
 
 import equinox as eqx
@@ -76,6 +77,12 @@ class MagFit(Result):
         rows = [Row(f"hard iron {axis}", b, b - h, b + h, "unit") for axis, b, h in zip("xyz", hard, half, strict=True)]
         soft = np.asarray(self.model.soft_iron)
         rows += [Row(f"soft iron {a}{b}", soft[i, j]) for i, a in enumerate("xyz") for j, b in enumerate("xyz")]
+        known = getattr(self, "interval", {})
+        for field in dataclasses.fields(self.model)[2:]:  # those of a subclass
+            values = np.asarray(getattr(self.model, field.name))
+            for entry in np.ndindex(values.shape) if np.issubdtype(values.dtype, np.floating) else ():
+                name = field.name + (f"[{','.join(map(str, entry))}]" if entry else "")
+                rows.append(Row(name, values[entry], *known.get(name, (np.nan, np.nan))))
         return [*rows, Row("field", self.field, unit="unit"), Row("noise of a reading", self.noise, unit="unit")]
 
     @property

@@ -1,13 +1,17 @@
-r"""Fit of the noise terms to an Allan variance curve in the band where the model holds: pure functions for `jit`, `vmap` and `grad`."""
+r"""Fit of the noise terms to an Allan variance curve, with intervals: `fit_curve` on the host and in a trace, the band on the host."""
+
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
+import scipy.stats
 
-from .._types import Array, Bool, Float
-from ._curve import Curve, chi_square, whitened
-from ._estimator import SETTLED, Estimator, settle, with_derivative
+from .._types import AnyArray
+from ._curve import GUESSED, Curve, Lanes, estimate, fixed_point, least_squares, whitened
 from ._limits import Limits, find_limits
+from ._minimise import inverse, namespace
 from ._skewness import Response, as_normal, skewness
 
 #: misfit of the deviation that does not count against a model, and the chance of a worse chi-square at which a band is refused
@@ -18,157 +22,163 @@ _WIDENED = 0.01
 #: octaves left out beyond the first cluster time at which the model passes, for there it only just does
 _MARGIN = 1.0
 #: change of the modelled variance at which the fit under a held coefficient has settled, and its most steps
-_SETTLED = 1e-3
-_MOST = 15
+_SETTLED, _MOST = 1e-3, 15
 
 
-def drop(curve: Curve, estimator: Estimator, index, value) -> Float[Array, ""]:
-    """Rise of the chi-square when coefficient `index` (squared) is held at `value`, C taken at the fit so restricted.
-
-    That fit begins afresh for each value: from the unrestricted one, whose C is far too small at cluster times where the
-    coefficient held at zero had been, the iteration swings between two ends.
-    """
-    restricted = curve.fixed(index, value)
-    at, _ = settle(restricted, estimator, estimator.begin(restricted), _MOST, _SETTLED)
-    white = whitened(restricted, at)
-    both = white.solve_each(curve, jnp.stack([restricted.free, curve.free]), jnp.stack([restricted.held, curve.held]))
-    return jnp.maximum(white.chi_square(both[0]) - white.chi_square(both[1]), 0.0)
+def alone(curve: Curve, used, cut) -> Lanes:
+    """One fit to the cluster sizes used: of all terms, or where short ones are cut of the tail in place of its term."""
+    xp = namespace(curve, used, cut)
+    free = xp.append(~(cut & (curve.short > 0)), cut)
+    return Lanes(used[None], free[None], xp.zeros((1, len(free)), dtype=curve.v.dtype))
 
 
-class Band(eqx.Module):
-    """Where a fit starts, and the fit there.
-
-    start : base-2 logarithm of the shortest cluster size. cut : whether short cluster times are left out. holds : whether the
-    model holds. theta, change : from `settle`.
-    """
-
-    start: Float[Array, ""]
-    cut: Bool[Array, ""]
-    holds: Bool[Array, ""]
-    theta: Float[Array, " p"]
-    change: Float[Array, ""]
+def chi_square(curve: Curve, lanes: Lanes, theta, extra: Any = None) -> Any:
+    """Least (v - A theta)' C^-1 (v - A theta) per lane, with C at the theta given."""
+    return least_squares(whitened(curve, lanes.used, theta, True, extra), lanes, theta)[1]
 
 
-def part(curve: Curve, start, cut) -> Curve:
-    """The curve from `start` on, with the tail, its last column, where short cluster times are cut off."""
-    longer = eqx.tree_at(lambda c: c.used, curve, curve.used & (curve.octave >= start))
-    return longer.only((jnp.arange(curve.free.shape[0]) < curve.free.shape[0] - 1) | cut)
-
-
-def freedom(curve: Curve, theta) -> Float[Array, ""]:
+def freedom(used, theta) -> Any:
     """Degrees of freedom of the chi-square."""
-    return (jnp.sum(curve.used) - jnp.sum(theta > 0.0)).astype(curve.v.dtype)
+    xp = namespace(used, theta)
+    return (xp.sum(used, axis=-1) - xp.sum(theta != 0.0, axis=-1)).astype(theta.dtype)
 
 
-def choose_band(curve: Curve, estimator: Estimator, automatic) -> Band:
-    """The first start whose chi-square passes, an octave on; where none does, that which comes nearest."""
-    last = jnp.maximum(jnp.sum(curve.used) - curve.free.shape[0] - 4, 0)  # the latest start that leaves enough to fit
-    ranked = jnp.sort(jnp.where(curve.used, curve.octave, jnp.inf))
-
-    def fitted(start, cut):
-        rest = part(curve, start, cut)
-        theta, change = settle(rest, estimator, estimator.begin(rest), estimator.most, SETTLED)
-        least = chi_square(rest, theta, (2.0 * _TOLERANCE * rest.v) ** 2)
-        chance = jax.scipy.stats.chi2.sf(least, freedom(rest, theta))
-        return theta, change, jnp.where(jnp.isfinite(chance), chance, -1.0)
-
-    def body(state):
-        _, best, highest, tried, chosen, _ = state
-        cut = jnp.where(chosen, best, tried) > 0
-        start = jnp.where(chosen & cut, jnp.minimum(ranked[best] + _MARGIN, ranked[last]), ranked[tried])
-        start = jnp.where(cut, start, ranked[0])
-        theta, change, chance = fitted(start, cut)
-        best, highest = jnp.where(~chosen & (chance > highest), tried, best), jnp.where(chosen, highest, jnp.maximum(highest, chance))
-        passes = highest >= _REFUSED
-        over = chosen | (passes & (tried == 0))  # the whole curve needs no second fit
-        ended = passes | jnp.logical_not(automatic) | (tried >= last)
-        return Band(start, cut, passes, theta, change), best, highest, tried + 1, ended, over
-
-    none, one, false = jnp.zeros((), last.dtype), jnp.ones((), curve.v.dtype), jnp.zeros((), bool)
-    first = Band(0 * one, false, false, jnp.zeros_like(curve.held), 0 * one)
-    return jax.lax.while_loop(lambda state: ~state[-1], body, (first, none, -2.0 * one, none, false, false))[0]
+def _chance(chi, number) -> Any:
+    """Chance of a larger chi-square."""
+    return scipy.stats.chi2.sf(chi, number) if namespace(chi, number) is np else jax.scipy.stats.chi2.sf(chi, number)
 
 
-class Banded(eqx.Module):
-    """The fit in the band where the model holds.
-
-    theta : squared coefficients of the terms. covariance : theirs. limits : their limits. used : cluster sizes in the band.
-    cut : whether short cluster times were left out. holds : whether the model holds. goodness : p value of the chi-square.
-    inflation : factor on the covariance and on every level, above 1 where the curve scatters more than the noise model says.
-    step : last step of the weights. modelled, edf : variance of the fitted terms, and its degrees of freedom.
-    """
-
-    theta: Float[Array, " p"]
-    covariance: Float[Array, "p p"]
-    limits: Limits
-    used: Bool[Array, " clusters"]
-    cut: Bool[Array, ""]
-    holds: Bool[Array, ""]
-    goodness: Float[Array, ""]
-    inflation: Float[Array, ""]
-    step: Float[Array, ""]
-    modelled: Float[Array, " clusters"]
-    edf: Float[Array, " clusters"]
-
-
-def fit_band(curve: Curve, estimator: Estimator, heard: Response, short, automatic, two_sided, one_sided) -> Banded:
-    r"""Fit the curve from the shortest cluster time on from which the model holds; all of it unless `automatic`.
+def choose_band(curve: Curve, used, full: bool) -> tuple[AnyArray, bool, bool]:
+    """Cluster sizes from the first start whose chi-square passes, an octave on, or which comes nearest where none does (host only).
 
     Filters and output averaging in a sensor spoil short cluster times, so these are left out one by one until the chi-square
     of the rest, with a misfit of 0.25 % of the deviation allowed, is no worse than one in a thousand; then an octave more.
-    What a filter of white noise, or a line of the spectrum, leaves at cluster times well above its own is N^2/tau + c/tau^2
-    with c of either sign. So with a cut band a tail of that slope, the last column, is fitted beside the terms; it takes the
-    place of those that only `short` cluster times show (Q), which are then not estimated.
+
+    Returns
+    -------
+    (clusters,) cluster sizes used, whether short ones were cut off, and whether the model holds.
+    """
+
+    def chances(lanes: Lanes):
+        theta, _ = estimate(curve, lanes, full)
+        chance = _chance(chi_square(curve, lanes, theta, (2.0 * _TOLERANCE * curve.v) ** 2), freedom(lanes.used, theta))
+        return np.where(np.isfinite(chance), chance, -1.0)
+
+    whole = float(chances(alone(curve, used, np.asarray(False)))[0])
+    ranked = np.sort(curve.octave[used])
+    last = max(len(ranked) - len(curve.short) - 5, 0)  # the latest start that leaves enough to fit
+    if whole >= _REFUSED or not last:
+        return used, False, whole >= _REFUSED
+    tried = [alone(curve, used & (curve.octave >= start), np.asarray(True)) for start in ranked[1 : last + 1]]
+    chance = np.append(whole, chances(jax.tree.map(lambda *leaves: np.concatenate(leaves), *tried)))
+    passed = chance >= _REFUSED
+    best = int(np.argmax(passed)) if passed.any() else int(np.argmax(chance))
+    if best == 0:
+        return used, False, False
+    return used & (curve.octave >= min(ranked[best] + _MARGIN, ranked[last])), True, bool(passed.any())
+
+
+class Fitted(eqx.Module):
+    """A fit of the curve.
+
+    theta : squared coefficients of the terms. covariance : theirs. limits : their limits. goodness : p value of the chi-square.
+    inflation : variance factor on the covariance and on every level, above 1 where the curve scatters more than the noise model
+    says. step : last change of the weights. modelled, edf : variance of the fitted terms, and its degrees of freedom.
+    """
+
+    theta: AnyArray
+    covariance: AnyArray
+    limits: Limits
+    goodness: Any
+    inflation: Any
+    step: Any
+    modelled: AnyArray
+    edf: AnyArray
+
+
+def covariance_of(curve: Curve, lanes: Lanes, theta, full: bool) -> Any:
+    """Covariance of the estimate of one lane: (A' C^-1 A)^-1, or the sandwich G (A' D C D A) G, D = 1/diag C, G = (A' D A)^-1.
+
+    The sandwich allows for cluster sizes that are far from independent.
+    """
+    xp = namespace(curve, lanes, theta)
+    rows = xp.where(lanes.free[0][None, :], whitened(curve, lanes.used, theta, full)[0][0], 0.0)
+    bread = inverse(rows.T @ rows)
+    if full:
+        return bread
+    c = curve.covariance(theta)[0]
+    scale = xp.sqrt(xp.where(lanes.used[0], xp.diagonal(c), 1.0))
+    return bread @ (rows.T @ (c / scale[:, None] / scale[None, :]) @ rows) @ bread
+
+
+def fit_curve(curve: Curve, used, cut, full: bool, heard: Response, two_sided, one_sided) -> Fitted:
+    r"""Fit the cluster sizes used.
+
+    What a filter of white noise, or a line of the spectrum, leaves at cluster times well above its own is N^2/tau + c/tau^2 with c
+    of either sign. So with a `cut` band a tail of that slope is fitted beside the terms; it takes the place of that which only
+    short cluster times show (Q), which is then not estimated.
 
     Parameters
     ----------
-    curve : the curve; its last column is that of the tail, of negative sign.
-    estimator : how the coefficients follow from the curve.
+    curve : the curve.
+    used, cut : (clusters,) cluster sizes that take part, and whether short ones are cut off.
+    full : weights from the whole covariance, or from its diagonal.
     heard : what the cluster sizes make of each frequency, for the test of absent terms.
-    short : (p,) which terms only short cluster times show.
-    automatic : whether to choose the band.
     two_sided, one_sided : rise of the chi-square at the ends of intervals and at upper limits.
     """
-    p = len(short)
-    is_tail = jnp.arange(p + 1) == p
-    # neither the choice of the band nor the interval carries a derivative
-    band = choose_band(jax.lax.stop_gradient(curve), estimator, automatic)
-    inside = part(curve, band.start, band.cut)
-    everything = with_derivative(inside, estimator, band.theta, band.change)
-    reported = ~(short & band.cut)
-    theta = jnp.where(reported, everything[:p], 0.0)
-    spread = estimator.spread(inside, everything, jnp.append(reported, band.cut))
-
-    still, fitted, spread_now = jax.lax.stop_gradient((inside, everything, spread))
-    # a short term is tested without the tail, which has its slope and no sign and would leave it without a limit
-    own = jnp.arange(p)[:, None] == jnp.arange(p + 1)[None, :]
-    admitted = jnp.where(reported[:, None], ~is_tail[None, :] | band.cut, own | jnp.append(reported, False)[None, :])
-    white = whitened(still, fitted)
-    least = white.solve_each(still, jnp.concatenate([admitted, still.free[None, :]]), jnp.zeros((p + 1, p + 1), curve.v.dtype))
-
-    strict, number = white.chi_square(least[p]), freedom(still, fitted)
-    goodness = jax.scipy.stats.chi2.sf(strict, number)
-    inflation = jnp.where(goodness < _WIDENED, jnp.maximum(strict / number, 1.0), 1.0)
-
-    def rise(index, value, state):
-        return drop(eqx.tree_at(lambda c: c.free, still, admitted[index]), estimator, index, value), state
-
-    def skew(index):
-        absent = eqx.tree_at(lambda c: c.free, still, admitted[index]).fixed(index, 0.0)
-        return skewness(absent, heard, settle(absent, estimator, estimator.begin(absent), _MOST, _SETTLED)[0], index)
-
-    # the search starts where the chi-square is least, near theta but for generalised least squares not at it
-    reach = jnp.sqrt(jnp.where(reported, jnp.diagonal(spread_now)[:p], spread_now[p, p]))
-    ends = find_limits(rise, jnp.diagonal(least[:p, :p]), reach, (), two_sided * inflation, one_sided * inflation)
-    middle = jnp.where(reported, fitted[:p], 0.0)
-    ends = Limits(
-        low=jnp.where(reported, jnp.minimum(ends.low, middle), 0.0),
-        high=jnp.maximum(ends.high, middle),
-        upper=jnp.maximum(ends.upper, middle),
-        significance=jnp.where(reported, as_normal(ends.significance / inflation, jax.vmap(skew)(jnp.arange(p))), 0.0),
-    )
-    spread = spread[:p, :p] * inflation
+    xp = namespace(curve, used, cut)
+    p = len(curve.short)
+    lanes = alone(curve, used, cut)
+    fitted, change = estimate(curve, lanes, full)
+    reported = lanes.free[0, :p]
+    spread = covariance_of(curve, lanes, fitted, full)
+    theta, covariance = xp.where(reported, fitted[0, :p], 0.0), spread[:p, :p]
     modelled = curve.columns[:, :p] @ theta
-    variance = inside.variance(jnp.append(theta, 0.0))
-    edf = 2.0 * modelled**2 / jnp.where(inside.used & (variance > 0.0), variance, 1.0)
-    return Banded(theta, spread, ends, inside.used, band.cut, band.holds, goodness, inflation, band.change, modelled, edf)
+
+    # the intervals carry no derivative
+    curve, fitted, spread = jax.lax.stop_gradient((curve, fitted, spread)) if xp is jnp else (curve, fitted, spread)
+    # the term that the tail replaces is tested without it, for it has its slope and no sign and would leave it without a limit
+    own = np.eye(p, p + 1, dtype=bool)
+    admitted = xp.where(reported[:, None], lanes.free[0][None, :], own | xp.append(reported, False)[None, :])
+
+    def lanes_of(free, held):
+        return Lanes(xp.broadcast_to(used, (len(free), len(used))), free, held)
+
+    several = lanes_of(xp.concatenate([admitted, lanes.free]), xp.zeros((p + 1, p + 1), dtype=curve.v.dtype))
+    rows, target = whitened(curve, lanes.used, fitted, True)
+    white = xp.broadcast_to(rows, (p + 1, *rows.shape[1:])), xp.broadcast_to(target, (p + 1, *target.shape[1:]))
+    least, chi = least_squares(white, several, xp.broadcast_to(fitted, (p + 1, p + 1)))
+    number = freedom(used, fitted[0])
+    goodness = _chance(chi[p], number)
+    inflation = xp.where(goodness < _WIDENED, xp.maximum(chi[p] / number, 1.0), 1.0)
+
+    def ratio(index, value, state):
+        """Rise of the chi-square when a coefficient is held, C taken at the fit so restricted, and that fit."""
+        here, held = own[index], xp.where(own[index], value[:, None], 0.0)
+        restricted = lanes_of(admitted[index] & ~here, held)
+        at, _ = fixed_point(curve, restricted, xp.where(here, held, state), full, _SETTLED, _MOST)
+        rows, target = whitened(curve, restricted.used, at, True)
+        both = lanes_of(xp.concatenate([restricted.free, admitted[index]]), xp.concatenate([held, xp.zeros_like(held)]))
+        white = xp.concatenate([rows, rows]), xp.concatenate([target, target])
+        _, chi = least_squares(white, both, xp.concatenate([at, at]))
+        return xp.maximum(chi[: len(here)] - chi[len(here) :], 0.0), at
+
+    # the fit under a held coefficient begins afresh: from the unrestricted one, whose C is far too small at cluster times where
+    # the coefficient held at zero had been, the iteration swings between two ends
+    absent = lanes_of(admitted & ~own, xp.zeros((p, p + 1), dtype=curve.v.dtype))
+    begun, _ = fixed_point(curve, absent, absent.held, False, GUESSED)
+    # the search starts where the chi-square is least, near theta but for generalised least squares not at it
+    reach = xp.sqrt(xp.where(reported, xp.diagonal(spread)[:p], spread[p, p]))
+    middle = xp.diagonal(least[:p, :p])
+    ends, without = find_limits(ratio, middle, reach, begun, two_sided * inflation, one_sided * inflation)
+    skew = xp.stack([skewness(curve, used, heard, without[index], index) for index in range(p)])
+    inside = xp.where(reported, fitted[0, :p], 0.0)
+    limits = Limits(
+        low=xp.where(reported, xp.minimum(ends.low, inside), 0.0),
+        high=xp.maximum(ends.high, inside),
+        upper=xp.maximum(ends.upper, inside),
+        significance=xp.where(reported, as_normal(ends.significance / inflation, skew), 0.0),
+    )
+    variance = xp.diagonal(curve.covariance(xp.append(theta, 0.0)[None])[0])
+    edf = 2.0 * modelled**2 / xp.where(used & (variance > 0.0), variance, 1.0)
+    return Fitted(theta, covariance * inflation, limits, goodness, inflation, xp.max(change), modelled, edf)

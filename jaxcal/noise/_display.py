@@ -16,6 +16,7 @@ import math
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy.special
 
 from .._errors import DataError, FitError
 from .._precision import is_traced
@@ -23,8 +24,8 @@ from ..allan import Deviation
 from ..fitting import solve
 from ._allanfit import freedom
 from ._curve import Curve, whitened
-from ._estimator import Weighted, settle
-from ._joint import in_units, padded
+from ._joint import curve_of
+from ._minimise import minimise, namespace
 from ._model import noise_of
 from ._result import NoiseFit
 from ._sentences import sentences_of_octaves
@@ -47,18 +48,24 @@ _TANGENTS = {"Q": (-1.0, math.sqrt(3.0), -0.75), "N": (-0.5, 1.0, math.inf), "K"
 
 def fit_unweighted(curve: Deviation, samples: int, terms: tuple[Term, ...], inside, automatic: bool, confidence: float) -> NoiseFit:
     """Least squares of the variances; arguments as of `fit_jointly`, of which `automatic` has no meaning here."""
-    arrays = padded(curve, samples, terms, inside)
-    return _result(_unweighted(arrays), arrays, curve, samples, terms, inside, confidence, "unweighted")
+    data, used, unit = curve_of(curve, samples, terms, curve.deviation**2, inside)
+    theta = _weighted(data, used, namespace(data).ones_like(data.v))
+    return _result(theta * unit, data, used, unit, curve, samples, terms, inside, confidence, "unweighted")
 
 
 def fit_log(curve: Deviation, samples: int, terms: tuple[Term, ...], inside, automatic: bool, confidence: float) -> NoiseFit:
     """Least squares of the logarithms; arguments as of `fit_jointly`, of which `automatic` has no meaning here."""
-    arrays = padded(curve, samples, terms, inside)
-    start, data, unit = _log_problem(arrays)
-    found = solve(_log_residuals, start, data, bounds=(0.0, np.inf))
+    data, used, unit = curve_of(curve, samples, terms, curve.deviation**2, inside)
+    still = jax.lax.stop_gradient(data) if is_traced(curve.deviation) else data
+    xp, columns = namespace(data), data.columns[:, :-1]
+    touching = xp.min(xp.where(used[:, None], still.v[:, None] / columns, np.inf), axis=0)
+    # off the bounds, by a hundredth of what each term could be at most; in units of that
+    start = _weighted(still, used, 1.0 / still.v**2) / touching + 0.01
+    found = solve(_log_residuals, start, {"columns": columns * touching[None, :], "v": data.v, "used": used}, bounds=(0.0, np.inf))
     if not is_traced(curve.deviation) and not bool(found.usable):
         raise FitError(f"the logarithmic fit did not end well: {found.message}")
-    return _result(found.model * unit, arrays, curve, samples, terms, inside, confidence, "log")
+    theta = found.model if xp is jnp else np.asarray(found.model)
+    return _result(theta * touching * unit, data, used, unit, curve, samples, terms, inside, confidence, "log")
 
 
 def fit_slope(curve: Deviation, samples: int, terms: tuple[Term, ...], inside, automatic: bool, confidence: float) -> NoiseFit:
@@ -78,7 +85,8 @@ def fit_slope(curve: Deviation, samples: int, terms: tuple[Term, ...], inside, a
     if unknown := [term.name for term in terms if term.name not in values]:
         raise DataError(f"method 'slope' reads tangents of Q, N, B, K and R; {', '.join(unknown)} has none: take another method")
     theta = xp.stack([values[term.name] for term in terms]) ** 2
-    return _result(theta, padded(curve, samples, terms, inside), curve, samples, terms, inside, confidence, "slope")
+    data, used, unit = curve_of(curve, samples, terms, curve.deviation**2, inside)
+    return _result(theta, data, used, unit, curve, samples, terms, inside, confidence, "slope")
 
 
 def _gradient(y, x, xp):
@@ -89,22 +97,10 @@ def _gradient(y, x, xp):
     return xp.concatenate([chord[:1], inner, chord[-1:]])
 
 
-@jax.jit
-def _unweighted(arrays):
-    curve, unit = in_units(arrays)
-    return _without_tail(curve).weighted(jnp.ones_like(curve.v))[:-1] * unit
-
-
-@jax.jit
-def _log_problem(arrays):
-    """Start, data, and unit of the squared coefficients."""
-    curve, unit = in_units(arrays)
-    still = _without_tail(jax.lax.stop_gradient(curve))
-    touching = jnp.min(jnp.where(curve.used[:, None], still.v[:, None] / jnp.abs(still.columns), jnp.inf), axis=0)
-    weighted, _ = settle(still, Weighted(), jnp.zeros_like(still.held), 30, 1e-3)
-    # off the bounds, by a hundredth of what each term could be at most; in units of that
-    start = (weighted / touching + 0.01)[:-1]
-    return start, {"columns": curve.columns[:, :-1] * touching[None, :-1], "v": curve.v, "used": curve.used}, touching[:-1] * unit
+def _weighted(data: Curve, used, weight):
+    """Coefficients of least squares with the weights given."""
+    xp, start = namespace(data), np.zeros((1, data.columns.shape[1] - 1))
+    return minimise(data.columns[:, :-1], data.v, xp.where(used, weight, 0.0), start, linear=True).theta[0]
 
 
 def _log_residuals(theta, data):
@@ -114,31 +110,28 @@ def _log_residuals(theta, data):
     return jnp.where(data["used"], jnp.where(positive, jnp.log(ratio), -100.0), 0.0)
 
 
-def _without_tail(curve: Curve) -> Curve:
-    return curve.only(jnp.arange(curve.free.shape[0]) < curve.free.shape[0] - 1)
+def _judged(data: Curve, used, theta):
+    """Chance of a worse chi-square about the fitted curve, with the covariance that it implies."""
+    xp = namespace(data, theta)
+    theta = xp.append(theta, 0.0)[None]
+    rows, target = whitened(data, used[None], theta, True)
+    chi = xp.sum((target[0] - rows[0] @ theta[0]) ** 2)
+    tail = scipy.special.gammaincc if xp is np else jax.scipy.special.gammaincc
+    return tail(freedom(used, theta[0]) / 2.0, chi / 2.0)
 
 
-@jax.jit
-def _judged(arrays, theta):
-    """Chance of a worse chi-square about the fitted curve, with the covariance that it implies; and the fitted variance."""
-    curve, unit = in_units(arrays)
-    scaled = jnp.append(theta / unit, jnp.zeros((), theta.dtype))
-    chance = jax.scipy.stats.chi2.sf(whitened(curve, scaled).chi_square(scaled), freedom(curve, scaled))
-    return chance, curve.columns[:, :-1] @ theta
-
-
-def _result(theta, arrays, curve: Deviation, samples: int, terms: tuple[Term, ...], inside, confidence: float, method: str) -> NoiseFit:
+def _result(
+    theta, data: Curve, used, unit, curve: Deviation, samples: int, terms: tuple[Term, ...], inside, confidence: float, method: str
+) -> NoiseFit:
     """`NoiseFit` of squared coefficients about which nothing more is known."""
     traced = is_traced(curve.deviation)
     xp = jnp if traced else np
-    goodness, variance = _judged(arrays, theta)
-    if not traced:
-        theta, goodness, variance = np.asarray(theta), np.asarray(goodness), np.asarray(variance)
+    goodness = _judged(data, used, theta / unit)
     positive = theta > 0.0
     value = xp.where(positive, xp.sqrt(xp.where(positive, theta, 1.0)), 0.0)  # keeps the derivative of the root finite at zero
     left_out, warnings = (), ()
     if not traced:
-        left_out = sentences_of_octaves(curve, inside, np.sqrt(variance[: len(curve.m)]), False)
+        left_out = sentences_of_octaves(curve, inside, np.sqrt(data.columns[:, :-1] @ theta), False)
         warnings = (*curve.warnings, _NONE.format(_SHORTCOMINGS[method]))
     return NoiseFit(
         noise=noise_of(terms, list(value)),

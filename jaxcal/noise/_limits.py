@@ -1,20 +1,22 @@
-"""Intervals and limits by inversion of a test: where the rise of an objective, with one coefficient held, reaches a level."""
+"""Intervals and limits by inversion of a test: where a likelihood ratio, with one coefficient held, reaches a level."""
 
 from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
-import jax
-import jax.numpy as jnp
+import numpy as np
 
-from .._types import AnyArray, Array, Float
+from .._types import AnyArray, Float
+from ._minimise import iterate, namespace, some
 
 _SEARCH = 12
 _FAR = 8.0
+#: distance from the level, in units of the root of the likelihood ratio, at which a search has ended
+_CLOSE = 3e-4
 
 
 class Limits(eqx.Module):
-    """Per term: interval ends, one-sided upper limit (squared coefficients), and the rise at zero."""
+    """Per term: interval ends, one-sided upper limit (squared coefficients), and the likelihood ratio at zero."""
 
     low: Float[AnyArray, " p"]
     high: Float[AnyArray, " p"]
@@ -22,53 +24,69 @@ class Limits(eqx.Module):
     significance: Float[AnyArray, " p"]
 
 
-def find_limits(rise: Callable[[Array, Array, Any], tuple[Array, Any]], theta, reach, start, two_sided, one_sided) -> Limits:
-    """Where the rise reaches the levels `two_sided` (both ends) and `one_sided` (upper limit).
+def find_limits(ratio: Callable[[Any, Any, Any], tuple[Any, Any]], theta, reach, start, two_sided, one_sided) -> tuple[Limits, Any]:
+    """Where the likelihood ratio reaches the levels `two_sided` (both ends) and `one_sided` (upper limit), and the states at zero.
 
-    The square root of the rise is nearly linear in the coefficient itself, so its crossing is found by false position
-    (Illinois) on these; all searches run together. A low end is 0 where zero cannot be excluded; an end that is not found
-    within 2^11 times `reach` is infinite.
+    The square root of the ratio is nearly linear in the coefficient itself, so its crossing is found by false position (N. Anderson
+    and A. Bjoerck, BIT 13, 1973) on these; all searches run together. A low end is 0 where zero cannot be excluded; an end that is
+    not found within 2^11 times `reach` is infinite.
 
     Parameters
     ----------
-    rise : (index, squared coefficient, state) -> rise of the objective at the best values of all others, and the next state.
+    ratio : (index, squared coefficient, state), one of each per lane -> likelihood ratio at the best values of all others, and
+        the next state of the lane.
     theta : (p,) squared coefficients at the optimum.
     reach : (p,) their standard errors.
-    start : state for the first evaluation, the same for all searches.
+    start : (p, ...) state for the first evaluation of each coefficient.
     two_sided, one_sided : levels, for all terms or one each.
     """
+    xp = namespace(theta, reach, start, two_sided, one_sided)
     p = theta.shape[0]
-    lane = jnp.tile(jnp.arange(p), 3)
-    below = jnp.arange(3 * p) < p
-    both, one = (jnp.broadcast_to(level, (p,)) for level in (two_sided, one_sided))
-    level = jnp.sqrt(jnp.concatenate([both, both, one])).astype(theta.dtype)
-    best, reach = theta[lane], jnp.maximum(reach, jnp.finfo(theta.dtype).tiny ** 0.5)[lane]
-    states = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (3 * p, *jnp.shape(leaf))), start)
+    lane, below = np.tile(np.arange(p), 3), np.arange(3 * p) < p
+    both, one = (xp.broadcast_to(xp.asarray(level, dtype=theta.dtype), (p,)) for level in (two_sided, one_sided))
+    level = xp.sqrt(xp.concatenate([both, both, one]))
+    best, reach = theta[lane], xp.maximum(reach, np.finfo(theta.dtype).tiny ** 0.5)[lane]
 
-    def step(carry, k):
-        (a, ga), (b, gb), found, last, states = carry
-        outward = jnp.sqrt(best + 1.5 * reach * jnp.exp2(k))
-        outward = jnp.where(below, 0.0, outward)
-        slope = jnp.where(found, gb - ga, 1.0)
-        u = jnp.where(found, (a * gb - b * ga) / jnp.where(slope > 0, slope, 1.0), outward)
-        values, states = jax.vmap(rise)(lane, u**2, states)
+    def body(state):
+        (a, ga), (b, gb), found, last, active, values, states, zero, k = state
+        slope = xp.where(found, gb - ga, 1.0)
+        # the first guess is a little beyond the end of a normal interval; downwards it follows the test of zero
+        inward, outward = (xp.sqrt(xp.maximum(best + sign * 1.1 * level * reach * 2.0**k, 0.0)) for sign in (-0.5, 1.0))
+        u = xp.where(found, (a * gb - b * ga) / xp.where(slope > 0, slope, 1.0), xp.where(below, 0.0, outward))
+        u = xp.where(below & (k == 1) & (inward > 0.0), inward, u)
+        values, states = some(active, ratio, (values, states), lane, u**2, states)
+        first = k == 0
+        zero = (xp.where(first, values[:p], zero[0]), xp.where(first, states[:p], zero[1]))
         # capped, for false position would creep up from a value far away
-        g = jnp.minimum(jnp.sqrt(jnp.maximum(values, 0.0)) - level, _FAR * level)
+        g = xp.minimum(xp.sqrt(xp.maximum(values, 0.0)) - level, _FAR * level)
         inside = g <= 0
-        # a side that stays twice counts half, so that both ends close in
-        ga, gb = jnp.where(found & ~inside & (last == 1), 0.5 * ga, ga), jnp.where(found & inside & (last == -1), 0.5 * gb, gb)
-        a, ga = jnp.where(inside, u, a), jnp.where(inside, g, ga)
-        b, gb = jnp.where(inside, b, u), jnp.where(inside, gb, g)
+        # a side that stays twice counts less, so that both ends close in
+        halved_a = xp.where(found & ~inside & (last == 1), _less(g, gb, xp) * ga, ga)
+        halved_b = xp.where(found & inside & (last == -1), _less(g, ga, xp) * gb, gb)
+        a, ga = xp.where(active & inside, u, a), xp.where(active & inside, g, xp.where(active, halved_a, ga))
+        b, gb = xp.where(active & ~inside, u, b), xp.where(active & ~inside, g, xp.where(active, halved_b, gb))
         # a downward search that finds zero inside is over
-        done = below & inside & (u == 0)
-        found = found | ~inside | done
-        b, gb = jnp.where(done, 0.0, b), jnp.where(done, 1.0, gb)
-        return ((a, ga), (b, gb), found, jnp.where(inside, -1, 1).astype(jnp.int32), states), values[:p]
+        done = active & below & inside & (u == 0)
+        found = found | (active & ~inside) | done
+        b, gb = xp.where(done, 0.0, b), xp.where(done, 1.0, gb)
+        last = xp.where(active, xp.where(inside, np.int32(-1), np.int32(1)), last)
+        hit = active & ~done & (xp.abs(g) <= _CLOSE * level)
+        b, ga, gb = xp.where(hit, u, b), xp.where(hit, 0.0, ga), xp.where(hit, 0.0, gb)
+        found, active = found | hit, active & ~done & ~hit
+        return (a, ga), (b, gb), found, last, active, values, states, zero, k + 1
 
-    zero = jnp.zeros_like(best)
-    first = ((jnp.sqrt(best), -level), (zero, zero), jnp.zeros_like(below), jnp.zeros(3 * p, jnp.int32), states)
-    ((a, ga), (b, gb), found, _, _), rises = jax.lax.scan(step, first, jnp.arange(_SEARCH, dtype=theta.dtype))
-    width = jnp.where(gb > ga, gb - ga, 1.0)
-    end = jnp.where(gb > ga, (a * gb - b * ga) / width, b)
-    ends = jnp.where(found, end**2, jnp.inf)
-    return Limits(ends[:p], ends[p : 2 * p], ends[2 * p :], rises[0])
+    # every leaf keeps its type in the loop of a trace
+    none, no, states = xp.zeros_like(best), xp.zeros(3 * p, dtype=bool), start[lane]
+    begun = (xp.sqrt(best), -level), (none, none), no, xp.zeros(3 * p, dtype=np.int32), ~no, none, states
+    kept = (none[:p], xp.zeros_like(start)), xp.zeros((), dtype=theta.dtype)
+    ((a, ga), (b, gb), found, _, _, _, _, zero, _) = iterate(lambda state: xp.any(state[4]) & (state[-1] < _SEARCH), body, (*begun, *kept))
+    width = xp.where(gb > ga, gb - ga, 1.0)
+    end = xp.where(gb > ga, (a * gb - b * ga) / width, b)
+    ends = xp.where(found, end**2, np.inf)
+    return Limits(ends[:p], ends[p : 2 * p], ends[2 * p :], zero[0]), zero[1]
+
+
+def _less(new, old, xp) -> Any:
+    """Weight of the end that stays, from the values at the other end before and now."""
+    weight = 1.0 - new / xp.where(old == 0.0, 1.0, old)
+    return xp.where((weight > 0.0) & (old != 0.0), weight, 0.5)

@@ -58,7 +58,7 @@ def log_likelihood(noise: Noise, y, rate):
     bins = bins_of(y, dt, tuple(BUILT_IN[term] for term in _TERMS))
     dtype = jnp.asarray(bins.density).dtype
     theta = jnp.stack([jnp.asarray(getattr(noise, term), dtype=dtype) ** 2 for term in _TERMS])
-    s = density(bins, theta)
+    s = density(bins.columns, theta)
     used = bins.weight > 0
     frequency = jnp.where(used, bins.frequency, 0.25 / dt)
     for name, coefficient, term in noise.parts:

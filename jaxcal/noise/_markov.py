@@ -1,18 +1,16 @@
 """A first-order Gauss-Markov process beside the other terms: its correlation time by a scan of the likelihood."""
 
 import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from .._types import AnyArray
-from ._likelihood import minimise
-from ._ordinates import Bins
+from ._likelihood import lower_of
+from ._minimise import minimise
 from ._spectral import Fitted
 from ._terms import GaussMarkov
 
 _TRIED = 14
-#: rises of the likelihood ratio by chance in 5 % and in 1 % of records without the process (14 correlation times are tried)
+#: likelihood ratios by chance in 5 % and in 1 % of records without the process (14 correlation times are tried)
 HINT, PRESENT = 6.0, 9.0
 
 
@@ -29,9 +27,8 @@ def times(dt: float, duration: float) -> np.ndarray:
     return np.geomspace(10.0 * dt, max(min(duration / 6.0, 2e4 * dt), 20.0 * dt), _TRIED)
 
 
-@eqx.filter_jit
-def scan(fitted: Fitted, time: AnyArray, dt: AnyArray, flicker: AnyArray) -> Scan:
-    """Likelihood with the process at each correlation time.
+def scan(fitted: Fitted, time, dt: float, flicker) -> Scan:
+    """Likelihood with the process at each correlation time (host only).
 
     Parameters
     ----------
@@ -40,23 +37,13 @@ def scan(fitted: Fitted, time: AnyArray, dt: AnyArray, flicker: AnyArray) -> Sca
     dt : sampling interval in s.
     flicker : (p,) 1 for the column of B, else 0.
     """
-    bins = fitted.bins
-    frequency = jnp.where(bins.weight > 0, bins.frequency, 0.25 / dt)
-
-    columns = jax.vmap(lambda correlation: GaussMarkov(time=correlation).psd(frequency, dt), out_axes=1)(time)
-    theta = jnp.asarray(fitted.theta)
-    level = jnp.median(jnp.sum(bins.columns * (flicker * theta)[None, :], axis=1)[:, None] / columns, axis=0)
-    beside, instead = jnp.append(jnp.ones_like(flicker), 1.0), jnp.append(1.0 - flicker, 1.0)
-
-    def one(problem):
-        column, keep, strength = problem
-        more = jnp.concatenate([bins.columns, column[:, None]], axis=1) * keep[None, :]
-        start = jnp.append(theta, strength) * keep
-        found = minimise(Bins(bins.density, bins.weight, more, bins.frequency, bins.unit), start)
-        return 2.0 * (fitted.nll - found.nll)
-
-    # both questions in one loop, which halves the program to compile
-    count = time.shape[0]
-    kept = jnp.concatenate([jnp.tile(beside[None, :], (count, 1)), jnp.tile(instead[None, :], (count, 1))])
-    gains = jax.lax.map(one, (jnp.concatenate([columns.T, columns.T]), kept, jnp.concatenate([jnp.zeros_like(level), level])))
-    return Scan(time, gains[:count], gains[count:])
+    bins, theta, count = fitted.bins, fitted.theta, len(time)
+    frequency = np.where(bins.weight > 0, bins.frequency, 0.25 / dt)
+    process = np.stack([GaussMarkov(time=correlation).psd(frequency, dt) for correlation in time])
+    level = np.median((bins.columns @ (flicker * theta))[None, :] / process, axis=1)
+    # beside the other terms, then in place of B, which is left out
+    kept = np.where(np.arange(2 * count)[:, None] < count, 1.0, 1.0 - flicker)
+    columns = np.concatenate([bins.columns * kept[:, None, :], np.tile(process, (2, 1))[:, :, None]], axis=2)
+    start = np.concatenate([theta * kept, np.append(np.zeros(count), level)[:, None]], axis=1)
+    gain = 2.0 * (fitted.cost - minimise(columns, bins.density, bins.weight, start, lower=lower_of(columns)).cost)
+    return Scan(np.asarray(time), gain[:count], gain[count:])

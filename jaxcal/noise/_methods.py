@@ -1,17 +1,19 @@
 """The methods that fit an Allan deviation curve, by name, and the cluster sizes each needs."""
 
+import functools
+
 import numpy as np
 
 from .._errors import DataError
 from .._types import Any
-from . import _display, _edf, _gls, _wavelet
-from ._joint import CLUSTERS
+from . import _display
+from ._joint import fit_jointly
+
+#: cluster sizes of the fit: the curve is so strongly correlated that more would add nothing
+_CLUSTERS = 25
 
 #: name -> function of (curve, samples, terms, inside, automatic, confidence)
-CURVES = {
-    "gls": _gls.fit_curve,
-    "edf": _edf.fit_curve,
-    "wavelet": _wavelet.fit_curve,
+CURVES = {method: functools.partial(fit_jointly, method=method) for method in ("gls", "edf", "wavelet")} | {
     "unweighted": _display.fit_unweighted,
     "log": _display.fit_log,
     "slope": _display.fit_slope,
@@ -41,5 +43,5 @@ def clusters(method: str, samples: int, terms: tuple[Any, ...]) -> np.ndarray:
             f"record at least {needed} samples (an hour or more, for bias instability){hint}, or ask for fewer terms"
         )
     if method == "wavelet":
-        return _wavelet.dyadic(samples)
-    return np.unique(np.round(np.logspace(0.0, np.log10(samples // 4), CLUSTERS)).astype(np.int64))
+        return 2 ** np.arange((samples // 4).bit_length())
+    return np.unique(np.round(np.logspace(0.0, np.log10(samples // 4), _CLUSTERS)).astype(np.int64))

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..allan import Deviation
-from ._allanfit import Banded
+from ._allanfit import Fitted as FittedCurve
 from ._result import NoiseFit
 from ._spectral import Fitted
 from ._stationarity import PARTS, Unevenness
@@ -23,11 +23,13 @@ def sentences_of_octaves(curve: Deviation, used, modelled, automatic: bool) -> t
     return tuple(said)
 
 
-def sentences_of_fit(found: Banded, curve: Deviation, used, verdict: dict[str, str], automatic: bool) -> tuple[str, ...]:
+def sentences_of_fit(
+    found: FittedCurve, cut: bool, holds: bool, curve: Deviation, used, verdict: dict[str, str], automatic: bool
+) -> tuple[str, ...]:
     """Warnings about the fit of one channel."""
     said = []
     shortest = curve.tau[used].min()
-    if not found.holds:
+    if not holds:
         where = "any range of cluster times" if automatic else "the band asked for"
         said.append(
             f"the noise model does not hold in {where} (chance {float(found.goodness):.1g}): the coefficients "
@@ -42,12 +44,12 @@ def sentences_of_fit(found: Banded, curve: Deviation, used, verdict: dict[str, s
     if found.step > 1e-4:
         change = float(found.step)
         said.append(f"the weights of the fit have not settled (last change {change:.1g}); fit fewer terms or another band")
-    if found.cut and "Q" in verdict:
+    if cut and "Q" in verdict:
         said.append(
             f"Q was not fitted: it shows at cluster times below the {shortest:.3g} s from which the fit starts; its upper limit is "
             "what the rest of the curve allows"
         )
-    if found.cut and verdict.get("N") == "not detected":
+    if cut and verdict.get("N") == "not detected":
         said.append(f"N cannot be told from the other terms in the cluster times that are left, {shortest:.3g} s and longer")
     lost = curve.skipped / (curve.skipped + curve.count)
     if np.any(lost > 0.0):
@@ -74,8 +76,8 @@ def sentences_of_spectrum(found: NoiseFit, fitted: Fitted, lines, automatic: boo
             "the spectrum departs from the model slightly, but by more than its noise allows (chance "
             f"{float(fitted.goodness):.1g}): the intervals are widened {np.sqrt(float(fitted.inflation)):.1f} times"
         )
-    if float(fitted.step) > 1e-4:
-        said.append(f"the likelihood has not settled (last change {float(fitted.step):.1g}); fit fewer terms or another band")
+    if not bool(fitted.settled):
+        said.append("the search for the largest likelihood did not converge; fit fewer terms or another band")
     if lines:
         shown = ", ".join(f"{frequency:.3g}" for _, frequency in lines[:6]) + (" and others" if len(lines) > 6 else "")
         said.append(f"spectral line{'s' if len(lines) > 1 else ''} at {shown} Hz: left out of the fit, and part of the model as sinusoids")

@@ -18,14 +18,13 @@ Quadratic Forms in Random Variables, 1992; cube root, E. B. Wilson and M. M. Hil
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 
-from .._types import AnyArray, Array, Float
-from ._curve import Curve, correlation, forward, inverse
+from .._types import Any, AnyArray, Float
+from ._curve import Curve, correlation, whiten
+from ._minimise import inverse, namespace
 from ._terms import Term
 
-_BINS = 384  # enough for 10^9 samples
 _SINGLE = 64  # lowest frequencies kept apart
 _PER_DECADE = 40
 _LARGEST = 3.0  # beyond, the statistic is that of less than one degree of freedom
@@ -34,7 +33,7 @@ _LARGEST = 3.0  # beyond, the statistic is that of less than one degree of freed
 class Response(eqx.Module):
     """Bins of frequency: what every cluster size and every term has there.
 
-    number : (bins,) frequencies in a bin, 0 for padding. kernel : (clusters, bins). columns : (bins, p) density per squared coefficient.
+    number : (bins,) frequencies in a bin. kernel : (clusters, bins). columns : (bins, p) density per squared coefficient.
     """
 
     number: Float[AnyArray, " bins"]
@@ -43,13 +42,10 @@ class Response(eqx.Module):
 
 
 def response(samples: int, m, dt: float, terms: tuple[Term, ...]) -> Response:
-    """Kernels and densities for a record of `samples`; one column more, of zeros, for the tail of a cut band."""
+    """Kernels and densities for a record of `samples`."""
     per_decade = np.arange(np.log10(_SINGLE), np.log10(samples), 1.0 / _PER_DECADE)
     edges = np.unique(np.concatenate([np.arange(1, min(_SINGLE, samples)), np.round(10.0**per_decade), [samples]]))
-    # filled up to a fixed number, for records of other lengths to share the programs
-    pad = _BINS - (len(edges) - 1)
-    number = np.pad(np.diff(edges), (0, pad))
-    middle = np.pad((edges[:-1] + edges[1:] - 1) / 2.0, (0, pad), constant_values=1.0)
+    number, middle = np.diff(edges), (edges[:-1] + edges[1:] - 1) / 2.0
     half = np.pi * middle / (2.0 * samples)
     angle, width = half * m[:, None], np.maximum(number - 1, 0) / (2.0 * samples) * m[:, None]
     # sin^4 averaged over the bin, which spans many of its periods at high frequency
@@ -58,31 +54,33 @@ def response(samples: int, m, dt: float, terms: tuple[Term, ...]) -> Response:
     frequency = middle / (2.0 * samples * dt)
     with jax.ensure_compile_time_eval():  # they do not depend on the record
         columns = [np.asarray(term.psd(frequency, dt)) for term in terms]
-    return Response(number, kernel, np.stack([*columns, np.zeros(_BINS)], axis=1))
+    return Response(number, kernel, np.stack(columns, axis=1))
 
 
-def skewness(curve: Curve, heard: Response, at: Float[Array, " p"], index) -> Float[Array, ""]:
+def skewness(curve: Curve, used, heard: Response, at, index: int) -> Any:
     """Skewness of the statistic that shows coefficient `index`, for the noise of coefficients `at`."""
-    matrix, scale = correlation(curve, at)
-    rows = jnp.where(curve.used[:, None], curve.columns, 0.0) / scale[:, None]
-    white = forward(matrix, jnp.concatenate([rows, jnp.eye(len(scale), dtype=rows.dtype)], axis=1))
+    xp = namespace(curve, used, heard, at)
+    matrix, scale = correlation(curve, used[None], at[None])
+    rows = xp.where(used[:, None], curve.columns, 0.0) / scale[0][:, None]
+    white = whiten(matrix, xp.concatenate([rows, xp.eye(len(used), dtype=rows.dtype)], axis=1)[None])[0]
     rows, back = white[:, : rows.shape[1]], white[:, rows.shape[1] :]
-    here = jnp.arange(rows.shape[1]) == index
-    others = jnp.where((at > 0.0) & ~here, rows, 0.0)
+    here = np.arange(rows.shape[1]) == index
+    others = xp.where((at != 0.0) & ~here, rows, 0.0)
     mine = rows[:, index]
     along = mine - others @ (inverse(others.T @ others) @ (others.T @ mine))
-    weight = jnp.where(curve.used, back.T @ along / scale, 0.0)
-    part = (heard.columns @ at) * (weight @ heard.kernel)
-    second = jnp.maximum(2.0 * heard.number @ part**2, jnp.finfo(rows.dtype).tiny)
-    part = part / jnp.sqrt(second)
-    return jnp.asarray(8.0 * (heard.number @ part**3) * jnp.sqrt(along @ along / second))
+    weight = xp.where(used, back.T @ along / scale[0], 0.0)
+    part = (heard.columns @ curve.noise(at[None])[0]) * (weight @ heard.kernel)
+    second = xp.maximum(2.0 * heard.number @ part**2, np.finfo(rows.dtype).tiny)
+    part = part / xp.sqrt(second)
+    return 8.0 * (heard.number @ part**3) * xp.sqrt(along @ along / second)
 
 
 def as_normal(rise, skew):
     """The rise that a statistic without skewness would have at the same chance."""
-    z = jnp.sqrt(jnp.maximum(rise, 0.0))
-    skew = jnp.clip(skew, 0.0, _LARGEST)
+    xp = namespace(rise, skew)
+    z = xp.sqrt(xp.maximum(rise, 0.0))
+    skew = xp.clip(skew, 0.0, _LARGEST)
     small = skew < 1e-3
-    g = jnp.where(small, 1.0, skew)
-    root = (6.0 / g) * (jnp.cbrt(1.0 + g * z / 2.0) - 1.0 + g**2 / 36.0)
-    return jnp.where(small, z, jnp.maximum(root, 0.0)) ** 2
+    g = xp.where(small, 1.0, skew)
+    root = (6.0 / g) * (xp.cbrt(1.0 + g * z / 2.0) - 1.0 + g**2 / 36.0)
+    return xp.where(small, z, xp.maximum(root, 0.0)) ** 2

@@ -1,6 +1,8 @@
-r"""Fit of binned ordinates in the band where the model holds, with intervals: pure functions for `jit`."""
+r"""Fit of binned ordinates in the band where the model holds, with intervals.
 
-import functools
+`attempt`, `deviance`, `fit_whole` and `uncertainty` map bins to coefficients, covariance and limits, on the host and in a trace;
+`fit_bins` decides on the host which bins take part.
+"""
 
 import equinox as eqx
 import jax
@@ -8,10 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 import scipy.special
 
-from .._types import AnyArray, Array, Int
-from ._curve import inverse
-from ._likelihood import beginning, density, fisher, minimise, with_derivative
+from .._types import Any, AnyArray, Int
+from ._likelihood import density, fit_from, flat_start, information, lower_of, several_starts
 from ._limits import Limits, find_limits
+from ._minimise import inverse, minimise, namespace
 from ._ordinates import Bins
 from ._terms import Filter
 
@@ -34,39 +36,42 @@ _MARGIN = 1.0
 _DECIDED = 2.326 + 1.645
 #: bins beyond the number of terms that a band needs
 _FEWEST = 20
-#: where the search for the minimum starts besides the weighted fit, for the likelihood has local minima
-_STARTS = ({}, {"B": 0.01, "K": 3.0}, {"Q": 0.0, "B": 3.0, "K": 0.01})
 
 
 class Attempt(eqx.Module):
-    """A fit of the bins as they are, its deviance and degrees of freedom, and those with the tolerated misfit allowed."""
+    """A fit of the bins as they are: cost from `minimise`, whether it settled, its deviance and degrees of freedom.
+
+    `allowed` is the deviance with the tolerated misfit allowed.
+    """
 
     theta: AnyArray
-    nll: AnyArray
-    step: AnyArray
-    deviance: AnyArray
-    allowed: AnyArray
-    freedom: AnyArray
+    cost: Any
+    settled: Any
+    deviance: Any
+    allowed: Any
+    freedom: Any
 
 
 class Fitted(eqx.Module):
     """The best fit in its band.
 
-    theta : squared coefficients in units of `Bins.unit`. nll : its negative log-likelihood. step : last step. bins : the bins,
-    with weight only in the band. cut : whether high frequencies were left out. holds : whether the model holds in the band.
-    goodness : chance of a worse deviance. inflation : deviance over its degrees of freedom where that is needed, else 1.
-    alone : squared coefficients and negative log-likelihood of the fit without the column `FILTER`, by which Q is judged.
+    theta : squared coefficients in units of `Bins.unit`. cost : half the sum of its squared deviance residuals. settled : whether
+    the search ended at a minimum. bins : the bins, with weight only in the band. cut : whether high frequencies were left out.
+    holds : whether the model holds in the band. goodness : chance of a worse deviance. inflation : variance factor, the deviance
+    over its degrees of freedom where that is needed, else 1. plain : the bins of the band with the terms' columns alone, without
+    `FILTER`, by which Q is judged; alone : their fit, squared coefficients and cost.
     """
 
     theta: AnyArray
-    nll: AnyArray
-    step: AnyArray
+    cost: Any
+    settled: Any
     bins: Bins
-    cut: AnyArray
-    holds: AnyArray
-    goodness: AnyArray
-    inflation: AnyArray
-    alone: tuple[AnyArray, AnyArray]
+    cut: Any
+    holds: Any
+    goodness: Any
+    inflation: Any
+    plain: Bins
+    alone: tuple[AnyArray, Any]
 
 
 def groups_of(weight, ordinates: int) -> Int[np.ndarray, " bins"]:
@@ -75,69 +80,43 @@ def groups_of(weight, ordinates: int) -> Int[np.ndarray, " bins"]:
     return np.searchsorted(edges, np.cumsum(weight) - 0.5 * np.asarray(weight))
 
 
-@functools.partial(jax.jit, static_argnames="terms")
-def attempt(bins: Bins, group: AnyArray, terms: tuple[str, ...]) -> Attempt:
-    """The least of the minima reached from several starts, and how well it describes the bins.
-
-    Parameters
-    ----------
-    bins : the bins.
-    group : (bins,) group of each for the goodness of fit, `groups_of`.
-    terms : names of the columns.
-    """
-    first = beginning(bins)
-    factors = np.array([[start.get(term, 1.0) for term in terms] for start in _STARTS])
-    tried = jax.vmap(lambda factor: minimise(bins, first * factor))(jnp.asarray(factors, dtype=first.dtype))
-    found = jax.tree.map(lambda leaf: leaf[jnp.argmin(tried.nll)], tried)
-    strict, freedom = deviance(bins, found.theta, group, 0.0)
-    allowed, _ = deviance(bins, found.theta, group, _TOLERANCE)
-    return Attempt(found.theta, found.nll, found.step, strict, allowed, freedom)
+def attempt(bins: Bins, group: AnyArray) -> Attempt:
+    """The least of the minima reached from several starts, and how well it describes the bins; `group` from `groups_of`."""
+    xp = namespace(bins)
+    tried = fit_from(bins, several_starts(jax.lax.stop_gradient(bins) if xp is jnp else bins))
+    best = xp.argmin(tried.cost)
+    theta = tried.theta[best]
+    strict, freedom = deviance(bins, theta, group, 0.0)
+    return Attempt(theta, tried.cost[best], tried.settled[best], strict, deviance(bins, theta, group, _TOLERANCE)[0], freedom)
 
 
-def first_model(bins: Bins, group, terms: tuple[str, ...]) -> np.ndarray:
-    """Density of the best fit of all bins (host only)."""
-    plain = _without(bins, terms, FILTER)
-    return np.asarray(density(plain, np.asarray(attempt(plain, group, terms).theta)))
-
-
-def deviance(bins: Bins, theta, group, tolerance):
+def deviance(bins: Bins, theta, group, tolerance) -> tuple[Any, Any]:
     """Deviance of the groups' mean ratios to the model, and its degrees of freedom; a relative misfit of `tolerance` is allowed."""
-    number = functools.partial(jax.ops.segment_sum, segment_ids=group, num_segments=_GROUPS + 2)
-    count = number(bins.weight)
+    xp = namespace(bins, theta)
+    member = (np.arange(_GROUPS + 2)[:, None] == np.asarray(group)[None, :]).astype(bins.density.dtype)
+    count = member @ bins.weight
     there = count > 0
-    ratio = number(bins.weight * bins.density / density(bins, theta)) / jnp.where(there, count, 1.0)
-    ratio = jnp.where(there, ratio, 1.0)
-    informed = 2.0 / (2.0 / jnp.where(there, count, 1.0) + tolerance**2)
-    total = jnp.sum(jnp.where(there, informed * (ratio - 1.0 - jnp.log(ratio)), 0.0))
-    return total, jnp.maximum((jnp.sum(there) - jnp.sum(theta > 0)).astype(total.dtype), 1.0)
+    count = xp.where(there, count, 1.0)
+    ratio = xp.where(there, member @ (bins.weight * bins.density / density(bins.columns, theta)) / count, 1.0)
+    informed = 2.0 / (2.0 / count + tolerance**2)
+    total = xp.sum(xp.where(there, informed * (ratio - 1.0 - xp.log(ratio)), 0.0))
+    return total, xp.maximum((xp.sum(there) - xp.sum(theta != 0)).astype(total.dtype), 1.0)
 
 
-def _chance(total, freedom, xp=jnp):
+def _chance(total, freedom) -> Any:
     """Chance of a larger chi-square."""
-    tail = scipy.special.gammaincc if xp is np else jax.scipy.special.gammaincc
+    tail = scipy.special.gammaincc if namespace(total) is np else jax.scipy.special.gammaincc
     return tail(freedom / 2.0, total / 2.0)
 
 
-def _without(bins: Bins, terms: tuple[str, ...], term: str) -> Bins:
+def without(bins: Bins, terms: tuple[str, ...], term: str) -> Bins:
     """The bins with the column of a term zero, whose coefficient then is."""
     keep = np.array([name != term for name in terms])
     return eqx.tree_at(lambda b: b.columns, bins, bins.columns * keep.astype(bins.columns.dtype)[None, :])
 
 
 def _upto(bins: Bins, end) -> Bins:
-    below = bins.frequency <= end * (1 + 1e-6)
-    return eqx.tree_at(lambda b: b.weight, bins, bins.weight * below.astype(bins.weight.dtype))
-
-
-@functools.partial(jax.jit, static_argnames="terms")
-def _trials(bins: Bins, group: AnyArray, ends: AnyArray, terms: tuple[str, ...]) -> tuple[Array, Array]:
-    """Deviance and degrees of freedom of the fit of the bins up to each end."""
-
-    def trial(end):
-        part = _upto(bins, end)
-        return deviance(part, minimise(part, beginning(part)).theta, group, _TOLERANCE)
-
-    return jax.lax.map(trial, ends)
+    return eqx.tree_at(lambda b: b.weight, bins, bins.weight * (bins.frequency <= end * (1 + 1e-6)))
 
 
 def _search(bins: Bins, group, terms: tuple[str, ...]) -> float:
@@ -145,13 +124,16 @@ def _search(bins: Bins, group, terms: tuple[str, ...]) -> float:
     used = bins.frequency[bins.weight > 0]
     ends = used.max() * 2.0 ** (-0.5 * np.arange(_ENDS))
     enough = np.sum(used[None, :] <= ends[:, None] * (1 + 1e-6), axis=1) >= len(terms) + _FEWEST
-    total, freedom = (np.asarray(values) for values in _trials(bins, group, ends, terms))
+    parts = [_upto(bins, end) for end in ends]
+    found = fit_from(bins, np.stack([flat_start(part) for part in parts]), np.stack([part.weight for part in parts])).theta
+    tested = [deviance(part, theta, group, _TOLERANCE) for part, theta in zip(parts, found, strict=True)]
+    total, freedom = (np.array(values) for values in zip(*tested, strict=True))
     # what the upper octaves of each band add to the deviance, against the groups that they add
-    rise, added = total[:, None] - total[None, :], freedom[:, None] - freedom[None, :]
+    more, added = total[:, None] - total[None, :], freedom[:, None] - freedom[None, :]
     distance = np.arange(_ENDS)[None, :] - np.arange(_ENDS)[:, None]
     tested = (distance > 0) & (distance <= _OCTAVES) & enough[None, :] & (added > 0)
-    likely = _chance(np.maximum(rise, 0.0), np.maximum(added, 1.0), np) >= _REFUSED
-    chance = np.where(enough, _chance(total, freedom, np), -1.0)
+    likely = _chance(np.maximum(more, 0.0), np.maximum(added, 1.0)) >= _REFUSED
+    chance = np.where(enough, _chance(total, freedom), -1.0)
     fits = enough & (np.all(~tested | likely, axis=1) & np.any(tested, axis=1) | (chance >= _REFUSED))
     index = int(np.argmax(fits)) if fits.any() else int(np.argmax(chance))
     lower = ends[index] * 2.0**-_MARGIN
@@ -160,83 +142,86 @@ def _search(bins: Bins, group, terms: tuple[str, ...]) -> float:
     return float(lower if np.sum(used <= lower) >= len(terms) + _FEWEST else ends[index])
 
 
-def fit_bins(bins: Bins, group, automatic: bool, terms: tuple[str, ...]) -> Fitted:
+def fit_bins(bins: Bins, group, automatic: bool, terms: tuple[str, ...], first: Attempt | None = None) -> Fitted:
     """Fit in the widest band from low frequency up in which the model holds; in all of it unless `automatic` (host only).
 
     A filter or a resonance of the sensor spoils high frequencies: the upper end comes down by half octaves until the deviance
     is no worse than one in a thousand, or what the band's upper three octaves add to it is not; then by an octave more, for
     there the model only just holds. In a band so cut the column `FILTER` takes what a low-pass leaves of white noise below its
-    corner, N^2 (1 - c f^2), so that N is not biased by it; it has the shape of Q, which is then not estimated. A misfit of 1 %
-    of the density (0.5 % of the deviation) is allowed.
+    corner, N^2 (1 - c f^2) with c of either sign, so that N is not biased by it; it has the shape of Q and takes its place. A
+    misfit of 1 % of the density (0.5 % of the deviation) is allowed. `first` is the attempt on all bins without `FILTER`, if known.
     """
-    plain = _without(bins, terms, FILTER)
-    found = alone = attempt(plain, group, terms)
+    plain = without(bins, terms, FILTER)
+    found = alone = first or attempt(plain, group)
     inside, cut = plain, False
-    if automatic and _chance(float(found.allowed), float(found.freedom), np) < _REFUSED:
+    if automatic and _chance(found.allowed, found.freedom) < _REFUSED:
         end = _search(plain, group, terms)
         cut = end < float(np.max(np.where(bins.weight > 0, bins.frequency, 0.0)))
     if cut:
-        inside = _upto(bins, end)
-        found, alone = attempt(inside, group, terms), attempt(_upto(plain, end), group, terms)
-    goodness = float(_chance(float(found.deviance), float(found.freedom), np))
-    inflation = max(float(found.deviance) / float(found.freedom), 1.0) if goodness < _WIDENED else 1.0
-    fit, plain_fit = ([np.asarray(value) for value in (one.theta, one.nll, one.step)] for one in (found, alone))
-    cut, holds, goodness, inflation = (np.asarray(value) for value in (cut, inflation <= _TOO_WIDE, goodness, inflation))
-    return Fitted(fit[0], fit[1], fit[2], inside, cut, holds, goodness, inflation, (plain_fit[0], plain_fit[1]))
+        plain, inside = _upto(plain, end), _upto(without(bins, terms, "Q"), end)
+        found, alone = attempt(inside, group), attempt(plain, group)
+    return _judged(found, inside, alone, plain, np.asarray(cut))
 
 
-def fit_whole(bins: Bins, group, terms: tuple[str, ...]) -> Fitted:
+def fit_whole(bins: Bins, group) -> Fitted:
     """Fit of all bins, differentiable with respect to the ordinates."""
-    found = attempt(jax.lax.stop_gradient(bins), group, terms)
+    found = attempt(bins, group)
+    return _judged(found, bins, found, bins, jnp.asarray(False))
+
+
+def _judged(found: Attempt, bins: Bins, alone: Attempt, plain: Bins, cut) -> Fitted:
+    xp = namespace(found)
     goodness = _chance(found.deviance, found.freedom)
-    inflation = jnp.where(goodness < _WIDENED, jnp.maximum(found.deviance / found.freedom, 1.0), 1.0)
-    theta = with_derivative(bins, found.theta)
+    inflation = xp.where(goodness < _WIDENED, xp.maximum(found.deviance / found.freedom, 1.0), 1.0)
     return Fitted(
-        theta, found.nll, found.step, bins, jnp.asarray(False), inflation <= _TOO_WIDE, goodness, inflation, (found.theta, found.nll)
+        found.theta, found.cost, found.settled, bins, cut, inflation <= _TOO_WIDE, goodness, inflation, plain, (alone.theta, alone.cost)
     )
 
 
-@functools.partial(jax.jit, static_argnames="terms")
-def uncertainty(
-    fitted: Fitted, widened: AnyArray, two_sided: AnyArray, one_sided: AnyArray, terms: tuple[str, ...]
-) -> tuple[Array, Limits, Array]:
+def uncertainty(fitted: Fitted, widened: AnyArray, two_sided, one_sided, terms: tuple[str, ...]) -> tuple[AnyArray, Limits, AnyArray]:
     """Covariance of the squared coefficients (inverse Fisher information), profile-likelihood limits, and by which factor the
     record must be longer to decide whether a coefficient at its upper limit is there: to tell it from zero in 95 % of records,
-    and call it present without it in 1 %.
+    and call it present without it in 1 %. Limits and factors are those of the terms, without `FILTER`.
 
     Every variance is `widened`, (p,), beside what the misfit of the spectrum makes of it.
-    In a cut band Q is left out of the information, and its own limits are found without the filter, whose shape it has.
+    In a cut band the limits of Q are found without the filter, whose shape it has and by which it is replaced elsewhere.
     """
-    bins, theta, nll, apart = jax.tree.map(jnp.asarray, jax.lax.stop_gradient((fitted.bins, fitted.theta, fitted.nll, fitted.alone)))
-    cut = jnp.asarray(fitted.cut)
-    informed = jax.tree.map(lambda a, b: jnp.where(cut, a, b), _without(bins, terms, "Q"), bins)
-    spread = inverse(fisher(informed, theta))
-    alone = _without(bins, terms, FILTER)
-    short = jnp.asarray([term == "Q" for term in terms]) & cut
-    negative = jnp.asarray([term == FILTER for term in terms])
+    xp = namespace(fitted)
+    covariance = inverse(information(fitted.bins, fitted.theta))
+    scale = fitted.inflation * xp.asarray(widened, dtype=fitted.theta.dtype)
+    fitted = jax.lax.stop_gradient(fitted) if xp is jnp else fitted
+    bins, plain, theta, (theta_alone, cost_alone) = fitted.bins, fitted.plain, fitted.theta, fitted.alone
+    own = np.flatnonzero([term != FILTER for term in terms])
+    named = np.eye(len(terms), dtype=bool)
+    terms_alone = np.isin(np.arange(len(terms)), own)[None, :]
+    short = np.array([term == "Q" for term in terms]) & fitted.cut
 
-    def rise(index, value, state):
-        here = jnp.arange(theta.shape[0]) == index
-        least = jnp.where(short[index], apart[1], nll)
-        seen = jax.tree.map(lambda a, b: jnp.where(short[index], a, b), alone, bins)
+    def ratio(lane, value, state):
+        index, value = own[lane], value[:, None]
+        here, without_filter = named[index], short[index]
+        seen = xp.where(without_filter[:, None, None], plain.columns, bins.columns)
         # the filter's column is negative: starting without it keeps the density positive when another term goes
-        first = jnp.where(here, value, jnp.where(negative, 0.0, state))
+        first = xp.where(here, value, xp.where(terms_alone, state, 0.0))
         # with the only term held at zero there would be no density to begin with: the others begin at their standard errors
-        dark = jnp.any((seen.weight > 0) & (seen.columns @ first <= 0.0))
-        found = minimise(seen, jnp.where(dark & ~here & ~negative, jnp.maximum(state, reach), first), (index, value))
-        return 2.0 * (found.nll - least), found.theta
+        dark = xp.any((bins.weight > 0)[None, :] & (xp.sum(seen * first[:, None, :], axis=-1) <= 0.0), axis=1)[:, None]
+        first = xp.where(dark & ~here & terms_alone, xp.maximum(state, reach[None, :]), first)
+        base = xp.sum(xp.where(here[:, None, :], seen, 0.0), axis=-1) * value
+        others = xp.where(here[:, None, :], 0.0, seen)
+        found = minimise(others, bins.density, bins.weight, xp.where(here, 0.0, first), base=base, lower=lower_of(bins.columns))
+        least = xp.where(without_filter, cost_alone, fitted.cost)
+        return 2.0 * (found.cost - least), xp.where(here, value, found.theta)
 
-    scale = jnp.asarray(fitted.inflation, theta.dtype) * jnp.asarray(widened, theta.dtype)
-    levels = [jnp.asarray(level, theta.dtype) * scale for level in (two_sided, one_sided)]
-    middle = jnp.where(short, apart[0], theta)
-    reach = jnp.sqrt(jnp.diagonal(spread))
-    reach = jnp.where(short, jnp.sqrt(jnp.diagonal(inverse(fisher(alone, apart[0])))), reach)
-    limits = find_limits(rise, middle, reach, theta, *levels)
+    spread = jax.lax.stop_gradient(covariance) if xp is jnp else covariance
+    reach = xp.where(short, xp.diagonal(inverse(information(plain, theta_alone))), xp.diagonal(spread)) ** 0.5
+    middle = xp.where(short, theta_alone, theta)[own]
+    begun = xp.maximum(xp.broadcast_to(theta, (len(own), len(terms))), 0.0)
+    limits, _ = find_limits(ratio, middle, reach[own], begun, *((level * scale)[own] for level in (two_sided, one_sided)))
 
-    def longer(index, upper):
-        at = jnp.where(jnp.arange(theta.shape[0]) == index, upper, theta)
-        return inverse(fisher(informed, at))[index, index] * scale[index] * (_DECIDED / upper) ** 2
+    def longer(k, index):
+        at = xp.where(named[index], upper[k], theta)
+        return inverse(information(bins, at))[index, index] * scale[index] * (_DECIDED / upper[k]) ** 2
 
-    decides = jax.vmap(longer)(jnp.arange(theta.shape[0]), jnp.maximum(limits.upper, jnp.finfo(theta.dtype).tiny ** 0.25))
-    spread = spread * jnp.sqrt(scale[:, None] * scale[None, :])
-    return spread, eqx.tree_at(lambda found: found.significance, limits, limits.significance / scale), decides
+    upper = xp.maximum(limits.upper, np.finfo(theta.dtype).tiny ** 0.25)
+    decides = xp.stack([longer(k, index) for k, index in enumerate(own)])
+    limits = eqx.tree_at(lambda found: found.significance, limits, limits.significance / scale[own])
+    return covariance * xp.sqrt(scale[:, None] * scale[None, :]), limits, decides

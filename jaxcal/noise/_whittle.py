@@ -3,8 +3,6 @@
 import dataclasses
 
 import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
 import scipy.stats
 
@@ -22,7 +20,7 @@ from ._model import noise_of
 from ._ordinates import Bins, bins_of, stretches
 from ._result import NoiseFit
 from ._sentences import sentences_of_octaves, sentences_of_spectrum, sentences_of_unevenness
-from ._spectral import FILTER, Fitted, first_model, fit_bins, fit_whole, groups_of, uncertainty
+from ._spectral import FILTER, Fitted, attempt, fit_bins, fit_whole, groups_of, uncertainty, without
 from ._stationarity import ORDINATES, Unevenness, unevenness, unevenness_of_level
 from ._terms import Filter, GaussMarkov, Ramp, Term
 
@@ -56,7 +54,7 @@ class Solved(eqx.Module):
         """The columns at the first ordinates of n samples, and their density."""
         k = np.arange(1, min(ORDINATES, n - 1) + 1)
         columns = np.stack([term.ordinates(k, n, dt) for term in self.columns], axis=1)
-        return columns, columns @ np.asarray(self.fitted.theta) * float(self.bins.unit)
+        return columns, columns @ self.fitted.theta * float(self.bins.unit)
 
     def share(self, term: str, n: int, dt: float):
         """Share of a term in the density at the ordinates of n samples up to the end of the band, 0 in lines; and the density."""
@@ -102,32 +100,30 @@ def fit_record(
         y = y - slope * dt * np.arange(n)
         solved = _solve(y, dt, base, band)
     warm = (0.0, np.inf) if temperature is None else _follows(y, temperature, solved, dt)
-    tried = scan(solved.fitted, times(dt, n * dt), np.asarray(dt), np.asarray([float(name == "B") for name in solved.names]))
+    tried = scan(solved.fitted, times(dt, n * dt), dt, np.array([float(name == "B") for name in solved.names]))
     widened = float(solved.fitted.inflation)
-    tried = Scan(np.asarray(tried.time), np.asarray(tried.gain) / widened, np.asarray(tried.instead) / widened)
+    tried = Scan(tried.time, tried.gain / widened, tried.instead / widened)
     time = float(tried.time[np.argmax(tried.gain)])
     if sought:
         solved = _solve(y, dt, (*base, GaussMarkov(time=time, name=sought[0].name)), band)
         terms = tuple(solved.columns[-2] if term in sought else term for term in terms)
-    levels = scipy.stats.chi2.ppf(confidence, 1), scipy.stats.norm.ppf(confidence) ** 2
     names = solved.names
     uneven = _uneven(y, solved, dt)
     widened = np.array([max(uneven[name].factor, 1.0) if name in uneven else 1.0 for name in names])
-    spread, limits, factor = jax.tree.map(np.asarray, uncertainty(solved.fitted, widened, *levels, names))
+    covariance, limits, factor = uncertainty(solved.fitted, widened, *_levels(confidence), names)
     decides = {name: float(factor[names.index(name)]) * n * dt for name in asked if name in names}
-    theta = np.asarray(solved.fitted.theta)
+    theta, unit = solved.fitted.theta, float(solved.bins.unit)
     if not np.all(np.isfinite(theta)):
         raise FitError("the fit gave no finite coefficients; fit fewer terms (terms=) or other cluster times (band=)")
-    unit = float(solved.bins.unit)
-    theta, spread, limits = _squares(
-        theta * unit, spread * unit**2, _scaled(limits, unit), names, asked, (slope, error), bool(solved.fitted.cut)
+    theta, covariance, limits = _squares(
+        theta * unit, covariance * unit**2, _scaled(limits, unit), names, asked, (slope, error), bool(solved.fitted.cut), confidence
     )
-    lines = amplitudes(solved.bins, solved.taken, np.asarray(density(solved.bins, solved.fitted.theta)), n * dt)
+    lines = amplitudes(solved.bins, solved.taken, density(solved.bins.columns, solved.fitted.theta), n * dt)
     lines = [line for line in lines if line[1] <= solved.end]
     used = _used(curve, solved, band)
     ends = float(curve.tau[used].min()), float(curve.tau[used].max())
     found = assemble(
-        theta, spread, limits, terms, n * dt, sinusoid=lines, decides=decides, goodness=float(solved.fitted.goodness),
+        theta, covariance, limits, terms, n * dt, sinusoid=lines, decides=decides, goodness=float(solved.fitted.goodness),
         confidence=confidence, method="whittle", deviation=curve, used=used, left_out=(), warnings=(), band=ends,
     )  # fmt: skip
     modelled = np.asarray(found.noise.avar(curve.tau, dt=dt))
@@ -153,15 +149,19 @@ def fit_traced(y, rate: float, terms: tuple[Term, ...], band: tuple[float, float
         raise DataError("a traced record is fitted without R and markov; these are found by a search, which cannot be traced")
     names = tuple(term.name for term in terms)
     bins = _inside(bins_of(y, 1.0 / rate, terms), band)
-    fitted = fit_whole(bins, jnp.asarray(groups_of(bins.weight, y.shape[0] - 1)), names)
-    levels = scipy.stats.chi2.ppf(confidence, 1), scipy.stats.norm.ppf(confidence) ** 2
-    spread, limits, _ = uncertainty(fitted, np.ones(len(terms)), *levels, names)
+    fitted = fit_whole(bins, groups_of(bins.weight, y.shape[0] - 1))
+    covariance, limits, _ = uncertainty(fitted, np.ones(len(terms)), *_levels(confidence), names)
     duration = y.shape[0] / rate
     ends = (1.0 / rate, duration / 2.0) if band is None else band
     return assemble(
-        fitted.theta * bins.unit, spread * bins.unit**2, _scaled(limits, bins.unit), terms, duration, goodness=fitted.goodness,
+        fitted.theta * bins.unit, covariance * bins.unit**2, _scaled(limits, bins.unit), terms, duration, goodness=fitted.goodness,
         confidence=confidence, method="whittle", deviation=None, used=None, left_out=(), warnings=(), band=ends,
     )  # fmt: skip
+
+
+def _levels(confidence: float) -> tuple[float, float]:
+    """Likelihood ratios at the ends of an interval and at a one-sided upper limit."""
+    return float(scipy.stats.chi2.ppf(confidence, 1)), float(scipy.stats.norm.ppf(confidence)) ** 2
 
 
 def _inside(bins: Bins, band) -> Bins:
@@ -192,9 +192,11 @@ def _solve(y, dt: float, columns: tuple[Term, ...], band) -> Solved:
         )
     names = tuple(term.name for term in columns)
     group = groups_of(whole.weight, int(np.sum(whole.weight)))
-    taken = find_lines(bins, first_model(bins, group, names))
+    plain = without(bins, names, FILTER)
+    first = attempt(plain, group)
+    taken = find_lines(bins, density(plain.columns, first.theta))
     clear = eqx.tree_at(lambda b: b.weight, bins, np.where(taken, 0.0, bins.weight))
-    return Solved(bins, taken, fit_bins(clear, group, band is None, names), columns)
+    return Solved(bins, taken, fit_bins(clear, group, band is None, names, None if taken.any() else first), columns)
 
 
 def _follows(y, regressor, solved: Solved, dt: float) -> tuple[float, float]:
@@ -229,28 +231,29 @@ def _scaled(limits: Limits, unit) -> Limits:
     return Limits(limits.low * unit, limits.high * unit, limits.upper * unit, limits.significance)
 
 
-def _squares(theta, spread, limits: Limits, names, terms, ramp: tuple[float, float], cut: bool):
+def _squares(theta, covariance, limits: Limits, names, terms, ramp: tuple[float, float], cut: bool, confidence: float):
     """Squared coefficients in the order of `terms`: with the ramp among them, and Q not estimated where its octaves are left out."""
     slope, error = ramp
     p = len(terms)
     own = [i for i, name in enumerate(names) if name != FILTER]
     where = [terms.index(names[i]) for i in own]
-    all_theta, all_spread = np.zeros(p), np.zeros((p, p))
+    squares, spread = np.zeros(p), np.zeros((p, p))
     ends = {name: np.zeros(p) for name in ("low", "high", "upper", "significance")}
-    all_theta[where], all_spread[np.ix_(where, where)] = theta[own], spread[np.ix_(own, own)]
+    squares[where], spread[np.ix_(where, where)] = theta[own], covariance[np.ix_(own, own)]
     for name, values in ends.items():
-        values[where] = getattr(limits, name)[own]
+        values[where] = getattr(limits, name)
     if "R" in terms:
         i = terms.index("R")
-        all_theta[i], all_spread[i, i] = slope**2, (2.0 * slope * error) ** 2
-        away = abs(slope)
-        ends["low"][i], ends["high"][i] = max(away - 1.96 * error, 0.0) ** 2, (away + 1.96 * error) ** 2
-        ends["upper"][i], ends["significance"][i] = (away + 1.645 * error) ** 2, (slope / error) ** 2
+        squares[i], spread[i, i] = slope**2, (2.0 * slope * error) ** 2
+        # a straight line is linear in the record: the slope is normal
+        away, (both, one) = abs(slope), (np.sqrt(level) * error for level in _levels(confidence))
+        ends["low"][i], ends["high"][i], ends["upper"][i] = max(away - both, 0.0) ** 2, (away + both) ** 2, (away + one) ** 2
+        ends["significance"][i] = (slope / error) ** 2
     if cut and "Q" in terms:
         i = terms.index("Q")
-        all_theta[i] = ends["low"][i] = ends["significance"][i] = 0.0
-        all_spread[i, :] = all_spread[:, i] = 0.0
-    return all_theta, all_spread, Limits(**ends)
+        squares[i] = ends["low"][i] = ends["significance"][i] = 0.0
+        spread[i, :] = spread[:, i] = 0.0
+    return squares, spread, Limits(**ends)
 
 
 def _used(curve: Deviation, solved: Solved, band) -> np.ndarray:

@@ -12,4 +12,5 @@ from ._magnetometer import (
 from ._north import north as north
 from ._save import save as save
 from ._spectrum import spectrum as spectrum
+from ._style import TERM_COLORS as TERM_COLORS
 from ._temperature import temperature as temperature

@@ -92,6 +92,8 @@ def _verdict(found: MagFit) -> Markup:
         rows.append(_row(f"hard iron ({unit})", cells))
         for axis, row in zip("xyz", np.asarray(model.soft_iron), strict=True):
             rows.append(_row(f"soft iron, {axis}", [f"{c:.5f}" for c in row]))
+        for row in found._rows()[12:-2]:  # of a model with more fields, in the units of the readings
+            rows.append(_row(row.name, [f"{row.value:.5g}", f"{row.low:.5g} to {row.high:.5g}" if row.high > row.low else "", ""]))
         parts.append(scroll(tag("table", tag("tbody", *rows)), "Calibration"))
         level, tilted = np.rad2deg(found.heading_error)
         facts = {

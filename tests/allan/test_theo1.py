@@ -4,11 +4,7 @@ import numpy as np
 import pytest
 
 from jaxcal import DataError
-from jaxcal.allan import deviation
-from jaxcal.allan._kernels._theo1 import theo1_sum
-from jaxcal.allan._kinds import find_kind
-from jaxcal.allan._uncertainty._bias import bias_factors, covariance
-from jaxcal.allan._uncertainty._edf_total import degrees_of_freedom
+from jaxcal.allan import bias_factors, degrees_of_freedom, deviation, phase_covariance
 
 
 def double_sum(theta, m):
@@ -19,6 +15,11 @@ def double_sum(theta, m):
     for d in range(half):
         total += np.sum((theta[i] - theta[i - d + half] + theta[i + m] - theta[i + d + half]) ** 2) / (half - d)
     return total
+
+
+def theo1_sum(theta, m):
+    """The sum that the deviation is made of."""
+    return deviation(theta, 1.0, kind="theo1", m=[m], data="phase").deviation[0] ** 2 * (0.75 * (len(theta) - m) * m**2)
 
 
 def phases(length):
@@ -105,12 +106,12 @@ def quadratic_form(points, m):
 @pytest.mark.parametrize("m", [10, 16, 32, 64])
 def test_bias_and_edf_against_those_of_gaussian_noise(m):
     """Mean and variance of the quadratic form that the definition is; the published edf is good to 16 % up to T/tau = 4."""
-    points, kind = 193, find_kind("theo1")
+    points, kind = 193, "theo1"
     form, time = quadratic_form(points, m), np.arange(points)
     tau = 0.75 * m
     for alpha in (2, 1, 0, -1, -2):
-        product = form @ covariance(alpha, time[:, None] - time[None, :])
-        allan = (6 * covariance(alpha, 0) - 8 * covariance(alpha, tau) + 2 * covariance(alpha, 2 * tau)) / (2 * tau**2)
+        product = form @ phase_covariance(alpha, time[:, None] - time[None, :])
+        allan = (6 * phase_covariance(alpha, 0) - 8 * phase_covariance(alpha, tau) + 2 * phase_covariance(alpha, 2 * tau)) / (2 * tau**2)
         np.testing.assert_allclose(bias_factors(m, alpha, kind, points - 1), np.trace(product) / allan, rtol=1e-9)
         edf = np.trace(product) ** 2 / np.sum(product * product.T)
         np.testing.assert_allclose(degrees_of_freedom(m, alpha, kind, points - 1), edf, rtol=0.16, err_msg=f"alpha {alpha}")
@@ -121,7 +122,7 @@ def test_bias_near_the_published_fit():
     table = {2: (0.09, 0.74, 0.40), 1: (0.14, 0.82, 0.30), 0: (1, 0, 0), -1: (1.87, -1.05, 0.79), -2: (2.70, -1.53, 0.85)}
     for alpha, (a, b, c) in table.items():
         for m in (10, 16, 64, 128):
-            found = 1.0 / bias_factors(m, alpha, find_kind("theo1"), 1000)
+            found = 1.0 / bias_factors(m, alpha, "theo1", 1000)
             np.testing.assert_allclose(found, a + b / m**c, rtol=0.15 if alpha > 0 else 0.03, err_msg=f"alpha {alpha}, m {m}")
 
 

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from jaxcal.allan import deviation
-from jaxcal.allan._kinds import find_kind
+from jaxcal.allan import cluster_sizes, degrees_of_freedom, deviation
 from jaxcal.allan._noise_type._b1_ratio import _b1, modified_over_plain, thinned_sums
-from jaxcal.allan._uncertainty._edf import degrees_of_freedom, interval_factors, tabulated_factors
+from jaxcal.allan._uncertainty._edf import _sx, interval_factors, tabulated_factors
 from jaxcal.noise import Noise
 
 
@@ -14,7 +13,7 @@ def test_edf_of_white_noise_as_published():
     """NIST SP 1065 (Greenhall and Riley), overlapped Allan variance of white FM noise, 1025 phase points."""
     m = 2 ** np.arange(10)
     published = [801, 554, 314, 170, 88.5, 44.4, 21.8, 9.83, 4.00, 1]
-    np.testing.assert_allclose(degrees_of_freedom(m, 0, find_kind("oadev"), 1024), published, rtol=2e-3)
+    np.testing.assert_allclose(degrees_of_freedom(m, 0, "oadev", 1024), published, rtol=2e-3)
 
 
 @pytest.mark.parametrize("kind", ["adev", "oadev", "mdev", "hdev", "ohdev"])
@@ -25,16 +24,17 @@ def test_edf_against_the_scatter_of_simulated_records(kind, alpha, noise):
     variance = deviation(y, 1.0, kind=kind, m=m).deviation ** 2
     measured = 2.0 * variance.mean(axis=1) ** 2 / variance.var(axis=1)
     # sampling error of a variance over 400 runs is 7 % and more where the edf is small; the formulas are good to 10 %
-    np.testing.assert_allclose(degrees_of_freedom(m, alpha, find_kind(kind), samples), measured, rtol=0.35)
+    np.testing.assert_allclose(degrees_of_freedom(m, alpha, kind, samples), measured, rtol=0.35)
 
 
 def test_interval_factors_are_chi_square_quantiles():
     from scipy.stats import chi2
 
-    low, high = interval_factors(np.array([1.0, 10.0, 1e5]), 0.9)
-    edf = np.array([1.0, 10.0, 1e5])
-    np.testing.assert_allclose(low, np.sqrt(edf / chi2.ppf(0.95, edf)), rtol=1e-8)
-    np.testing.assert_allclose(high, np.sqrt(edf / chi2.ppf(0.05, edf)), rtol=1e-8)
+    found = deviation(np.random.default_rng(0).standard_normal(100_000), 1.0, m=[1, 1000, 10_000, 50_000], confidence=0.9)
+    assert found.edf[0] > 5e4
+    assert found.edf[-1] == 1.0
+    np.testing.assert_allclose(found.lower / found.deviation, np.sqrt(found.edf / chi2.ppf(0.95, found.edf)), rtol=1e-8)
+    np.testing.assert_allclose(found.upper / found.deviation, np.sqrt(found.edf / chi2.ppf(0.05, found.edf)), rtol=1e-8)
 
 
 @pytest.mark.parametrize(("alpha", "noise"), [(2, Noise(Q=1.0)), (0, Noise(N=1.0)), (-1, Noise(B=1.0)), (-2, Noise(K=1.0))])
@@ -97,20 +97,17 @@ def test_intervals_hold_where_few_averages_are_left(noise):
 @pytest.mark.parametrize("kind", ["adev", "oadev", "mdev", "hdev", "ohdev"])
 def test_edf_of_many_cluster_sizes_agrees_with_the_formula_at_each(kind, samples):
     """Many are interpolated where the formula needs a sum for each; a few at a time are evaluated as published."""
-    statistic = find_kind(kind)
-    m = np.arange(1, statistic.largest(samples) + 1)
+    m = cluster_sizes("all", kind, samples)
     chosen = np.unique(np.concatenate([np.arange(60), len(m) - 1 - np.arange(150), np.linspace(0, len(m) - 1, 400).astype(int)]))
-    for alpha in range(2, -3 if statistic.order == 2 else -5, -1):
-        many = degrees_of_freedom(m, alpha, statistic, samples)
-        exact = degrees_of_freedom(m[chosen], alpha, statistic, samples)
+    for alpha in range(2, -5 if kind.endswith("hdev") else -3, -1):
+        many = degrees_of_freedom(m, alpha, kind, samples)
+        exact = degrees_of_freedom(m[chosen], alpha, kind, samples)
         np.testing.assert_allclose(many[chosen], exact, rtol=1e-3, err_msg=f"{alpha}")
         assert np.all(many >= 1.0)
 
 
 def test_flicker_phase_keeps_its_digits_at_large_cluster_sizes():
     """s_x is a second difference at spacing 1/m: at m = 10^6 the plain form has 4 digits; extended precision has 8."""
-    from jaxcal.allan._uncertainty._edf import _sx
-
     f, t = np.longdouble(1e6), np.array([1.0, 2.0, 0.5], dtype=np.longdouble)
 
     def sw(t):

@@ -5,11 +5,10 @@ import os
 import subprocess
 import sys
 
+import jax
 import numpy as np
 import pytest
 
-import jaxcal.cli
-import jaxcal.cli._app
 from jaxcal.cli import main
 
 RATE, SAMPLES = 100.0, 8000
@@ -33,15 +32,15 @@ def call(monkeypatch, capsys, tmp_path):
     """Call the command line in an empty working folder; gives status, output and errors."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "80")
-    # the cache is a setting of the process, which here is that of the tests
-    for module in [value for value in vars(jaxcal.cli).values() if hasattr(value, "keep_compiled") and value is not jaxcal.cli._cache]:
-        monkeypatch.setattr(module, "keep_compiled", lambda: None)
 
     def run(*argv):
         status = main([str(word) for word in argv])
         return Outcome(status, *capsys.readouterr())
 
-    return run
+    limit = "jax_persistent_cache_min_compile_time_secs"
+    before = jax.config.values[limit]
+    yield run
+    jax.config.update(limit, before)  # a command sets it for its process, which here is that of the tests
 
 
 @pytest.fixture(scope="session")

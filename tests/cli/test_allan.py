@@ -1,20 +1,13 @@
 """`jaxcal allan`."""
 
 import json
-import typing
 
 import numpy as np
 import pytest
 
 import jaxcal
-from jaxcal.allan._kinds import _KINDS
-from jaxcal.cli._allan import Kind
 
 from .conftest import listing, save, table
-
-
-def test_the_command_offers_every_kind_of_the_library():
-    assert set(typing.get_args(Kind)) == set(_KINDS)
 
 
 def test_it_prints_and_writes_nothing_unless_asked(call, folder, log):

@@ -2,14 +2,11 @@
 
 import importlib.util
 import json
-import typing
 
 import numpy as np
 import pytest
 
 import jaxcal
-from jaxcal.batch._tasks import TASKS
-from jaxcal.cli._batch import Task
 
 from .conftest import listing
 
@@ -22,10 +19,6 @@ def logs(folder):
         rng = np.random.default_rng(i)
         np.savez(folder / "logs" / f"unit{i}.npz", time=np.arange(500) / 100, gyro=1e-3 * rng.standard_normal((500, 3)))
     return folder / "logs"
-
-
-def test_the_command_offers_every_task():
-    assert set(typing.get_args(Task)) == set(TASKS)
 
 
 def test_a_fleet_is_answered_and_what_failed_is_told(call, folder, logs):

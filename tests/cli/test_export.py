@@ -11,9 +11,7 @@ import pytest
 
 from jaxcal import Calibration
 from jaxcal.calibration import Imu
-from jaxcal.cli._export import FILES
 from jaxcal.export import read
-from jaxcal.export._formats import FORMATS
 
 GOLDEN = pathlib.Path(__file__).parents[1] / "export"
 
@@ -39,10 +37,6 @@ def test_every_format_under_its_usual_name(call, folder, device, format):
     for name in DEFAULTS[format]:
         assert f"wrote {name}" in found.out
         assert (folder / name).stat().st_size > 50
-
-
-def test_commands_name_every_format_as_the_writer_does():
-    assert list(FILES) == list(FORMATS)
 
 
 @pytest.mark.parametrize("format", ["openvins", "vins", "orbslam3", "gtsam", "ros", "csv"])

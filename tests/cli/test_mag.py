@@ -1,22 +1,18 @@
 """`jaxcal mag` and `jaxcal simulate mag`."""
 
 import json
-import typing
 
 import numpy as np
 import pytest
 
 import jaxcal
-from jaxcal.cli import _mag
-from jaxcal.magnetometer._checks import METHODS, MODELS
 
 from .conftest import listing, save
 
 
 @pytest.fixture
-def simulated(call, monkeypatch):
+def simulated(call):
     """A log in all attitudes, the magnetometer turned by 2 degrees about z; and the command line."""
-    monkeypatch.setattr(_mag, "keep_compiled", lambda: None)
     found = call("simulate", "mag", "--out", "tumble.csv", "--mounting", "2", "--samples", "200")
     assert (found.status, found.err) == (0, "")
     truth = [[float(cell) for cell in line.split()] for line in found.out.splitlines()[1:4]]
@@ -29,11 +25,6 @@ def plain(call, folder):
     m = 4e-5 * np.random.default_rng(0).normal(size=(20, 3))
     save(folder / "tumble.csv", np.column_stack([np.arange(20) / 10, m]), "time [s],mag_x [T],mag_y [T],mag_z [T]")
     return call
-
-
-def test_the_command_offers_everything_of_the_library():
-    assert set(typing.get_args(_mag.Method)) == set(METHODS)
-    assert set(typing.get_args(_mag.Model)) == set(MODELS)
 
 
 def test_it_finds_the_truth_and_writes_everything(simulated, folder):

@@ -11,8 +11,7 @@ MADE = ["simulate", "north", "--latitude", "35", "--attitude", "1,2,88", "--gyro
 
 
 @pytest.fixture
-def made(call, folder, monkeypatch):
-    monkeypatch.setattr("jaxcal.cli._north.keep_compiled", lambda: None)
+def made(call, folder):
     assert call(*MADE, "six.csv", "--positions", "0,90,180,270,z,-z").status == 0
     return folder / "six.csv"
 
@@ -64,8 +63,7 @@ def test_no_azimuth_is_status_1_and_says_what_is_missing(call, folder, made):
         ("angle,gyro\n0,1\n", ["--prior", "s_a"], 2, "NAME=STANDARD_DEVIATION"), ("angle,gyro\n0,1\n", ["--plot", "a.txt"], 2, "ends in"),
     ],
 )  # fmt: skip
-def test_wrong_tables_and_calls(call, folder, monkeypatch, text, options, status, match):
-    monkeypatch.setattr("jaxcal.cli._north.keep_compiled", lambda: None)
+def test_wrong_tables_and_calls(call, folder, text, options, status, match):
     (folder / "r.csv").write_text(text)
     found = call("north", "r.csv", *(["--latitude", "35"] if "--latitude" not in options else []), *options)
     assert found.status == status

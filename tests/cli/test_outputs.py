@@ -2,8 +2,7 @@
 
 import pytest
 
-from jaxcal.cli._options import CallError
-from jaxcal.cli._outputs import staged
+from jaxcal.cli._outputs import CallError, staged
 
 from .conftest import listing
 

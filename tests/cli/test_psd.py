@@ -1,22 +1,13 @@
 """`jaxcal psd`."""
 
 import json
-import typing
 
 import numpy as np
 import pytest
 
 import jaxcal
-from jaxcal.cli._psd import Average, Method
-from jaxcal.spectrum._average import GROUPS
-from jaxcal.spectrum._checks import METHODS
 
 from .conftest import HEADER, listing, save, table
-
-
-def test_the_command_offers_everything_of_the_library():
-    assert set(typing.get_args(Method)) == set(METHODS)
-    assert {name if name != "none" else None for name in typing.get_args(Average)} == set(GROUPS)
 
 
 def test_it_prints_and_writes_nothing_unless_asked(call, folder, log):

@@ -7,15 +7,7 @@ import numpy as np
 import pytest
 
 
-@pytest.fixture
-def quiet_cache(monkeypatch):
-    import jaxcal.cli._noise
-
-    # the cache is a setting of the process, which here is that of the tests
-    monkeypatch.setattr(jaxcal.cli._noise, "keep_compiled", lambda: None)
-
-
-def test_one_command_makes_the_report(quiet_cache, make, write_bag, tmp_path, capsys, monkeypatch):
+def test_one_command_makes_the_report(make, write_bag, tmp_path, capsys, monkeypatch):
     from jaxcal.cli import main
 
     assert all(importlib.util.find_spec(name) is None for name in ("rclpy", "rospy", "rosbag2_py"))

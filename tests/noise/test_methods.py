@@ -255,7 +255,7 @@ def test_traced(method):
     value, gradient = jax.jit(jax.vmap(jax.value_and_grad(functools.partial(coefficient, method))))(jnp.asarray(y))
     np.testing.assert_allclose(value, [coefficient(method, row) for row in y], rtol=1e-6)
     direction = np.random.default_rng(0).standard_normal(y.shape) * np.std(y)
-    step = 1e-5
+    step = 1e-4  # the minimum is found to 1e-8, which a smaller step would magnify
     for i in range(2):
         up, down = (coefficient(method, y[i] + sign * step * direction[i]) for sign in (1, -1))
         np.testing.assert_allclose(gradient[i] @ direction[i], (up - down) / (2 * step), rtol=1e-4)

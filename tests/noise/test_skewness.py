@@ -1,6 +1,5 @@
 """The correction of the test for an absent term: cumulants against Monte Carlo, the cube root against the exact law."""
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.stats
@@ -8,7 +7,7 @@ import scipy.stats
 import jaxcal
 from jaxcal.noise import Noise
 from jaxcal.noise._covariance import covariance
-from jaxcal.noise._joint import in_units, padded
+from jaxcal.noise._joint import curve_of
 from jaxcal.noise._skewness import as_normal, response, skewness
 
 TERMS = ("Q", "N", "B", "K")
@@ -21,15 +20,14 @@ def test_skewness_of_the_statistic(noise, tested):
     y = np.stack([noise.simulate(samples, 1.0, seed=s) for s in range(runs)], axis=1)
     m = np.unique(np.round(np.logspace(0, np.log10(samples // 4), 18)).astype(int))
     found = jaxcal.allan.deviation(y, 1.0, m=m, alpha=0)
-    arrays = tuple(jnp.asarray(a) for a in padded(found.channel(0), samples, OBJECTS, np.ones(len(m), bool)))
-    curve, unit = in_units(arrays)
     truth = np.array([float(getattr(noise, term)) ** 2 for term in TERMS])
+    curve, used, unit = curve_of(found.channel(0), samples, OBJECTS, found.deviation[:, 0] ** 2, np.ones(len(m), bool))
     index = TERMS.index(tested)
-    at = jnp.asarray(np.append(truth, 0.0)) / unit
-    theory = float(skewness(curve, response(samples, np.asarray(arrays[1]), 1.0, OBJECTS), at, index))
+    heard = response(samples, m.astype(float), 1.0, OBJECTS)
+    theory = float(skewness(curve, used, heard, np.append(truth, 0.0) / unit, index))
     # the statistic itself, by plain linear algebra: the tested column freed of those of the terms that are there
-    c = covariance(np.asarray(arrays[4])[:4, :4, : len(m), : len(m)], truth)
-    columns = np.asarray(curve.columns)[: len(m), :4]
+    c = covariance(curve.tensor, truth)
+    columns = curve.columns[:, :4]
     there = columns[:, truth > 0]
     solved = np.linalg.solve(c, there)
     weight = np.linalg.solve(c, columns[:, index])

@@ -15,9 +15,8 @@ from matplotlib.figure import Figure
 from jaxcal import DataError, ExportError
 from jaxcal.allan import Deviation, deviation
 from jaxcal.noise import Noise
-from jaxcal.plot import allan, save
+from jaxcal.plot import TERM_COLORS, allan, save
 from jaxcal.plot._labels import duration_label, interval_labels, number_label, unit_label
-from jaxcal.plot._style import TERM_COLORS
 
 _MADE = runpy.run_path(str(pathlib.Path(__file__).parents[1] / "made_fit.py"))
 made_deviation, made_fit, made_results = _MADE["made_deviation"], _MADE["made_fit"], _MADE["made_results"]

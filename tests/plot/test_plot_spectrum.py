@@ -10,8 +10,7 @@ from matplotlib.figure import Figure
 
 from jaxcal import DataError
 from jaxcal.noise import Noise
-from jaxcal.plot import save, spectrum
-from jaxcal.plot._style import TERM_COLORS
+from jaxcal.plot import TERM_COLORS, save, spectrum
 from jaxcal.spectrum import Spectrum, density
 
 made_fit = runpy.run_path(str(pathlib.Path(__file__).parents[1] / "made_fit.py"))["made_fit"]

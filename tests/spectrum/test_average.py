@@ -7,8 +7,6 @@ import pytest
 import scipy.stats
 
 from jaxcal.spectrum import density
-from jaxcal.spectrum._average import average, log_groups, octave_groups, single_groups
-from jaxcal.spectrum._edf import degrees_of_freedom, welch_correlation
 
 #: thesis, Table 5.1: first ordinate, last ordinate, averaged by
 TABLE = [
@@ -17,8 +15,15 @@ TABLE = [
 ]  # fmt: skip
 
 
+def groups(average, ordinates, keep_tail=False):
+    """First ordinate and number of ordinates of every value of a spectrum."""
+    y = np.random.default_rng(ordinates).standard_normal(2 * ordinates + 1)
+    count = density(y, 1.0, average=average, keep_tail=keep_tail).count
+    return np.cumsum(count) - count, count
+
+
 def test_octave_groups_are_the_table_of_the_thesis():
-    start, count = octave_groups(32_768)
+    start, count = groups("octave", 32_768)
     assert len(start) == 192
     expected = [(first, size) for low, high, size in TABLE for first in range(low, high + 1, size)]
     assert [(a + 1, c) for a, c in zip(start.tolist(), count.tolist(), strict=True)] == expected
@@ -36,24 +41,23 @@ def test_a_record_of_65536_samples_has_192_values():
     assert found.count[[0, 31, 32, 47, 48, -1]].tolist() == [1, 1, 2, 2, 4, 1024]
 
 
-@pytest.mark.parametrize("groups", [single_groups, octave_groups, log_groups])
-@pytest.mark.parametrize("ordinates", [1, 31, 32, 33, 47, 48, 49, 100, 4095, 4096, 4097, 12_345])
-def test_groups_lie_one_behind_the_other(groups, ordinates):
-    start, count = groups(ordinates, keep_tail=True)
-    np.testing.assert_array_equal(start, np.concatenate([[0], np.cumsum(count)[:-1]]))
+@pytest.mark.parametrize("average", [None, "octave", "log"])
+@pytest.mark.parametrize("ordinates", [2, 31, 32, 33, 47, 48, 49, 100, 4095, 4096, 4097, 12_345])
+def test_groups_lie_one_behind_the_other(average, ordinates):
+    start, count = groups(average, ordinates, keep_tail=True)
     assert count.sum() == ordinates
     assert np.all(count >= 1)
-    whole = groups(ordinates)
+    whole = groups(average, ordinates)
     dropped = len(start) - len(whole[0])
     assert dropped in (0, 1)
     np.testing.assert_array_equal(whole[0], start[: len(whole[0])])
     if dropped:  # it was not full: with a few ordinates more it grows
-        longer = groups(ordinates + int(count[-1]) * 20, keep_tail=True)
+        longer = groups(average, ordinates + int(count[-1]) * 20, keep_tail=True)
         assert longer[1][len(start) - 1] > count[-1]
 
 
 def test_log_groups_are_forty_to_the_decade():
-    start, _ = log_groups(48_000, keep_tail=True)
+    start, _ = groups("log", 48_000, keep_tail=True)
     assert start[:48].tolist() == list(range(48))
     for decade in (48, 480, 4800):
         assert np.count_nonzero((start >= decade) & (start < 10 * decade)) == 40
@@ -73,11 +77,10 @@ def test_a_ragged_tail_is_dropped_and_said_or_kept_with_its_count():
 
 
 def test_average_is_a_mean_over_each_group():
-    random = np.random.default_rng(2)
-    values = random.standard_normal((2, 500))
-    start, count = log_groups(500, keep_tail=True)
-    expected = [values[:, a : a + c].mean(axis=1) for a, c in zip(start, count, strict=True)]
-    np.testing.assert_allclose(average(values, (start, count)).T, expected, rtol=1e-13)
+    y = np.random.default_rng(2).standard_normal((1001, 2))
+    values, start_count = density(y, 1.0, average=None).density, groups("log", 500, keep_tail=True)
+    expected = [values[a : a + c].mean(axis=0) for a, c in zip(*start_count, strict=True)]
+    np.testing.assert_allclose(density(y, 1.0, average="log", keep_tail=True).density, expected, rtol=1e-13)
 
 
 def test_degrees_of_freedom_of_the_periodogram_and_the_dct():
@@ -96,8 +99,8 @@ def test_degrees_of_freedom_of_the_periodogram_and_the_dct():
 def test_degrees_of_freedom_of_half_overlapping_hann_segments():
     """36 K^2 / (19 K - 1): Percival and Walden, Spectral Analysis for Physical Applications, 1993, equation 294."""
     for segments in (1, 2, 7, 100):
-        v = welch_correlation(segments, 256, 128)
-        found = degrees_of_freedom(v, single_groups(128), np.ones(128), 256)
+        y = np.random.default_rng(0).standard_normal(128 * (segments + 1))
+        found = density(y, 1.0, method="welch", segment=256, overlap=0.5, average=None).edf
         np.testing.assert_allclose(found[8:120], 36.0 * segments**2 / (19.0 * segments - 1.0), rtol=1e-6)
 
 

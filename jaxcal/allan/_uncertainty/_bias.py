@@ -15,7 +15,7 @@ import numpy as np
 import scipy.special
 
 from ..._types import Float
-from .._kinds import Kind
+from .._kinds import Kind, find_kind
 
 _TOTAL = {2: 4.0 / 3.0, 1: 4.0 / 3.0, 0: 0.0, -1: -0.481, -2: -0.750}  # totdev: 1 + a tau / T
 _MTOT = {2: 0.94, 1: 0.83, 0: 0.73, -1: 0.70, -2: 0.69}
@@ -24,8 +24,26 @@ _THEO1 = {2: (0.09, 0.74, 0.40), 1: (0.14, 0.82, 0.30), 0: (1.0, 0.0, 0.0), -1: 
 _LIMIT = 64  # cluster size from which the factors of the windows no longer change
 
 
-def covariance(alpha: int, lag) -> Float[np.ndarray, "..."]:
-    """Generalised covariance of phase at a lag in samples, up to a factor, a constant and a parabola; band limit 1/(2 dt)."""
+def phase_covariance(alpha: int, lag) -> Float[np.ndarray, "..."]:
+    """Generalised covariance of the phase of power-law noise, up to a factor, a constant and a parabola; band limit 1/(2 dt).
+
+    Variances of differences that do not see a parabola follow from it as those of a stationary process do (C. A. Greenhall, TMO
+    Progress Report 42-137, 1999).
+
+    Parameters
+    ----------
+    alpha : noise type, 2 (white phase) .. -4.
+    lag : lag in samples.
+
+    Examples
+    --------
+    The Allan variance of white rate noise halves where the cluster size doubles:
+
+    >>> from jaxcal.allan import phase_covariance
+    >>> allan = [(6 * phase_covariance(0, 0) - 8 * phase_covariance(0, m) + 2 * phase_covariance(0, 2 * m)) / (2 * m**2) for m in (1, 2)]
+    >>> float(allan[0] / allan[1])
+    2.0
+    """
     t = np.abs(np.asarray(lag, dtype=np.float64))
     held = np.where(t > 0, t, 1.0)
     if alpha == 2:
@@ -35,18 +53,24 @@ def covariance(alpha: int, lag) -> Float[np.ndarray, "..."]:
     return np.asarray({0: -t, -1: t**2 * np.log(held), -2: t**3, -3: -(t**4) * np.log(held), -4: -(t**5)}[alpha])
 
 
-def bias_factors(m, alpha, kind: Kind, samples, published: bool = False) -> Float[np.ndarray, "..."]:
-    """Expectation of the variance over that of the plain one, for cluster sizes m, noise types alpha and record lengths, broadcast.
+def bias_factors(m, alpha, kind: str | Kind, samples, published: bool = False) -> Float[np.ndarray, "..."]:
+    """Expectation of the variance of a total statistic or Theo1 over that of the plain one; `deviation` divides by it.
 
-    With `published`, the constants that printed tables were made with.
+    Parameters
+    ----------
+    m : cluster sizes in samples.
+    alpha : noise types, broadcast against m.
+    kind : name of the statistic, such as "mtotdev"; plain statistics have a factor of one.
+    samples : rate samples of the record, broadcast against m.
+    published : the constants that printed tables were made with, instead of the exact factors.
 
     Examples
     --------
-    >>> from jaxcal.allan._uncertainty._bias import bias_factors
-    >>> from jaxcal.allan._kinds import find_kind
-    >>> [round(float(v), 3) for v in bias_factors(100, [0, -1, -2], find_kind("htotdev"), 10_000)]
+    >>> from jaxcal.allan import bias_factors
+    >>> [round(float(v), 3) for v in bias_factors(100, [0, -1, -2], "htotdev", 10_000)]
     [0.995, 0.851, 0.771]
     """
+    kind = find_kind(kind)
     sizes, types, lengths = np.broadcast_arrays(m, np.clip(np.asarray(alpha), -4 if kind.order == 3 else -2, 2), samples)
     if kind.name == "totdev":
         slopes = np.vectorize(_TOTAL.get, otypes=[float])(types.astype(int))
@@ -95,7 +119,7 @@ def _window_expectation(m: int, alpha: int, order: int) -> float:
     """Mean squared third difference of the reflected windows, over that of the record itself."""
     length, differences = 3 * m, _window_map(m)
     time = np.arange(length + order - 2)
-    phase = covariance(alpha, time[:, None] - time[None, :])
+    phase = phase_covariance(alpha, time[:, None] - time[None, :])
     if order == 2:  # windows of phase
         weights = np.repeat([1.0, -2.0, 1.0], m)
         points = phase
@@ -112,7 +136,7 @@ def _theo1_factor(m: int, alpha: int) -> float:
     """Expectation of theo1 over the Allan variance at tau = 0.75 m dt."""
     h, tau = m // 2, 0.75 * m
     d = np.arange(h)
-    lag = functools.partial(covariance, alpha)
+    lag = functools.partial(phase_covariance, alpha)
     squares = 4.0 * lag(0) + 2.0 * lag(m) - 4.0 * lag(h - d) - 4.0 * lag(h + d) + 2.0 * lag(2 * d)
     theo1 = np.sum(squares / (h - d)) / (0.75 * m**2)
     allan = (6.0 * lag(0) - 8.0 * lag(tau) + 2.0 * lag(2.0 * tau)) / (2.0 * tau**2)

@@ -224,7 +224,7 @@ def degrees_of_freedom(m, alpha, kind: Kind, samples) -> Float[np.ndarray, "..."
     sizes, types, samples = np.broadcast_arrays(np.asarray(m, dtype=np.int64), alpha, samples)
     inverse = _inverse_edf(sizes.ravel(), types.ravel(), samples.ravel() + 1, kind).reshape(sizes.shape)
     # a variance of a single difference has one degree of freedom; formulas for large arguments can dip below
-    return np.maximum(1.0 / inverse, 1.0)
+    return np.asarray(np.maximum(1.0 / inverse, 1.0))
 
 
 def interval_factors(edf, confidence: float) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:

@@ -1,7 +1,7 @@
 """Equivalent degrees of freedom of the total statistics and of Theo1, by noise type, from record length over cluster time.
 
 For Gaussian noise the edf of a quadratic form v = theta' A theta is (tr A C)^2 / tr (A C A C), C the generalised covariance of
-phase (`_bias.covariance`). The figures for totdev, mtotdev and htotdev here are this, evaluated for records of up to 768 samples
+phase (`phase_covariance`). The figures for totdev, mtotdev and htotdev here are this, evaluated for records of up to 768 samples
 and put into formulas and tables of x = T / tau; the form holds at every cluster size. The published formulas (NIST SP 1065,
 sections 5.2.11 to 5.2.14) agree with it for totdev at large m, and count too many degrees of freedom elsewhere: for mtotdev and
 htotdev 1.2 times at x = 8, 1.5 times at x = 3, and for all three about twice at m = 1. Theo1: SP 1065 section 5.2.15, which
@@ -11,7 +11,7 @@ agrees with the exact value within 20 %.
 import numpy as np
 
 from ..._types import Float
-from .._kinds import Kind
+from .._kinds import Kind, find_kind
 from . import _edf
 
 # mtotdev for white phase .. random walk of rate; htotdev, which does to rate what mtotdev does to phase, for white rate .. -4
@@ -38,8 +38,18 @@ _CHANGES = np.array(
 )
 
 
-def degrees_of_freedom(m, alpha, kind: Kind, samples) -> Float[np.ndarray, "..."]:
-    """Equivalent degrees of freedom for cluster sizes m, noise types alpha and record lengths `samples`, broadcast.
+def degrees_of_freedom(m, alpha, kind: str | Kind, samples) -> Float[np.ndarray, "..."]:
+    """Equivalent degrees of freedom of a variance, of a record without gaps.
+
+    Plain statistics by the "combined" algorithm of Greenhall and Riley (PTTI 2003), the total statistics by their quadratic forms,
+    Theo1 by NIST SP 1065, section 5.2.15. The variance times edf over its expectation is nearly chi-square with edf degrees of freedom.
+
+    Parameters
+    ----------
+    m : cluster sizes in samples.
+    alpha : noise types (2 white phase .. -2 random walk of rate, -4 for three-sample statistics), broadcast against m.
+    kind : name of the statistic, such as "oadev".
+    samples : rate samples of the record, broadcast against m.
 
     Where no figure is known the next lower one is taken: htotdev of phase noise as of white rate, types beyond the last as the last.
 
@@ -47,11 +57,11 @@ def degrees_of_freedom(m, alpha, kind: Kind, samples) -> Float[np.ndarray, "..."
     --------
     Total deviation of white rate noise: half as many again as the record has clusters.
 
-    >>> from jaxcal.allan._uncertainty._edf_total import degrees_of_freedom
-    >>> from jaxcal.allan._kinds import find_kind
-    >>> [round(float(v), 1) for v in degrees_of_freedom([10, 100, 500], 0, find_kind("totdev"), 1000)]
+    >>> from jaxcal.allan import degrees_of_freedom
+    >>> [round(float(v), 1) for v in degrees_of_freedom([10, 100, 500], 0, "totdev", 1000)]
     [148.1, 15.0, 3.0]
     """
+    kind = find_kind(kind)
     if not kind.contiguous:
         return _edf.degrees_of_freedom(m, alpha, kind, samples)
     lowest = -4 if kind.order == 3 else -2
