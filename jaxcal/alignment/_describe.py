@@ -3,15 +3,14 @@
 from typing import Any
 
 import equinox as eqx
-import jax
 import numpy as np
 
 from .._precision import array_module
 from .._types import AnyArray
+from ..fitting import Information, information
 from ._frames import EARTH_RATE
 
 _RANK = 1e-9
-_HIDDEN = 1e-6
 
 
 class Knowledge(eqx.Module):
@@ -39,33 +38,14 @@ def sizes_of(names: tuple[str, ...], gravity: Any, positions: Any) -> AnyArray:
 
 def know(jacobian: AnyArray, rows: int, free: np.ndarray, sizes: AnyArray) -> Knowledge:
     """From the Jacobian of the readings, its first `rows` rows, and of the priors; differentiable where every parameter is determined."""
-    xp, p = array_module(jacobian, sizes), len(free)
-    scaled = xp.where(free[None, :], jacobian * sizes[None, :], 0)
-    still = scaled if xp is np else jax.lax.stop_gradient(scaled)
-    rank, seen, _, _ = _decompose(still[:rows])
-    whole, saved, null, column = _decompose(still)
-    # rows along the null space, which is orthogonal to all others, make the matrix regular and change nothing else
-    triangle = xp.linalg.qr(xp.concatenate([scaled / column[None, :], null]), mode="r")
-    root = xp.linalg.solve(triangle, xp.eye(p, dtype=triangle.dtype))
-    covariance = (root @ root.T - null.T @ null) * (sizes / column)[:, None] * (sizes / column)[None, :]
-    lost = free & ~saved
-    known = free & saved
-    infinite = xp.eye(p, dtype=bool) & lost[:, None]
-    covariance = xp.where(infinite, xp.inf, xp.where(known[:, None] & known[None, :], covariance, 0))
-    return Knowledge(covariance, rank, whole, free & ~seen, lost)
+    data, whole = (_informed(part * sizes[None, :], free) for part in (jacobian[:rows], jacobian))
+    covariance = whole.covariance * sizes[:, None] * sizes[None, :]
+    return Knowledge(covariance, data.rank, whole.rank, free & ~data.determined, free & ~whole.determined)
 
 
-def _decompose(matrix: AnyArray) -> tuple[Any, AnyArray, AnyArray, AnyArray]:
-    """Rank, which parameters are determined, the null space with zeros for the other directions, and the lengths of the columns.
-
-    A column below 1e-9 of the largest is not normalised: its rounding would pass as information.
-    """
+def _informed(matrix: AnyArray, free: np.ndarray) -> Information:
+    """Information of the free parameters; a column below 1e-9 of the largest is rounding, and holds none."""
     xp = array_module(matrix)
+    matrix = xp.where(free[None, :], matrix, 0)
     column = xp.sqrt(xp.sum(matrix**2, axis=0))
-    largest = xp.max(column)
-    column = xp.where(column > _RANK * largest, column, xp.where(largest > 0, largest, 1))
-    # the factor R of the rows has their singular values, and is small
-    _, s, v = xp.linalg.svd(xp.linalg.qr(matrix / column[None, :], mode="r"), full_matrices=False)
-    kept = s > _RANK * xp.max(s)
-    seen = 1 - xp.sum(xp.where(kept[:, None], v, 0) ** 2, axis=0) < _HIDDEN**2
-    return xp.sum(kept), seen, xp.where(kept[:, None], 0, v), column
+    return information(xp.where(column[None, :] > _RANK * xp.max(column), matrix, 0), held=xp.asarray(~free), tolerance=_RANK)

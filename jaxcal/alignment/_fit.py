@@ -180,11 +180,14 @@ def _described(found: Fit, table: Table, readings: Readings, sizes: Any, other: 
     chi_square = xp.sum(r**2)
     special = scipy.special if xp is np else jax.scipy.special
     p_value = special.gammaincc(xp.maximum(dof, 1) / 2, chi_square / 2)
-    values, covariance = _in_range(xp, found.parameters, known_of.covariance)
-    mirror = xp.concatenate([xp.stack([wrap(np.pi - values[0]), values[1], wrap(-values[2])]), values[3:]])
     # the solver's own test fails on readings without noise, whose residuals are rounding, and along open combinations
     gradient = jacobian.T @ r
     usable = xp.asarray(found.usable) | (gradient @ finite @ gradient < _DONE**2)
+    # damped steps end early along combinations that are hardly determined; the last one, of Gauss and Newton, is without damping
+    last = xp.where(usable, finite @ gradient, 0)
+    last = last if xp is np else jax.lax.stop_gradient(last)
+    values, covariance = _in_range(xp, found.parameters - last, known_of.covariance)
+    mirror = xp.concatenate([xp.stack([wrap(np.pi - values[0]), values[1], wrap(-values[2])]), values[3:]])
     weak = free[2] & (covariance[2, 2] > WEAK**2)
     verdict = decided(
         (weak, Verdict.weak),
