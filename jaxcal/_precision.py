@@ -50,6 +50,24 @@ def array_module(*trees: Any) -> ModuleType:
     return jnp if is_traced(*trees) else np
 
 
+def map_ordered(function: Callable[..., Any], tree: Any, *rest: Any) -> Any:
+    """`jax.tree.map`, which sorts dictionaries by key, with their order kept.
+
+    Examples
+    --------
+    >>> from jaxcal._precision import map_ordered
+    >>> map_ordered(abs, {"N": -1, "B": -2})
+    {'N': 1, 'B': 2}
+    """
+
+    def one(leaf: Any, *others: Any) -> Any:
+        if type(leaf) is dict:
+            return {key: map_ordered(function, value, *(other[key] for other in others)) for key, value in leaf.items()}
+        return function(leaf, *others)
+
+    return jax.tree.map(one, tree, *rest, is_leaf=lambda node: type(node) is dict)
+
+
 def _to_float64(leaf: Any) -> Any:
     if isinstance(leaf, (np.ndarray, jax.Array)) and jnp.issubdtype(leaf.dtype, jnp.floating):
         return np.asarray(leaf, dtype=np.float64)
@@ -97,7 +115,7 @@ def host_float64(function: F) -> F:
             return function(*args, **kwargs)
         with jax.enable_x64(True):
             args, kwargs = jax.tree.map(_to_float64, (args, kwargs))
-            return jax.tree.map(_to_numpy, function(*args, **kwargs))
+            return map_ordered(_to_numpy, function(*args, **kwargs))
 
     return driver  # type: ignore[return-value]
 

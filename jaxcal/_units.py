@@ -172,7 +172,7 @@ _NOISE: dict[tuple[str, str], dict[str, float]] = {
 
 
 def noise_units(term: str, sensor: str) -> tuple[str, ...]:
-    """Units in which a noise coefficient is quoted: the printed one first, the SI one last.
+    """Units in which a noise coefficient is quoted: the printed one first, the SI one last. A term of one's own has "SI" alone.
 
     Examples
     --------
@@ -188,7 +188,7 @@ def noise_factor(term: str, sensor: str, unit: str) -> float:
 
     Parameters
     ----------
-    term : "Q", "N", "B", "K" or "R".
+    term : "Q", "N", "B", "K" or "R", or the name of a term of one's own.
     sensor : "gyro", "accel" or "mag".
     unit : as listed by `noise_units`.
 
@@ -217,12 +217,9 @@ def random_walk_from_density(density: float) -> float:
 
 
 def _noise_table(term: str, sensor: str) -> dict[str, float]:
-    try:
-        return _NOISE[term, sensor]
-    except KeyError:
-        raise UnitError(
-            f"no noise units for term {term!r} of sensor {sensor!r}; terms are Q, N, B, K, R and sensors gyro, accel, mag"
-        ) from None
+    if ("N", sensor) not in _NOISE:
+        raise UnitError(f"no noise units of sensor {sensor!r}; sensors are gyro, accel, mag")
+    return _NOISE.get((term, sensor), {"SI": 1.0})
 
 
 def number(value: float, uncertainty: float) -> str:

@@ -33,7 +33,7 @@ def noise(log: Log, **options: Any) -> Answer:
                 one = Coefficient(None, None, number(fit.upper_limit[term]), noise_units(term, sensor)[-1])
             else:
                 low, high = fit.interval[term]
-                one = Coefficient(number(getattr(fit.noise, term)), number(low), number(high), noise_units(term, sensor)[-1])
+                one = Coefficient(number(fit.noise.coefficient(term)), number(low), number(high), noise_units(term, sensor)[-1])
             found[f"{channel}.{term}"] = one
     return document(fits, log), found, _said({channel: fit.warnings for channel, fit in fits.items()})
 

@@ -9,8 +9,8 @@ from jaxtyping import Float
 
 from .._errors import DataError
 from .._units import si_unit
-from ..noise import NoiseFit
-from ._codec import LARGEST, checked_unit, structured, wrong
+from ..noise import NoiseFit, Term
+from ._codec import LARGEST, checked_unit, document_of, structured, wrong
 from ._parts import Covariance
 
 TERMS = ("Q", "N", "B", "K", "R")
@@ -31,6 +31,17 @@ class NoiseCovariance(eqx.Module):
         return Covariance(self.parameters, self.values[i])
 
 
+class FurtherTerm(eqx.Module):
+    """A term of one's own, and its coefficients on the three axes, NaN for an axis that was not measured."""
+
+    term: Term
+    coefficient: Axes
+
+    def to_document(self) -> dict[str, Any]:
+        """The term with its class, and the coefficients."""
+        return {"term": document_of(self.term, Term, "noise.further.term"), "coefficient": self.coefficient}
+
+
 class SensorNoise(eqx.Module):
     """Noise of the three axes of one sensor: SI, two-sided densities, as in `jaxcal.noise.Noise`.
 
@@ -44,6 +55,7 @@ class SensorNoise(eqx.Module):
     verdict : term -> ("present", "hint" or "not detected", None for an axis that was not measured) for the three axes.
     covariance : `parameters` ("N^2", ...) and `values` (3, terms, terms) of the squared coefficients.
     markov, sinusoid : for each axis ((qc, Tc), ...) and ((A, f0), ...).
+    further : terms of one's own (`jaxcal.noise.Term`), with their coefficients.
     """
 
     unit: str
@@ -61,6 +73,7 @@ class SensorNoise(eqx.Module):
     covariance: NoiseCovariance | None = None
     markov: tuple[tuple[tuple[float, ...], ...], ...] | None = None
     sinusoid: tuple[tuple[tuple[float, ...], ...], ...] | None = None
+    further: tuple[FurtherTerm, ...] | None = None
 
 
 class DeviceNoise(eqx.Module):
@@ -131,12 +144,14 @@ def _stored_sensor(sensor: str, axes: list[NoiseFit | None]) -> dict[str, Any]:
         found = [[] if fit is None else [[float(x) for x in pair] for pair in getattr(fit.noise, process)] for fit in axes]
         return found if any(found) else None
 
+    coefficients = per_term(lambda fit, term: float(fit.noise.coefficient(term)))
+    own = [term for _, term in measured[0].noise.further if term.name in terms]
     unknown = np.full((len(terms), len(terms)), math.nan)
     covariances = [unknown if fit is None else fit.covariance for fit in axes]
     return {
         "unit": si_unit(sensor),
         **dict.fromkeys(TERMS),
-        **per_term(lambda fit, term: float(getattr(fit.noise, term))),
+        **{term: values for term, values in coefficients.items() if term in TERMS},
         "method": method,
         "confidence": confidence,
         "low": per_term(lambda fit, term: float(fit.interval[term][0])),
@@ -146,4 +161,5 @@ def _stored_sensor(sensor: str, axes: list[NoiseFit | None]) -> dict[str, Any]:
         "covariance": {"parameters": [f"{term}^2" for term in terms], "values": covariances},
         "markov": pairs("markov"),
         "sinusoid": pairs("sinusoid"),
+        "further": [{"term": term, "coefficient": coefficients[term.name]} for term in own] or None,
     }

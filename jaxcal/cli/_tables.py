@@ -31,7 +31,7 @@ def _sensor_table(screen: Screen, sensor: str, name: str, axes: dict[str, Any], 
     columns = {term: _column(sensor, term, axes) for term in first.terms}
     rows = []
     if truth is not None:
-        rows.append(["truth", *(f"{getattr(truth, term) / scale:.4g}" for term, (_, scale) in columns.items())])
+        rows.append(["truth", *(f"{truth.coefficient(term) / scale:.4g}" for term, (_, scale) in columns.items())])
     for channel, fit in axes.items():
         cells = [_cell(fit, term, scale, truth) for term, (_, scale) in columns.items()]
         rows.append([channel.removeprefix(f"{sensor}_"), *cells])
@@ -52,10 +52,10 @@ def _column(sensor: str, term: str, axes: dict[str, Any]) -> tuple[str, float]:
 
 def _cell(fit: Any, term: str, scale: float, truth: Any) -> str:
     low, high = (float(limit) / scale for limit in fit.interval[term])
-    value = float(getattr(fit.noise, term)) / scale
+    value = float(fit.noise.coefficient(term)) / scale
     verdict = str(fit.verdict[term])
     mark = ""
-    if truth is not None and not low <= getattr(truth, term) / scale <= high:
+    if truth is not None and not low <= truth.coefficient(term) / scale <= high:
         mark = " *"
     if verdict == "not detected":
         limit = float(fit.upper_limit[term]) / scale
@@ -68,7 +68,7 @@ def _cell(fit: Any, term: str, scale: float, truth: Any) -> str:
 def missed(fits: Mapping[str, Any], truth: Mapping[str, Any]) -> tuple[int, int]:
     """How many intervals miss the simulated coefficient, and how many there are."""
     found = [
-        bool(fit.interval[term][0] <= getattr(truth[channel.partition("_")[0]], term) <= fit.interval[term][1])
+        bool(fit.interval[term][0] <= truth[channel.partition("_")[0]].coefficient(term) <= fit.interval[term][1])
         for channel, fit in fits.items()
         for term in fit.terms
     ]

@@ -26,7 +26,7 @@ def sentences_of_difference(found: NoiseFit, other: Noise, errors: dict[str, flo
         own = float(np.sqrt(found.covariance[index, index]))
         if found.verdict[term] == "not detected" or own <= 0.0:
             continue
-        first, second = (float(np.asarray(getattr(noise, term))) for noise in (found.noise, other))
+        first, second = (float(np.asarray(noise.coefficient(term))) for noise in (found.noise, other))
         apart = abs(first**2 - second**2) / max(own, error)
         if apart > _LARGEST:
             said.append(

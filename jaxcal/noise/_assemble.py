@@ -7,8 +7,9 @@ from .._precision import is_traced
 from ..allan import Deviation
 from ..allan._uncertainty._edf import interval_factors
 from ._limits import Limits
-from ._model import TERMS, Noise
+from ._model import noise_of
 from ._result import NoiseFit
+from ._terms import Term
 
 #: rises of the objective above which a term is hinted at, and is present: 5 % and 1 % by chance, for a coefficient that
 #: cannot be negative (S. G. Self and K.-Y. Liang, J. Am. Stat. Assoc. 82, 1987)
@@ -20,15 +21,13 @@ def verdict_of(rise: float) -> str:
     return "present" if rise > _PRESENT else "hint" if rise > _HINT else "not detected"
 
 
-def assemble(
-    theta, spread, limits: Limits, terms: tuple[str, ...], duration: float, *, time: float = 0.0, sinusoid=(), **others
-) -> NoiseFit:
+def assemble(theta, spread, limits: Limits, terms: tuple[Term, ...], duration: float, *, sinusoid=(), **others) -> NoiseFit:
     """`NoiseFit` of squared coefficients, their covariance and their limits, all in SI.
 
     Parameters
     ----------
     theta, spread, limits : squared coefficients in the order of `terms`, (p,), (p, p), and their limits.
-    terms : names; "markov" is a Gauss-Markov process of correlation time `time`.
+    terms : the terms.
     duration : record length in s.
     sinusoid : ((amplitude, frequency), ...) of the lines taken out.
     others : the remaining fields of `NoiseFit`.
@@ -43,20 +42,18 @@ def assemble(
     longer = xp.where(positive, duration * (relative / 0.1) ** 2, xp.inf)
 
     def table(values):
-        return {term: values[i] for i, term in enumerate(terms)}
+        return {term.name: values[i] for i, term in enumerate(terms)}
 
-    coefficients = table(value)
-    markov = ((coefficients["markov"], time),) if "markov" in coefficients else ()
     return NoiseFit(
-        noise=Noise(**{term: coefficients[term] for term in TERMS if term in coefficients}, markov=markov, sinusoid=tuple(sinusoid)),
-        interval={term: (low[i], high[i]) for i, term in enumerate(terms)},
+        noise=noise_of(terms, [value[i] for i in range(len(terms))], sinusoid),
+        interval={term.name: (low[i], high[i]) for i, term in enumerate(terms)},
         upper_limit=table(upper),
         verdict={} if traced else {term: verdict_of(float(rise)) for term, rise in table(limits.significance).items()},
         significance=table(limits.significance),
         covariance=spread,
         longer_record=table(longer),
         duration=duration,
-        terms=terms,
+        terms=tuple(term.name for term in terms),
         **others,
     )
 

@@ -3,30 +3,43 @@ r"""Exact covariance of overlapped Allan variances across cluster sizes, for Gau
 .. math:: \mathrm{Cov}(v_m, v_{m'}) = \frac{2}{M_m M_{m'}} \sum_h \mathrm{cnt}(h)\, c_{mm'}(h)^2,\qquad
           c_{mm'}(h) = \frac{1}{2mm'} \sum_{a,b=0}^{2} w_a w_b\, G(h + b m' - a m),\quad w = (1, -2, 1)
 
-where c is the covariance of two second differences a lag h apart, G the generalised covariance of phase of
-`jaxcal.noise._columns`, and cnt(h) the number of pairs. c is linear in the squared coefficients, so the covariance is a
-quadratic form in them whose tensor depends on the record length and the cluster sizes alone; it is kept.
+where c is the covariance of two second differences a lag h apart (`Term.lagged`), G the generalised covariance of phase, and cnt(h)
+the number of pairs. c is linear in the squared coefficients, so the covariance is a quadratic form in them whose tensor depends on
+the record length and the cluster sizes alone; it is kept.
 
-Between the places where a cluster ends on another's end, the summand is smooth. Each such stretch is cut geometrically
-towards its ends and summed by Gauss quadrature for sums (nodes of the discrete Chebyshev polynomials), which is exact for
-polynomials: the cost does not depend on the length of the record.
+Where all terms have a closed form, the sum over lags is formed as follows. Between the places where a cluster ends on another's
+end, the summand is smooth. Each such stretch is cut geometrically towards its ends and summed by Gauss quadrature for sums (nodes of
+the discrete Chebyshev polynomials), which is exact for polynomials: the cost does not depend on the length of the record.
+
+For a term without closed form c follows from the density. With m' the larger cluster size and h counted from where the two
+differences have one centre, the count is M' up to m' - m and falls by one per lag beyond, so that
+
+.. math:: \sum_h \mathrm{cnt}\,c_i c_j = \frac{M'}{\pi}\int_0^\pi \hat c_i \hat c_j\,d\omega - \sum_h (M' - \mathrm{cnt})\,c_i c_j,
+          \qquad \hat c = \frac{8 S}{mm'\,dt}\,\frac{\sin^2(m\omega/2)\,\sin^2(m'\omega/2)}{s^2}
+
+with s = 2 sin(omega/2). The integral takes the mean of the kernel in narrow bins of the frequency. The sum, which the ends of the
+record contribute, sees long lags only: it is formed on every 64th part of m', from a cosine transform of the density.
 """
 
 import functools
 import itertools
 
 import numpy as np
-import scipy.special
+import scipy.fft
 
 from .._types import Float
+from ._terms import Ramp, Term
 
 _NODES = 10
 _DIRECT = 24  # stretches up to this length are summed as they are
-_W = (1.0, -2.0, 1.0)
+#: frequencies of the integral over the density, parts of the larger cluster in a step of the sum over its lags, and steps
+_EDGES = np.pi * np.geomspace(1e-12, 1.0, 1201)
+_MIDDLE, _WIDTH = (_EDGES[1:] + _EDGES[:-1]) / 2.0, np.diff(_EDGES)
+_PARTS, _STEPS = 64, 1 << 13
 
 
 @functools.lru_cache(maxsize=64)
-def covariance_tensor(samples: int, m: tuple[int, ...], dt: float, terms: tuple[str, ...]) -> Float[np.ndarray, "p p clusters clusters"]:
+def covariance_tensor(samples: int, m: tuple[int, ...], dt: float, terms: tuple[Term, ...]) -> Float[np.ndarray, "p p clusters clusters"]:
     """T with Cov(v_m, v_m') = sum_ij theta_i theta_j T[i, j], theta the squared coefficients.
 
     Parameters
@@ -34,14 +47,19 @@ def covariance_tensor(samples: int, m: tuple[int, ...], dt: float, terms: tuple[
     samples : number of rate samples.
     m : cluster sizes.
     dt : sampling interval in s.
-    terms : names among Q, N, B, K, R.
+    terms : the terms.
     """
     clusters = len(m)
     tensor = np.zeros((len(terms), len(terms), clusters, clusters))
-    for i, small in enumerate(m):
-        for j in range(i, clusters):
-            values = _pair(samples, min(small, m[j]), max(small, m[j]), dt, terms)
-            tensor[:, :, i, j] = tensor[:, :, j, i] = values
+    closed = np.array([term.lagged(np.zeros(1), 1, 1, dt) is not None for term in terms])
+    exact = tuple(term for term, known in zip(terms, closed, strict=True) if known)
+    for i, j in itertools.combinations_with_replacement(range(clusters), 2):
+        small, large = sorted((m[i], m[j]))
+        if not closed.all():
+            tensor[:, :, i, j] = _from_density(samples, small, large, dt, terms)
+        if exact:
+            tensor[(*np.ix_(closed, closed), i, j)] = _pair(samples, small, large, dt, exact)
+        tensor[:, :, j, i] = tensor[:, :, i, j]
     tensor.flags.writeable = False
     return tensor
 
@@ -51,74 +69,72 @@ def covariance(tensor, theta):
     return ((tensor * theta[:, None, None, None]).sum(axis=0) * theta[:, None, None]).sum(axis=0)
 
 
-def _pair(samples: int, small: int, large: int, dt: float, terms: tuple[str, ...]) -> np.ndarray:
+def _pair(samples: int, small: int, large: int, dt: float, terms: tuple[Term, ...]) -> np.ndarray:
     first, second = samples - 2 * small + 1, samples - 2 * large + 1
     knots = np.unique([a * small - b * large for a in range(3) for b in range(3)])
     h, weight = _nodes(knots, -first + 1, second - 1, first, second)
     weight = weight * np.maximum(np.minimum(first, second - h) - np.maximum(0, -h), 0.0)
-    smooth = [_lagged(term, h, small, large, dt) for term in terms]
-    values = np.array([[np.dot(weight, a * b) for b in smooth] for a in smooth])
-    if "Q" in terms:
-        q = terms.index("Q")
-        inside = knots[(knots > -first) & (knots < second)]
-        number = np.minimum(first, second - inside) - np.maximum(0, -inside)
-        strength = np.array(
-            [sum(_W[a] * _W[b] for a in range(3) for b in range(3) if a * small - b * large == k) for k in inside]
-        ) / (2.0 * small * large * dt**2)  # fmt: skip
-        for other, term in enumerate(terms):
-            there = strength if term == "Q" else _lagged(term, inside.astype(float), small, large, dt)
-            values[q, other] = values[other, q] = np.dot(number * strength, there)
-    if "R" in terms:
-        ramp = terms.index("R")
-        values[ramp, ramp] = 0.0  # a ramp is not random; it only multiplies the noise
+    lagged = [term.lagged(h, small, large, dt) for term in terms]
+    return 2.0 / (first * second) * _sums(lagged, weight, terms)
+
+
+def _sums(lagged, weight, terms: tuple[Term, ...]) -> np.ndarray:
+    """Sums over lags of the products of terms; a ramp is not random, it only multiplies the noise."""
+    values = np.asarray(lagged) * weight @ np.asarray(lagged).T
+    fixed = [isinstance(term, Ramp) for term in terms]
+    values[np.ix_(fixed, fixed)] = 0.0
+    return values
+
+
+def _from_density(samples: int, small: int, large: int, dt: float, terms: tuple[Term, ...]) -> np.ndarray:
+    """The same from the density of the terms."""
+    first, second, stride = samples - 2 * small + 1, samples - 2 * large + 1, max(large // _PARTS, 1)
+    factor = 8.0 / (small * large * dt)
+    spectrum = factor * _densities(terms, 0, dt) / (2.0 * np.sin(_MIDDLE / 2.0)) ** 2
+    whole = spectrum * _kernel(small, large) @ spectrum.T / np.pi
+    angle = _angles(stride)
+    lagged = (
+        _densities(terms, stride, dt)
+        * factor
+        * (np.prod(np.sin(np.outer([small, large], angle / 2.0)), axis=0) / (2.0 * np.sin(angle / 2.0))) ** 2
+    )
+    # around zero a power law: the value at zero is the mean from there to half a step
+    power = lagged[:, 1] > 0.0
+    lagged[power, 1] /= 1.0 + np.log2(lagged[power, 1] / lagged[power, 0])
+    lagged = np.asarray(scipy.fft.dct(lagged[:, 1:], type=1)) / (2.0 * stride * _STEPS)
+    lags = float(stride) * np.arange(_STEPS + 1)
+    count = np.clip(second - (lags - (large - small)), 0.0, second)
+    values = second * whole - _sums(lagged, 2.0 * stride * (second - count), terms)
+    for i in (i for i, term in enumerate(terms) if isinstance(term, Ramp)):
+        lagged[i] = dt**2 * small * large / 2.0
+        values[i] = values[:, i] = _sums(lagged, stride * np.where(lags > 0.0, 2.0, 1.0) * count, terms)[i]
     return 2.0 / (first * second) * values
 
 
-def _lagged(term: str, h, small: int, large: int, dt: float):
-    """c_{mm'}(h) per squared coefficient; Q, which lives on the knots alone, is added by the caller."""
-    if term == "Q":
-        return np.zeros_like(h)
-    if term == "R":
-        return np.full_like(h, dt**2 * small * large / 2.0)
-    inner = {"N": _inner_white, "K": _inner_walk, "B": _inner_flicker}[term]
-    centre = h - small
-    outer = inner(centre, small) - 2.0 * inner(centre + large, small) + inner(centre + 2 * large, small)
-    return outer * {"N": 1.0 / dt, "K": dt, "B": 1.0}[term] / (2.0 * small * large)
+@functools.lru_cache(maxsize=64)
+def _densities(terms: tuple[Term, ...], stride: int, dt: float) -> np.ndarray:
+    """(p, frequencies): at the angles of a stride; for a stride of 0 at the middle of the bins, times the root of their width."""
+    angle, scale = (_angles(stride), 1.0) if stride else (_MIDDLE, np.sqrt(_WIDTH))
+    return np.stack([np.asarray(term.psd(angle / (2.0 * np.pi * dt), dt)) for term in terms]) * scale
 
 
-def _inner_white(x, m: int):
-    """Second difference of -|x|/2 with step m."""
-    return -np.maximum(m - np.abs(x), 0.0)
+def _angles(stride: int) -> np.ndarray:
+    """Steps of the cosine transform up to pi over the stride, the first of them in place of zero halved once and twice."""
+    return np.pi / (stride * _STEPS) * np.append([0.25, 0.5], np.arange(1.0, _STEPS + 1))
 
 
-def _inner_walk(x, m: int):
-    """Second difference of (|x|^3 - |x|)/12 with step m."""
-    x = np.abs(x)
-    cubic = np.where(x >= m, 6.0 * m**2 * x, 2.0 * m**3 + 6.0 * m * x**2 - 2.0 * x**3)
-    return (cubic - 2.0 * np.maximum(m - x, 0.0)) / 12.0
+def _kernel(small: int, large: int) -> np.ndarray:
+    """Means over the bins of sin^4(m omega/2) sin^4(m' omega/2)."""
+    angle, width = _MIDDLE, _WIDTH
+    powers = dict(zip(range(-2, 3), np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 16.0, strict=True))  # sin^4(y) as a sum of e^{2ipy}
 
+    def mean(p):
+        return np.cos(p * angle) * np.sinc(p * width / (2.0 * np.pi))
 
-def _inner_flicker(x, m: int):
-    """Second difference with step m of (4 x^2 - 1) psi(|x| + 1/2) / (8 pi), flicker's phase covariance.
-
-    Polynomials up to the third degree are left out, since the outer second difference removes what is left of them. Far
-    from zero the difference is formed from derivatives of 4 x^2 ln x - ln x + 1/6, for it would cancel.
-    """
-    x = np.abs(np.asarray(x, dtype=float))
-    far = x > 32 * m + 64
-    out = np.empty_like(x)
-    z = x[far]
-    r = (m / z) ** 2
-    series = 4.0 * np.log(z) + 6.0 - r * (1 / 3 + r * (1 / 15 + r / 42)) + (0.5 + 0.25 * r) / z**2
-    out[far] = 2.0 * m**2 * series
-    near = x[~far]
-    out[~far] = _phase_flicker(near - m) - 2.0 * _phase_flicker(near) + _phase_flicker(near + m)
-    return out / (8.0 * np.pi)
-
-
-def _phase_flicker(x):
-    x = np.abs(x)
-    return (4.0 * x**2 - 1.0) * scipy.special.digamma(x + 0.5)
+    both = sum(a * b * mean(p * small + q * large) for p, a in powers.items() for q, b in powers.items())
+    late = sum(b * mean(q * large) for q, b in powers.items())
+    late = np.where(large * width < 0.1, np.sin(large * angle / 2.0) ** 4, late)  # the sum of cosines would cancel
+    return np.where(small * width < 0.1, np.sin(small * angle / 2.0) ** 4 * late, both)
 
 
 def _nodes(knots, low: int, high: int, first: int, second: int):

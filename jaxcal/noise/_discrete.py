@@ -1,9 +1,12 @@
 """`discrete`: a noise model as a linear Gaussian state-space model at a sampling rate, for Kalman filters."""
 
+import collections
+import dataclasses
 import functools
 import math
 
 import equinox as eqx
+import jax
 import numpy as np
 import scipy.linalg
 import scipy.optimize
@@ -11,13 +14,16 @@ import scipy.optimize
 from .._errors import DataError
 from .._precision import is_traced
 from .._types import Any, Float
-from ._model import Noise, numbers
-from ._simulate import checked
+from ._model import Noise, noise_of
+from ._simulate import checked_sampling
+from ._terms import GaussMarkov, Term
 
 #: lowest frequency of the default band, one cycle per hour, and the error of the density that the default chain may have
 _LOWEST = 1.0 / 3600.0
 _ERROR = 0.1
 _MOST_STATES = 32
+#: order of the terms among the states; terms of one's own come last
+_ORDER = {name: i for i, name in enumerate(("K", "B", "markov", "Q", "N", "R", "sinusoid"))} | {"flicker": 1}
 #: frequencies per decade at which a chain is fitted, and how many times as many at which its error is found
 _PER_DECADE, _CLOSER = 24, 4
 #: lowest and highest corner frequency that are tried, over the lower and over the upper end of the band
@@ -155,46 +161,54 @@ def discrete(noise, rate, *, states=None, band=None) -> StateSpace:
     Keshner, Proc. IEEE 70, 1982, 212-218.
     """
     noise, rate = _checked_model(noise, rate)
-    chain, quality = (), dict.fromkeys(("band", "clusters", "psd_error", "deviation_error"))
-    if noise.B > 0.0:
-        chain, quality = _chain(noise, rate, _checked_band(band, rate, noise.cutoff), _checked_states(states))
-    names, transition, process, output, initial = _states(noise, chain, rate)
+    terms, chain, quality = _chained(noise, rate, states, band)
+    blocks = [(label, coefficient, block) for label, coefficient, term in terms if (block := term.states(1.0 / rate)) is not None]
+    held = [(coefficient, block) for _, coefficient, block in blocks if block.names]
+    whole = tuple((coefficient, term) for coefficient, term in noise.further if term.states(1.0 / rate) is not None)
     return StateSpace(
-        transition=transition,
-        process=process,
-        output=output,
-        white=noise.N**2 * rate,
-        initial=initial,
+        transition=_diagonal([block.transition for _, block in held]),
+        process=_diagonal([coefficient**2 * np.asarray(block.process) for coefficient, block in held]),
+        output=np.array([value for _, block in held for value in block.output], dtype=float),
+        white=float(sum(coefficient**2 * block.white for _, coefficient, block in blocks)),
+        initial=_diagonal([coefficient**2 * np.asarray(block.initial) for coefficient, block in held]),
         rate=rate,
-        noise=Noise(Q=noise.Q, N=noise.N, K=noise.K, R=noise.R, markov=(*noise.markov, *chain), sinusoid=noise.sinusoid),
+        noise=dataclasses.replace(noise, B=0.0, cutoff=math.inf, markov=(*noise.markov, *chain), further=whole),
         chain=chain,
-        names=names,
+        names=_numbered([(label, block.names) for label, _, block in blocks]),
         **quality,
     )
 
 
-def _states(noise: Noise, chain: tuple[tuple[float, float], ...], rate: float):
-    """Names of the states, F, P, H and the covariance at the start."""
-    dt = 1.0 / rate
-    blocks: list[tuple[Any, Any, Any, Any, Any]] = []
-    if noise.K > 0.0:
-        blocks.append((("walk",), [[1.0]], [[noise.K**2 * dt]], [1.0], [[0.0]]))
-    for kind, processes in (("flicker", chain), ("markov", noise.markov)):
-        for i, (strength, correlation) in enumerate(processes, start=1):
-            start = strength**2 * correlation / 2.0
-            step = -start * math.expm1(-2.0 * dt / correlation)
-            blocks.append(((f"{kind} {i}",), [[math.exp(-dt / correlation)]], [[step]], [1.0], [[start]]))
-    if noise.Q > 0.0:
-        error = noise.Q**2
-        blocks.append((("next", "last"), [[0.0, 0.0], [1.0, 0.0]], [[error, 0.0], [0.0, 0.0]], [rate, -rate], error * np.eye(2)))
-    if noise.R > 0.0:
-        blocks.append((("ramp", "slope"), [[1.0, dt], [0.0, 1.0]], np.zeros((2, 2)), [1.0, 0.0], [[0.0, 0.0], [0.0, noise.R**2]]))
-    for i, (amplitude, frequency) in enumerate(noise.sinusoid, start=1):
-        c, s = math.cos(2.0 * math.pi * frequency * dt), math.sin(2.0 * math.pi * frequency * dt)
-        blocks.append(((f"cos {i}", f"sin {i}"), [[c, s], [-s, c]], np.zeros((2, 2)), [1.0, 0.0], amplitude**2 / 2.0 * np.eye(2)))
-    names = tuple(name for block in blocks for name in block[0])
-    output = np.array([value for block in blocks for value in block[3]], dtype=float)
-    return names, *(_diagonal([block[i] for block in blocks]) for i in (1, 2)), output, _diagonal([block[4] for block in blocks])
+def _chained(noise: Noise, rate: float, states: Any, band: Any):
+    """Terms as (label, coefficient, term), with chains in place of those without states; the chains; their band and errors."""
+    terms: list[tuple[str, float, Term]] = []
+    chains: list[tuple[float, float]] = []
+    quality: dict[str, Any] = dict.fromkeys(("band", "clusters", "psd_error", "deviation_error"))
+    for name, coefficient, term in sorted(noise.parts, key=lambda part: _ORDER.get(part[0], len(_ORDER))):
+        if not coefficient > 0.0:
+            continue
+        if term.states(1.0 / rate) is not None:
+            terms.append((name, coefficient, term))
+            continue
+        found = _checked_band(band, rate, noise.cutoff if name == "B" else math.inf)
+        unit, errors = _chain(term, rate, found, _checked_states(states))
+        chains += [(coefficient * strength, correlation) for strength, correlation in unit]
+        terms += [("flicker" if name == "B" else name, strength, GaussMarkov(time=time)) for strength, time in chains[-len(unit) :]]
+        for key, value in errors.items():
+            quality[key] = max(quality[key] or 0.0, value) if key.endswith("error") else value
+    return terms, tuple(chains), quality
+
+
+def _numbered(blocks: list[tuple[str, tuple[str, ...]]]) -> tuple[str, ...]:
+    """Names of the states, with a number where there may be several of a kind."""
+    count: collections.Counter[str] = collections.Counter()
+    found = []
+    for label, names in blocks:
+        count[label] += 1
+        several = label in ("flicker", "markov", "sinusoid") or label not in _ORDER
+        stems = (label,) if names == ("markov",) else names
+        found += [f"{stem} {count[label]}" if several else stem for stem in stems]
+    return tuple(found)
 
 
 def _diagonal(blocks) -> Float[np.ndarray, "states states"]:
@@ -202,28 +216,27 @@ def _diagonal(blocks) -> Float[np.ndarray, "states states"]:
     return np.asarray(scipy.linalg.block_diag(*blocks)) if blocks else np.zeros((0, 0))
 
 
-def _chain(noise: Noise, rate: float, band: tuple[float, float], states: int | None):
-    """The chain for B, and its band, the cluster times it serves and its errors in both."""
-    unit, error = _fewest(band, rate) if states is None else _unit_chain(band, rate, states)
-    chain = tuple((noise.B * strength, correlation) for strength, correlation in unit)
+def _chain(term: Term, rate: float, band: tuple[float, float], states: int | None):
+    """The chain for a term of coefficient one, and its band, the cluster times it serves and its errors in both."""
+    unit, error = _fewest(term, band, rate) if states is None else _unit_chain(term, band, rate, states)
     shortest, longest = max(0.5 / band[1], 1.0 / rate), 0.1 / band[0]
     m = np.unique(np.round(np.geomspace(shortest, longest, 200) * rate))
     m = m[(m >= shortest * rate * (1.0 - 1e-9)) & (m <= longest * rate * (1.0 + 1e-9))]
-    got, wanted = (n.avar(m / rate, dt=1.0 / rate) for n in (Noise(markov=unit), Noise(B=1.0, cutoff=noise.cutoff)))
+    got, wanted = (n.avar(m / rate, dt=1.0 / rate) for n in (Noise(markov=unit), noise_of([term], [1.0])))
     off = float(np.max(np.abs(np.sqrt(got / wanted) - 1.0)))
-    return chain, {"band": band, "clusters": (shortest, longest), "psd_error": error, "deviation_error": off}
+    return unit, {"band": band, "clusters": (shortest, longest), "psd_error": error, "deviation_error": off}
 
 
-def _fewest(band: tuple[float, float], rate: float):
+def _fewest(term: Term, band: tuple[float, float], rate: float):
     for states in range(1, _MOST_STATES + 1):
-        chain, error = _unit_chain(band, rate, states)
+        chain, error = _unit_chain(term, band, rate, states)
         if error <= _ERROR:
             return chain, error
     raise DataError(f"no chain of {_MOST_STATES} states is within {100 * _ERROR:g} % from {band[0]:g} to {band[1]:g} Hz; choose states=")
 
 
 @functools.lru_cache(maxsize=64)
-def _unit_chain(band: tuple[float, float], rate: float, states: int) -> tuple[tuple[tuple[float, float], ...], float]:
+def _unit_chain(term: Term, band: tuple[float, float], rate: float, states: int) -> tuple[tuple[tuple[float, float], ...], float]:
     """((qc, Tc), ...) for B = 1, and the largest relative error of its density in the band."""
     low, high = band
     number = math.ceil(_PER_DECADE * _CLOSER * math.log10(high / low)) + 1
@@ -231,9 +244,9 @@ def _unit_chain(band: tuple[float, float], rate: float, states: int) -> tuple[tu
     f[-1] = high
     corner = [np.geomspace(low * a, max(high * b, low * a), states) for a in _LOW_CORNER for b in _HIGH_CORNER]
     correlation = 1.0 / (2.0 * math.pi * np.array(corner))
-    # density of a Gauss-Markov process of unit strength over that of flicker, both of samples
-    s, step = 2.0 * np.sin(math.pi * f / rate)[:, None, None], -np.expm1(-1.0 / (rate * correlation))
-    relative = correlation / 2.0 * step * (2.0 - step) * s / (step**2 + (1.0 - step) * s**2)
+    # density of a Gauss-Markov process of unit strength over that of the term, both of samples
+    wanted = np.asarray(term.psd(f, 1.0 / rate))[:, None, None]
+    relative = GaussMarkov(time=correlation).psd(f[:, None, None], 1.0 / rate) / wanted
     best, strength, error = 0, np.zeros(states), math.inf
     for i in range(len(corner)):
         columns = relative[:, i]
@@ -252,12 +265,11 @@ def _checked_model(noise: Any, rate: Any) -> tuple[Noise, float]:
         raise DataError(f"noise must be a jaxcal.noise.Noise (a fit has one, fit.noise); got {type(noise).__name__}")
     if is_traced(noise, rate):
         raise DataError("discrete builds its chain on the host; call it outside of jit, vmap and grad")
-    if any(np.ndim(value) for value in numbers(noise)):
+    if any(np.ndim(value) for value in jax.tree.leaves(noise)):
         raise DataError("noise has several channels, and a state-space model is of one; take noise.channel(0) and so on")
-    checked(noise, 1, rate)
-    terms = {term: float(getattr(noise, term)) for term in ("Q", "N", "B", "K", "R")}
-    pairs = {kind: tuple((float(a), float(b)) for a, b in getattr(noise, kind)) for kind in ("markov", "sinusoid")}
-    return Noise(**terms, **pairs, cutoff=float(noise.cutoff)), float(rate)
+    checked_sampling(1, rate)
+    noise.check()
+    return jax.tree.map(lambda value: float(value) if eqx.is_array_like(value) else value, noise), float(rate)
 
 
 def _checked_states(states: Any) -> int | None:

@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 import scipy.special
 
-from .._errors import FitError
+from .._errors import DataError, FitError
 from .._precision import is_traced
 from ..allan import Deviation
 from ..fitting import solve
@@ -26,9 +26,10 @@ from ._allanfit import freedom
 from ._curve import Curve, whitened
 from ._joint import curve_of
 from ._minimise import minimise, namespace
-from ._model import with_coefficients
+from ._model import noise_of
 from ._result import NoiseFit
 from ._sentences import sentences_of_octaves
+from ._terms import Term
 
 _NONE = "for comparison only: {}. This method has no uncertainty, so there are no intervals, limits and verdicts; method='whittle' has them"
 #: root mean square errors for N = 0.25 deg/sqrt(h), B = 7.6 deg/h, K = 1.8 deg/h/sqrt(s), 2^17 samples at 100 Hz
@@ -45,14 +46,14 @@ _SHORTCOMINGS = {
 _TANGENTS = {"Q": (-1.0, math.sqrt(3.0), -0.75), "N": (-0.5, 1.0, math.inf), "K": (0.5, 3.0, 0.25), "R": (1.0, math.sqrt(2.0), 0.75)}
 
 
-def fit_unweighted(curve: Deviation, samples: int, terms: tuple[str, ...], inside, automatic: bool, confidence: float) -> NoiseFit:
+def fit_unweighted(curve: Deviation, samples: int, terms: tuple[Term, ...], inside, automatic: bool, confidence: float) -> NoiseFit:
     """Least squares of the variances; arguments as of `fit_jointly`, of which `automatic` has no meaning here."""
     data, used, unit = curve_of(curve, samples, terms, curve.deviation**2, inside)
     theta = _weighted(data, used, namespace(data).ones_like(data.v))
     return _result(theta * unit, data, used, unit, curve, samples, terms, inside, confidence, "unweighted")
 
 
-def fit_log(curve: Deviation, samples: int, terms: tuple[str, ...], inside, automatic: bool, confidence: float) -> NoiseFit:
+def fit_log(curve: Deviation, samples: int, terms: tuple[Term, ...], inside, automatic: bool, confidence: float) -> NoiseFit:
     """Least squares of the logarithms; arguments as of `fit_jointly`, of which `automatic` has no meaning here."""
     data, used, unit = curve_of(curve, samples, terms, curve.deviation**2, inside)
     still = jax.lax.stop_gradient(data) if is_traced(curve.deviation) else data
@@ -67,7 +68,7 @@ def fit_log(curve: Deviation, samples: int, terms: tuple[str, ...], inside, auto
     return _result(theta * touching * unit, data, used, unit, curve, samples, terms, inside, confidence, "log")
 
 
-def fit_slope(curve: Deviation, samples: int, terms: tuple[str, ...], inside, automatic: bool, confidence: float) -> NoiseFit:
+def fit_slope(curve: Deviation, samples: int, terms: tuple[Term, ...], inside, automatic: bool, confidence: float) -> NoiseFit:
     """Tangents and minimum; arguments as of `fit_jointly`, of which `automatic` has no meaning here."""
     traced = is_traced(curve.deviation)
     xp = jnp if traced else np
@@ -81,7 +82,9 @@ def fit_slope(curve: Deviation, samples: int, terms: tuple[str, ...], inside, au
         at = xp.argmin(xp.where(side, xp.abs(slope - wanted), xp.inf))
         seen = side[at] & ((slope[at] < least) if wanted < 0 else (slope[at] > least))
         values[term] = xp.where(seen, ad[at] * (time / xp.asarray(tau)[at]) ** wanted, 0.0)
-    theta = xp.stack([values[term] for term in terms]) ** 2
+    if unknown := [term.name for term in terms if term.name not in values]:
+        raise DataError(f"method 'slope' reads tangents of Q, N, B, K and R; {', '.join(unknown)} has none: take another method")
+    theta = xp.stack([values[term.name] for term in terms]) ** 2
     data, used, unit = curve_of(curve, samples, terms, curve.deviation**2, inside)
     return _result(theta, data, used, unit, curve, samples, terms, inside, confidence, "slope")
 
@@ -118,7 +121,7 @@ def _judged(data: Curve, used, theta):
 
 
 def _result(
-    theta, data: Curve, used, unit, curve: Deviation, samples: int, terms: tuple[str, ...], inside, confidence: float, method: str
+    theta, data: Curve, used, unit, curve: Deviation, samples: int, terms: tuple[Term, ...], inside, confidence: float, method: str
 ) -> NoiseFit:
     """`NoiseFit` of squared coefficients about which nothing more is known."""
     traced = is_traced(curve.deviation)
@@ -131,7 +134,7 @@ def _result(
         left_out = sentences_of_octaves(curve, inside, np.sqrt(data.columns[:, :-1] @ theta), False)
         warnings = (*curve.warnings, _NONE.format(_SHORTCOMINGS[method]))
     return NoiseFit(
-        noise=with_coefficients({term: value[i] for i, term in enumerate(terms)}),
+        noise=noise_of(terms, list(value)),
         interval={},
         upper_limit={},
         verdict={},
@@ -145,7 +148,7 @@ def _result(
         deviation=curve,
         used=inside,
         duration=samples / curve.rate,
-        terms=terms,
+        terms=tuple(term.name for term in terms),
         confidence=confidence,
         method=method,
     )

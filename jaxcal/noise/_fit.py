@@ -13,10 +13,11 @@ from .._types import Any
 from ..allan import deviation
 from ._checks import find_jumps, refuse_extremes, resolution, sentences_of_checks
 from ._methods import CURVES, clusters
-from ._model import TERMS
+from ._model import checked_terms
 from ._overbound import overbound
 from ._result import NoiseFit, stacked
 from ._second import with_second_opinion
+from ._terms import GaussMarkov, Term
 from ._whittle import fit_record, fit_traced
 
 _METHODS = ("whittle", *CURVES)
@@ -27,7 +28,7 @@ def fit(
     rate: float,
     *,
     method: str = "whittle",
-    terms: Sequence[str] = ("Q", "N", "B", "K"),
+    terms: Sequence[str | Term] = ("Q", "N", "B", "K"),
     confidence: float = 0.95,
     band: Any = None,
     conservative: bool = False,
@@ -54,7 +55,8 @@ def fit(
     rate : sampling rate in Hz.
     method : "whittle"; or, on the Allan variance, "gls" (full covariance across tau), "edf" (weights from the degrees of
         freedom), "wavelet" (Haar, powers of two); or for comparison only, without uncertainty, "unweighted", "log", "slope".
-    terms : which of "Q", "N", "B", "K", "R" to fit; with "whittle" also "markov", one first-order Gauss-Markov process.
+    terms : which of "Q", "N", "B", "K", "R" to fit, and `Term` objects of your own, whose shape parameters are held; with "whittle"
+        also "markov", one first-order Gauss-Markov process whose correlation time is looked for.
     confidence : level of the intervals and upper limits.
     band : (shortest, longest) cluster time in s to fit, instead of the band found; for "whittle" frequencies 1/(2 tau).
     conservative : also give coefficients whose Allan deviation is nowhere below the upper limit of the measured one, `overbound`.
@@ -192,14 +194,11 @@ def characterise(
     return fits
 
 
-def _checked_terms(terms, method: str) -> tuple[str, ...]:
-    terms = tuple(terms)
-    if "markov" in terms and method != "whittle":
-        raise DataError(f'a Gauss-Markov process is fitted by method "whittle"; got method {method!r}')
-    unknown = [term for term in terms if term not in (*TERMS, "markov")]
-    if unknown or not terms or len(set(terms)) != len(terms):
-        raise DataError(f"terms must be distinct names among {', '.join(TERMS)} and markov; got {terms!r}")
-    return terms
+def _checked_terms(terms, method: str) -> tuple[Term, ...]:
+    found = checked_terms(terms)
+    if method != "whittle" and any(isinstance(term, GaussMarkov) and term.time is None for term in found):
+        raise DataError(f'the correlation time of a Gauss-Markov process is found by method "whittle"; got method {method!r}')
+    return found
 
 
 def _inside(tau, band, terms) -> np.ndarray:

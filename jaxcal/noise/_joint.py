@@ -10,6 +10,7 @@ r"""Joint fits of an Allan deviation curve with uncertainty: one `Deviation` in,
 
 import dataclasses
 
+import jax
 import numpy as np
 import scipy.stats
 
@@ -18,7 +19,6 @@ from .._types import Any
 from ..allan import Deviation
 from ._allanfit import choose_band, fit_curve
 from ._assemble import assemble, with_edf
-from ._columns import allan_column
 from ._covariance import covariance_tensor
 from ._curve import Curve
 from ._limits import Limits
@@ -26,17 +26,21 @@ from ._minimise import namespace
 from ._result import NoiseFit
 from ._sentences import sentences_of_fit, sentences_of_octaves
 from ._skewness import response
+from ._terms import Term
 
 
-def curve_of(curve: Deviation, samples: int, terms: tuple[str, ...], variance, inside) -> tuple[Curve, Any, Any]:
+def curve_of(curve: Deviation, samples: int, terms: tuple[Term, ...], variance, inside) -> tuple[Curve, Any, Any]:
     """Allan variances with columns and covariance tensor, divided by the largest one; which of those `inside` are used; and that one."""
     xp, used = namespace(variance), inside & (variance > 0.0)
     dt, dtype = 1.0 / curve.rate, variance.dtype
     # squares of small coefficients would leave the range of float32
     unit = xp.max(xp.where(used, variance, 0.0))
-    tail = -1.0 / curve.tau**2 if "Q" not in terms else -allan_column("Q", curve.tau, dt)
-    columns = xp.stack([*(allan_column(term, curve.tau, dt) for term in terms), tail], axis=1)
-    tensor = covariance_tensor(samples, tuple(int(m) for m in curve.m), dt, terms)
+    with jax.ensure_compile_time_eval():  # neither depends on the record
+        found = [np.asarray(term.avar(curve.tau, dt)) for term in terms]
+        tensor = covariance_tensor(samples, tuple(int(m) for m in curve.m), dt, terms)
+    short = np.array([term.name == "Q" for term in terms])
+    tail = -found[int(np.argmax(short))] if short.any() else -1.0 / curve.tau**2
+    columns = np.stack([*found, tail], axis=1)
     return (
         Curve(
             v=xp.where(used, variance / unit, 1.0),
@@ -44,7 +48,7 @@ def curve_of(curve: Deviation, samples: int, terms: tuple[str, ...], variance, i
             tensor=tensor.astype(dtype),
             share=(1.0 + curve.skipped / curve.count).astype(dtype),
             octave=np.log2(curve.m.astype(dtype)),
-            short=np.array([term == "Q" for term in terms]).astype(dtype),
+            short=short.astype(dtype),
         ),
         used,
         unit,
@@ -52,7 +56,7 @@ def curve_of(curve: Deviation, samples: int, terms: tuple[str, ...], variance, i
 
 
 def fit_jointly(
-    deviation: Deviation, samples: int, terms: tuple[str, ...], inside, automatic: bool, confidence: float, *, method: str
+    deviation: Deviation, samples: int, terms: tuple[Term, ...], inside, automatic: bool, confidence: float, *, method: str
 ) -> NoiseFit:
     """Fit one channel's overlapped Allan deviation.
 
@@ -60,7 +64,7 @@ def fit_jointly(
     ----------
     deviation : the deviation.
     samples : number of rate samples of the record.
-    terms : names of the terms.
+    terms : the terms.
     inside : (clusters,) cluster sizes that may take part.
     automatic : whether short cluster times at which the model does not hold are left out (not of a traced record).
     confidence : level of the intervals.

@@ -5,12 +5,12 @@ import numpy as np
 
 from .._errors import DataError
 from .._precision import host_float64, is_traced
-from ._columns import spectral_column
 from ._likelihood import density
 from ._model import Noise
 from ._ordinates import bins_of
+from ._terms import BUILT_IN
 
-_TERMS = ("Q", "N", "B", "K")
+_TERMS = ("Q", "N", "B", "K")  # whose ordinates are exact; that of others is the density
 
 
 @host_float64
@@ -55,13 +55,14 @@ def log_likelihood(noise: Noise, y, rate):
     if y.ndim != 1:
         raise DataError(f"y must be (n,), one channel; got shape {y.shape}")
     dt = 1.0 / float(rate)
-    bins = bins_of(y, dt, tuple((term, None) for term in _TERMS))
+    bins = bins_of(y, dt, tuple(BUILT_IN[term] for term in _TERMS))
     dtype = jnp.asarray(bins.density).dtype
     theta = jnp.stack([jnp.asarray(getattr(noise, term), dtype=dtype) ** 2 for term in _TERMS])
     s = density(bins.columns, theta)
     used = bins.weight > 0
     frequency = jnp.where(used, bins.frequency, 0.25 / dt)
-    for strength, time in noise.markov:
-        s = s + jnp.asarray(strength, dtype=dtype) ** 2 * spectral_column("markov", frequency, dt, jnp.asarray(time, dtype=dtype))
+    for name, coefficient, term in noise.parts:
+        if name not in _TERMS:
+            s = s + jnp.asarray(coefficient, dtype=dtype) ** 2 * jnp.asarray(term.psd(frequency, dt), dtype=dtype)
     ordinate = bins.density * bins.unit
     return -0.5 * jnp.sum(jnp.where(used, bins.weight * (jnp.log(jnp.where(used, s, 1.0)) + ordinate / s), 0.0))

@@ -4,10 +4,10 @@ import equinox as eqx
 import numpy as np
 
 from .._types import AnyArray
-from ._columns import spectral_column
 from ._likelihood import lower_of
 from ._minimise import minimise
 from ._spectral import Fitted
+from ._terms import GaussMarkov
 
 _TRIED = 14
 #: likelihood ratios by chance in 5 % and in 1 % of records without the process (14 correlation times are tried)
@@ -39,7 +39,7 @@ def scan(fitted: Fitted, time, dt: float, flicker) -> Scan:
     """
     bins, theta, count = fitted.bins, fitted.theta, len(time)
     frequency = np.where(bins.weight > 0, bins.frequency, 0.25 / dt)
-    process = np.stack([spectral_column("markov", frequency, dt, correlation) for correlation in time])
+    process = np.stack([GaussMarkov(time=correlation).psd(frequency, dt) for correlation in time])
     level = np.median((bins.columns @ (flicker * theta))[None, :] / process, axis=1)
     # beside the other terms, then in place of B, which is left out
     kept = np.where(np.arange(2 * count)[:, None] < count, 1.0, 1.0 - flicker)

@@ -5,6 +5,7 @@ import functools
 import numpy as np
 
 from .._errors import DataError
+from .._types import Any
 from . import _display
 from ._joint import fit_jointly
 
@@ -19,7 +20,7 @@ CURVES = {method: functools.partial(fit_jointly, method=method) for method in ("
 }
 
 
-def clusters(method: str, samples: int, terms: tuple[str, ...]) -> np.ndarray:
+def clusters(method: str, samples: int, terms: tuple[Any, ...]) -> np.ndarray:
     """Cluster sizes for a fit: powers of two for "wavelet", else about 25 log-spaced, from 1 to a quarter of the record.
 
     Raises

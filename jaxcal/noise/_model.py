@@ -1,19 +1,32 @@
 """`Noise`: the noise family of IEEE Std 952 as one composable model."""
 
 import math
+from collections.abc import Iterable
 
 import equinox as eqx
 import jax
-import jax.core
 import jax.numpy as jnp
 import numpy as np
 
+from .._errors import DataError
 from .._precision import array_module, host_float64
 from .._types import Any
-from ._columns import allan_column, spectral_column
+from ._simulate import checked_resolution, checked_sampling, samples
+from ._terms import BUILT_IN, Flicker, GaussMarkov, Sinusoid, Term
 
 #: the terms that a coefficient of its own describes, in the order of every table
-TERMS = ("Q", "N", "B", "K", "R")
+TERMS = tuple(BUILT_IN)
+#: the order in which they are drawn, so that a seed gives the same record in every version
+_DRAWN = ("Q", "N", "K", "B", "R")
+
+
+def _number(value: Any) -> Any:
+    """A list over channels as an array."""
+    return np.asarray(value, dtype=float) if isinstance(value, list) else value
+
+
+def _pairs(pairs: Any) -> tuple[tuple[Any, Any], ...]:
+    return tuple((_number(strength), _number(scale)) for strength, scale in pairs)
 
 
 class Noise(eqx.Module):
@@ -30,6 +43,7 @@ class Noise(eqx.Module):
     sinusoid : ((A, f0), ...) sinusoids of amplitude A (as B) and frequency f0 in Hz, random phase.
     cutoff : frequency in Hz above which flicker B has no density; inf, the default, for none. Samples do not feel a cut-off at
         half the sampling rate or above.
+    further : ((coefficient, term), ...) terms of your own, see `Term`.
 
     Each coefficient is a number, or an array over channels.
 
@@ -48,14 +62,70 @@ class Noise(eqx.Module):
     IEEE Std 952-1997, annex C. The exact forms for sampled data follow from the phase covariance, see `avar`.
     """
 
-    Q: Any = 0.0
-    N: Any = 0.0
-    B: Any = 0.0
-    K: Any = 0.0
-    R: Any = 0.0
-    markov: tuple[tuple[Any, Any], ...] = ()
-    sinusoid: tuple[tuple[Any, Any], ...] = ()
-    cutoff: Any = math.inf
+    Q: Any = eqx.field(default=0.0, converter=_number)
+    N: Any = eqx.field(default=0.0, converter=_number)
+    B: Any = eqx.field(default=0.0, converter=_number)
+    K: Any = eqx.field(default=0.0, converter=_number)
+    R: Any = eqx.field(default=0.0, converter=_number)
+    markov: tuple[tuple[Any, Any], ...] = eqx.field(default=(), converter=_pairs)
+    sinusoid: tuple[tuple[Any, Any], ...] = eqx.field(default=(), converter=_pairs)
+    cutoff: Any = eqx.field(default=math.inf, converter=_number)
+    further: tuple[tuple[Any, Term], ...] = eqx.field(default=(), converter=_pairs)
+
+    @property
+    def parts(self) -> list[tuple[str, Any, Term]]:
+        """(name, coefficient, term) of everything that the model consists of, letters with a coefficient of zero included.
+
+        Examples
+        --------
+        >>> from jaxcal.noise import Noise
+        >>> [(name, value) for name, value, _ in Noise(N=2.0, markov=((0.1, 5.0),)).parts if value]
+        [('N', 2.0), ('markov', 0.1)]
+        """
+        letters = BUILT_IN | {"B": Flicker(cutoff=self.cutoff)}
+        return [
+            *((name, getattr(self, name), letters[name]) for name in _DRAWN),
+            *(("markov", strength, GaussMarkov(time=time)) for strength, time in self.markov),
+            *(("sinusoid", amplitude, Sinusoid(frequency=frequency)) for amplitude, frequency in self.sinusoid),
+            *((term.name, coefficient, term) for coefficient, term in self.further),
+        ]
+
+    def coefficient(self, name: str) -> Any:
+        """The coefficient of a term by its name: a letter, "markov" (the first process), or that of a term of your own.
+
+        Examples
+        --------
+        >>> from jaxcal.noise import Noise
+        >>> Noise(N=2.0).coefficient("N")
+        2.0
+        """
+        return self.part(name)[1]
+
+    def only(self, name: str, value: Any = None) -> "Noise":
+        """The model with one of its terms alone, with another coefficient if one is given.
+
+        Examples
+        --------
+        >>> from jaxcal.noise import Noise
+        >>> Noise(N=2.0, K=0.1).only("K", 0.3).avar(1.0).item()
+        0.03
+        """
+        _, coefficient, term = self.part(name)
+        return noise_of([term], [coefficient if value is None else value])
+
+    def part(self, name: str) -> tuple[str, Any, Term]:
+        """The entry of `parts` of a name; of several the first.
+
+        Examples
+        --------
+        >>> from jaxcal.noise import Noise
+        >>> Noise(N=2.0).part("N")[1]
+        2.0
+        """
+        for part in self.parts:
+            if part[0] == name:
+                return part
+        raise DataError(f"the noise model has no term {name!r}; it has {', '.join(dict.fromkeys(own for own, _, _ in self.parts))}")
 
     @host_float64
     def avar(self, tau, dt=None):
@@ -96,7 +166,7 @@ class Noise(eqx.Module):
         ----------
         IEEE Std 952-1997, annex C; thesis equations 5.15 to 5.32.
         """
-        return self._sum(allan_column, tau, dt)
+        return self._sum("avar", tau, dt)
 
     @host_float64
     def psd(self, f, dt=None):
@@ -126,13 +196,13 @@ class Noise(eqx.Module):
         ----------
         IEEE Std 952-1997, annex C.
         """
-        return self._sum(spectral_column, f, dt)
+        return self._sum("psd", f, dt)
 
     def simulate(self, n, rate, *, seed, resolution=None):
-        r"""Samples of this noise, exact in distribution; see `jaxcal.noise._simulate` for the rule of each term.
+        r"""Samples of this noise, exact in distribution.
 
-        Flicker with a cut-off below half the rate is the one approximation: its density is drawn on frequencies eight times as
-        close as those of the record, which keeps the Allan variance to a few parts in a thousand.
+        Two kinds are an approximation, flicker with a cut-off below half the rate and terms of your own: their density is drawn on
+        frequencies eight times as close as those of the record, which keeps the Allan variance to a few parts in a thousand.
 
         With a `resolution` the samples are rounded to its multiples, as by an analogue-to-digital converter of that step. Where
         white noise dithers them, with a standard deviation of a step or more, the rounding error is white and uncorrelated with
@@ -169,52 +239,79 @@ class Noise(eqx.Module):
         ----------
         Rounding error of a dithered signal: Widrow, Kollár and Liu, IEEE Trans. Instrum. Meas. 45, 1996, 353-361.
         """
-        from ._simulate import simulate
+        (n, dt), random = checked_sampling(n, rate), np.random.default_rng(seed)
+        self.check()
+        channels = {np.size(value) for value in jax.tree.leaves(self) if np.ndim(value)}
+        if len(channels) > 1:
+            raise DataError(f"coefficients are arrays over channels of different lengths: {sorted(channels)}")
+        step = None if resolution is None else checked_resolution(resolution, max(channels, default=1))
+        if channels:
+            x = np.stack([samples(self.channel(i).parts, n, dt, random) for i in range(channels.pop())], axis=1)
+        else:
+            x = samples(self.parts, n, dt, random)
+        return x if step is None else np.round(x / step) * step
 
-        return simulate(self, n, rate, seed, resolution)
+    def check(self) -> None:
+        """Raise a `DataError` unless every coefficient is finite and not negative, and the cut-off positive.
+
+        Examples
+        --------
+        >>> from jaxcal.noise import Noise
+        >>> Noise(N=1e-3).check()
+        """
+        scales = (scale for pair in (*self.markov, *self.sinusoid) for scale in pair[1:])
+        for value in (*(coefficient for _, coefficient, _ in self.parts), *scales):
+            if not np.all(np.isfinite(value)) or np.any(np.asarray(value) < 0):
+                raise DataError(f"noise coefficients must be finite and not negative; got {value!r}")
+        if not np.all(np.asarray(self.cutoff) > 0):
+            raise DataError(f"cutoff must be positive, in Hz, or inf for flicker without one; got {self.cutoff!r}")
 
     def channel(self, index: int) -> "Noise":
         """The noise of one channel, where coefficients are arrays over channels."""
+        return jax.tree.map(lambda value: value if np.ndim(value) == 0 else value[index], self)
 
-        def pick(value):
-            return value if np.ndim(value) == 0 else value[index]
-
-        return Noise(
-            **{term: pick(getattr(self, term)) for term in TERMS},
-            markov=tuple((pick(q), pick(t)) for q, t in self.markov),
-            sinusoid=tuple((pick(a), pick(f)) for a, f in self.sinusoid),
-            cutoff=pick(self.cutoff),
-        )
-
-    def _sum(self, column, x, dt):
+    def _sum(self, kind: str, x, dt):
         xp = array_module(self, x, dt)
         x = xp.asarray(x, dtype=jnp.result_type(float))
-        if any(np.ndim(value) for value in numbers(self)):
+        if any(np.ndim(value) for value in jax.tree.leaves(self)):
             x = x[..., None]  # channels last
 
         def shaped(value):
+            if not eqx.is_array_like(value):
+                return value
             value = xp.asarray(value, dtype=x.dtype)
-            return value.reshape((1,) * (x.ndim - value.ndim) + value.shape)
+            return value.reshape((1,) * (x.ndim - value.ndim) + value.shape) if value.ndim else value
 
-        uncut = not isinstance(self.cutoff, jax.core.Tracer) and bool(np.all(np.isposinf(self.cutoff)))
         total = xp.zeros_like(x)
-        for term in TERMS:
-            if isinstance(getattr(self, term), float) and getattr(self, term) == 0.0:
+        for _, coefficient, term in self.parts:
+            if isinstance(coefficient, float) and coefficient == 0.0:
                 continue  # not part of the model
-            scale = shaped(self.cutoff) if term == "B" and not uncut else None
-            total = total + shaped(getattr(self, term)) ** 2 * column(term, x, dt, scale)
-        for kind, pairs in (("markov", self.markov), ("sinusoid", self.sinusoid)):
-            for strength, scale in pairs:
-                total = total + shaped(strength) ** 2 * column(kind, x, dt, shaped(scale))
+            total = total + shaped(coefficient) ** 2 * getattr(jax.tree.map(shaped, term), kind)(x, dt)
         return total
 
 
-def numbers(noise: Noise) -> list[Any]:
-    """Every number or array of a noise model: the coefficients, then Tc and f0 beside their strengths, and the cut-off last."""
-    pairs = (*noise.markov, *noise.sinusoid)
-    return [*(getattr(noise, term) for term in TERMS), *(value for pair in pairs for value in pair), noise.cutoff]
+def noise_of(terms: Iterable[Term], values: Iterable[Any], sinusoid: Iterable[tuple[Any, Any]] = ()) -> Noise:
+    """Noise of the given terms alone, with their coefficients."""
+    found: dict[str, Any] = {"sinusoid": tuple(sinusoid)}
+    for term, value in zip(terms, values, strict=True):
+        if isinstance(term, GaussMarkov) and term.name == "markov":
+            found["markov"] = ((value, term.time),)
+        elif isinstance(term, Sinusoid):
+            found["sinusoid"] = (*found["sinusoid"], (value, term.frequency))
+        elif term.name in BUILT_IN:
+            found |= {term.name: value} | ({"cutoff": term.cutoff} if isinstance(term, Flicker) else {})
+        else:
+            found["further"] = (*found.get("further", ()), (value, term))
+    return Noise(**found)
 
 
-def with_coefficients(values: dict[str, Any]) -> Noise:
-    """Noise of the named terms alone."""
-    return Noise(**values)
+def checked_terms(terms: Any) -> tuple[Term, ...]:
+    """Letters and `Term` objects as objects: each once, shape parameters as plain numbers."""
+    letters = BUILT_IN | {"markov": GaussMarkov()}
+    found: tuple[Any, ...] = tuple(letters.get(term, term) if isinstance(term, str) else term for term in terms)
+    right = [isinstance(term, Term) and isinstance(term, type(BUILT_IN.get(term.name, term))) for term in found]
+    if not all(right) or not found or len({term.name for term in found}) != len(found):
+        raise DataError(f"terms must be distinct names among {', '.join(letters)}, or Term objects; got {tuple(terms)!r}")
+    if any(np.ndim(value) for value in jax.tree.leaves(found)):
+        raise DataError("the shape parameters of a term that is fitted must be numbers; fit channels with different ones one by one")
+    return jax.tree.map(lambda value: float(value) if eqx.is_array_like(value) else value, found)

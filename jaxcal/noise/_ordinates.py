@@ -23,13 +23,10 @@ from .._errors import DataError
 from .._precision import is_traced
 from .._types import Any, AnyArray
 from ..spectrum._average import log_groups
+from ._terms import Term
 
 #: bins of every record, so that records of all lengths share one compilation
 BINS = 384
-#: what a low-pass takes from white noise well below its corner: exactly -1 times Q, so that never both are in a solution
-FILTER = "filter"
-_EXACT = 1 << 16  # records up to this length have the flicker column from its sum, longer ones by its scaling
-_SCALED = 4096
 _SHORTEST = 16  # gap-free samples that a stretch needs to take part
 
 
@@ -52,49 +49,14 @@ class Bins(eqx.Module):
     unit: Any
 
 
-@functools.lru_cache(maxsize=8)
-def _flicker_ratio(n: int) -> np.ndarray:
-    """E P_k s_k / (B^2 dt), k = 1 .. n-1, from the sum over lags."""
-    h = np.arange(n, dtype=float)
-    g = np.concatenate([[0.0], -(2.0 / np.pi) * np.cumsum(1.0 / (2.0 * h[1:] - 1.0))])
-    cosine = np.fft.rfft(g * (n - h), 2 * n)[1:n].real
-    sine = -np.fft.rfft(g, 2 * n)[1:n].imag
-    a = np.pi * h[1:] / n
-    return 2.0 / n * (cosine - sine / np.sin(a)) * 2.0 * np.sin(a / 2.0)
-
-
-def expected(term: str, k, n: int, dt: float, scale: float | None = None) -> np.ndarray:
-    """E P_k per squared coefficient at the ordinates k of n samples; `scale` is the correlation time of a Gauss-Markov process."""
-    a = np.pi * np.asarray(k) / n
-    s = 2.0 * np.sin(a / 2.0)
-    if term == "N":
-        return np.ones(len(a))
-    if term in ("Q", FILTER):
-        return (s**2 + 4.0 / n * np.cos(a / 2.0) ** 2) / (dt if term == "Q" else -dt)
-    if term == "K":
-        return (dt / s) ** 2
-    if term == "B":
-        table = _flicker_ratio(min(n, _EXACT))
-        ratio = 1.0 - 2.0 / (np.pi**2 * np.asarray(k, dtype=float))
-        known = np.asarray(k) <= (len(table) if n <= _EXACT else _SCALED)
-        ratio[known] = table[np.asarray(k)[known] - 1]
-        return dt / s * ratio
-    if term == "markov" and scale is not None:
-        # the sum over lags of a geometric series: z^h with z = e^{-dt/Tc + i pi k/n}
-        z = np.exp(-dt / scale + 1j * a)
-        last = np.exp(-n * dt / scale) * (1.0 - 2.0 * (np.asarray(k) % 2))  # z^n
-        cosine = (z * ((n - 1.0) - n * z + last) / (1.0 - z) ** 2).real
-        sine = ((z - last) / (1.0 - z)).imag
-        return scale / 2.0 * dt * (1.0 + 2.0 / n * (cosine - sine / np.sin(a)))
-    raise ValueError(f"unknown term {term!r}")
-
-
 @functools.lru_cache(maxsize=256)
-def _layout(n: int, dt: float, terms: tuple[tuple[str, float | None], ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _layout(n: int, dt: float, terms: tuple[Term, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """First ordinate, count, columns (bins, p) and mean frequency of the bins of a gap-free stretch of n samples."""
     starts, count = log_groups(n - 1, keep_tail=True)
     count = count.astype(float)
-    columns = np.stack([np.add.reduceat(expected(term, np.arange(1, n), n, dt, scale), starts) / count for term, scale in terms], axis=1)
+    with jax.ensure_compile_time_eval():  # they do not depend on the record
+        expected = [np.asarray(term.ordinates(np.arange(1, n), n, dt)) for term in terms]
+    columns = np.stack([np.add.reduceat(values, starts) / count for values in expected], axis=1)
     frequency = np.add.reduceat(np.arange(1.0, n), starts) / count / (2.0 * n * dt)
     for array in (starts, count, columns, frequency):
         array.flags.writeable = False
@@ -108,14 +70,14 @@ def stretches(y) -> list[slice]:
     return sorted(found, key=lambda part: part.start - part.stop)
 
 
-def bins_of(y, dt: float, terms: tuple[tuple[str, float | None], ...]) -> Bins:
+def bins_of(y, dt: float, terms: tuple[Term, ...]) -> Bins:
     """Bins of a record: of its one stretch, or of all gap-free stretches, each with a basis of its own.
 
     Parameters
     ----------
     y : (n,) samples; NaN marks a gap (not where y is traced).
     dt : sampling interval in s.
-    terms : (name, correlation time) of each column, the time only for "markov".
+    terms : the term of each column.
 
     Raises
     ------

@@ -1,13 +1,16 @@
 """`overbound`: coefficients whose Allan deviation lies at or above the upper limit of the measured one."""
 
+import dataclasses
+
 import numpy as np
 import scipy.optimize
 
 from .._errors import DataError, FitError
 from .._precision import host_float64, is_traced
 from .._types import Any, Float
-from ._model import TERMS, Noise, with_coefficients
-from ._result import NoiseFit
+from ._model import TERMS, Noise, checked_terms, noise_of
+from ._result import NoiseFit, stacked_noises
+from ._terms import Term
 
 
 def overbound(fit: NoiseFit) -> Noise:
@@ -46,23 +49,10 @@ def overbound(fit: NoiseFit) -> Noise:
     if curve is None or is_traced(curve.upper, fit.used):
         raise DataError("overbound solves a linear programme on the host; call it outside of jit, vmap and grad")
     if curve.upper.ndim == 1:
-        terms = [term for term in fit.terms if term in TERMS]
+        terms = [fit.noise.part(name)[2] for name in fit.terms if name != "markov"]
         beside = Noise(markov=fit.noise.markov, sinusoid=fit.noise.sinusoid)
         return overbound_curve(curve.tau[fit.used], curve.upper[fit.used], terms=terms, dt=1.0 / curve.rate, beside=beside)
-    found = [overbound(fit.channel(i)) for i in range(curve.upper.shape[1])]
-    return Noise(
-        **{term: np.stack([np.asarray(getattr(noise, term)) for noise in found]) for term in TERMS},
-        markov=_side_by_side([noise.markov for noise in found]),
-        sinusoid=_side_by_side([noise.sinusoid for noise in found]),
-    )
-
-
-def _side_by_side(channels: list[Any]) -> tuple[tuple[Any, Any], ...]:
-    """The pairs (strength, scale) of every channel as pairs of arrays; a channel that has fewer gets some of strength zero."""
-    most = max(map(len, channels))
-    filled = np.array([[*pairs, *[(0.0, 1.0)] * (most - len(pairs))] for pairs in channels], dtype=float)
-    filled = filled.reshape(len(channels), most, 2)
-    return tuple((filled[:, i, 0], filled[:, i, 1]) for i in range(most))
+    return stacked_noises([overbound(fit.channel(i)) for i in range(curve.upper.shape[1])])
 
 
 @host_float64
@@ -82,7 +72,7 @@ def overbound_curve(tau, upper, *, terms=("Q", "N", "B", "K"), dt=None, beside=N
     ----------
     tau : (clusters,) cluster times in s.
     upper : (clusters,) upper limits of the Allan deviation, in the unit of B.
-    terms : which of "Q", "N", "B", "K", "R" may take part.
+    terms : which of "Q", "N", "B", "K", "R", and of `Term` objects of your own, may take part.
     dt : sampling interval in s, for the exact Allan variance of samples; None for the continuous form.
     beside : `Noise` whose Gauss-Markov processes and sinusoids are part of the result as they are.
 
@@ -118,17 +108,17 @@ def overbound_curve(tau, upper, *, terms=("Q", "N", "B", "K"), dt=None, beside=N
         raise DataError("overbound_curve solves a linear programme on the host; call it outside of jit, vmap and grad")
     tau, limit, terms = _checked(tau, upper, terms)
     beside = Noise() if beside is None else beside
-    if any(np.any(np.asarray(getattr(beside, term)) != 0) for term in TERMS):
+    if beside.further or any(np.any(np.asarray(getattr(beside, term)) != 0) for term in TERMS):
         raise DataError("beside is for Gauss-Markov processes and sinusoids; leave its coefficients at zero and name their terms instead")
-    columns = np.stack([np.asarray(with_coefficients({term: 1.0}).avar(tau, dt=dt)) for term in terms], axis=1)
+    columns = np.stack([np.asarray(term.avar(tau, dt)) for term in terms], axis=1)
     theta = _least(
         columns / limit[:, None], 1.0 - np.asarray(beside.avar(tau, dt=dt)) / limit, f"{tau.min():g} s to {tau.max():g} s", terms
     )
-    coefficients = {term: np.sqrt(value) for term, value in zip(terms, theta, strict=True)}
-    return Noise(**coefficients, markov=beside.markov, sinusoid=beside.sinusoid)
+    found = noise_of(terms, list(np.sqrt(theta)))
+    return dataclasses.replace(found, markov=(*beside.markov, *found.markov), sinusoid=beside.sinusoid)
 
 
-def _least(columns, needed, span: str, terms: tuple[str, ...]) -> Float[np.ndarray, " p"]:
+def _least(columns, needed, span: str, terms: tuple[Term, ...]) -> Float[np.ndarray, " p"]:
     """Theta of least mean of `columns` theta, with `columns` theta >= `needed` and theta >= 0."""
     open_rows = needed > 0.0
     if not open_rows.any():
@@ -143,23 +133,22 @@ def _least(columns, needed, span: str, terms: tuple[str, ...]) -> Float[np.ndarr
         cost = np.mean(columns, axis=0) / scale
         found = scipy.optimize.linprog(cost / np.max(cost), A_ub=-needs, b_ub=-np.ones(len(needs)), method="highs")
         if not found.success:
+            names = " and ".join(term.name for term in terms)
             raise FitError(
-                f"the linear programme of the overbound failed ({found.message}): {' and '.join(terms)} cannot follow the limits from "
-                f"{span}; add N or B, or give fewer cluster times"
+                f"the linear programme of the overbound failed ({found.message}): {names} cannot follow the limits "
+                f"from {span}; add N or B, or give fewer cluster times"
             )
         theta = np.maximum(found.x, 0.0)
     theta *= (1.0 + 1e-12) / np.min(needs @ theta)  # what the solver allows below the limits is taken back
     return theta / scale
 
 
-def _checked(tau: Any, upper: Any, terms: Any) -> tuple[Float[np.ndarray, " clusters"], Float[np.ndarray, " clusters"], tuple[str, ...]]:
+def _checked(tau: Any, upper: Any, terms: Any) -> tuple[Float[np.ndarray, " clusters"], Float[np.ndarray, " clusters"], tuple[Term, ...]]:
     """Cluster times, squared limits and terms, once they are in order."""
-    tau, upper, terms = np.asarray(tau, dtype=float), np.asarray(upper, dtype=float), tuple(terms)
+    tau, upper = np.asarray(tau, dtype=float), np.asarray(upper, dtype=float)
     if tau.ndim != 1 or tau.shape != upper.shape or not len(tau):
         raise DataError(f"tau and upper must be of one length, one value per cluster time; got shapes {tau.shape} and {upper.shape}")
     for name, values in (("tau", tau), ("upper", upper)):
         if not (np.all(np.isfinite(values)) and np.all(values > 0)):
             raise DataError(f"{name} must be positive and finite throughout; leave the other cluster times out")
-    if not terms or len(set(terms)) != len(terms) or any(term not in TERMS for term in terms):
-        raise DataError(f"terms must be distinct names among {', '.join(TERMS)}; got {terms!r}")
-    return tau, upper**2, terms
+    return tau, upper**2, checked_terms(terms)

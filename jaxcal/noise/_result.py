@@ -1,5 +1,6 @@
 """`NoiseFit`: noise coefficients with their uncertainty."""
 
+import operator
 from typing import Any
 
 import equinox as eqx
@@ -7,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._precision import map_ordered
 from .._results import Result, Row
 from .._types import AnyArray
 from ..allan import Deviation
@@ -87,7 +89,7 @@ class NoiseFit(Result):
             return [row._replace(name=f"{row.name}, channel {i}") for i, rows in enumerate(channels) for row in rows]
         none = (np.nan, np.nan)
         return [
-            Row(term, getattr(self.noise, term), *self.interval.get(term, none), _UNITS.get(term, "unit"), self.verdict.get(term, ""))
+            Row(term, self.noise.coefficient(term), *self.interval.get(term, none), _UNITS.get(term, "SI"), self.verdict.get(term, ""))
             for term in self.terms
         ]
 
@@ -102,7 +104,7 @@ class NoiseFit(Result):
         'present'
         """
         kept = {name: getattr(self, name) for name in ("duration", "terms", "confidence", "method")}
-        numbers = jax.tree.map(lambda value: value[..., index], {name: getattr(self, name) for name in _NUMBERS})
+        numbers = map_ordered(lambda value: value[..., index], {name: getattr(self, name) for name in _NUMBERS})
         sentences = {name: getattr(self, name)[index] for name in _SENTENCES}
         verdict = {term: value[index] for term, value in self.verdict.items()}
         deviation = None if self.deviation is None else self.deviation.channel(index)
@@ -120,35 +122,42 @@ _NOISES = ("noise", "other", "conservative")
 def stacked(fits: list[NoiseFit]) -> NoiseFit:
     """The fits of the channels of one record as one result, channels last."""
     first = fits[0]
-    xp = jnp if any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(first)) else np
-
-    def join(pick):
-        return jax.tree.map(lambda *values: xp.stack([xp.asarray(value) for value in values], axis=-1), *[pick(fit) for fit in fits])
-
     names = ("deviation", "lower", "upper", "edf", "count", "alpha", "skipped")
     deviation = first.deviation
     if deviation is not None:
         deviation = Deviation(
             tau=deviation.tau, m=deviation.m, kind=deviation.kind, rate=deviation.rate, confidence=deviation.confidence,
-            warnings=deviation.warnings, **{name: join(lambda fit, name=name: getattr(fit.deviation, name)) for name in names},
+            warnings=deviation.warnings, **{name: _joined(*(getattr(fit.deviation, name) for fit in fits)) for name in names},
         )  # fmt: skip
 
-    def noises(name):
-        found = [getattr(fit, name) for fit in fits]
-        if any(noise is None for noise in found):
-            return None
-        # a channel with fewer lines than another has lines of no amplitude
-        most = max(len(noise.sinusoid) for noise in found)
-        padded = [
-            eqx.tree_at(lambda n: n.sinusoid, noise, (*noise.sinusoid, *(((0.0, 1.0),) * (most - len(noise.sinusoid))))) for noise in found
-        ]
-        return jax.tree.map(lambda *values: xp.stack([xp.asarray(value) for value in values], axis=-1), *padded)
-
     return NoiseFit(
-        **{name: noises(name) for name in _NOISES},
+        **{name: stacked_noises([getattr(fit, name) for fit in fits]) for name in _NOISES},
         verdict={term: tuple(fit.verdict[term] for fit in fits) for term in first.verdict},
         deviation=deviation,
-        **{name: join(lambda fit, name=name: getattr(fit, name)) for name in _NUMBERS},
+        **{name: _joined(*(getattr(fit, name) for fit in fits)) for name in _NUMBERS},
         **{name: tuple(getattr(fit, name) for fit in fits) for name in _SENTENCES},
         **{name: getattr(first, name) for name in ("duration", "terms", "confidence", "method")},
     )
+
+
+def stacked_noises(found: list[Any]) -> Any:
+    """Noise of the channels of one record as one model, channels last; None where a channel has none."""
+    if any(noise is None for noise in found):
+        return None
+    # a channel with fewer lines or processes than another has some of no amplitude
+    for name in ("sinusoid", "markov"):
+        most = max(len(getattr(noise, name)) for noise in found)
+        found = [
+            eqx.tree_at(operator.attrgetter(name), noise, (*getattr(noise, name), *((0.0, 1.0),) * (most - len(getattr(noise, name)))))
+            for noise in found
+        ]
+    return _joined(*found)
+
+
+def _joined(*trees: Any) -> Any:
+    xp = jnp if any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(trees)) else np
+
+    def stack(*values: Any) -> Any:
+        return xp.stack([xp.asarray(value) for value in values], axis=-1) if eqx.is_array_like(values[0]) else values[0]
+
+    return map_ordered(stack, *trees)

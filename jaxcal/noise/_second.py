@@ -8,7 +8,7 @@ from ._agreement import sentences_of_difference
 from ._allanfit import alone, covariance_of
 from ._curve import estimate
 from ._joint import curve_of
-from ._model import Noise, with_coefficients
+from ._model import Noise, noise_of
 from ._result import NoiseFit
 
 _LEFT = 0.1  # share of the Allan variance that must be left when lines are taken from it
@@ -19,7 +19,8 @@ def with_second_opinion(found: NoiseFit, samples: int) -> NoiseFit:
 
     Lines and Gauss-Markov processes are taken from the curve first. In a band that was cut, a tail of slope -1 takes the place of Q.
     """
-    curve, terms = found.deviation, tuple(term for term in found.terms if term != "markov")
+    curve, names = found.deviation, tuple(term for term in found.terms if term != "markov")
+    terms = tuple(found.noise.part(name)[2] for name in names)
     beside, variance = Noise(markov=found.noise.markov, sinusoid=found.noise.sinusoid), curve.deviation**2
     if beside.markov or beside.sinusoid:
         variance = variance - np.asarray(beside.avar(curve.tau, dt=1.0 / curve.rate))
@@ -32,6 +33,6 @@ def with_second_opinion(found: NoiseFit, samples: int) -> NoiseFit:
     theta, _ = estimate(data, lanes, full=True)
     errors = np.sqrt(np.diagonal(covariance_of(data, lanes, theta, True))) * unit
     squares = theta[0, : len(terms)] * unit
-    other = with_coefficients({term: float(np.sqrt(value)) for term, value in zip(terms, squares, strict=True)})
-    said = sentences_of_difference(found, other, dict(zip(terms, errors, strict=False)))
+    other = noise_of(terms, np.sqrt(squares).tolist())
+    said = sentences_of_difference(found, other, dict(zip(names, errors, strict=False)))
     return dataclasses.replace(found, other=other, warnings=(*found.warnings, *said))

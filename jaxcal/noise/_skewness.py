@@ -17,13 +17,13 @@ Quadratic Forms in Random Variables, 1992; cube root, E. B. Wilson and M. M. Hil
 """
 
 import equinox as eqx
+import jax
 import numpy as np
 
-from .._precision import array_module
 from .._types import Any, AnyArray, Float
-from ._columns import spectral_column
 from ._curve import Curve, correlation, whiten
 from ._minimise import inverse, namespace
+from ._terms import Term
 
 _SINGLE = 64  # lowest frequencies kept apart
 _PER_DECADE = 40
@@ -41,7 +41,7 @@ class Response(eqx.Module):
     columns: Float[AnyArray, "bins p"]
 
 
-def response(samples: int, m, dt: float, terms: tuple[str, ...]) -> Response:
+def response(samples: int, m, dt: float, terms: tuple[Term, ...]) -> Response:
     """Kernels and densities for a record of `samples`."""
     per_decade = np.arange(np.log10(_SINGLE), np.log10(samples), 1.0 / _PER_DECADE)
     edges = np.unique(np.concatenate([np.arange(1, min(_SINGLE, samples)), np.round(10.0**per_decade), [samples]]))
@@ -52,9 +52,9 @@ def response(samples: int, m, dt: float, terms: tuple[str, ...]) -> Response:
     fourth = 0.375 - np.cos(2.0 * angle) / 2.0 * np.sinc(width) + np.cos(4.0 * angle) / 8.0 * np.sinc(2.0 * width)
     kernel = 2.0 * fourth / (m[:, None] * np.sin(half)) ** 2 / (samples * dt)  # a sum over frequencies is the variance then
     frequency = middle / (2.0 * samples * dt)
-    columns = [spectral_column(term, frequency, dt) for term in terms]
-    xp = array_module(columns)
-    return Response(number, kernel, xp.stack(columns, axis=1))
+    with jax.ensure_compile_time_eval():  # they do not depend on the record
+        columns = [np.asarray(term.psd(frequency, dt)) for term in terms]
+    return Response(number, kernel, np.stack(columns, axis=1))
 
 
 def skewness(curve: Curve, used, heard: Response, at, index: int) -> Any:

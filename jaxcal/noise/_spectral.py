@@ -14,8 +14,10 @@ from .._types import Any, AnyArray, Int
 from ._likelihood import density, fit_from, flat_start, information, lower_of, several_starts
 from ._limits import Limits, find_limits
 from ._minimise import inverse, minimise, namespace
-from ._ordinates import FILTER, Bins
+from ._ordinates import Bins
+from ._terms import Filter
 
+FILTER = Filter.name
 #: groups of bins whose mean ratio to the model is tested: the first ordinates, then log-spaced
 _FIRST = (0, 4, 12, 24, 48)
 _GROUPS = 40

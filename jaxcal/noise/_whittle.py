@@ -16,12 +16,13 @@ from ._likelihood import density
 from ._limits import Limits
 from ._lines import amplitudes, find_lines
 from ._markov import PRESENT, Scan, scan, times
-from ._model import Noise
-from ._ordinates import FILTER, Bins, bins_of, expected, stretches
+from ._model import noise_of
+from ._ordinates import Bins, bins_of, stretches
 from ._result import NoiseFit
 from ._sentences import sentences_of_octaves, sentences_of_spectrum, sentences_of_unevenness
-from ._spectral import Fitted, attempt, fit_bins, fit_whole, groups_of, uncertainty, without
+from ._spectral import FILTER, Fitted, attempt, fit_bins, fit_whole, groups_of, uncertainty, without
 from ._stationarity import ORDINATES, Unevenness, unevenness, unevenness_of_level
+from ._terms import Filter, GaussMarkov, Ramp, Term
 
 _RAMP, _TEMPERATURE = 3.0, 4.0  # standard errors above which a record follows a line in time, and its temperature
 _ALIKE = 2.0  # likelihood ratio within which flicker and one Gauss-Markov process are alike
@@ -30,12 +31,17 @@ _SHORTEST_STRETCH = 256
 
 
 class Solved(eqx.Module):
-    """A record's bins, which of them lines occupy, and the fit; `columns` are names and correlation times."""
+    """A record's bins, which of them lines occupy, and the fit; `columns` are the terms of its columns."""
 
     bins: Bins
     taken: AnyArray
     fitted: Fitted
-    columns: tuple[tuple[str, float | None], ...] = eqx.field(static=True)
+    columns: tuple[Term, ...] = eqx.field(static=True)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the columns."""
+        return tuple(term.name for term in self.columns)
 
     @property
     def end(self) -> float:
@@ -47,12 +53,12 @@ class Solved(eqx.Module):
     def leading(self, n: int, dt: float):
         """The columns at the first ordinates of n samples, and their density."""
         k = np.arange(1, min(ORDINATES, n - 1) + 1)
-        columns = np.stack([expected(term, k, n, dt, scale) for term, scale in self.columns], axis=1)
+        columns = np.stack([term.ordinates(k, n, dt) for term in self.columns], axis=1)
         return columns, columns @ self.fitted.theta * float(self.bins.unit)
 
     def share(self, term: str, n: int, dt: float):
         """Share of a term in the density at the ordinates of n samples up to the end of the band, 0 in lines; and the density."""
-        bins, index = self.fitted.bins, [name for name, _ in self.columns].index(term)
+        bins, index = self.fitted.bins, self.names.index(term)
         there = np.asarray(bins.frequency) <= min(self.end, 0.5 / dt)
         frequency, columns = np.asarray(bins.frequency)[there], np.asarray(bins.columns)[there]
         model = columns @ np.asarray(self.fitted.theta)
@@ -66,7 +72,7 @@ class Solved(eqx.Module):
 
 
 def fit_record(
-    y, curve: Deviation, terms: tuple[str, ...], band: tuple[float, float] | None, confidence: float, temperature=None
+    y, curve: Deviation, terms: tuple[Term, ...], band: tuple[float, float] | None, confidence: float, temperature=None
 ) -> NoiseFit:
     """Fit one channel by its likelihood.
 
@@ -74,45 +80,50 @@ def fit_record(
     ----------
     y : (n,) samples; NaN marks a gap.
     curve : its overlapped Allan deviation, for the plot and for cluster times left out.
-    terms : names among Q, N, B, K, R and markov.
+    terms : the terms; a Gauss-Markov process without correlation time is given that of the highest likelihood.
     band : cluster times in s to fit, or None to find the band.
     confidence : level of the intervals.
     temperature : (n,) or None; whether the record follows it.
     """
     dt, n = 1.0 / curve.rate, len(y)
-    base = tuple((term, None) for term in terms if term not in ("R", "markov"))
-    if not base:
-        raise DataError(f"terms {terms!r}: a ramp or a Gauss-Markov process is fitted beside other terms; add N")
+    asked = tuple(term.name for term in terms)
+    ramps, sought = (tuple(term for term in terms if kind(term)) for kind in (_is_ramp, _is_sought))
+    base = tuple(term for term in terms if term not in (*ramps, *sought))
+    if not base or len(sought) > 1:
+        raise DataError(
+            f"terms {asked!r}: a ramp, and one Gauss-Markov process without correlation time, are fitted beside other terms; add N"
+        )
     solved = _solve(y, dt, base, band)
     slope, error = _follows(y, np.arange(n) * dt, solved, dt)
     ramp = abs(slope) > _RAMP * error
-    if ramp and "R" in terms:
+    if ramp and ramps:
         y = y - slope * dt * np.arange(n)
         solved = _solve(y, dt, base, band)
     warm = (0.0, np.inf) if temperature is None else _follows(y, temperature, solved, dt)
-    tried = scan(solved.fitted, times(dt, n * dt), dt, np.array([float(name == "B") for name, _ in solved.columns]))
+    tried = scan(solved.fitted, times(dt, n * dt), dt, np.array([float(name == "B") for name in solved.names]))
     widened = float(solved.fitted.inflation)
     tried = Scan(tried.time, tried.gain / widened, tried.instead / widened)
     time = float(tried.time[np.argmax(tried.gain)])
-    if "markov" in terms:
-        solved = _solve(y, dt, (*base, ("markov", time)), band)
-    names = tuple(name for name, _ in solved.columns)
+    if sought:
+        solved = _solve(y, dt, (*base, GaussMarkov(time=time, name=sought[0].name)), band)
+        terms = tuple(solved.columns[-2] if term in sought else term for term in terms)
+    names = solved.names
     uneven = _uneven(y, solved, dt)
     widened = np.array([max(uneven[name].factor, 1.0) if name in uneven else 1.0 for name in names])
     covariance, limits, factor = uncertainty(solved.fitted, widened, *_levels(confidence), names)
-    decides = {name: float(value) * n * dt for name, value in zip(names, factor, strict=False)}
+    decides = {name: float(factor[names.index(name)]) * n * dt for name in asked if name in names}
     theta, unit = solved.fitted.theta, float(solved.bins.unit)
     if not np.all(np.isfinite(theta)):
         raise FitError("the fit gave no finite coefficients; fit fewer terms (terms=) or other cluster times (band=)")
     theta, covariance, limits = _squares(
-        theta * unit, covariance * unit**2, _scaled(limits, unit), names, terms, (slope, error), bool(solved.fitted.cut), confidence
+        theta * unit, covariance * unit**2, _scaled(limits, unit), names, asked, (slope, error), bool(solved.fitted.cut), confidence
     )
     lines = amplitudes(solved.bins, solved.taken, density(solved.bins.columns, solved.fitted.theta), n * dt)
     lines = [line for line in lines if line[1] <= solved.end]
     used = _used(curve, solved, band)
     ends = float(curve.tau[used].min()), float(curve.tau[used].max())
     found = assemble(
-        theta, covariance, limits, terms, n * dt, time=time, sinusoid=lines, decides=decides, goodness=float(solved.fitted.goodness),
+        theta, covariance, limits, terms, n * dt, sinusoid=lines, decides=decides, goodness=float(solved.fitted.goodness),
         confidence=confidence, method="whittle", deviation=curve, used=used, left_out=(), warnings=(), band=ends,
     )  # fmt: skip
     modelled = np.asarray(found.noise.avar(curve.tau, dt=dt))
@@ -120,26 +131,26 @@ def fit_record(
         *curve.warnings,
         *_gaps(y, dt),
         *sentences_of_spectrum(found, solved.fitted, lines, band is None),
-        *_drifts(ramp and "R" not in terms, slope / error, warm[0] / warm[1]),
-        *_beside(tried, "markov" in terms),
+        *_drifts(ramp and not ramps, slope / error, warm[0] / warm[1]),
+        *_beside(tried, bool(sought)),
         *sentences_of_unevenness(uneven, n * dt),
     ]
-    notes = _instead(tried, "markov" in terms, found.verdict.get("B"))
-    curve = with_edf(curve, used, _model_edf(curve, found, modelled, names, n))
+    notes = _instead(tried, bool(sought), found.verdict.get("B"))
+    curve = with_edf(curve, used, _model_edf(curve, found, modelled, base, n))
     left_out = sentences_of_octaves(curve, used, np.sqrt(modelled), band is None)
-    if "markov" in terms:
+    if "markov" in asked:
         found, notes = _apart(found), (*notes, _described(found))
     return dataclasses.replace(found, deviation=curve, left_out=left_out, warnings=tuple(sentences), notes=notes)
 
 
-def fit_traced(y, rate: float, terms: tuple[str, ...], band: tuple[float, float] | None, confidence: float) -> NoiseFit:
+def fit_traced(y, rate: float, terms: tuple[Term, ...], band: tuple[float, float] | None, confidence: float) -> NoiseFit:
     """The same for a traced record: no checks, no choice of the band, no lines; differentiable."""
-    if set(terms) & {"R", "markov"}:
-        raise DataError("a traced record is fitted with terms among Q, N, B, K; R and markov are found by a search, which cannot be traced")
-    columns = tuple((term, None) for term in terms)
-    bins = _inside(bins_of(y, 1.0 / rate, columns), band)
+    if any(_is_ramp(term) or _is_sought(term) for term in terms):
+        raise DataError("a traced record is fitted without R and markov; these are found by a search, which cannot be traced")
+    names = tuple(term.name for term in terms)
+    bins = _inside(bins_of(y, 1.0 / rate, terms), band)
     fitted = fit_whole(bins, groups_of(bins.weight, y.shape[0] - 1))
-    covariance, limits, _ = uncertainty(fitted, np.ones(len(terms)), *_levels(confidence), terms)
+    covariance, limits, _ = uncertainty(fitted, np.ones(len(terms)), *_levels(confidence), names)
     duration = y.shape[0] / rate
     ends = (1.0 / rate, duration / 2.0) if band is None else band
     return assemble(
@@ -161,8 +172,17 @@ def _inside(bins: Bins, band) -> Bins:
     return eqx.tree_at(lambda b: b.weight, bins, bins.weight * within)
 
 
-def _solve(y, dt: float, columns: tuple[tuple[str, float | None], ...], band) -> Solved:
-    columns = (*columns, (FILTER, None))
+def _is_ramp(term: Term) -> bool:
+    return isinstance(term, Ramp)
+
+
+def _is_sought(term: Term) -> bool:
+    """Whether it is a Gauss-Markov process whose correlation time is looked for."""
+    return isinstance(term, GaussMarkov) and term.time is None
+
+
+def _solve(y, dt: float, columns: tuple[Term, ...], band) -> Solved:
+    columns = (*columns, Filter())
     whole = bins_of(y, dt, columns)
     bins = _inside(whole, band)
     count = int(np.sum(bins.weight > 0))
@@ -170,7 +190,7 @@ def _solve(y, dt: float, columns: tuple[tuple[str, float | None], ...], band) ->
         raise DataError(
             f"{count} frequency bins are left for {len(columns)} terms; record longer without gaps, widen band=, or ask for fewer terms"
         )
-    names = tuple(name for name, _ in columns)
+    names = tuple(term.name for term in columns)
     group = groups_of(whole.weight, int(np.sum(whole.weight)))
     plain = without(bins, names, FILTER)
     first = attempt(plain, group)
@@ -193,7 +213,7 @@ def _uneven(y, solved: Solved, dt: float) -> dict[str, Unevenness]:
     if longest is None or longest.stop - longest.start < _SHORTEST_STRETCH:
         return {}
     columns, density = solved.leading(longest.stop - longest.start, dt)
-    names = [name for name, _ in solved.columns]
+    names = solved.names
     found = {term: unevenness(y[longest], columns[:, names.index(term)], density, dt) for term in ("B", "K") if term in names}
     found = found if any(term.told for term in found.values()) else {}
     share, density = solved.share("N", longest.stop - longest.start, dt) if "N" in names else (np.zeros(1), np.ones(1))
@@ -246,14 +266,14 @@ def _used(curve: Deviation, solved: Solved, band) -> np.ndarray:
     return used
 
 
-def _model_edf(curve: Deviation, found: NoiseFit, modelled, names, n: int):
+def _model_edf(curve: Deviation, found: NoiseFit, modelled, terms: tuple[Term, ...], n: int):
     """Degrees of freedom of the curve under the fitted terms; `modelled` is the Allan variance of all of the model."""
-    terms = tuple(name for name in names if name not in ("markov", FILTER))
-    squares = np.array([float(np.asarray(getattr(found.noise, name))) ** 2 for name in terms])
+    values = [found.noise.coefficient(term.name) for term in terms]
+    squares = np.array([float(np.asarray(value)) ** 2 for value in values])
     tensor = np.diagonal(covariance_tensor(n, tuple(int(m) for m in curve.m), 1.0 / curve.rate, terms), axis1=2, axis2=3)
     variance = np.einsum("i,ijm,j->m", squares, tensor, squares)
     if found.noise.markov or found.noise.sinusoid or "R" in found.terms:
-        modelled = np.asarray(Noise(**{t: getattr(found.noise, t) for t in terms}).avar(curve.tau, dt=1.0 / curve.rate))
+        modelled = np.asarray(noise_of(terms, values).avar(curve.tau, dt=1.0 / curve.rate))
     return 2.0 * modelled**2 / np.where(variance > 0.0, variance, np.inf)
 
 

@@ -9,7 +9,21 @@ from .._errors import DataError
 from ..allan import Deviation
 from ..noise import Noise, NoiseFit
 from ._labels import display_unit, interval_labels, number_label
-from ._style import INK, MUTED, SERIES, SHADE, TERM_COLORS, arrange, key_text, log_axes, new_panels, place_legend, text_only, tick_decades
+from ._style import (
+    INK,
+    MUTED,
+    SERIES,
+    SHADE,
+    TERM_COLORS,
+    arrange,
+    key_text,
+    log_axes,
+    new_panels,
+    place_legend,
+    term_color,
+    text_only,
+    tick_decades,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -185,12 +199,11 @@ def _draw_term(ax: "Axes", channel: _Channel, term: str) -> Any:
     fit = channel.fit
     assert fit is not None
     detected = fit.verdict.get(term) != "not detected"
-    value = float(getattr(fit.noise, term)) if detected else float(fit.upper_limit[term])
+    value = float(fit.noise.coefficient(term)) if detected else float(fit.upper_limit[term])
     if not (np.isfinite(value) and value > 0):
         return None
-    alone: dict[str, Any] = {term: value}
-    tau, deviation = channel.model(Noise(**alone))
-    line = ax.plot(tau, deviation, color=TERM_COLORS[term], linewidth=1.3, linestyle="--" if detected else ":", zorder=1.5)[0]
+    tau, deviation = channel.model(fit.noise.only(term, value))
+    line = ax.plot(tau, deviation, color=term_color(term), linewidth=1.3, linestyle="--" if detected else ":", zorder=1.5)[0]
     line.set_label(coefficient_label(term, fit, channel.sensor))
     return line
 
@@ -199,8 +212,8 @@ def coefficient_label(term: str, fit: NoiseFit, sensor: str | None) -> str:
     """A coefficient with its unit: "N = 0.245 °/√h", or "K < 1.8 °/h/√s" where it was not detected."""
     scale, unit = display_unit(term, sensor)
     if term not in fit.verdict:  # a method without uncertainty
-        return f"{term} = {number_label(float(getattr(fit.noise, term)) / scale)} {unit}".strip()
-    value, low, high = (float(v) / scale for v in (getattr(fit.noise, term), *fit.interval[term]))
+        return f"{term} = {number_label(float(fit.noise.coefficient(term)) / scale)} {unit}".strip()
+    value, low, high = (float(v) / scale for v in (fit.noise.coefficient(term), *fit.interval[term]))
     if fit.verdict[term] == "not detected":
         return f"{term} < {number_label(float(fit.upper_limit[term]) / scale, 2)} {unit}".strip()
     sign = "=" if fit.verdict[term] == "present" else "≈"
@@ -217,7 +230,8 @@ def _draw_several(ax: "Axes", channels: list[_Channel]) -> list[list[Any]]:
         if channel.fit is not None and channel.deviation.kind in _MODELLED:
             _draw_model(ax, channel, channel.fit.noise, color)
     fits = [channel.fit for channel in channels if channel.fit is not None]
-    found = [term for term in TERM_COLORS if any(term in fit.terms and fit.verdict.get(term) != "not detected" for fit in fits)]
+    fitted = dict.fromkeys([*TERM_COLORS, *(term for fit in fits for term in fit.terms)])
+    found = [term for term in fitted if any(term in fit.terms and fit.verdict.get(term) != "not detected" for fit in fits)]
     coefficients = ([text_only(_coefficient_of(channel, term)) for channel in channels] for term in found)
     return [[*names, *_left_out(channels, "left out")], *coefficients]
 

@@ -10,7 +10,7 @@ from ..noise import Noise, NoiseFit
 from ..spectrum import Spectrum
 from ._allan import coefficient_label
 from ._labels import display_unit, number_label
-from ._style import INK, SERIES, TERM_COLORS, arrange, key_text, log_axes, new_panels, place_legend, text_only, tick_decades
+from ._style import INK, SERIES, TERM_COLORS, arrange, key_text, log_axes, new_panels, place_legend, term_color, text_only, tick_decades
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -189,16 +189,20 @@ def _draw_terms(ax: "Axes", channel: _Channel) -> list[Any]:
     """A line for every term that has a density, dotted at the upper limit of one that was not detected."""
     noise, lines = channel.noise, []
     assert noise is not None
-    for term, color in TERM_COLORS.items():
+    for term in _terms([channel]):
         value, style, label = _coefficient(channel, term)
         if term == "R" or not (np.isfinite(value) and value > 0):
             continue
-        alone: dict[str, Any] = {term: value, "cutoff": noise.cutoff}
-        lines += ax.plot(*channel.curve(Noise(**alone)), color=color, linewidth=1.3, linestyle=style, label=label)
+        lines += ax.plot(*channel.curve(noise.only(term, value)), color=term_color(term), linewidth=1.3, linestyle=style, label=label)
     for pair in noise.markov:
         label = f"Gauss-Markov, {number_label(float(pair[1]))} s"
         lines += ax.plot(*channel.curve(Noise(markov=(pair,))), color=_MARKOV_COLOR, linewidth=1.3, linestyle="--", label=label)
     return lines
+
+
+def _terms(channels: list[_Channel]) -> list[str]:
+    """Letters, and terms of one's own that any of the models has."""
+    return list(dict.fromkeys([*TERM_COLORS, *(term.name for channel in channels if channel.noise for _, term in channel.noise.further)]))
 
 
 def _coefficient(channel: _Channel, term: str) -> tuple[float, str, str]:
@@ -208,9 +212,10 @@ def _coefficient(channel: _Channel, term: str) -> tuple[float, str, str]:
         if term not in fit.terms:
             return 0.0, "", ""
         absent = fit.verdict.get(term) == "not detected"
-        value = float(fit.upper_limit[term] if absent else getattr(fit.noise, term))
+        value = float(fit.upper_limit[term] if absent else fit.noise.coefficient(term))
         return value, ":" if absent else "--", coefficient_label(term, fit, channel.sensor)
-    value = float(getattr(noise, term))
+    assert noise is not None
+    value = float(noise.coefficient(term))
     scale, unit = display_unit(term, channel.sensor)
     return value, "--", f"{term} = {number_label(value / scale)} {unit}".strip()
 
@@ -224,7 +229,7 @@ def _draw_several(ax: "Axes", channels: list[_Channel]) -> list[list[Any]]:
         names[-1].set_label(channel.label)
         if channel.noise is not None:
             ax.plot(*channel.curve(channel.noise), color=color, linewidth=1.8)
-    found = [[_coefficient(channel, term) if channel.model else (0.0, "", "") for channel in channels] for term in TERM_COLORS]
+    found = [[_coefficient(channel, term) if channel.model else (0.0, "", "") for channel in channels] for term in _terms(channels)]
     shown = (row for row in found if any(value > 0 and style == "--" for value, style, _ in row))
     return [names, *([text_only(label) for _, _, label in row] for row in shown)]
 

@@ -15,6 +15,13 @@ SHADE = "#f1f3f5"
 #: channels, and the terms of a noise model: Okabe and Ito's palette (jfly.uni-koeln.de/color), yellow left out
 SERIES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 TERM_COLORS = {"Q": "#cc79a7", "N": "#0072b2", "B": "#009e73", "K": "#d55e00", "R": "#e69f00"}
+_FURTHER = ("#56b4e9", "#8c564b", "#7f7f7f")
+
+
+def term_color(term: str) -> str:
+    """Colour of the line of a term; a term of one's own has one that its name decides."""
+    return TERM_COLORS.get(term) or _FURTHER[sum(map(ord, term)) % len(_FURTHER)]
+
 
 _TEXT = 10.0
 _PAD = 0.06  # inches around what is drawn

@@ -54,7 +54,7 @@ def sensor_of(channel: str) -> str:
 def _channel(fit: NoiseFit, sensor: str) -> dict[str, Any]:
     terms = {
         term: {
-            "value": number(getattr(fit.noise, term)),
+            "value": number(fit.noise.coefficient(term)),
             "low": number(fit.interval[term][0]),
             "high": number(fit.interval[term][1]),
             "upper_limit": number(fit.upper_limit[term]),
@@ -77,6 +77,11 @@ def _channel(fit: NoiseFit, sensor: str) -> dict[str, Any]:
         "notes": [str(sentence) for sentence in fit.notes],
         "markov": [[number(strength), number(time)] for strength, time in fit.noise.markov],
         "sinusoid": [[number(amplitude), number(frequency)] for amplitude, frequency in fit.noise.sinusoid],
+        **(
+            {"shapes": {term.name: {"class": type(term).__name__, **plain(term)} for _, term in fit.noise.further}}
+            if fit.noise.further
+            else {}
+        ),
     }
 
 

@@ -34,6 +34,13 @@ _MEANING = {
 }
 
 
+_OWN = "A term of your own: the coefficient multiplies the root of the density that its class gives."
+
+
+def _name(term: str, sensor: str) -> str:
+    return _NAMES.get((term, sensor), "a term of your own")
+
+
 def noise_body(results: dict[str, NoiseFit], log: Log | None, version: str) -> Markup:
     """Every section of a report on noise."""
     sections = [_verdict(results, log), _plots(results), _remarks(results, log)]
@@ -73,7 +80,8 @@ def by_sensor(results: dict[str, NoiseFit]) -> dict[str, dict[str, NoiseFit]]:
 
 
 def _terms(channels: dict[str, NoiseFit]) -> list[str]:
-    return [term for term in _MEANING if any(term in fit.terms for fit in channels.values())]
+    fitted = dict.fromkeys([*_MEANING, *(term for fit in channels.values() for term in fit.terms)])
+    return [term for term in fitted if any(term in fit.terms for fit in channels.values())]
 
 
 def _axis(channel: str) -> str:
@@ -92,7 +100,7 @@ def _found(term: str, channels: dict[str, NoiseFit]) -> Markup:
         where = ("any axis" if kind == "not detected" else "every axis") if len(names) == len(channels) > 1 else _listed(names)
         parts.append(f"{words.get(kind, kind)} {where}")
     sensor = sensor_of(next(iter(channels)))
-    return join((tag("b", term), f" ({_NAMES[term, sensor]}): {', '.join(parts)}."))
+    return join((tag("b", term), f" ({_name(term, sensor)}): {', '.join(parts)}."))
 
 
 def _listed(names: list[str]) -> str:
@@ -104,7 +112,7 @@ def _table(sensor: str, channels: dict[str, NoiseFit]) -> Markup:
     rows = []
     for term in _terms(channels):
         unit = tag("span", display_unit(term, sensor)[1], class_="small")
-        name = tag("th", tag("b", term), tag("span", _NAMES[term, sensor]), unit, scope="row")
+        name = tag("th", tag("b", term), tag("span", _name(term, sensor)), unit, scope="row")
         rows.append(tag("tr", name, *(_cell(term, fit, sensor) for fit in channels.values())))
     bands = (tag("td", *_fit_quality(fit)) for fit in channels.values())
     rows.append(tag("tr", tag("th", tag("span", "Fit"), tag("span", "band, goodness", class_="small"), scope="row"), *bands))
@@ -125,7 +133,7 @@ def _cell(term: str, fit: NoiseFit, sensor: str) -> Markup:
     if kind == "not detected":
         limit = float(fit.upper_limit[term]) / scale
         return tag("td", tag("strong", f"< {number_label(limit, 2)}"), badge)
-    value, low, high = interval_labels(*(float(v) / scale for v in (getattr(fit.noise, term), *fit.interval[term])))
+    value, low, high = interval_labels(*(float(v) / scale for v in (fit.noise.coefficient(term), *fit.interval[term])))
     longer = float(fit.longer_record[term])
     needed = f"10 % after {duration_label(longer)}" if longer < float("inf") else "10 % not within reach"
     return tag("td", tag("strong", value), tag("span", f"{low} to {high}"), badge, tag("span", needed, class_="small"))
@@ -220,9 +228,12 @@ def _meaning(results: dict[str, NoiseFit]) -> Markup:
     sensors = list(by_sensor(results))
     items = []
     for term in _terms(results):
-        names = dict.fromkeys(_NAMES[term, sensor] for sensor in sensors)
+        names = dict.fromkeys(_name(term, sensor) for sensor in sensors)
         units = ", ".join(dict.fromkeys(noise_units(term, sensor)[-1] for sensor in sensors))
-        items += [tag("dt", f"{term}: {' / '.join(names)}"), tag("dd", _MEANING[term], tag("span", f" SI unit: {units}.", class_="small"))]
+        items += [
+            tag("dt", f"{term}: {' / '.join(names)}"),
+            tag("dd", _MEANING.get(term, _OWN), tag("span", f" SI unit: {units}.", class_="small")),
+        ]
     return tag("section", tag("h2", "What the coefficients mean", id="meaning"), tag("dl", *items), aria_labelledby="meaning")
 
 

@@ -11,6 +11,10 @@ DT = 0.5
 TERMS = ("Q", "N", "B", "K", "R")
 
 
+def objects(terms):
+    return tuple(Noise().part(term)[2] for term in terms)
+
+
 def phase_covariance(term, h):
     """Generalised covariance of phase at integer lags, from the definitions of the terms, in extended precision."""
     h = np.abs(h)
@@ -45,7 +49,7 @@ def lag_by_lag(samples, small, large):
 
 def test_equals_the_sum_over_all_lags():
     samples, m = 3000, (1, 2, 5, 19, 60, 203, 750)
-    tensor = covariance_tensor(samples, m, DT, TERMS)
+    tensor = covariance_tensor(samples, m, DT, objects(TERMS))
     for i, small in enumerate(m):
         for j in range(i, len(m)):
             np.testing.assert_allclose(tensor[:, :, i, j], lag_by_lag(samples, small, m[j]), rtol=3e-5, atol=1e-15)
@@ -55,7 +59,7 @@ def test_equals_the_sum_over_all_lags():
 def test_cost_and_size_do_not_grow_with_the_record():
     """A billion samples: white noise at one cluster size has the closed form of Greenhall, edf near 2n/3m for m >> 1."""
     samples, m = 10**9, (1, 1000, 10**6, 10**8)
-    tensor = covariance_tensor(samples, m, 1.0, ("N", "B", "K"))
+    tensor = covariance_tensor(samples, m, 1.0, objects("NBK"))
     variance = np.array([1.0 / size for size in m])
     edf = 2.0 * variance**2 / np.diagonal(tensor[0, 0])
     np.testing.assert_allclose(edf[1:3], 1.5 * samples / np.array(m[1:3]), rtol=2e-3)
@@ -68,7 +72,9 @@ def test_against_the_scatter_of_simulated_records():
     m = np.array([1, 3, 10, 40, 160])
     y = np.stack([noise.simulate(samples, 1 / DT, seed=s) for s in range(runs)], axis=1)
     variance = deviation(y, 1 / DT, m=m).deviation ** 2
-    theory = covariance(covariance_tensor(samples, tuple(int(size) for size in m), DT, TERMS[:4]), np.array([0.04, 1.0, 0.25, 0.04]))
+    theory = covariance(
+        covariance_tensor(samples, tuple(int(size) for size in m), DT, objects(TERMS[:4])), np.array([0.04, 1.0, 0.25, 0.04])
+    )
     measured = np.cov(variance)
     spread = np.sqrt(np.diagonal(theory))
     excess = np.mean((variance - variance.mean(axis=1, keepdims=True)) ** 4, axis=1) / np.diagonal(measured) ** 2 - 1

@@ -8,8 +8,7 @@ import pytest
 
 from jaxcal import DataError
 from jaxcal.allan import deviation
-from jaxcal.noise import Noise
-from jaxcal.noise._discrete import discrete
+from jaxcal.noise import Noise, discrete
 
 RATE = 10.0
 ALL = Noise(Q=0.02, N=0.5, B=0.7, K=0.1, R=0.01, markov=((0.5, 3.0),), sinusoid=((0.3, 0.37),))

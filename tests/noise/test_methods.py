@@ -22,11 +22,15 @@ WITH_INTERVALS = ("gls", "edf", "wavelet")
 WITHOUT = ("unweighted", "log", "slope")
 
 
+def objects(terms):
+    return tuple(Noise().part(term)[2] for term in terms)
+
+
 def fitted(method, y, terms=TERMS, inside=None, **changes):
     """What `jaxcal.noise.fit` does for one channel; `changes` are fields of the deviation."""
     curve = dataclasses.replace(deviation(y, RATE, m=clusters(method, len(y), terms), alpha=0), **changes)
     chosen = np.ones(len(curve.m), dtype=bool) if inside is None else inside(curve.tau)
-    return CURVES[method](curve, len(y), terms, chosen, inside is None, 0.95)
+    return CURVES[method](curve, len(y), objects(terms), chosen, inside is None, 0.95)
 
 
 def exact(method, noise, samples=2**15, terms=TERMS):
@@ -84,7 +88,7 @@ def dense(v, m, samples, full, factor=1.0):
     Every set of non-zero coefficients is tried; the covariance is that of all columns, whatever is zero.
     """
     columns = factor * allan_columns(m)
-    tensor = factor**2 * covariance_tensor(samples, tuple(int(size) for size in m), DT, TERMS)
+    tensor = factor**2 * covariance_tensor(samples, tuple(int(size) for size in m), DT, objects(TERMS))
     sets = [np.array([bool(code >> i & 1) for i in range(4)]) for code in range(1, 16)]
     theta = None
     for _ in range(400):
@@ -266,7 +270,7 @@ def test_no_compilation_for_another_length(method, caplog):
         # the deviation has its own test; here it must not count
         curve = deviation(GYRO.simulate(samples, RATE, seed=1), RATE, m=sizes, alpha=0)
         caplog.clear()
-        CURVES[method](curve, samples, TERMS, np.ones(len(sizes), dtype=bool), True, 0.95)
+        CURVES[method](curve, samples, objects(TERMS), np.ones(len(sizes), dtype=bool), True, 0.95)
     assert not [record.message for record in caplog.records if "Finished XLA compilation" in record.message]
 
 

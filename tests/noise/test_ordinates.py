@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 import scipy.fft
 
-from jaxcal.noise import Noise
-from jaxcal.noise._ordinates import BINS, _flicker_ratio, bins_of, expected, stretches
+from jaxcal.noise import GaussMarkov, Noise
+from jaxcal.noise._ordinates import BINS, bins_of, stretches
 
 DT = 0.02
-TERMS = (("Q", None), ("N", None), ("B", None), ("K", None))
+NAMES = ("Q", "N", "B", "K")
+TERMS = tuple(Noise().part(name)[2] for name in NAMES)
 
 
 def covariance(term, n, scale=None):
@@ -29,18 +30,23 @@ def covariance(term, n, scale=None):
 
 
 @pytest.mark.parametrize("n", [40, 97])
-@pytest.mark.parametrize(("term", "scale"), [*TERMS, ("markov", 0.05), ("markov", 30.0)])
+@pytest.mark.parametrize(("term", "scale"), [*((name, None) for name in NAMES), ("markov", 0.05), ("markov", 30.0)])
 def test_expected_ordinates_equal_the_dense_covariance(term, scale, n):
     basis = scipy.fft.dct(np.eye(n), norm="ortho", axis=0)
     dense = DT * np.diag(basis @ covariance(term, n, scale) @ basis.T)[1:]
-    np.testing.assert_allclose(expected(term, np.arange(1, n), n, DT, scale), dense, rtol=1e-9)
+    np.testing.assert_allclose(
+        (GaussMarkov(time=scale) if scale else Noise().part(term)[2]).ordinates(np.arange(1, n), n, DT), dense, rtol=1e-9
+    )
 
 
 def test_long_records_use_the_scaling_of_flicker():
     n = 1 << 17
     k = np.arange(1, n)
-    exact = DT / (2.0 * np.sin(np.pi * k / (2.0 * n))) * _flicker_ratio(n)
-    np.testing.assert_allclose(expected("B", k, n, DT), exact, rtol=2e-6)
+    h = np.arange(n, dtype=float)
+    g = np.concatenate([[0.0], -2.0 / np.pi * np.cumsum(1.0 / (2.0 * h[1:] - 1.0))])
+    cosine, sine = np.fft.rfft(g * (n - h), 2 * n)[1:n].real, -np.fft.rfft(g, 2 * n)[1:n].imag
+    exact = DT * 2.0 / n * (cosine - sine / np.sin(np.pi * k / n))
+    np.testing.assert_allclose(Noise().part("B")[2].ordinates(k, n, DT), exact, rtol=2e-6)
 
 
 def test_bins_average_ordinates_and_count_them():

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from jaxcal import DataError, FitError
-from jaxcal.noise import Noise, fit
-from jaxcal.noise._overbound import _side_by_side, overbound, overbound_curve
+from jaxcal.noise import Noise, fit, overbound, overbound_curve
 
 DT = 0.01
 TERMS = ("Q", "N", "B", "K")
@@ -147,9 +146,9 @@ def test_processes_of_a_fit_stay(fits):
     excess = bound.avar(one.deviation.tau, dt=DT) / one.deviation.upper**2
     assert np.all(excess[one.used] >= 1.0 - 1e-12)
     # channels with and without a line come out side by side
-    pairs = _side_by_side([((1.0, 2.0), (3.0, 4.0)), (), ((5.0, 6.0),)])
-    np.testing.assert_array_equal(pairs, [[[1.0, 0.0, 5.0], [2.0, 1.0, 6.0]], [[3.0, 0.0, 0.0], [4.0, 1.0, 1.0]]])
-    assert _side_by_side([(), ()]) == ()
+    lines = ((np.append(1e-5, 0.0 * found.noise.N[1:]), np.append(0.5, 1.0 + 0.0 * found.noise.N[1:])),)
+    both = overbound(dataclasses.replace(found, noise=dataclasses.replace(found.noise, sinusoid=lines)))
+    np.testing.assert_array_equal(both.sinusoid, lines)
 
 
 def test_in_both_precisions(precision):

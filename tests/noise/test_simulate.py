@@ -6,7 +6,7 @@ import pytest
 from jaxcal import DataError
 from jaxcal.allan import deviation
 from jaxcal.noise import Noise
-from jaxcal.noise._simulate import cut_bins
+from jaxcal.noise._terms._numeric import cut_bins
 
 TERMS = {
     "Q": Noise(Q=1.0),

@@ -11,6 +11,7 @@ from jaxcal.noise._joint import curve_of
 from jaxcal.noise._skewness import as_normal, response, skewness
 
 TERMS = ("Q", "N", "B", "K")
+OBJECTS = tuple(Noise().part(term)[2] for term in TERMS)
 
 
 @pytest.mark.parametrize(("noise", "tested"), [(Noise(N=1.0, B=0.3), "K"), (Noise(N=1.0), "K"), (Noise(N=1.0, K=0.02), "Q")])
@@ -20,9 +21,9 @@ def test_skewness_of_the_statistic(noise, tested):
     m = np.unique(np.round(np.logspace(0, np.log10(samples // 4), 18)).astype(int))
     found = jaxcal.allan.deviation(y, 1.0, m=m, alpha=0)
     truth = np.array([float(getattr(noise, term)) ** 2 for term in TERMS])
-    curve, used, unit = curve_of(found.channel(0), samples, TERMS, found.deviation[:, 0] ** 2, np.ones(len(m), bool))
+    curve, used, unit = curve_of(found.channel(0), samples, OBJECTS, found.deviation[:, 0] ** 2, np.ones(len(m), bool))
     index = TERMS.index(tested)
-    heard = response(samples, m.astype(float), 1.0, TERMS)
+    heard = response(samples, m.astype(float), 1.0, OBJECTS)
     theory = float(skewness(curve, used, heard, np.append(truth, 0.0) / unit, index))
     # the statistic itself, by plain linear algebra: the tested column freed of those of the terms that are there
     c = covariance(curve.tensor, truth)

@@ -6,7 +6,6 @@ import scipy.stats
 
 import jaxcal
 from jaxcal.noise import Noise
-from jaxcal.noise._ordinates import expected
 from jaxcal.noise._stationarity import unevenness, unevenness_of_level
 
 N, DT = 1 << 13, 0.01
@@ -15,7 +14,7 @@ NOISE = Noise(N=4e-5, B=2e-5, K=4e-6)
 
 def _density(count):
     k = np.arange(1, count + 1)
-    columns = {term: expected(term, k, N, DT) for term in "NBK"}
+    columns = {term: NOISE.part(term)[2].ordinates(k, N, DT) for term in "NBK"}
     return columns, sum(float(getattr(NOISE, term)) ** 2 * columns[term] for term in "NBK")
 
 

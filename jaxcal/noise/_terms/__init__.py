@@ -1,0 +1,17 @@
+"""Noise terms: one file for each family, each with the closed forms that it has.
+
+A term is an object with one obligation, the density of the samples (`Term.psd`). What it does not override follows from that
+density (`_numeric`). Nothing outside of this folder compares names of terms to choose a formula.
+"""
+
+from ._base import Block as Block, Term as Term
+from ._flicker import Flicker as Flicker
+from ._markov import GaussMarkov as GaussMarkov
+from ._quantisation import Filter as Filter, Quantisation as Quantisation
+from ._ramp import Ramp as Ramp
+from ._sinusoid import Sinusoid as Sinusoid
+from ._walk import RandomWalk as RandomWalk
+from ._white import White as White
+
+#: the terms that have a letter, in the order of every table
+BUILT_IN: dict[str, Term] = {term.name: term for term in (Quantisation(), White(), Flicker(), RandomWalk(), Ramp())}

@@ -1,0 +1,105 @@
+"""`Term`: one kind of noise, known by the density of its samples."""
+
+import abc
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+
+from ..._types import Float
+from . import _numeric
+
+
+class Block(eqx.Module):
+    """State-space form of a term for a coefficient of one; variances grow with the square of the coefficient.
+
+    Attributes
+    ----------
+    names : names of the states.
+    transition, process, initial : (states, states) matrices F, P per step, and the covariance at the first sample.
+    output : (states,) H.
+    white : variance of white noise added to every sample.
+    """
+
+    transition: Any = ()
+    process: Any = ()
+    output: Any = ()
+    initial: Any = ()
+    white: float = 0.0
+    names: tuple[str, ...] = eqx.field(static=True, default=())
+
+
+class Term(eqx.Module):
+    r"""A kind of noise, described by the density of its samples for a coefficient of one.
+
+    A subclass must have `name`, which labels the term in every table, and `psd`. Its other floating fields are parameters of the
+    shape of the density, such as an exponent or a correlation time; a fit holds them. The terms of a noise model are independent, so
+    that a coefficient c contributes :math:`c^2 S(f)` to the density of the samples.
+
+    Everything else follows from the density by numerical integration: the Allan variance, the expected DCT-II ordinates, the
+    covariance across cluster times, samples, and a state-space form. A subclass may override any of these with a closed form, as
+    Q, N, B, K, R, `GaussMarkov` and sinusoids do. At low frequencies a density must rise more slowly than f^-3, for the Allan
+    variance is infinite otherwise. Samples drawn from a density that rises as 1/f or faster start at about zero.
+
+    Examples
+    --------
+    A density that falls as a power of the frequency, and its Allan variance for the power of a random walk:
+
+    >>> from typing import ClassVar
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> class PowerLaw(jaxcal.noise.Term):
+    ...     exponent: float
+    ...     name: ClassVar[str] = "P"
+    ...
+    ...     def psd(self, f, dt=None):
+    ...         return (2 * np.pi * f) ** -self.exponent
+    >>> walk = jaxcal.noise.Noise(further=((1.0, PowerLaw(2.0)),))
+    >>> f"{walk.avar(300.0, dt=1.0):.2f} {jaxcal.noise.Noise(K=1.0).avar(300.0):.2f}"
+    '100.00 100.00'
+
+    A fit takes the term beside letters:
+
+    >>> record = jaxcal.noise.Noise(N=1.0, further=((0.1, PowerLaw(1.5)),)).simulate(4096, rate=1.0, seed=0)
+    >>> found = jaxcal.noise.fit(record, rate=1.0, terms=("N", PowerLaw(1.5)))
+    >>> found.terms, bool(found.interval["P"][0] < 0.1 < found.interval["P"][1])
+    (('N', 'P'), True)
+
+    References
+    ----------
+    Allan variance from the density: D. W. Allan, Proc. IEEE 54, 1966, 221-230.
+    """
+
+    name: eqx.AbstractVar[str]
+
+    @abc.abstractmethod
+    def psd(self, f, dt=None):
+        """Two-sided density at frequency f (Hz, above 0) of samples taken every dt seconds, for a coefficient of one.
+
+        With dt = None, that of the continuous signal. A density that does not depend on dt is taken as it is in both cases.
+        """
+
+    def avar(self, tau, dt=None):
+        """Allan variance at cluster time tau (s, any shape) of samples taken every dt seconds, for a coefficient of one."""
+        return _numeric.allan_variance(self.psd, tau, dt)
+
+    def ordinates(self, k, n: int, dt: float) -> Float[np.ndarray, " ordinates"]:
+        """Expected DCT-II ordinates k = 1 .. n-1 of n samples, for a coefficient of one."""
+        return _numeric.ordinates(self.psd, k, n, dt)
+
+    def lagged(self, h, small, large, dt):
+        r"""Covariance of two second differences of phase for a coefficient of one, or None: the density then gives it.
+
+        .. math:: \frac{1}{2mm'} \sum_{a,b=0}^{2} w_a w_b\, G(h + b m' - a m),\quad w = (1, -2, 1)
+
+        with G the generalised covariance of phase, m = `small` and m' = `large` the cluster sizes and h the lags, whole or not.
+        """
+        return None
+
+    def simulate(self, n: int, dt: float, random: np.random.Generator) -> Float[np.ndarray, " n"]:
+        """Samples for a coefficient of one."""
+        return _numeric.simulate(self.psd, n, dt, random)
+
+    def states(self, dt: float) -> Block | None:
+        """Exact state-space form at a sampling interval, or None: first-order Gauss-Markov processes then stand for the term."""
+        return None

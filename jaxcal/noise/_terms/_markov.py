@@ -1,0 +1,85 @@
+"""First-order Gauss-Markov process."""
+
+import math
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+
+from ..._precision import array_module
+from ._base import Block, Term
+from ._walk import RandomWalk, angular
+
+#: tau/Tc below which the closed form loses its digits to cancellation and that of a random walk is exact to 1e-5
+_SHORT = 2e-5
+
+
+class GaussMarkov(Term):
+    r"""First-order Gauss-Markov process: white noise of coefficient one through a lag of correlation time Tc.
+
+    .. math:: S(f) = \frac{T_c^2}{1 + (2\pi f T_c)^2}
+
+    Well below Tc it is a random walk of the coefficient K = 1, far above Tc white noise of N = Tc; its variance is Tc/2.
+
+    Attributes
+    ----------
+    time : correlation time Tc in s; None lets a fit of method "whittle" look for it, as the letter "markov" does.
+    name : label; give names where a fit has several processes.
+
+    Examples
+    --------
+    >>> from jaxcal.noise import GaussMarkov, Noise
+    >>> bool(GaussMarkov(3.0).avar(10.0) == Noise(markov=((1.0, 3.0),)).avar(10.0))
+    True
+    """
+
+    time: Any = None
+    name: str = eqx.field(static=True, default="markov")
+
+    def psd(self, f, dt=None):
+        """Tc^2/(1 + (omega Tc)^2); for samples Tc/2 (1 - a^2) dt/(1 + a^2 - 2 a cos(2 pi f dt)), a = exp(-dt/Tc)."""
+        omega = angular(f, dt)
+        if dt is None:
+            return self.time**2 / (1.0 + (omega * self.time) ** 2)
+        a = array_module(f, dt, self).exp(-dt / self.time)
+        return self.time / 2.0 * (1.0 - a**2) * dt / ((1.0 - a) ** 2 + a * (omega * dt) ** 2)
+
+    def avar(self, tau, dt=None):
+        """Tc^2/tau [1 - Tc/(2 tau) (3 - 4 exp(-tau/Tc) + exp(-2 tau/Tc))], and its exact form for samples."""
+        xp, correlation = array_module(tau, dt, self), self.time
+        x = tau / correlation
+        short = x < _SHORT
+        x = xp.where(short, 1.0, x)  # both branches stay finite, so that gradients do
+        if dt is None:
+            u = -xp.expm1(-x)
+            full = correlation / x * (1.0 - u * (2.0 + u) / (2.0 * x))
+        else:
+            m = tau / dt
+            e, q = -xp.expm1(-dt / correlation), -xp.expm1(-x)  # 1 - a and 1 - a^m without losing digits
+            full = correlation / 2.0 * (m * e * (2.0 - e) - (1.0 - e) * q * (2.0 + q)) / (m * e) ** 2
+        return xp.where(short, RandomWalk().avar(tau, dt), full)
+
+    def ordinates(self, k, n, dt):
+        """From the sum over lags of a geometric series: z^h with z = exp(-dt/Tc + i pi k/n)."""
+        a = np.pi * np.asarray(k) / n
+        z = np.exp(-dt / self.time + 1j * a)
+        last = np.exp(-n * dt / self.time) * (1.0 - 2.0 * (np.asarray(k) % 2))  # z^n
+        cosine = (z * ((n - 1.0) - n * z + last) / (1.0 - z) ** 2).real
+        sine = ((z - last) / (1.0 - z)).imag
+        return self.time / 2.0 * dt * (1.0 + 2.0 / n * (cosine - sine / np.sin(a)))
+
+    def simulate(self, n, dt, random):
+        """A first-order recursion from its stationary law."""
+        from scipy.signal import lfilter  # slow to import, seldom needed
+
+        z = random.standard_normal(n)
+        z[1:] *= math.sqrt(-math.expm1(-2.0 * dt / self.time))
+        return math.sqrt(self.time / 2.0) * np.asarray(lfilter([1.0], [1.0, -math.exp(-dt / self.time)], z))
+
+    def states(self, dt):
+        """The process itself, stationary from the first sample."""
+        variance = self.time / 2.0
+        return Block(
+            names=(self.name,), transition=[[math.exp(-dt / self.time)]], process=[[-variance * math.expm1(-2.0 * dt / self.time)]],
+            output=[1.0], initial=[[variance]],
+        )  # fmt: skip

@@ -1,0 +1,146 @@
+r"""What follows from the density of a term by numerical integration, over the angle :math:`\omega = 2\pi f dt` of a sample.
+
+The density S enters at the nodes of Gauss-Legendre panels that are spaced in the logarithm of the angle, down to where nothing is
+left for a density that rises more slowly than f^-3. A factor cos(p omega) is integrated exactly against the polynomial of each panel
+(Filon's rule, with spherical Bessel functions), so that the cost does not depend on the length of a record. With
+s = 2 sin(omega/2),
+
+.. math:: \sigma^2(m\,dt) = \frac{8}{\pi m^2 dt}\int_0^\pi S\,\frac{\sin^4(m\omega/2)}{s^2}\,d\omega
+
+is the Allan variance, and the expected DCT-II ordinate k of n samples, with theta = pi k/n and F = s^2 S,
+
+.. math:: S(\theta) + \frac{2}{\pi n}\cos^2\frac\theta2 \int_0^\pi \Big\{{\sin^2\atop\cos^2}\Big\}\frac{n\omega}{2}\;
+          \frac{F(\omega) - F(\theta) - F'(\theta)(\cos\omega - \cos\theta)}{(\cos\omega - \cos\theta)^2}\,d\omega
+
+(sine for even, cosine for odd k; F' with respect to the cosine). The second part is what leaks from other frequencies: it is the
+spectrum of the truncated basis function, from which the random walk (F constant) and white noise (F linear in the cosine), which do
+not leak, are taken first.
+"""
+
+import functools
+import math
+
+import jax
+import jax.core
+import numpy as np
+import scipy.fft
+import scipy.special
+
+from ..._errors import DataError
+
+_NODES = 8
+#: edges of the panels over pi: four to the octave, then one to four octaves where a density is a power law
+_EDGES = np.concatenate([2.0 ** np.arange(-84.0, -44.0, 4.0), 2.0 ** np.arange(-44.0, 0.1, 0.25)]) * np.pi
+_UNIT, _WEIGHT = np.polynomial.legendre.leggauss(_NODES)
+_CENTRE, _HALF = (_EDGES[1:] + _EDGES[:-1]) / 2.0, np.diff(_EDGES) / 2.0
+#: angles of the nodes, and weights of a plain integral over 0 .. pi
+ANGLE = (_CENTRE[:, None] + _HALF[:, None] * _UNIT).ravel()
+_PLAIN = (_HALF[:, None] * _WEIGHT).ravel()
+_STEP = 2.0 * np.sin(ANGLE / 2.0)
+#: m omega up to which the kernel of the Allan variance is smooth within a panel; samples per cluster of a continuous signal
+_SMOOTH, _CONTINUOUS = 4.0, 4096.0
+_SINGLE, _PER_DECADE = 64, 96  # ordinates whose leakage is computed one by one, and how many of the others
+#: bins of a density that is drawn: per bin of the record, at least so many in all, and the most there may be
+_FINER, _FEWEST, _MOST = 8, 256, 2**28
+
+
+def _cosine(p):
+    """(p, nodes) weights of the integrals of S cos(p omega)."""
+    order = np.arange(_NODES)
+    legendre = (order + 0.5)[:, None] * np.polynomial.legendre.legvander(_UNIT, _NODES - 1).T * _WEIGHT
+    bessel = scipy.special.spherical_jn(order, np.multiply.outer(p, _HALF)[..., None])
+    turn = np.multiply.outer(p, _CENTRE)[..., None] + np.pi / 2.0 * order  # i^l e^{i p omega}
+    return 2.0 * (_HALF[:, None] * ((bessel * np.cos(turn)) @ legendre)).reshape(len(p), -1)
+
+
+@functools.lru_cache(maxsize=32)
+def _allan_weights(sizes: tuple[float, ...]) -> np.ndarray:
+    """(nodes, sizes) weights of S in the Allan variance at cluster sizes, times dt."""
+    m = np.array(sizes)[:, None]
+    smooth = np.repeat(m * _EDGES[None, 1:] < _SMOOTH, _NODES, axis=1)
+    oscillating = (3.0 * _PLAIN - 4.0 * _cosine(m[:, 0]) + _cosine(2.0 * m[:, 0])) / 8.0
+    return (8.0 / np.pi * np.where(smooth, _PLAIN * np.sin(m * ANGLE / 2.0) ** 4, oscillating) / (m * _STEP) ** 2).T
+
+
+def allan_variance(psd, tau, dt):
+    """Allan variance of a density at cluster times; without dt that of samples so close that it is that of the signal."""
+    if isinstance(tau, jax.core.Tracer) or isinstance(dt, jax.core.Tracer):
+        raise DataError("the Allan variance of a term without closed form needs cluster times that are not traced; give them as an array")
+    tau = np.asarray(tau, dtype=float)
+    m, step = (np.full_like(tau, _CONTINUOUS), tau / _CONTINUOUS) if dt is None else (tau / dt, np.full_like(tau, dt))
+    weights = _allan_weights(tuple(m.ravel().tolist())).reshape(-1, *m.shape)
+    nodes = ANGLE.reshape(-1, *(1,) * m.ndim) / (2.0 * np.pi)
+    return (weights * psd(nodes / (step if dt is None else dt), dt)).sum(axis=0) / step
+
+
+def ordinates(psd, k, n: int, dt: float) -> np.ndarray:
+    """Expected DCT-II ordinates of a density."""
+    k = np.asarray(k)
+    angle = np.pi * k / n
+    level = _at(psd, angle, dt)
+    single = min(_SINGLE, n - 1)
+    number = math.ceil(_PER_DECADE * math.log10((n - 1) / single)) + 1
+    many = np.unique(np.concatenate([np.arange(1.0, single), np.round(np.geomspace(single, n - 1, number))]))
+    theta = np.pi * many / n
+    density = _STEP**2 * _at(psd, ANGLE, dt)
+    near = [4.0 * np.sin(a / 2.0) ** 2 * _at(psd, a, dt) for a in (theta, theta * (1.0 - 1e-4), theta * (1.0 - 2e-4))]
+    slope = -(3.0 * near[0] - 4.0 * near[1] + near[2]) / (2e-4 * theta * np.sin(theta))
+    away = -2.0 * np.sin((ANGLE + theta[:, None]) / 2.0) * np.sin((ANGLE - theta[:, None]) / 2.0)
+    curved = (density - near[0][:, None] - slope[:, None] * away) / away**2
+    leak = curved @ _PLAIN - np.where(many < _SINGLE, 1.0 - 2.0 * (many % 2), 0.0) * (curved @ _cosine(np.array([float(n)]))[0])
+    leak *= np.cos(theta / 2.0) ** 2 / (np.pi * n)
+    return level * (1.0 + np.interp(np.log(k), np.log(many), leak / _at(psd, theta, dt)))
+
+
+def _at(psd, angle, dt) -> np.ndarray:
+    """The density at angles; their number is filled up to a power of two, for `jax.numpy` to compile few programs."""
+    pad = (1 << (len(angle) - 1).bit_length()) - len(angle)
+    return np.asarray(psd(np.pad(angle, (0, pad), mode="edge") / (2.0 * np.pi * dt), dt))[: len(angle)]
+
+
+def simulate(psd, n: int, dt: float, random: np.random.Generator) -> np.ndarray:
+    """Samples of a density, drawn bin by bin: themselves where their variance is finite, else the running sum of their increments."""
+    length: int = scipy.fft.next_fast_len(max(_FINER * n, 2 * _FEWEST), real=True)  # type: ignore[assignment]
+    width = 2.0 * np.pi / length
+    edges = np.append(0.0, np.append(np.arange(0.5, (length - 1) // 2), length / 2.0)) * width
+    nodes, weights = np.polynomial.legendre.leggauss(3)
+    low, high = edges[:-1, None], edges[1:, None]
+    angle = (low + high) / 2.0 + (high - low) / 2.0 * nodes
+    first = np.array([0.5, 1.0]) * edges[1]
+    level, (half, full) = _at(psd, angle.ravel(), dt).reshape(angle.shape), _at(psd, first, dt)
+    rise = np.log2(full / half) if full > 0.0 else 0.0
+    sums = rise < -0.95
+    if sums:
+        level, full, rise = level * 4.0 * np.sin(angle / 2.0) ** 2, full * edges[1] ** 2, rise + 2.0
+    variance = (level @ weights) * (high - low)[:, 0] / (2.0 * np.pi * dt)
+    variance[0] = full * edges[1] / (1.0 + rise) / (np.pi * dt)  # a power law around zero
+    x = from_bins(length, variance, n, random)
+    return np.cumsum(x) if sums else x
+
+
+def from_bins(length: int, variance, n: int, random: np.random.Generator) -> np.ndarray:
+    """Samples from the variance in each bin k = 0, 1, ... of a transform of `length` values: sinusoids of random phase and amplitude."""
+    z = random.standard_normal(len(variance)) + 1j * random.standard_normal(len(variance))
+    z[0] = z[0].real * math.sqrt(2.0)
+    # the transform divides by the length and joins every bin but the first with its mirror image
+    share = np.concatenate([variance[:1], 0.5 * variance[1:]])
+    return np.fft.irfft(np.sqrt(share / 2.0) * length * z, length)[:n]
+
+
+def cut_bins(n: int, edge: float) -> tuple[int, np.ndarray]:
+    """Length of the transform, and variance in its bins of the increments of flicker of unit B that ends at pi f dt = `edge`.
+
+    The increments have the density (4/pi) sin x, x = pi f dt, up to the edge, which rules out a circulant embedding.
+    """
+    wanted = 2 * max(_FINER * n // 2, math.ceil(0.5 * math.pi * _FEWEST / edge))
+    if wanted > _MOST:
+        raise DataError(
+            f"a cutoff of {edge / math.pi:.3g} times the sampling rate and {n} samples need a spectrum of {wanted} values, more than "
+            f"{_MOST}; simulate fewer samples, or a higher cut-off"
+        )
+    length: int = scipy.fft.next_fast_len(wanted, real=True)  # type: ignore[assignment]
+    width = math.pi / length  # of a bin, in x
+    bins = np.arange(min(math.floor(edge / width + 0.5), (length - 1) // 2) + 1)
+    low, high = np.maximum(bins - 0.5, 0.0) * width, (bins + 0.5) * width
+    high[-1] = edge
+    return length, 8.0 / math.pi * np.sin((low + high) / 2.0) * np.sin((high - low) / 2.0)

@@ -1,0 +1,45 @@
+"""A spectral line."""
+
+import math
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ..._precision import array_module
+from ._base import Block, Term
+
+
+class Sinusoid(Term):
+    """A sinusoid of random phase; a line, and so not part of the density.
+
+    Attributes
+    ----------
+    frequency : f0 in Hz.
+    """
+
+    frequency: Any
+    name: ClassVar[str] = "sinusoid"
+
+    def psd(self, f, dt=None):
+        """Nothing."""
+        return array_module(f, dt).zeros_like(f)
+
+    def avar(self, tau, dt=None):
+        """[sin^2(a)/a]^2, a = pi f0 tau; for samples sin^4(a)/(m sin(a/m))^2."""
+        xp = array_module(tau, dt, self)
+        angle = math.pi * self.frequency * tau
+        if dt is None:
+            return (xp.sin(angle) ** 2 / angle) ** 2
+        m = tau / dt
+        return xp.sin(angle) ** 4 / (m * xp.sin(angle / m)) ** 2
+
+    def simulate(self, n, dt, random):
+        """Of random phase."""
+        return np.sin(2.0 * math.pi * self.frequency * dt * np.arange(n) + random.uniform(0.0, 2.0 * math.pi))
+
+    def states(self, dt):
+        """A rotation by 2 pi f0 dt in a step."""
+        c, s = (function(2.0 * math.pi * self.frequency * dt) for function in (math.cos, math.sin))
+        return Block(
+            names=("cos", "sin"), transition=[[c, s], [-s, c]], process=np.zeros((2, 2)), output=[1.0, 0.0], initial=0.5 * np.eye(2)
+        )
