@@ -6,14 +6,12 @@ same speed. Options for one program leave the user's own settings and programs a
 
 import functools
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any
 
 import equinox as eqx
 import jax
 
 from ._precision import is_traced
-
-F = TypeVar("F", bound=Callable[..., Any])
 
 _QUICK: dict[str, Any] = {"xla_cpu_use_fusion_emitters": False, "xla_cpu_parallel_codegen_split_count": 1}
 
@@ -44,7 +42,7 @@ def _compiled(make: Callable[..., Any], function: Callable[..., Any] | None, opt
     return call
 
 
-def jit(function: F | None = None, **options: Any) -> Any:
+def jit(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     """`jax.jit` with the quick compiler; `options` are those of `jax.jit`.
 
     Examples
@@ -58,7 +56,7 @@ def jit(function: F | None = None, **options: Any) -> Any:
     return _compiled(jax.jit, function, options)
 
 
-def filter_jit(function: F | None = None, **options: Any) -> Any:
+def filter_jit(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     """`equinox.filter_jit` with the quick compiler.
 
     Examples

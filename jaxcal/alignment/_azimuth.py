@@ -7,6 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from .._compile import filter_jit
 from .._errors import DataError
 from .._precision import host_float64, is_traced
 from .._types import Array
@@ -168,7 +169,7 @@ def _level(level: Any, method: str) -> tuple[Any, Any, Any]:
     return pair[0], pair[1], jnp.zeros((2, 2), dtype=pair.dtype)
 
 
-@eqx.filter_jit
+@filter_jit
 def _found(readings, phi, theta, level_covariance, latitude, hint, accuracy, angle, bias, scale, method: str) -> Azimuth:
     unit, level = EARTH_RATE, jnp.stack([phi, theta])
     dtype = phi.dtype

@@ -4,11 +4,11 @@ import dataclasses
 from collections.abc import Iterable
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._compile import filter_jit
 from .._errors import DataError
 from .._precision import array_module, host_float64, is_traced
 from .._types import Array
@@ -105,7 +105,7 @@ def crlb(
     return Bound(NAMES, known.covariance, mask, known.rank, known.hidden, known.lost)
 
 
-@eqx.filter_jit
+@filter_jit
 def jacobian_at(model: Turntable, table: Table) -> Array:
     """Jacobian of the residuals with respect to the parameters, in their order."""
     values = jnp.stack([jnp.asarray(leaf) for leaf in jax.tree.leaves(model)])

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._compile import filter_jit
 from .._errors import DataError
 from .._precision import host_float64, is_traced
 from .._types import Array
@@ -142,7 +143,7 @@ def _trimmed(found: Level) -> Level:
     )  # fmt: skip
 
 
-@eqx.filter_jit
+@filter_jit
 def _levelled(readings: Readings, method: str, gravity: Array, hint: Array | None, offset: bool, both_z: bool) -> Level:
     if method == "bias_and_scale":
         return _with_z(readings, gravity, both_z)

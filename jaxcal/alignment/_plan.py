@@ -11,6 +11,7 @@ import jax.scipy.linalg
 import numpy as np
 import scipy.optimize
 
+from .._compile import filter_jit
 from .._errors import DataError
 from .._precision import array_module, host_float64, is_traced
 from .._types import Array
@@ -288,7 +289,7 @@ def _arrays(o: _Options) -> tuple[Turntable, Any, Any, Any]:
     return jax.tree.map(lambda *leaves: jnp.asarray(leaves), *models), noise, jnp.asarray(o.certainty), jnp.asarray(o.gravity)
 
 
-@eqx.filter_jit
+@filter_jit
 def _variances(places: Places, count: Any, free: tuple[bool, ...], models: Any, noise: Any, certainty: Array, gravity: Array) -> Array:
     """Variance of the azimuth for every attitude, (k,), where the first `count` places are measured."""
     here, zeros = jnp.arange(places.angle.size) < count, jnp.zeros_like(places.angle)
@@ -308,7 +309,7 @@ def _variances(places: Places, count: Any, free: tuple[bool, ...], models: Any, 
     return jax.lax.map(one, models)
 
 
-@eqx.filter_jit
+@filter_jit
 def _gradient(p: Array, places: Places, index: Array, dwell: Any, largest: Array, *others: Any) -> tuple[Array, Array]:
     """Half the logarithm of the variance, and its gradient by angles and logarithms of shares; `index` is the order of measuring."""
     least, time, halves = dwell

@@ -8,6 +8,7 @@ import jax.core
 import jax.numpy as jnp
 import numpy as np
 
+from .._compile import filter_jit
 from .._errors import DataError
 from .._precision import host_float64, is_traced
 from .._types import Array
@@ -17,7 +18,7 @@ from ._positions import IDEAL, Readings, Sensor, as_positions, check_latitude
 from ._table import in_one_type, walk_covariance
 
 
-@eqx.filter_jit
+@filter_jit
 def _noise(key: Array, white: Array, walk: Array | None, dwell: Array, start: Array) -> Array:
     """White noise of the means over dwells, and that of a bias that walks."""
     one, two = jax.random.split(key)

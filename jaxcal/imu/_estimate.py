@@ -6,6 +6,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
+from .._compile import filter_jit
 from .._errors import DataError
 from .._precision import array_module, host_float64
 from .._types import AnyArray
@@ -156,7 +157,7 @@ def sandwich(fit: Fit, blocks: np.ndarray) -> np.ndarray:
     return np.asarray(covariance(fit, "sandwich", blocks=blocks))
 
 
-@eqx.filter_jit
+@filter_jit
 def _turned(model: Imu, convention: str) -> tuple[Imu, AnyArray]:
     turned = in_convention(model, convention)
     return turned, jax.jacfwd(lambda x: values(in_convention(replaced(model, x), convention)))(values(model))

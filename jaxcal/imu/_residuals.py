@@ -6,6 +6,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+from .._compile import filter_jit
 from .._precision import host_float64
 from .._types import Array
 from ._gravity import EARTH_RATE
@@ -126,7 +127,7 @@ def _norths(north: Array, vertical: Array, rotation: Array, sigma: Array) -> Arr
     return jnp.concatenate([start[None, :], rest])
 
 
-@eqx.filter_jit
+@filter_jit
 def _pieces(model: Imu, poses: Poses, turns: Turns | None, gravity: Array, latitude: Array | None) -> Pieces:
     force = model.accel.correct(poses.accel)
     size = jnp.sqrt(jnp.sum(force**2, axis=-1))
@@ -196,7 +197,7 @@ def residuals(model: Imu, data: Weighted) -> Array:
     return jnp.concatenate(parts)
 
 
-@eqx.filter_jit
+@filter_jit
 def whitening(sigma: Array, turn: Array, gravity: Array, tangent: Array, rotation: Array) -> Array:
     """Inverse Cholesky factor (2s, 2s) of the covariance of the turns' residuals, zero for turns that are left out.
 

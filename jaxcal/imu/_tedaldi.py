@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._compile import filter_jit
 from .._types import Array
 from ..fitting import Fit, covariance, solve
 from ._estimate import framed, placed, sandwich, solved
@@ -31,7 +32,7 @@ class Fixed(eqx.Module):
     vertical: Any
 
 
-@eqx.filter_jit
+@filter_jit
 def turn_residuals(model: Imu, data: Fixed) -> Array:
     """R' u_before - u_after, three components for every turn, by Runge-Kutta steps: the residual of imu_tk."""
     gyro, turns = model.gyro, data.turns
