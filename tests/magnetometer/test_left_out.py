@@ -45,7 +45,8 @@ def test_a_model_that_is_asked_for_is_taken_at_its_word():
     auto, asked = fit(m), fit(m, model="sphere")
     assert auto.kind == "sphere"
     np.testing.assert_allclose(auto.model.hard_iron, asked.model.hard_iron, atol=1e-5)
-    assert auto.heading_error[0] >= asked.heading_error[0]
+    # two fits of one model end within 1e-8 of a standard error
+    assert auto.heading_error[0] >= (1 - 1e-7) * asked.heading_error[0]
 
 
 def test_what_could_not_be_seen_is_not_called_absent():
