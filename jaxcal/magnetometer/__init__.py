@@ -1,5 +1,6 @@
 """Magnetometers: hard and soft iron from readings in many attitudes, heading, coverage."""
 
+from ._aligned import aligned as aligned
 from ._attitude import body_field as body_field, scenario as scenario
 from ._bootstrap import bootstrap as bootstrap
 from ._current import CurrentTerms as CurrentTerms, fit_current as fit_current, motor_terms as motor_terms
@@ -8,7 +9,7 @@ from ._design._heading_uncertainty import heading_uncertainty as heading_uncerta
 from ._design._plan import Plan as Plan, plan as plan, predict as predict
 from ._earth import earth_field as earth_field
 from ._ellipsoid._residuals import residuals as residuals
-from ._fit import aligned as aligned, fit as fit
+from ._fit import fit as fit
 from ._heading import heading as heading
 from ._known_attitudes import AttitudeFit as AttitudeFit, fit_attitudes as fit_attitudes
 from ._model import MagModel as MagModel

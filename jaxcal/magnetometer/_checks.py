@@ -3,6 +3,8 @@
 from functools import partial
 from typing import Any
 
+import jax.core
+import jax.numpy as jnp
 import numpy as np
 
 from .._errors import DataError
@@ -52,7 +54,7 @@ def checked(m, method, model, field, loss, inclination, choose, penalty, field_e
         raise DataError(f"Method {method!r} takes no loss; use method='ml' with loss={loss!r}.")
     if not (isinstance(penalty, (int, float)) and 0 <= penalty < np.inf):
         raise DataError(f"The penalty is {penalty!r}; give its weight: 0.5, 1 for Jeffreys' prior, or 0 for none.")
-    norm, dip = field_of(field)
+    norm, dip = norm_and_dip(field, inclination)
     if norm is not None and model == "planar":
         raise DataError("Readings in a plane do not show the whole field: leave out `field` with model='planar'.")
     if field_error is not None:
@@ -60,16 +62,18 @@ def checked(m, method, model, field, loss, inclination, choose, penalty, field_e
             raise DataError("A field error needs the `field` that it is of, and method='ml'.")
         if not (isinstance(field_error, (int, float)) and 0 < field_error < 1):
             raise DataError(f"The field error is {field_error!r}; give the relative standard deviation of `field`, such as 0.02.")
-    if inclination is not None:
-        dip = float(inclination)
-    elif dip is None:
-        dip = float(INCLINATION)
     if not abs(dip) < np.pi / 2:
         raise DataError(f"The inclination is {dip:g} rad; it must lie between -pi/2 and pi/2, where there is a horizontal field.")
-    return m, norm, dip
+    return m, norm, float(dip)
 
 
-def field_of(field: Any) -> tuple[float | None, float | None]:
+def norm_and_dip(field: Any, inclination: Any) -> tuple[Any, Any]:
+    """Norm of the field, traced or not, and its dip: the one given, that of the vector, or that of Ankara."""
+    norm, dip = (jnp.linalg.norm(jnp.atleast_1d(field)), None) if isinstance(field, jax.core.Tracer) else _field_of(field)
+    return norm, next(angle for angle in (inclination, dip, INCLINATION) if angle is not None)
+
+
+def _field_of(field: Any) -> tuple[float | None, float | None]:
     """Norm and dip."""
     if field is None:
         return None, None

@@ -1,22 +1,19 @@
 """`fit`: hard and soft iron from readings in a field of constant norm."""
 
 import dataclasses
-import functools
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from .._errors import DataError
 from .._precision import host_float64, is_traced
 from ..fitting import AbstractLoss
-from ._attitude import INCLINATION
-from ._checks import DIRECT, SOLID, checked, field_of
+from ._aligned import with_rotation
+from ._checks import DIRECT, SOLID, checked, norm_and_dip
 from ._design._coverage import covered, sphere_grid
-from ._design._heading_error import heading_departure, heading_error, information, needed, turned_heading_error
+from ._design._heading_error import heading_departure, heading_error, information, needed
 from ._ellipsoid._algebraic import Frame, NotEllipsoid, extents
-from ._ellipsoid._orthogonal import Found, described, estimate, loss_of
+from ._ellipsoid._orthogonal import Found, described, loss_of
 from ._ellipsoid._penalised import geometric, left_out, refined
 from ._ellipsoid._penalty import Size
 from ._ellipsoid._select import by_bic, by_held_out, candidates
@@ -25,12 +22,12 @@ from ._ellipsoid._start import COUNT, PLANAR, parameters_of
 from ._ellipsoid._subsample import LONG, all_distances, thinned
 from ._model import MagModel
 from ._own_model import fit_model
-from ._result import NOT_JUDGED, MagFit
-from ._rotation._align import Alignment, align
+from ._result import MagFit, refusal
+from ._rotation._align import align
 from ._rotation._joint import checked_joint, jointly
+from ._traced import traced
 from ._verdict import NEAR_PLANAR, NEAR_PLANAR_SENTENCE, OUTLIER, judge, outliers
 
-_DIPS = np.deg2rad(5.0)
 _LINE = 0.01  # second singular value of the centred readings, of 0.58 for a full sphere
 _FEW = 64
 _EXACT = ("ml", "consistent")
@@ -144,7 +141,7 @@ def fit(
     distinct = _distinct(m)
     frame = Frame.of(m)
     if distinct < 2 or frame.scale < 1e-12 * np.abs(m).max():
-        return _refusal(
+        return refusal(
             method,
             dip,
             f"There are {distinct} distinct readings; a sphere needs at least 5, and soft iron 10.",
@@ -153,7 +150,7 @@ def fit(
     prior = None if field_error is None or norm is None else Size(float(np.log(norm / frame.scale)), float(field_error))
     spread = extents(u)
     if spread[1] < _LINE:
-        return _refusal(method, dip, "The readings lie on a line: turn the sensor through all attitudes.")
+        return refusal(method, dip, "The readings lie on a line: turn the sensor through all attitudes.")
     flat = spread[2] < NEAR_PLANAR
     planar = "asked" if model == "planar" else "chosen" if flat and model == "auto" and method == "ml" else None
     kind = None if model == "auto" or planar else model
@@ -161,7 +158,7 @@ def fit(
         kind = "symmetric" if method == "radial" else next(iter(DIRECT[method]))
     least = kind or ("circle" if planar else "sphere")
     if distinct <= COUNT[least]:
-        return _refusal(
+        return refusal(
             method,
             dip,
             f"There are {distinct} distinct readings; model {'planar' if planar else least!r} needs at least {COUNT[least] + 1}.",
@@ -181,7 +178,7 @@ def fit(
         else:
             found = _single(u, method, kind, loss, penalty, prior)
     except NotEllipsoid as error:
-        return _refusal(method, dip, (f"{NEAR_PLANAR_SENTENCE} " if flat else "") + f"{str(error)[0].upper()}{str(error)[1:]}.")
+        return refusal(method, dip, (f"{NEAR_PLANAR_SENTENCE} " if flat else "") + f"{str(error)[0].upper()}{str(error)[1:]}.")
     if planar == "chosen":
         notes = ["The readings are near-planar, and were fitted in their plane.", *notes]
     result = _result(m, u, frame, found, method, norm, dip, loss, limits, plane, notes, penalty, field_error, unseen)
@@ -190,71 +187,6 @@ def fit(
         return result
     after = with_rotation(result, align(whole, result.model, aid), field)
     return jointly(after, whole, aid, limits=limits, rows=used) if joint else after
-
-
-@host_float64
-def aligned(found: MagFit, m: Any, aid: Any, *, joint: bool = False) -> MagFit:
-    """A fit with the rotation that another sensor shows, where that sensor has readings of its own.
-
-    Parameters
-    ----------
-    found : a fit with a model, of these readings or of some of them.
-    m : (n, 3) readings; rows with NaN are left out.
-    aid : `Accelerometer`, `Gyroscope` or `Headings`, one row for each reading.
-    joint : fit these readings anew, norms and other sensor together, as `fit` with `joint` does; `found` is where it starts.
-
-    Returns
-    -------
-    The fit, its `alignment`, the model with the rotation in it, and the rotation's uncertainty in `heading_error`.
-
-    Raises
-    ------
-    DataError
-        As `align` does, and for a fit without a model.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import jaxcal
-    >>> from jaxcal.magnetometer import Accelerometer, aligned, body_field, scenario
-    >>> m, up = body_field(scenario("all"), 50.0), -9.81 * body_field(scenario("all"), 1.0, np.pi / 2)
-    >>> aligned(jaxcal.magnetometer.fit(m), m, Accelerometer(up)).alignment.verdict
-    'good'
-
-    References
-    ----------
-    The rotation is that of `align`; the heading error adds its variance to that of the norms.
-    """
-    if found.model is None:
-        raise DataError(f"The fit has no model to turn: {found.reason}")
-    if joint:
-        checked_joint(found.method, "auto", aid, None, None)
-    after = with_rotation(found, align(m, found.model, aid), None)
-    return jointly(after, m, aid) if joint else after
-
-
-def with_rotation(result: MagFit, alignment: Alignment, field: Any) -> MagFit:
-    """The fit with the rotation in its soft iron and in its heading error; a rotation that is not determined stays out."""
-    warnings = list(result.warnings)
-    if alignment.verdict == "refused":
-        verdict = "weak" if result.verdict == "good" else result.verdict
-        reason = f"{result.reason} The rotation against the other sensor was not found. {alignment.reason}"
-        return dataclasses.replace(result, alignment=alignment, verdict=verdict, reason=reason)
-    if np.ndim(field) == 1 and not abs(alignment.dip - result.inclination) < _DIPS:
-        degrees = np.rad2deg([alignment.dip, result.inclination])
-        if np.isfinite(alignment.dip):
-            warnings.append(
-                f"The dip found is {degrees[0]:.1f} degrees, that of the given field {degrees[1]:.1f}: the specific force points up at "
-                "rest; where it agrees but for the sign, give it negated."
-            )
-    error = np.hypot(result.heading_error, turned_heading_error(np.asarray(alignment.covariance), result.inclination))
-    planar = result.plane is not None
-    reason = result.reason.replace("a rotation common to all readings apart", "that of the rotation apart")
-    verdict = alignment.verdict if result.verdict == "good" else result.verdict
-    return dataclasses.replace(
-        result, model=alignment.model, alignment=alignment, heading_error=result.heading_error if planar else error, verdict=verdict,
-        reason=f"{reason} {alignment.reason}", warnings=tuple(warnings),
-    )  # fmt: skip
 
 
 def _at_least_one(per_direction: int) -> int:
@@ -367,62 +299,7 @@ def _of_model(m, model, field, inclination, conditions, limits, method, loss, fi
     if method != "ml" or loss is not None or field_error is not None or aid is not None:
         raise DataError("A model object is fitted by method='ml', without `loss`, `field_error` and `aid`.")
     if on_trace := is_traced(m, model, field, conditions):
-        norm, dip = _norm_and_dip(field, inclination)
+        norm, dip = norm_and_dip(field, inclination)
     else:
         m, norm, dip = checked(m, method, "auto", field, loss, inclination, "bic", 0.0, field_error)
     return fit_model(m, model, norm, dip, conditions, limits, on_trace)
-
-
-def _norm_and_dip(field: Any, inclination: Any) -> tuple[Any, float]:
-    norm, dip = (jnp.linalg.norm(jnp.atleast_1d(field)), None) if isinstance(field, jax.Array) else field_of(field)
-    return norm, next(angle for angle in (inclination, dip, INCLINATION) if angle is not None)
-
-
-def traced(m: Any, kind: str, field: Any, inclination: Any, refused: list[str]) -> MagFit:
-    """The fit under `jit`, `vmap` and `grad`: of a given kind by maximum likelihood, not judged."""
-    if kind not in SOLID or refused:
-        said = ", ".join(f"`{name}`" for name in refused) or f"model={kind!r}"
-        raise DataError(
-            f"A traced fit has its structure fixed by model='sphere', 'diagonal' or 'symmetric' and method='ml'; {said} is decided on the "
-            "host. Leave it out, or call `fit` outside of jit, vmap and grad."
-        )
-    if m.ndim != 2 or m.shape[1] != 3 or len(m) <= COUNT[kind]:
-        raise DataError(f"The readings have shape {m.shape}; model {kind!r} needs (n, 3) with at least {COUNT[kind] + 1} rows.")
-    norm, dip = _norm_and_dip(field, inclination)
-    return dataclasses.replace(
-        _refusal("ml", dip, NOT_JUDGED), verdict="not judged", kind=kind, used=len(m), **_calibrated(m, norm, kind, dip)
-    )
-
-
-def _pure(m: Any, norm: Any, kind: str, dip: float) -> dict[str, Any]:
-    """What a traced fit knows, from the readings and the norm of the field."""
-    frame = Frame.of(m)
-    found = estimate(frame.scaled(m), kind)
-    size = radius_of(found.shape) if norm is None else norm / frame.scale
-    covariance = covariance_of(found, frame)
-    return {
-        "model": model_of(found.shape, found.centre, frame, size), "covariance": covariance, "residual": found.distance * frame.scale,
-        "heading_error": heading_error(found.shape / frame.scale**2, covariance, dip), "noise": found.noise * frame.scale,
-        "field": size * frame.scale,
-    }  # fmt: skip
-
-
-# Many fits run one after another, each in as few steps as it needs: a batch would take as many as the slowest, and stands still now and
-# then in LAPACK. A batch of derivatives is one all the same, as `custom_vmap` has none.
-@functools.partial(jax.custom_jvp, nondiff_argnums=(2, 3))
-def _calibrated(m: Any, norm: Any, kind: str, dip: float) -> dict[str, Any]:
-    return jax.custom_batching.sequential_vmap(lambda m, norm: _pure(m, norm, kind, dip))(m, norm)
-
-
-@_calibrated.defjvp
-def _(kind: str, dip: float, primals: tuple, tangents: tuple) -> tuple:
-    return jax.jvp(lambda m, norm: _pure(m, norm, kind, dip), primals, tangents)
-
-
-def _refusal(method: str, dip: float, reason: str) -> MagFit:
-    """A fit without a model."""
-    return MagFit(
-        model=None, covariance=np.full((9, 9), np.inf), heading_error=np.full(2, np.inf), coverage=None, residual=np.zeros(0), noise=np.inf,
-        field=np.inf, outliers=np.zeros(0, dtype=int), used=0, needed=np.zeros((0, 3)), condition=np.inf, inclination=dip, plane=None,
-        verdict="refused", reason=reason, warnings=(), names=NAMES, method=method, kind="none",
-    )  # fmt: skip

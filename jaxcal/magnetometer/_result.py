@@ -9,6 +9,7 @@ import scipy.stats
 
 from .._results import NORMAL95, Result, Row
 from .._types import AnyArray
+from ._ellipsoid._shape import NAMES
 from ._model import MagModel
 
 NOT_JUDGED = "The fit was traced: nothing was chosen and nothing is judged. Call `fit` outside of jit, vmap and grad for a verdict."
@@ -123,3 +124,12 @@ class MagFit(Result):
         basis = np.asarray(self.plane)[:2]
         spread = np.sqrt(np.einsum("ik,ij,jk->k", basis, self.covariance[3:, 3:], basis))
         return np.where(np.abs(self.plane[2]) > 1e-6, np.inf, spread)
+
+
+def refusal(method: str, dip: float, reason: str) -> MagFit:
+    """A fit without a model."""
+    return MagFit(
+        model=None, covariance=np.full((9, 9), np.inf), heading_error=np.full(2, np.inf), coverage=None, residual=np.zeros(0), noise=np.inf,
+        field=np.inf, outliers=np.zeros(0, dtype=int), used=0, needed=np.zeros((0, 3)), condition=np.inf, inclination=dip, plane=None,
+        verdict="refused", reason=reason, warnings=(), names=NAMES, method=method, kind="none",
+    )  # fmt: skip

@@ -36,13 +36,13 @@ def paper_readings(name, sigma, seed, **options):
     return readings(PAPER, body_field(attitudes, FIELD, DIP), sigma, seed)
 
 
-def heading_errors(model, sensor=PAPER, field=FIELD, dip=DIP, steep=False):
+def heading_errors(model, sensor=PAPER, field=FIELD, dip=DIP, steep=False, headings=HEADINGS):
     """Errors at the eight level test headings, in degrees, readings without noise; steep: also of a field too steep for `heading`."""
-    level = np.stack([HEADINGS, 0 * HEADINGS, 0 * HEADINGS], axis=1)
-    up = np.tile([0.0, 0.0, -9.81], (8, 1))
+    level = np.stack([headings, 0 * headings, 0 * headings], axis=1)
+    up = np.tile([0.0, 0.0, -9.81], (len(headings), 1))
     corrected = model.correct(sensor.measure(body_field(level, field, dip)))
     found = np.arctan2(-corrected[:, 1], corrected[:, 0]) if steep else heading(corrected, up)
-    return np.rad2deg(np.angle(np.exp(1j * (found - HEADINGS))))
+    return np.rad2deg(np.angle(np.exp(1j * (found - headings))))
 
 
 def rms(values):
@@ -55,3 +55,37 @@ def direction_error(model, sensor, seed=0):
     y = model.correct(sensor.measure(u))
     cosine = np.sum(u * y, axis=1) / np.linalg.norm(y, axis=1)
     return np.rad2deg(rms(np.arccos(np.clip(cosine, -1, 1))))
+
+
+def bound(sensor, field, z, sigma):
+    """True shape matrix, and the inverse information of the orthogonal distances, written out from their definition."""
+    inverse = np.linalg.inv(np.asarray(sensor.soft_iron)) / field
+    shape = inverse.T @ inverse
+    normal = 2 * z @ shape
+    x, y, w = z.T
+    rows = np.column_stack([x * x, 2 * x * y, y * y, 2 * x * w, 2 * y * w, w * w, -normal]) / np.linalg.norm(normal, axis=1)[:, None]
+    column = np.linalg.norm(rows, axis=0)
+    return shape, sigma**2 * np.linalg.inv((rows / column).T @ (rows / column)) / np.outer(column, column)
+
+
+def least_heading_error(sensor, field, z, sigma, dip=DIP):
+    """The bound of the rms heading error at level, in degrees: readings z about the hard iron, slopes of the headings by differences."""
+    shape, covariance = bound(sensor, field, z, sigma)
+    headings = np.arange(24) * np.pi / 12
+    level = np.stack([headings, 0 * headings, 0 * headings], axis=1)
+
+    def root(a):
+        values, vectors = np.linalg.eigh(a)
+        return (vectors * np.sqrt(values)) @ vectors.T
+
+    m = body_field(level, 1.0, dip) @ np.linalg.inv(root(shape))
+
+    def off(step):
+        a, b = np.zeros((3, 3)), step[6:]
+        a[np.tril_indices(3)] = step[:6]  # xx, xy, yy, xz, yz, zz
+        y = (m - b) @ root(shape + a + np.tril(a, -1).T)
+        return np.angle(np.exp(1j * (np.arctan2(-y[:, 1], y[:, 0]) - headings)))
+
+    size = 1e-5 * np.repeat([np.abs(shape).max(), np.abs(shape).max() ** -0.5], [6, 3])
+    slopes = np.stack([(off(h * e) - off(-h * e)) / (2 * h) for h, e in zip(size, np.eye(9), strict=True)], axis=1)
+    return np.rad2deg(np.sqrt(np.mean(np.sum(slopes @ covariance * slopes, axis=1))))

@@ -5,8 +5,6 @@ import pytest
 import scipy.stats
 
 from jaxcal.magnetometer import MagModel, body_field, fit, scenario
-from jaxcal.magnetometer._design._heading_error import heading_error
-from jaxcal.magnetometer._ellipsoid._elementary import axes
 
 from . import cases
 
@@ -22,17 +20,6 @@ def partial(coverage, sigma, runs, method="ml"):
     # the standard error of a median is 1.25 times that of a mean
     doubt = 1.25 * np.std(angles) / np.sqrt(runs)
     return 100 * np.linalg.norm(np.mean(offsets, 0)), 100 * np.linalg.norm(np.std(offsets, 0)) / np.sqrt(runs), np.median(angles), doubt
-
-
-def bound(sensor, field, z, sigma):
-    """True shape matrix, and the inverse information of the orthogonal distances, written out from their definition."""
-    inverse = np.linalg.inv(np.asarray(sensor.soft_iron)) / field
-    shape = inverse.T @ inverse
-    normal = 2 * z @ shape
-    x, y, w = z.T
-    rows = np.column_stack([x * x, 2 * x * y, y * y, 2 * x * w, 2 * y * w, w * w, -normal]) / np.linalg.norm(normal, axis=1)[:, None]
-    column = np.linalg.norm(rows, axis=0)
-    return shape, sigma**2 * np.linalg.inv((rows / column).T @ (rows / column)) / np.outer(column, column)
 
 
 @pytest.mark.parametrize(("sigma", "most", "angle"), [(0.02, 0.2, 0.7), (0.05, 0.3, 2.0)])
@@ -146,8 +133,7 @@ def _white(seed, field, sigma):
 
 def crlb(field, sigma):
     """Least rms heading error at level, in degrees."""
-    shape, covariance = bound(cases.PAPER, cases.FIELD, field @ np.asarray(cases.PAPER.soft_iron).T, sigma)
-    return np.rad2deg(heading_error(shape, covariance, cases.DIP)[0])
+    return cases.least_heading_error(cases.PAPER, cases.FIELD, field @ np.asarray(cases.PAPER.soft_iron).T, sigma)
 
 
 def test_agreement_between_data_sets_is_not_accuracy():
@@ -177,9 +163,8 @@ def test_the_thesis_case():
     assert np.abs(found.model.hard_iron - sensor.hard_iron).max() < 1.0
     # 0.22 over 20 draws, 0.43 at most; the axes of 4000 random readings are not as well known as the thesis's angle is below
     assert cases.rms(cases.heading_errors(found.model, sensor, 470.0)) < 0.45
-    shape, centre = axes(m, turn.T)  # with the thesis's angle, as read off its plots
-    values, vectors = np.linalg.eigh(shape)
-    by_hand = MagModel(vectors @ np.diag(values**-0.5) @ vectors.T, centre)
+    along = fit(m @ turn.T, method="minmax").model.soft_iron  # with the thesis's angle, as read off its plots
+    by_hand = MagModel(turn.T @ along @ turn, fit(m, method="minmax").model.hard_iron)
     assert cases.rms(cases.heading_errors(by_hand, sensor, 470.0)) < 0.15
     stopped = MagModel(turn.T @ alpha, sensor.hard_iron)  # corrected by alpha^-1 R: spherical, and turned
     assert cases.rms(cases.heading_errors(stopped, sensor, 470.0)) == pytest.approx(12.1, abs=0.3)

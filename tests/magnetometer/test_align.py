@@ -2,8 +2,6 @@
 
 import json
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -20,9 +18,6 @@ from jaxcal.magnetometer import (
     hard_iron_by_turning,
     scenario,
 )
-from jaxcal.magnetometer._attitude import rotation as attitude_matrix
-from jaxcal.magnetometer._rotation._residuals import Poses, Turns, dip_residuals, turn_residuals
-from jaxcal.magnetometer._rotation._segments import attitudes_in_segments, turn
 
 from . import cases
 
@@ -203,48 +198,44 @@ def test_bad_input_is_an_error_that_says_so(aid, words):
         align(cases.directions(8, 0), PLAIN, aid())
 
 
-def test_turn_is_the_exponential_and_has_a_derivative_at_zero():
-    for rho in (np.zeros(3), 1e-6 * VECTOR, VECTOR, np.array([0.0, 3.0, 0.5])):
-        np.testing.assert_allclose(turn(jnp.asarray(rho)), Rotation.from_rotvec(rho).as_matrix(), atol=1e-14)
-    slope = jax.jacfwd(turn)(jnp.zeros(3))
-    np.testing.assert_allclose(slope[:, :, 2], [[0, -1, 0], [1, 0, 0], [0, 0, 0]], atol=1e-14)
+@pytest.mark.parametrize("rho", [np.zeros(3), 1e-6 * VECTOR, VECTOR, np.array([0.0, 0.9, 0.5])])
+def test_exact_poses_give_the_exact_turn(rho):
+    attitudes, matrix = scenario("all", samples=40), Rotation.from_rotvec(rho).as_matrix()
+    found = align(
+        MagModel(matrix, np.zeros(3)).measure(body_field(attitudes)), PLAIN, Accelerometer(-body_field(attitudes, 9.81, np.pi / 2))
+    )
+    np.testing.assert_allclose(found.rotation, matrix, rtol=0, atol=1e-10)
+    assert found.angle == pytest.approx(np.linalg.norm(rho), abs=1e-10)
 
 
-def test_attitudes_in_segments_against_the_exact_ones():
-    rate, n = 100.0, 400
-    rates = np.tile([0.3, -0.5, 0.8], (n, 1))
-    segment, attitude, slope = attitudes_in_segments(rates, rate, 1.0)
-    assert segment[0] == 0 < segment[-1]
-    for k in (50, 399):
-        since = k - np.flatnonzero(segment == segment[k])[0]
-        exact = Rotation.from_rotvec(rates[0] * since / rate).as_matrix()
-        np.testing.assert_allclose(attitude[k], exact, atol=1e-12)
-    shifted = attitudes_in_segments(rates + np.array([1e-5, 0, 0]), rate, 1.0)[1]
-    change = Rotation.from_matrix(np.swapaxes(attitude[60], 0, 1) @ shifted[60]).as_rotvec()
-    np.testing.assert_allclose(change / 1e-5, slope[60, :, 0], rtol=2e-3, atol=1e-4)
+def test_the_covariance_is_that_of_slopes_by_differences():
+    """Of y'Qf - s with respect to the turn and s, written out."""
+    _, m, up = poses(60, 0.01, 0)
+    found = align(m, cases.MILD, Accelerometer(up))
+    assert found.used == 60
+    y, f = (v / np.linalg.norm(v, axis=1, keepdims=True) for v in (np.asarray(cases.MILD.correct(m)), up))
+
+    def left(p):
+        return np.sum(y * (f @ (found.rotation @ Rotation.from_rotvec(p[:3]).as_matrix()).T), axis=1) + np.sin(found.dip) - p[3]
+
+    slopes = np.stack([(left(step) - left(-step)) / 2e-6 for step in 1e-6 * np.eye(4)], axis=1)
+    np.testing.assert_allclose(slopes.T @ left(np.zeros(4)), 0, atol=1e-6)  # the minimum
+    expected = np.sum(left(np.zeros(4)) ** 2) / (60 - 4) * np.linalg.inv(slopes.T @ slopes)
+    np.testing.assert_allclose(found.covariance, expected[:3, :3], rtol=1e-4, atol=1e-4 * np.abs(expected[:3, :3]).max())
 
 
-def test_residuals_under_jit_vmap_and_grad():
-    _, m, up = poses(8, 0.01, 0)
-    y = jnp.asarray(cases.MILD.correct(m))
-    data = Poses(y, jnp.asarray(up / 9.81), jnp.ones(8), jnp.eye(3))
-    start = {"rho": jnp.array([0.1, -0.2, 0.05]), "s": jnp.array(-0.8)}
-    attitude = jnp.asarray(attitude_matrix(scenario("all", samples=8)))
-    turns = Turns(y, attitude, attitude / 10, jnp.array([0, 0, 0, 1, 1, 1, 2, 2]), jnp.ones(8), jnp.eye(3), jnp.ones(3))
-    for function, begin, given in (
-        (dip_residuals, start, data),
-        (turn_residuals, {"rho": start["rho"], "bias": jnp.array([0.01, 0.0, 0.02])}, turns),
-    ):
-        eager = function(begin, given)
-        np.testing.assert_allclose(jax.jit(function)(begin, given), eager, atol=1e-13)
-        several = jax.vmap(lambda rho, f=function, b=begin, g=given: f({**b, "rho": rho}, g))(jnp.stack([begin["rho"]] * 2))
-        np.testing.assert_allclose(several[1], eager, atol=1e-13)
-
-        def cost(rho, f=function, b=begin, g=given):
-            return jnp.sum(f({**b, "rho": rho}, g) ** 2)
-
-        slope = jax.grad(cost)(begin["rho"])
-        for i in range(3):
-            step = jnp.zeros(3).at[i].set(1e-6)
-            finite = (cost(begin["rho"] + step) - cost(begin["rho"] - step)) / 2e-6
-            assert float(slope[i]) == pytest.approx(float(finite), rel=1e-6, abs=1e-9)
+def test_constant_rates_are_integrated_exactly():
+    """Three turns, gaps between them: the hard iron of the readings is exact, and a bias of the rates is found to first order."""
+    rate, n, offset = 100.0, 400, np.array([0.8, -0.5, 0.3])
+    gyro, field = [], []
+    for w in ([0.3, -0.5, 0.8], [0.7, 0.4, -0.2], [-0.5, 0.6, 0.4]):
+        body = Rotation.from_rotvec(np.array(w) * np.arange(n)[:, None] / rate)
+        gyro += [*np.tile(w, (n, 1)), np.full(3, np.nan)]
+        field += [*body.inv().apply([0.6, 0.0, 0.8]), np.zeros(3)]
+    gyro, field = np.array(gyro), np.array(field)
+    np.testing.assert_allclose(hard_iron_by_turning(field + offset, gyro, rate).hard_iron, offset, atol=1e-10)
+    bias = np.array([1e-5, -2e-5, 1e-5])
+    found = align(field, PLAIN, Gyroscope(gyro + bias, rate))
+    assert found.used == 3 * n
+    np.testing.assert_allclose(found.bias, bias, rtol=2e-3)
+    np.testing.assert_allclose(found.rotation, np.eye(3), atol=1e-7)

@@ -1,4 +1,6 @@
-"""A magnetometer with a linear temperature term, defined here alone: fitted with intervals, applied, plotted."""
+"""A magnetometer with a linear temperature term, defined here alone: fitted with intervals, plotted, saved, loaded and applied."""
+
+import dataclasses
 
 import jax
 import jax.numpy as jnp
@@ -89,6 +91,35 @@ def test_it_is_applied_and_plotted(found):
     np.testing.assert_allclose(found.model.measure(h, WARMTH), m, rtol=1e-12, atol=1e-15)
     np.testing.assert_allclose(residuals(found.model, (m, FIELD, {"temperature": WARMTH})), found.residual, atol=1e-9 * FIELD)
     assert jaxcal.plot.coverage(found).get_xlabel()
+
+
+def test_it_is_saved_loaded_and_applied_to_a_log(found, tmp_path):
+    """The log has a thermometer that speaks at every seventh reading; what comes back is the true field of each reading."""
+    jaxcal.Calibration(magnetometer=found).save(tmp_path / "device.json")
+    again = jaxcal.Calibration.load(tmp_path / "device.json")
+    part = again.magnetometer
+    assert isinstance(part.model, Warming)
+    for leaf in ("soft_iron", "hard_iron", "per_kelvin"):
+        np.testing.assert_array_equal(getattr(part.model, leaf), getattr(found.model, leaf))
+    assert part.covariance.parameters == NAMES
+    np.testing.assert_array_equal(part.covariance.values, found.covariance)
+    assert (part.verdict, part.verdict_reason, part.field) == ("good", found.reason, FIELD)
+
+    warmth = np.linspace(-5.0, 55.0, 50)
+    field = FIELD * cases.directions(50, 4)
+    log = jaxcal.Log(
+        None, mag=TRUE.measure(field, warmth), gyro=np.zeros((50, 3)), temperature=np.where(np.arange(50) % 7, np.nan, warmth), rate=1.0
+    )
+    fixed = again.correct(log)
+    np.testing.assert_allclose(fixed.mag, found.model.correct(log.mag, warmth), rtol=0, atol=1e-12 * FIELD)
+    np.testing.assert_array_equal(fixed.gyro, log.gyro)
+    assert fixed.notes[-1] == "corrected: mag"
+    # twelve parameters of 200 readings of 0.2 uT each: the field is known to some 0.05 uT
+    assert cases.rms(fixed.mag - field) < 0.1e-6
+    without = dataclasses.replace(found.model, per_kelvin=np.zeros(3))
+    assert cases.rms(jaxcal.Calibration(magnetometer=without).correct(log).mag - field) > 3 * cases.rms(fixed.mag - field)
+    with pytest.raises(DataError, match="the log has no temperature"):
+        again.correct(jaxcal.Log(None, mag=log.mag, rate=10.0))
 
 
 def test_a_model_object_without_more_fields_is_the_symmetric_fit():

@@ -1,12 +1,12 @@
 """Collection plans against the table of the methods' comparison, Monte Carlo, and finite differences."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from jaxcal import DataError
 from jaxcal.magnetometer import MagModel, body_field, fit, plan, predict, scenario
-from jaxcal.magnetometer._design._plan import _directions, _slope, _weights
 
 from . import cases
 
@@ -46,17 +46,18 @@ def test_a_plan_beats_every_listed_one_and_keeps_its_limits():
     assert predict(fewer, UNIT).max() > np.deg2rad(0.5)
 
 
-def test_directions_and_slope():
+def test_the_prediction_is_the_bound_written_out_and_has_a_gradient():
     attitudes = scenario("all", samples=12, seed=3)
-    np.testing.assert_allclose(_directions(jnp.asarray(attitudes), jnp.asarray(0.9)), body_field(attitudes, 1.0, 0.9), atol=1e-14)
-    weight = jnp.asarray(_weights(0.9)[0])
-    slope = np.asarray(_slope(jnp.asarray(attitudes), jnp.asarray(0.9), weight)[1])
+    least = cases.least_heading_error(MagModel(np.eye(3), np.zeros(3)), 1.0, body_field(attitudes, 1.0, 0.9), UNIT, dip=0.9)
+    assert np.rad2deg(predict(attitudes, UNIT, inclination=0.9)[0]) == pytest.approx(least, rel=1e-6)
+    cost = jax.jit(lambda a: jnp.log(jnp.mean(predict(a, UNIT, inclination=0.9) ** 2)))  # what `plan` makes small
+    slope = np.asarray(jax.grad(cost)(jnp.asarray(attitudes)))
     for index in ((0, 0), (3, 1), (7, 2)):
         ends = []
         for step in (1e-6, -1e-6):
             moved = attitudes.copy()
             moved[index] += step
-            ends.append(float(_slope(jnp.asarray(moved), jnp.asarray(0.9), weight)[0]))
+            ends.append(float(cost(jnp.asarray(moved))))
         assert slope[index] == pytest.approx((ends[0] - ends[1]) / 2e-6, rel=1e-5, abs=1e-7)
 
 

@@ -2,13 +2,11 @@
 
 import numpy as np
 import pytest
+import scipy.spatial
 
 from jaxcal import DataError
 from jaxcal.magnetometer import fit
-from jaxcal.magnetometer._design._coverage import bins
-from jaxcal.magnetometer._ellipsoid._algebraic import Frame
 from jaxcal.magnetometer._ellipsoid._select import candidates
-from jaxcal.magnetometer._ellipsoid._subsample import thinned
 
 from . import cases
 
@@ -36,15 +34,23 @@ def test_a_long_log_is_fitted_from_all_directions_alike():
     assert found.coverage.counts.sum() == 21_000
 
 
-def test_thinning_keeps_so_many_in_each_direction_and_spreads_them_over_time():
+def test_thinning_keeps_so_many_in_each_direction():
+    """Of 500 cells of equal area, those next to the points of a Fibonacci lattice."""
     u, m = long_log()
-    kept = thinned(Frame.of(m).scaled(m), 8, None)
-    assert np.all(np.diff(kept) > 0)
-    cells = bins(u)
+    k = np.arange(500) + 0.5
+    z, angle = 1 - k / 250, np.pi * (1 + np.sqrt(5)) * k
+    lattice = np.stack([np.sqrt(1 - z**2) * np.cos(angle), np.sqrt(1 - z**2) * np.sin(angle), z], axis=1)
+    count = np.bincount(scipy.spatial.KDTree(lattice).query(u)[1], minlength=500)
     # cells of the rough fit are those of the truth but for readings at their edges
-    assert np.bincount(cells[kept], minlength=500).max() <= 16
-    busiest = np.argmax(np.bincount(cells))
-    assert np.ptp(kept[cells[kept] == busiest]) > 0.5 * np.ptp(np.flatnonzero(cells == busiest))
+    assert fit(m, per_direction=8).used == pytest.approx(np.minimum(count, 8).sum(), rel=0.03)
+
+
+def test_thinning_spreads_over_time():
+    """The field is 1.02 in the first half and 0.98 in the second, which has all directions as the first: both are heard alike."""
+    u = cases.directions(12_000, 0)
+    found = fit(np.concatenate([1.02 * u, 0.98 * u]), model="sphere", per_direction=8)
+    assert found.used <= 500 * 8
+    assert found.field == pytest.approx(1.0, abs=1e-3)
 
 
 def test_short_logs_are_left_whole():
@@ -60,4 +66,4 @@ def test_models_that_the_largest_excludes_are_not_tried():
         sensor = cases.MILD if soft == "symmetric" else None
         u = cases.directions(300, 3)
         m = cases.readings(sensor, u, 0.01, 0) if sensor is not None else u + 0.01 * np.random.default_rng(0).normal(size=u.shape)
-        assert set(candidates(Frame.of(m).scaled(m), ("sphere", "diagonal", "symmetric"), None, 300)) == left
+        assert set(candidates(m - m.mean(axis=0), ("sphere", "diagonal", "symmetric"), None, 300)) == left

@@ -10,7 +10,7 @@ import numpy as np
 import scipy.optimize
 
 from ..._errors import DataError
-from ..._precision import host_float64
+from ..._precision import array_module, host_float64
 from ..._types import AnyArray, Array
 from .._attitude import INCLINATION
 from ._heading_error import grids, heading_slopes
@@ -82,7 +82,8 @@ def predict(attitudes: Any, noise: float | int, *, inclination: float | int = IN
 
     Returns
     -------
-    (2,) rad, at level and at 20 degrees of tilt, for a sensor with little soft iron, all nine parameters unknown.
+    (2,) rad, at level and at 20 degrees of tilt, for a sensor with little soft iron, all nine parameters unknown. Under `jit`, `vmap`
+    and `grad` too: the gradient with respect to the attitudes says which one to move where.
 
     Raises
     ------
@@ -101,13 +102,13 @@ def predict(attitudes: Any, noise: float | int, *, inclination: float | int = IN
     The Fisher information of the orthogonal distances, whose inverse is the Cramer-Rao bound: S. M. Kay, Fundamentals of Statistical
     Signal Processing: Estimation Theory, 1993, chapter 3.
     """
-    attitudes = np.asarray(attitudes, dtype=float)
+    attitudes = array_module(attitudes).asarray(attitudes, dtype=float)
     if attitudes.ndim != 2 or attitudes.shape[1] != 3 or len(attitudes) < _FEWEST:
         raise DataError(f"The attitudes have shape {attitudes.shape}; expected (n, 3) with at least {_FEWEST} rows.")
     if not noise > 0 or not abs(inclination) < np.pi / 2:
         raise DataError("The noise must be positive, relative to the field, and the inclination within 90 degrees.")
-    values = [float(_value(jnp.asarray(attitudes), jnp.asarray(inclination), jnp.asarray(w))) for w in _weights(float(inclination))]
-    return noise * np.sqrt(np.array(values))
+    values = [_value(jnp.asarray(attitudes), jnp.asarray(inclination), jnp.asarray(w)) for w in _weights(float(inclination))]
+    return noise * jnp.sqrt(jnp.stack(values))
 
 
 @host_float64

@@ -68,19 +68,22 @@ class Admission(eqx.Module):
             raise DataError("A reading is not finite; leave it out.")
         count, last = self.count.copy(), self.last.copy()
         least, kept = (APART * self.scale) ** 2, np.zeros(len(m), dtype=bool)
-        for i, (cell, reading) in enumerate(zip(cells(m - self.centre), m, strict=True)):
+        for i, (cell, reading) in enumerate(zip(self.cells(m), m, strict=True)):
             if count[cell] < MOST and (count[cell] == 0 or np.sum((reading - last[cell]) ** 2) >= least):
                 count[cell] += 1
                 last[cell] = reading
                 kept[i] = True
         return Admission(self.centre, self.scale, count, last), kept
 
+    def cells(self, m: Any) -> np.ndarray:
+        """Cell of each reading (n, 3), (n,): `count` by these shows in which directions readings are still wanted.
 
-def cells(z: np.ndarray) -> np.ndarray:
-    """Cell of each direction, (n,): 16 times the face of the cube, and 4 x 4 on it."""
-    axis = np.argmax(np.abs(z), axis=1)
-    row = np.arange(len(z))
-    most = z[row, axis]
-    size = np.where(most == 0, 1, np.abs(most))
-    place = [np.clip(np.floor(2 * (z[row, (axis + k) % 3] / size + 1)).astype(int), 0, 3) for k in (1, 2)]
-    return 32 * axis + 16 * (most < 0) + 4 * place[0] + place[1]
+        32 times the axis along which m - c0 is largest, 16 more where it is negative there, and 4 x 4 on that face of the cube.
+        """
+        z = array(m, "readings") - self.centre
+        axis = np.argmax(np.abs(z), axis=1)
+        row = np.arange(len(z))
+        most = z[row, axis]
+        size = np.where(most == 0, 1, np.abs(most))
+        place = [np.clip(np.floor(2 * (z[row, (axis + k) % 3] / size + 1)).astype(int), 0, 3) for k in (1, 2)]
+        return 32 * axis + 16 * (most < 0) + 4 * place[0] + place[1]
