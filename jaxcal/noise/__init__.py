@@ -1,5 +1,6 @@
 """Noise model, simulation and fit."""
 
+from ._covariance import allan_covariance as allan_covariance
 from ._discrete import StateSpace as StateSpace, discrete as discrete
 from ._fit import characterise as characterise, fit as fit
 from ._log_likelihood import log_likelihood as log_likelihood

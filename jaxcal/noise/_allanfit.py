@@ -6,11 +6,10 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import scipy.stats
 
 from .._types import AnyArray
 from ._curve import GUESSED, Curve, Lanes, estimate, fixed_point, least_squares, whitened
-from ._limits import Limits, find_limits
+from ._limits import Limits, chance, find_limits
 from ._minimise import inverse, namespace
 from ._skewness import Response, as_normal, skewness
 
@@ -43,11 +42,6 @@ def freedom(used, theta) -> Any:
     return (xp.sum(used, axis=-1) - xp.sum(theta != 0.0, axis=-1)).astype(theta.dtype)
 
 
-def _chance(chi, number) -> Any:
-    """Chance of a larger chi-square."""
-    return scipy.stats.chi2.sf(chi, number) if namespace(chi, number) is np else jax.scipy.stats.chi2.sf(chi, number)
-
-
 def choose_band(curve: Curve, used, full: bool) -> tuple[AnyArray, bool, bool]:
     """Cluster sizes from the first start whose chi-square passes, an octave on, or which comes nearest where none does (host only).
 
@@ -61,8 +55,8 @@ def choose_band(curve: Curve, used, full: bool) -> tuple[AnyArray, bool, bool]:
 
     def chances(lanes: Lanes):
         theta, _ = estimate(curve, lanes, full)
-        chance = _chance(chi_square(curve, lanes, theta, (2.0 * _TOLERANCE * curve.v) ** 2), freedom(lanes.used, theta))
-        return np.where(np.isfinite(chance), chance, -1.0)
+        found = chance(chi_square(curve, lanes, theta, (2.0 * _TOLERANCE * curve.v) ** 2), freedom(lanes.used, theta))
+        return np.where(np.isfinite(found), found, -1.0)
 
     whole = float(chances(alone(curve, used, np.asarray(False)))[0])
     ranked = np.sort(curve.octave[used])
@@ -70,9 +64,9 @@ def choose_band(curve: Curve, used, full: bool) -> tuple[AnyArray, bool, bool]:
     if whole >= _REFUSED or not last:
         return used, False, whole >= _REFUSED
     tried = [alone(curve, used & (curve.octave >= start), np.asarray(True)) for start in ranked[1 : last + 1]]
-    chance = np.append(whole, chances(jax.tree.map(lambda *leaves: np.concatenate(leaves), *tried)))
-    passed = chance >= _REFUSED
-    best = int(np.argmax(passed)) if passed.any() else int(np.argmax(chance))
+    found = np.append(whole, chances(jax.tree.map(lambda *leaves: np.concatenate(leaves), *tried)))
+    passed = found >= _REFUSED
+    best = int(np.argmax(passed)) if passed.any() else int(np.argmax(found))
     if best == 0:
         return used, False, False
     return used & (curve.octave >= min(ranked[best] + _MARGIN, ranked[last])), True, bool(passed.any())
@@ -149,7 +143,7 @@ def fit_curve(curve: Curve, used, cut, full: bool, heard: Response, two_sided, o
     white = xp.broadcast_to(rows, (p + 1, *rows.shape[1:])), xp.broadcast_to(target, (p + 1, *target.shape[1:]))
     least, chi = least_squares(white, several, xp.broadcast_to(fitted, (p + 1, p + 1)))
     number = freedom(used, fitted[0])
-    goodness = _chance(chi[p], number)
+    goodness = chance(chi[p], number)
     inflation = xp.where(goodness < _WIDENED, xp.maximum(chi[p] / number, 1.0), 1.0)
 
     def ratio(index, value, state):

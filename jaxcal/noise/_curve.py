@@ -160,7 +160,10 @@ def estimate(curve: Curve, lanes: Lanes, full: bool) -> tuple[Any, Any]:
     if full:
         start, _ = fixed_point(*still, start, False, GUESSED)
     theta, change = fixed_point(*still, start, full)
-    return (jax.vmap(_with_derivative, in_axes=(None, 0, 0, None))(curve, lanes, theta, full) if traced else theta), change
+    if not traced:
+        return theta, change
+    each = [_with_derivative(curve, jax.tree.map(lambda leaf: leaf[k], lanes), theta[k], full) for k in range(len(theta))]  # noqa: B023
+    return jnp.stack(each), change
 
 
 def _with_derivative(curve: Curve, lane: Lanes, theta, full: bool) -> Any:

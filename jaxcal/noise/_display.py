@@ -16,7 +16,6 @@ import math
 import jax
 import jax.numpy as jnp
 import numpy as np
-import scipy.special
 
 from .._errors import DataError, FitError
 from .._precision import is_traced
@@ -25,6 +24,7 @@ from ..fitting import solve
 from ._allanfit import freedom
 from ._curve import Curve, whitened
 from ._joint import curve_of
+from ._limits import chance
 from ._minimise import minimise, namespace
 from ._model import noise_of
 from ._result import NoiseFit
@@ -116,8 +116,7 @@ def _judged(data: Curve, used, theta):
     theta = xp.append(theta, 0.0)[None]
     rows, target = whitened(data, used[None], theta, True)
     chi = xp.sum((target[0] - rows[0] @ theta[0]) ** 2)
-    tail = scipy.special.gammaincc if xp is np else jax.scipy.special.gammaincc
-    return tail(freedom(used, theta[0]) / 2.0, chi / 2.0)
+    return chance(chi, freedom(used, theta[0]))
 
 
 def _result(

@@ -12,7 +12,6 @@ import dataclasses
 
 import jax
 import numpy as np
-import scipy.stats
 
 from .._errors import FitError
 from .._types import Any
@@ -21,7 +20,7 @@ from ._allanfit import choose_band, fit_curve
 from ._assemble import assemble, with_edf
 from ._covariance import covariance_tensor
 from ._curve import Curve
-from ._limits import Limits
+from ._limits import levels_of
 from ._minimise import namespace
 from ._result import NoiseFit
 from ._sentences import sentences_of_fit, sentences_of_octaves
@@ -76,15 +75,13 @@ def fit_jointly(
     if automatic and xp is np:
         used, cut, holds = choose_band(curve, used, full)
     heard = response(samples, deviation.m.astype(float), 1.0 / deviation.rate, terms)
-    levels = scipy.stats.chi2.ppf(confidence, 1), scipy.stats.norm.ppf(confidence) ** 2
-    found = fit_curve(curve, used, np.asarray(cut), full, heard, *levels)
+    found = fit_curve(curve, used, np.asarray(cut), full, heard, *levels_of(confidence))
     if xp is np and not np.all(np.isfinite(found.theta)):
         raise FitError("the fit gave no finite coefficients; fit fewer terms (terms=) or other cluster times (band=)")
-    limits = found.limits
     fit = assemble(
         found.theta * unit,
         found.covariance * unit**2,
-        Limits(limits.low * unit, limits.high * unit, limits.upper * unit, limits.significance),
+        found.limits.scaled(unit),
         terms,
         samples / deviation.rate,
         goodness=found.goodness,

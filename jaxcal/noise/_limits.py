@@ -4,7 +4,10 @@ from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
+import jax
 import numpy as np
+import scipy.special
+import scipy.stats
 
 from .._types import AnyArray, Float
 from ._minimise import iterate, namespace, some
@@ -22,6 +25,21 @@ class Limits(eqx.Module):
     high: Float[AnyArray, " p"]
     upper: Float[AnyArray, " p"]
     significance: Float[AnyArray, " p"]
+
+    def scaled(self, unit) -> "Limits":
+        """The limits of squared coefficients in another unit."""
+        return Limits(self.low * unit, self.high * unit, self.upper * unit, self.significance)
+
+
+def levels_of(confidence: float) -> tuple[float, float]:
+    """Likelihood ratios at the ends of an interval and at a one-sided upper limit."""
+    return float(scipy.stats.chi2.ppf(confidence, 1)), float(scipy.stats.norm.ppf(confidence)) ** 2
+
+
+def chance(rise, freedom) -> Any:
+    """Chance of a larger chi-square."""
+    tail = scipy.special.gammaincc if namespace(rise, freedom) is np else jax.scipy.special.gammaincc
+    return tail(freedom / 2.0, rise / 2.0)
 
 
 def find_limits(ratio: Callable[[Any, Any, Any], tuple[Any, Any]], theta, reach, start, two_sided, one_sided) -> tuple[Limits, Any]:

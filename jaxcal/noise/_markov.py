@@ -10,8 +10,8 @@ from ._spectral import Fitted
 from ._terms import GaussMarkov
 
 _TRIED = 14
-#: likelihood ratios by chance in 5 % and in 1 % of records without the process (14 correlation times are tried)
-HINT, PRESENT = 6.0, 9.0
+#: likelihood ratio by chance in 1 % of records without the process (14 correlation times are tried)
+PRESENT = 9.0
 
 
 class Scan(eqx.Module):

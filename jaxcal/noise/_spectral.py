@@ -8,11 +8,10 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import scipy.special
 
 from .._types import Any, AnyArray, Int
 from ._likelihood import density, fit_from, flat_start, information, lower_of, several_starts
-from ._limits import Limits, find_limits
+from ._limits import Limits, chance, find_limits
 from ._minimise import inverse, minimise, namespace
 from ._ordinates import Bins
 from ._terms import Filter
@@ -103,12 +102,6 @@ def deviance(bins: Bins, theta, group, tolerance) -> tuple[Any, Any]:
     return total, xp.maximum((xp.sum(there) - xp.sum(theta != 0)).astype(total.dtype), 1.0)
 
 
-def _chance(total, freedom) -> Any:
-    """Chance of a larger chi-square."""
-    tail = scipy.special.gammaincc if namespace(total) is np else jax.scipy.special.gammaincc
-    return tail(freedom / 2.0, total / 2.0)
-
-
 def without(bins: Bins, terms: tuple[str, ...], term: str) -> Bins:
     """The bins with the column of a term zero, whose coefficient then is."""
     keep = np.array([name != term for name in terms])
@@ -132,10 +125,10 @@ def _search(bins: Bins, group, terms: tuple[str, ...]) -> float:
     more, added = total[:, None] - total[None, :], freedom[:, None] - freedom[None, :]
     distance = np.arange(_ENDS)[None, :] - np.arange(_ENDS)[:, None]
     tested = (distance > 0) & (distance <= _OCTAVES) & enough[None, :] & (added > 0)
-    likely = _chance(np.maximum(more, 0.0), np.maximum(added, 1.0)) >= _REFUSED
-    chance = np.where(enough, _chance(total, freedom), -1.0)
-    fits = enough & (np.all(~tested | likely, axis=1) & np.any(tested, axis=1) | (chance >= _REFUSED))
-    index = int(np.argmax(fits)) if fits.any() else int(np.argmax(chance))
+    likely = chance(np.maximum(more, 0.0), np.maximum(added, 1.0)) >= _REFUSED
+    whole = np.where(enough, chance(total, freedom), -1.0)
+    fits = enough & (np.all(~tested | likely, axis=1) & np.any(tested, axis=1) | (whole >= _REFUSED))
+    index = int(np.argmax(fits)) if fits.any() else int(np.argmax(whole))
     lower = ends[index] * 2.0**-_MARGIN
     if index == 0:
         return float(ends[0])
@@ -154,7 +147,7 @@ def fit_bins(bins: Bins, group, automatic: bool, terms: tuple[str, ...], first: 
     plain = without(bins, terms, FILTER)
     found = alone = first or attempt(plain, group)
     inside, cut = plain, False
-    if automatic and _chance(found.allowed, found.freedom) < _REFUSED:
+    if automatic and chance(found.allowed, found.freedom) < _REFUSED:
         end = _search(plain, group, terms)
         cut = end < float(np.max(np.where(bins.weight > 0, bins.frequency, 0.0)))
     if cut:
@@ -171,7 +164,7 @@ def fit_whole(bins: Bins, group) -> Fitted:
 
 def _judged(found: Attempt, bins: Bins, alone: Attempt, plain: Bins, cut) -> Fitted:
     xp = namespace(found)
-    goodness = _chance(found.deviance, found.freedom)
+    goodness = chance(found.deviance, found.freedom)
     inflation = xp.where(goodness < _WIDENED, xp.maximum(found.deviance / found.freedom, 1.0), 1.0)
     return Fitted(
         found.theta, found.cost, found.settled, bins, cut, inflation <= _TOO_WIDE, goodness, inflation, plain, (alone.theta, alone.cost)

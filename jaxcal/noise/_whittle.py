@@ -4,7 +4,6 @@ import dataclasses
 
 import equinox as eqx
 import numpy as np
-import scipy.stats
 
 from .._errors import DataError, FitError
 from .._types import AnyArray
@@ -13,7 +12,7 @@ from ._assemble import assemble, with_edf
 from ._covariance import covariance_tensor
 from ._drift import follows
 from ._likelihood import density
-from ._limits import Limits
+from ._limits import Limits, levels_of
 from ._lines import amplitudes, find_lines
 from ._markov import PRESENT, Scan, scan, times
 from ._model import noise_of
@@ -110,13 +109,13 @@ def fit_record(
     names = solved.names
     uneven = _uneven(y, solved, dt)
     widened = np.array([max(uneven[name].factor, 1.0) if name in uneven else 1.0 for name in names])
-    covariance, limits, factor = uncertainty(solved.fitted, widened, *_levels(confidence), names)
+    covariance, limits, factor = uncertainty(solved.fitted, widened, *levels_of(confidence), names)
     decides = {name: float(factor[names.index(name)]) * n * dt for name in asked if name in names}
     theta, unit = solved.fitted.theta, float(solved.bins.unit)
     if not np.all(np.isfinite(theta)):
         raise FitError("the fit gave no finite coefficients; fit fewer terms (terms=) or other cluster times (band=)")
     theta, covariance, limits = _squares(
-        theta * unit, covariance * unit**2, _scaled(limits, unit), names, asked, (slope, error), bool(solved.fitted.cut), confidence
+        theta * unit, covariance * unit**2, limits.scaled(unit), names, asked, (slope, error), bool(solved.fitted.cut), confidence
     )
     lines = amplitudes(solved.bins, solved.taken, density(solved.bins.columns, solved.fitted.theta), n * dt)
     lines = [line for line in lines if line[1] <= solved.end]
@@ -150,18 +149,13 @@ def fit_traced(y, rate: float, terms: tuple[Term, ...], band: tuple[float, float
     names = tuple(term.name for term in terms)
     bins = _inside(bins_of(y, 1.0 / rate, terms), band)
     fitted = fit_whole(bins, groups_of(bins.weight, y.shape[0] - 1))
-    covariance, limits, _ = uncertainty(fitted, np.ones(len(terms)), *_levels(confidence), names)
+    covariance, limits, _ = uncertainty(fitted, np.ones(len(terms)), *levels_of(confidence), names)
     duration = y.shape[0] / rate
     ends = (1.0 / rate, duration / 2.0) if band is None else band
     return assemble(
-        fitted.theta * bins.unit, covariance * bins.unit**2, _scaled(limits, bins.unit), terms, duration, goodness=fitted.goodness,
+        fitted.theta * bins.unit, covariance * bins.unit**2, limits.scaled(bins.unit), terms, duration, goodness=fitted.goodness,
         confidence=confidence, method="whittle", deviation=None, used=None, left_out=(), warnings=(), band=ends,
     )  # fmt: skip
-
-
-def _levels(confidence: float) -> tuple[float, float]:
-    """Likelihood ratios at the ends of an interval and at a one-sided upper limit."""
-    return float(scipy.stats.chi2.ppf(confidence, 1)), float(scipy.stats.norm.ppf(confidence)) ** 2
 
 
 def _inside(bins: Bins, band) -> Bins:
@@ -227,10 +221,6 @@ def _most(y) -> slice | None:
     return longest if longest.stop - longest.start >= _MOST * len(y) else None
 
 
-def _scaled(limits: Limits, unit) -> Limits:
-    return Limits(limits.low * unit, limits.high * unit, limits.upper * unit, limits.significance)
-
-
 def _squares(theta, covariance, limits: Limits, names, terms, ramp: tuple[float, float], cut: bool, confidence: float):
     """Squared coefficients in the order of `terms`: with the ramp among them, and Q not estimated where its octaves are left out."""
     slope, error = ramp
@@ -246,7 +236,7 @@ def _squares(theta, covariance, limits: Limits, names, terms, ramp: tuple[float,
         i = terms.index("R")
         squares[i], spread[i, i] = slope**2, (2.0 * slope * error) ** 2
         # a straight line is linear in the record: the slope is normal
-        away, (both, one) = abs(slope), (np.sqrt(level) * error for level in _levels(confidence))
+        away, (both, one) = abs(slope), (np.sqrt(level) * error for level in levels_of(confidence))
         ends["low"][i], ends["high"][i], ends["upper"][i] = max(away - both, 0.0) ** 2, (away + both) ** 2, (away + one) ** 2
         ends["significance"][i] = (slope / error) ** 2
     if cut and "Q" in terms:

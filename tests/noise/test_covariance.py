@@ -1,18 +1,29 @@
 """The covariance across tau: against its definition summed lag by lag, and against the scatter of simulated records."""
 
+import itertools
+import math
+
+import jax
 import numpy as np
 import pytest
 
+from jaxcal import DataError
 from jaxcal.allan import deviation
-from jaxcal.noise import Noise
-from jaxcal.noise._covariance import _sum_rule, covariance, covariance_tensor
+from jaxcal.noise import Noise, allan_covariance
 
 DT = 0.5
 TERMS = ("Q", "N", "B", "K", "R")
 
 
-def objects(terms):
-    return tuple(Noise().part(term)[2] for term in terms)
+def tensor(samples, m):
+    """T with the covariance sum_ij theta_i theta_j T[i, j], by polarisation: theta the squared coefficients of one term, and of two."""
+    found = np.empty((len(TERMS), len(TERMS), len(m), len(m)))
+    for i, j in itertools.combinations_with_replacement(range(len(TERMS)), 2):
+        both = allan_covariance(Noise(**{TERMS[i]: 1.0, TERMS[j]: 1.0}), samples, m, DT)
+        found[i, j] = found[j, i] = both if i == j else both / 2.0
+    for i, j in itertools.combinations(range(len(TERMS)), 2):
+        found[i, j] = found[j, i] = found[i, j] - (found[i, i] + found[j, j]) / 2.0
+    return found
 
 
 def phase_covariance(term, h):
@@ -49,21 +60,21 @@ def lag_by_lag(samples, small, large):
 
 def test_equals_the_sum_over_all_lags():
     samples, m = 3000, (1, 2, 5, 19, 60, 203, 750)
-    tensor = covariance_tensor(samples, m, DT, objects(TERMS))
+    found = tensor(samples, m)
     for i, small in enumerate(m):
         for j in range(i, len(m)):
-            np.testing.assert_allclose(tensor[:, :, i, j], lag_by_lag(samples, small, m[j]), rtol=3e-5, atol=1e-15)
-            np.testing.assert_array_equal(tensor[:, :, j, i], tensor[:, :, i, j])
+            np.testing.assert_allclose(found[:, :, i, j], lag_by_lag(samples, small, m[j]), rtol=3e-5, atol=1e-15)
+            np.testing.assert_array_equal(found[:, :, j, i], found[:, :, i, j])
 
 
 def test_cost_and_size_do_not_grow_with_the_record():
     """A billion samples: white noise at one cluster size has the closed form of Greenhall, edf near 2n/3m for m >> 1."""
     samples, m = 10**9, (1, 1000, 10**6, 10**8)
-    tensor = covariance_tensor(samples, m, 1.0, objects("NBK"))
     variance = np.array([1.0 / size for size in m])
-    edf = 2.0 * variance**2 / np.diagonal(tensor[0, 0])
+    edf = 2.0 * variance**2 / np.diagonal(allan_covariance(Noise(N=1.0), samples, m, 1.0))
     np.testing.assert_allclose(edf[1:3], 1.5 * samples / np.array(m[1:3]), rtol=2e-3)
-    assert np.all(np.linalg.eigvalsh(covariance(tensor, np.array([1.0, 1e-6, 1e-12])) / np.sqrt(np.outer(variance, variance))) > 0)
+    together = allan_covariance(Noise(N=1.0, B=1e-3, K=1e-6), samples, m, 1.0)
+    assert np.all(np.linalg.eigvalsh(together / np.sqrt(np.outer(variance, variance))) > 0)
 
 
 def test_against_the_scatter_of_simulated_records():
@@ -72,9 +83,7 @@ def test_against_the_scatter_of_simulated_records():
     m = np.array([1, 3, 10, 40, 160])
     y = np.stack([noise.simulate(samples, 1 / DT, seed=s) for s in range(runs)], axis=1)
     variance = deviation(y, 1 / DT, m=m).deviation ** 2
-    theory = covariance(
-        covariance_tensor(samples, tuple(int(size) for size in m), DT, objects(TERMS[:4])), np.array([0.04, 1.0, 0.25, 0.04])
-    )
+    theory = allan_covariance(noise, samples, m, DT)
     measured = np.cov(variance)
     spread = np.sqrt(np.diagonal(theory))
     excess = np.mean((variance - variance.mean(axis=1, keepdims=True)) ** 4, axis=1) / np.diagonal(measured) ** 2 - 1
@@ -83,10 +92,50 @@ def test_against_the_scatter_of_simulated_records():
     np.testing.assert_allclose(np.corrcoef(variance), theory / np.outer(spread, spread), atol=0.15)
 
 
-@pytest.mark.parametrize("length", [25, 26, 100, 12_345, 10**9])
-def test_the_sum_rule_is_exact_for_polynomials(length):
-    x, w = _sum_rule(length)
-    n = length - 1
-    np.testing.assert_allclose(np.sum(w), length, rtol=1e-12)
-    np.testing.assert_allclose(w @ x**3, float(n**2 * (n + 1) ** 2 // 4), rtol=1e-12)
-    np.testing.assert_allclose(w @ x**5, float(n**2 * (n + 1) ** 2 * (2 * n**2 + 2 * n - 1) // 12), rtol=1e-11)
+def exact_sum(function, cuts, degree):
+    """Sum over integers of a function that is a polynomial between the cuts, in whole numbers (Newton's forward differences)."""
+    total = 0
+    for low, high in itertools.pairwise(cuts):
+        values = [function(h) for h in range(low, min(high, low + degree + 1))]
+        for j in range(len(values)):
+            total += values[0] * math.comb(high - low, j + 1)
+            values = [b - a for a, b in itertools.pairwise(values)]
+    return total
+
+
+@pytest.mark.parametrize(("samples", "small", "large"), [(12_345, 25, 100), (12_345, 26, 26), (10**9, 10**6, 10**8), (10**9, 77, 10**7)])
+@pytest.mark.parametrize(("term", "phase", "degree"), [("N", lambda x: -6 * x, 3), ("K", lambda x: x**3 - x, 7)])
+def test_sums_of_polynomials_are_exact(term, phase, degree, samples, small, large):
+    """White noise and the random walk: sums over all lags, of up to a billion summands, in whole numbers."""
+    first, second = samples - 2 * small + 1, samples - 2 * large + 1
+    shifts = [(a * small - b * large, (1, -2, 1)[a] * (1, -2, 1)[b]) for a in range(3) for b in range(3)]
+
+    def summand(h):
+        return (min(first, second - h) - max(0, -h)) * sum(weight * phase(abs(h - shift)) for shift, weight in shifts) ** 2
+
+    ends = {1 - first, second, 0, second - first, *(shift for shift, _ in shifts)}
+    cuts = sorted({cut for end in ends for cut in (end, end + 1) if 1 - first <= cut <= second})
+    exact = exact_sum(summand, cuts, degree) / ((24 * small * large) ** 2 * first * second) * 2
+    np.testing.assert_allclose(allan_covariance(Noise(**{term: 1.0}), samples, [small, large], 1.0)[0, 1], exact, rtol=1e-9)
+
+
+def test_derivative_with_respect_to_a_coefficient():
+    """The covariance is a quadratic form in the squared coefficients: with one term alone, of fourth degree."""
+    with jax.enable_x64(True):
+        slope = jax.jit(jax.jacfwd(lambda n: allan_covariance(Noise(N=n), 1000, (1, 7), DT)))(2.0)
+    np.testing.assert_allclose(slope, 2.0 * allan_covariance(Noise(N=2.0), 1000, (1, 7), DT), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("noise", "m", "words"),
+    [
+        (Noise(), [1], "coefficient above zero"),
+        (Noise(N=[1.0, 2.0]), [1], "one channel"),
+        (Noise(N=1.0, sinusoid=((1.0, 0.1),)), [1], "no sinusoids"),
+        (Noise(N=1.0), [1, 501], "half of the 1000 samples"),
+        (Noise(N=1.0), [], "cluster sizes"),
+    ],
+)
+def test_messages(noise, m, words):
+    with pytest.raises(DataError, match=words):
+        allan_covariance(noise, 1000, m, DT)

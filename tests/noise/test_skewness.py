@@ -5,8 +5,7 @@ import pytest
 import scipy.stats
 
 import jaxcal
-from jaxcal.noise import Noise
-from jaxcal.noise._covariance import covariance
+from jaxcal.noise import Noise, allan_covariance
 from jaxcal.noise._joint import curve_of
 from jaxcal.noise._skewness import as_normal, response, skewness
 
@@ -26,7 +25,7 @@ def test_skewness_of_the_statistic(noise, tested):
     heard = response(samples, m.astype(float), 1.0, OBJECTS)
     theory = float(skewness(curve, used, heard, np.append(truth, 0.0) / unit, index))
     # the statistic itself, by plain linear algebra: the tested column freed of those of the terms that are there
-    c = covariance(curve.tensor, truth)
+    c = allan_covariance(noise, samples, m, 1.0)
     columns = curve.columns[:, :4]
     there = columns[:, truth > 0]
     solved = np.linalg.solve(c, there)
