@@ -14,7 +14,6 @@ either sign, so Q and the tail are never free together; a tail of the sign of Q 
 
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -26,8 +25,8 @@ from ._minimise import iterate, minimise, namespace, some
 SETTLED, GUESSED, _MOST = 1e-7, 1e-2, 40
 
 
-class Curve(eqx.Module):
-    """An Allan variance curve with what its fit needs.
+class Curve(NamedTuple):
+    """An Allan variance curve with what its fit needs: a plain tuple, for the loops of the host read it thousands of times.
 
     v : (clusters,) measured variances. columns : (clusters, p + 1), A and the tail. tensor : (p, p, clusters, clusters), T.
     share : (clusters,) count of differences without gaps over that with them. octave : (clusters,) base-2 logarithm of the cluster

@@ -23,8 +23,8 @@ from .._compile import jit
 from .._types import AnyArray, Array
 from ..fitting import solve
 
-#: problems, rows and coefficients of the compiled program; larger problems take multiples of the last two
-_LANES, _ROWS, _WIDTH = 16, 384, 8
+#: problems, rows and coefficients of the compiled program; larger problems take multiples of the last two, curves these few rows
+_LANES, _ROWS, _WIDTH, _FEW = 16, 384, 8, 32
 
 
 def namespace(*trees: Any) -> ModuleType:
@@ -109,7 +109,9 @@ def minimise(columns: Any, target: Any, weight: Any, start: Any, *, base: Any = 
         full = {name: xp.broadcast_to(value, (lanes, *value.shape[-1 - (name == "columns") :])) for name, value in given.items()}
         # a branch on data would become a choice between both under vmap, with the derivatives of both
         return Minima(*jax.lax.map(lambda one: _one(_differences if linear else _deviances, *one), (full, start, lower)))
-    tall, wide = -(-rows // _ROWS) * _ROWS, -(-p // _WIDTH) * _WIDTH
+    # for one curve alone, as a second opinion has, a second program would cost more than it saves
+    tall = _FEW if rows <= _FEW and lanes > 1 else -(-rows // _ROWS) * _ROWS
+    wide = -(-p // _WIDTH) * _WIDTH
     theta, cost, settled = np.empty((lanes, p)), np.empty(lanes), np.empty(lanes, dtype=bool)
     for k in range(0, lanes, _LANES):
         count = min(lanes - k, _LANES)
