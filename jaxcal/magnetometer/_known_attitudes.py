@@ -20,7 +20,7 @@ class AttitudeFit(eqx.Module):
     ----------
     model : `MagModel` with any soft iron, rotation included.
     currents : (3, c) field per unit of each current, in the unit of the readings.
-    error : (12 + 3c,) standard errors, row by row of (C | b | k).
+    error : (3, 4 + c) standard errors, those of the columns of C, then of b, then of each k.
     noise : standard deviation of one axis of a reading, in its unit.
     """
 

@@ -78,7 +78,7 @@ def test_known_attitudes_give_the_whole_matrix():
         found = fit_attitudes(m, field, current=current)
         whole = np.concatenate([found.model.soft_iron, found.model.hard_iron[:, None], found.currents], axis=1)
         true = np.concatenate([sensor.soft_iron, sensor.hard_iron[:, None], K[:, :1]], axis=1)
-        away.append((whole - true) / found.error.reshape(whole.shape))
+        away.append((whole - true) / found.error)
     assert np.std(away) == pytest.approx(1.0, abs=0.12)
     assert found.noise == pytest.approx(0.01, rel=0.2)
     with pytest.raises(DataError, match="do not determine"):
