@@ -211,11 +211,6 @@ def density_from_random_walk(n: float) -> float:
     return math.sqrt(2.0) * n
 
 
-def random_walk_from_density(density: float) -> float:
-    """Two-sided random walk coefficient N = ND / sqrt(2) of a one-sided data-sheet noise density ND."""
-    return density / math.sqrt(2.0)
-
-
 def _noise_table(term: str, sensor: str) -> dict[str, float]:
     if ("N", sensor) not in _NOISE:
         raise UnitError(f"no noise units of sensor {sensor!r}; sensors are gyro, accel, mag")

@@ -72,7 +72,7 @@ def with_rotation(result: MagFit, alignment: Alignment, field: Any) -> MagFit:
             )
     error = np.hypot(result.heading_error, turned_heading_error(np.asarray(alignment.covariance), result.inclination))
     planar = result.plane is not None
-    reason = result.reason.replace("a rotation common to all readings apart", "that of the rotation apart")
+    reason = result.reason.replace("excluding a rotation common to all readings", "excluding the alignment error")
     verdict = alignment.verdict if result.verdict == "good" else result.verdict
     return dataclasses.replace(
         result, model=alignment.model, alignment=alignment, heading_error=result.heading_error if planar else error, verdict=verdict,

@@ -83,7 +83,7 @@ def judge(
         return Judgement("refused" if refused else "weak", " ".join([*refused, *weak, *note]))
     level, tilted = np.rad2deg(error)
     extent = f"{level:.2g} degrees rms" + (" in the plane" if planar else f" at level and {tilted:.2g} at 20 degrees of tilt")
-    return Judgement("good", " ".join([f"The heading error to expect is {extent}, a rotation common to all readings apart.", *note]))
+    return Judgement("good", " ".join([f"The heading error to expect is {extent}, excluding a rotation common to all readings.", *note]))
 
 
 def _by_size(found: Found, error: np.ndarray, told: Information, limits, planar: bool, refused: list[str], weak: list[str]) -> None:

@@ -1,1 +1,1 @@
-"""What attitudes tell of a model: coverage, heading error, plans."""
+"""How well a set of attitudes determines the model: coverage, heading error, and plans of further attitudes."""

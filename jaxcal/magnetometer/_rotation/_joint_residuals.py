@@ -20,9 +20,9 @@ CENTRE, TURN, EXTRA = slice(6, 9), slice(9, 12), slice(12, None)
 
 
 class Joint(eqx.Module):
-    """Scaled readings that a second sensor speaks of.
+    """Scaled readings of the magnetometer, with the data of a second sensor beside them.
 
-    u : (n, 3). weight, paired : (n,), zero for padding, and for readings that it says nothing of. sigma : (2,) of a reading across the
+    u : (n, 3). weight, paired : (n,), zero for padding, and for readings without its data. sigma : (2,) of a reading across the
     surface, and of what the sensor says. noise2 : as in `Readings`. base : (3, 3) rotation to start from.
     """
 
