@@ -120,6 +120,22 @@ def rows_of(curve: Any, field: str, name: Callable[[int], str], unit: str) -> li
     return [Row(name(i) + text, values[i, k], low[i, k], high[i, k], unit) for k, text in enumerate(channels) for i in picked]
 
 
+def by_channel(sentences: Mapping[str, Any]) -> list[str]:
+    """Sentences of several channels, each once with the channels it is true of.
+
+    Examples
+    --------
+    >>> from jaxcal._results import by_channel
+    >>> by_channel({"gyro_x": ["short record"], "gyro_y": ["short record", "odd"]})
+    ['gyro_x, gyro_y: short record', 'gyro_y: odd']
+    """
+    channels: dict[str, list[str]] = {}
+    for channel, found in sentences.items():
+        for sentence in found:
+            channels.setdefault(str(sentence), []).append(channel)
+    return [f"{', '.join(names)}: {sentence}" for sentence, names in channels.items()]
+
+
 def plain(value: Any) -> Any:
     """Any value as JSON can say it: modules as dictionaries, arrays as lists, infinite or unknown numbers as None.
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from .._errors import DataError, UnitError
 from .._log import Log
+from .._results import by_channel
 from .._units import STANDARD_GRAVITY, noise_units, si_unit
 from ._coefficients import Coefficient, as_json, number, numbers_of
 
@@ -35,7 +36,7 @@ def noise(log: Log, **options: Any) -> Answer:
                 low, high = fit.interval[term]
                 one = Coefficient(number(fit.noise.coefficient(term)), number(low), number(high), noise_units(term, sensor)[-1])
             found[f"{channel}.{term}"] = one
-    return document(fits, log), found, _said({channel: fit.warnings for channel, fit in fits.items()})
+    return document(fits, log), found, by_channel({channel: fit.warnings for channel, fit in fits.items()})
 
 
 def mag(log: Log, **options: Any) -> Answer:
@@ -94,7 +95,7 @@ def temperature(log: Log, **options: Any) -> Answer:
         found[f"{channel}.rms"] = Coefficient(number(fit.rms), unit=unit)
         found[f"{channel}.jump"] = Coefficient(number(max((abs(s.height) for s in fit.steps), default=math.nan)), unit=unit)
         found[f"{channel}.lag"] = Coefficient(number(fit.model.lag), unit="s")
-    return document(fits, log), found, _said({channel: fit.warnings for channel, fit in fits.items()})
+    return document(fits, log), found, by_channel({channel: fit.warnings for channel, fit in fits.items()})
 
 
 def allan(log: Log, **options: Any) -> Answer:
@@ -121,7 +122,7 @@ def allan(log: Log, **options: Any) -> Answer:
                 found[f"{channel}.{result.kind}({tau:g} s)"] = Coefficient(*at, unit="" if result.unit_of_phase else si_unit(sensor))
     if not said:
         raise DataError("the log holds neither gyroscope, accelerometer nor magnetometer; name their columns with columns=")
-    return document, found, _said(said)
+    return document, found, by_channel(said)
 
 
 #: name of a task -> what it does
@@ -185,15 +186,6 @@ def _named(task: Any) -> dict[str, Any]:
     except (OSError, TypeError):
         source = None
     return {"name": f"{function.__module__}.{function.__qualname__}", "source": source}
-
-
-def _said(by_name: dict[str, Any]) -> list[str]:
-    """One sentence for all channels that it holds for."""
-    names: dict[str, list[str]] = {}
-    for name, sentences in by_name.items():
-        for sentence in sentences:
-            names.setdefault(str(sentence), []).append(name)
-    return [f"{', '.join(which)}: {sentence}" for sentence, which in names.items()]
 
 
 def reading_options(reading: dict[str, Any]) -> tuple[dict[str, Any], tuple[Any, Any]]:

@@ -7,17 +7,15 @@ import os
 import sys
 import textwrap
 import traceback
-from collections.abc import Callable
 
 import cyclopts
 from cyclopts.config import Toml
 
 import jaxcal
 
-from ._allan import allan
-from ._apply import apply
+from ._apply import apply, convert
 from ._batch import batch
-from ._convert import convert
+from ._curves import allan, psd
 from ._demo import demo
 from ._diff import diff
 from ._export import export
@@ -26,12 +24,7 @@ from ._mag import mag
 from ._noise import noise
 from ._north import north
 from ._options import CallError
-from ._psd import psd
-from ._simulate import simulate_noise
-from ._simulate_imu import simulate_imu
-from ._simulate_mag import simulate_mag
-from ._simulate_north import simulate_north
-from ._simulate_temperature import simulate_temperature
+from ._simulate import simulate_imu, simulate_mag, simulate_noise, simulate_north, simulate_temperature
 from ._temperature import temperature
 
 _COMMANDS = (demo, noise, allan, psd, temperature, imu, mag, north, apply, convert, export, diff, batch)
@@ -65,7 +58,7 @@ def _application() -> cyclopts.App:
         app.command(command)
     simulate = cyclopts.App(name="simulate", help="Logs of simulated devices, whose truth is known.", help_format="plaintext")
     for command in _SIMULATE:
-        simulate.command(command, name=_simulated(command))
+        simulate.command(command, name=command.__name__.removeprefix("simulate_"))
     app.command(simulate)
     return app
 
@@ -112,10 +105,6 @@ def _help_command(argv: list[str]) -> str:
     known = {command.__name__ for command in _COMMANDS} | {"simulate"}
     words = itertools.takewhile(lambda word: word in known, argv)
     return " ".join(["jaxcal", *words, "--help"])
-
-
-def _simulated(command: Callable[..., None]) -> str:
-    return command.__name__.removeprefix("simulate_")
 
 
 def _discard_output() -> None:

@@ -1,12 +1,15 @@
-"""`jaxcal apply`: a log without the errors that a calibration knows."""
+"""`jaxcal apply` and `jaxcal convert`: a log without the errors that a calibration knows, or in a layout that is read at once."""
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from ._options import CallError, Reading, Running, read_log
+import jaxcal
+
+from ._options import CallError, Reading, Running, log_file, must_exist, read_log
 from ._outputs import staged
 from ._screen import Screen, progress, show_log, show_written
-from ._simulate import SUFFIXES, save_log
+from ._simulate import save_log
 
 
 def apply(
@@ -14,7 +17,7 @@ def apply(
     log: Path,
     /,
     *,
-    out: Path,
+    out: Annotated[Path, log_file(help="File to write: FILE.csv or FILE.npz, in SI units; missing samples stay missing.")],
     reading: Reading = Reading(),
     running: Running = Running(),
 ) -> None:
@@ -26,28 +29,65 @@ def apply(
         Calibration as JSON, as the other commands write it.
     log
         The log of the same device.
-    out
-        File to write: FILE.csv or FILE.npz, in SI units; missing samples stay missing.
     """
+    must_exist(calibration)
+
+    def write(recording: Any, place: Path) -> Any:
+        found = corrected(calibration, recording)
+        save_sensors(found, place)
+        return found
+
+    _rewrite([log, calibration], out, "correcting", write, reading, running)
+
+
+def convert(
+    log: Path,
+    out: Path,
+    /,
+    *,
+    reading: Reading = Reading(),
+    running: Running = Running(),
+) -> None:
+    """Write a log as .npz or Parquet, in SI units, so that reading it again takes no time and no guess.
+
+    Parameters
+    ----------
+    log
+        Any log that can be read.
+    out
+        File to write: FILE.npz or FILE.parquet.
+    """
+    from ..io._convert import SUFFIXES, save
+
     if out.suffix not in SUFFIXES:
-        raise CallError(f"--out {out}: expected a name that ends in {' or '.join(SUFFIXES)}")
-    if not calibration.exists():
-        raise CallError(f"{calibration} does not exist")
+        raise CallError(f"{out}: expected a name that ends in {' or '.join(SUFFIXES)}")
+
+    def write(recording: Any, place: Path) -> Any:
+        save(recording, place)
+        return recording
+
+    _rewrite([log], out, f"writing {out.name}", write, reading, running)
+
+
+def _rewrite(inputs: list[Path], out: Path, doing: str, write: Callable[[Any, Path], Any], reading: Reading, running: Running) -> None:
+    """Read the first of `inputs`, and print what was written."""
     screen = Screen(running.quiet)
-    with staged([out], inputs=[log, calibration]) as places:
-        with progress(f"reading {log.name}", running.quiet):
-            recording = read_log(log, reading)
-        with progress("correcting", running.quiet):
-            found = corrected(calibration, recording)
-            sensors = {name: value for name in ("gyro", "accel", "mag", "temperature") if (value := getattr(found, name)) is not None}
-            save_log(places[out], found.time, sensors)
-    show_log(screen, found)
-    screen.sentences("Warnings", found.warnings)
+    with staged([out], inputs=inputs) as places:
+        with progress(f"reading {inputs[0].name}", running.quiet):
+            recording = read_log(inputs[0], reading)
+        with progress(doing, running.quiet):
+            written = write(recording, places[out])
+    show_log(screen, written)
+    screen.sentences("Warnings", written.warnings)
     show_written(screen, [out])
 
 
-def corrected(path: Path, log: Any) -> Any:
-    """The log, corrected with the calibration at `path`."""
-    import jaxcal
+def corrected(calibration: Path, log: Any) -> Any:
+    """The log, corrected with the calibration in a file."""
+    return jaxcal.Calibration.load(calibration).correct(log)
 
-    return jaxcal.Calibration.load(path).correct(log)
+
+def save_sensors(log: Any, place: Path) -> None:
+    """Write the sensors of a log as CSV or NPZ."""
+    names = ("gyro", "accel", "mag", "temperature")
+    save_log(place, log.time, {name: values for name in names if (values := getattr(log, name)) is not None})

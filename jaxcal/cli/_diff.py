@@ -1,10 +1,12 @@
 """`jaxcal diff`: what changed between two calibrations, and whether it is more than chance."""
 
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+import jaxcal
 
 from .._files import json_text, write_atomically
-from ._options import CallError, Running
+from ._options import Running, checked, must_exist
 from ._outputs import staged
 from ._screen import Screen, show_written
 
@@ -14,7 +16,9 @@ def diff(
     second: Path,
     /,
     *,
-    significance: float = 0.01,
+    significance: Annotated[
+        float, checked("--significance", lambda chance: 0 < chance < 1, "a probability between 0 and 1, such as 0.01")
+    ] = 0.01,
     json: Path | None = None,
     running: Running = Running(),
 ) -> None:
@@ -34,13 +38,7 @@ def diff(
     json
         File for the differences, in SI units.
     """
-    for path in (first, second):
-        if not path.exists():
-            raise CallError(f"{path} does not exist")
-    if not 0.0 < significance < 1.0:
-        raise CallError(f"--significance {significance:g}: expected a probability between 0 and 1, such as 0.01")
-    import jaxcal
-
+    must_exist(first, second)
     screen = Screen(running.quiet)
     with staged([json] if json else [], inputs=[first, second]) as places:
         parts = jaxcal.calibration.difference(jaxcal.Calibration.load(first), jaxcal.Calibration.load(second))
@@ -86,22 +84,7 @@ def _kind(name: str) -> str:
 
 def _document(parts: Any) -> dict[str, Any]:
     """Schema "jaxcal.difference/1"."""
-    import numpy as np
+    from .._results import plain
 
-    import jaxcal
-
-    def listed(values: Any) -> list[float | None]:
-        return [float(value) if np.isfinite(value) else None for value in values]
-
-    return {
-        "schema": "jaxcal.difference/1", "version": jaxcal.__version__,
-        "parts": [
-            {
-                "name": part.name, "parameters": list(part.parameters), "units": list(part.units), "first": listed(part.first),
-                "second": listed(part.second), "change": listed(part.change), "standard_error": listed(part.standard_error),
-                "chi_square": listed([part.chi_square])[0], "degrees_of_freedom": part.degrees_of_freedom,
-                "probability": listed([part.probability])[0], "notes": list(part.notes),
-            }
-            for part in parts
-        ],
-    }  # fmt: skip
+    document = [{**plain(part), "change": plain(part.change)} for part in parts]
+    return {"schema": "jaxcal.difference/1", "version": jaxcal.__version__, "parts": document}

@@ -5,8 +5,10 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import Group, Parameter
 
-from ._options import WRITING, CallError, Running, distinct
-from ._outputs import staged
+import jaxcal
+
+from ._options import WRITING, CallError, Running, must_exist
+from ._outputs import distinct, staged
 from ._screen import Screen, show_written
 
 Format = Literal["kalibr", "openvins", "vins", "orbslam3", "gtsam", "px4", "ardupilot", "ros", "imu_tk", "motioncal", "c", "csv"]
@@ -93,10 +95,10 @@ def export(
     accumulator
         With the sums for the next magnetometer calibration in c.
     """
-    for path in calibration:
-        if not path.exists():
-            raise CallError(f"{path} does not exist")
-    given = _ids(ids, to)
+    must_exist(*calibration)
+    if ids is not None and to not in _IDS:
+        raise CallError(f"--ids {ids}: only {' and '.join(_IDS)} find sensors by ids")
+    given = ids_of(ids, _IDS.get(to, ()))
     options: dict[str, Any] = {
         "axis": axis, "inflate": inflate, "density": _values("density", density), "random_walk": _values("random-walk", random_walk),
         "rate": rate, "topic": topic, "convention": convention, "model": model, "frame": frame, "flavour": flavour, "instance": instance,
@@ -104,8 +106,6 @@ def export(
     }  # fmt: skip
     if gravity is not None:
         options["gravity"] = gravity
-    import jaxcal
-
     from ..export._formats import FORMATS, check_options, files_of
     from ..export._options import Options
 
@@ -127,16 +127,13 @@ def export(
     show_written(screen, written)
 
 
-def _ids(text: str | None, tool: str) -> dict[str, int]:
-    if text is None:
-        return {}
-    if tool not in _IDS:
-        raise CallError(f"--ids {text}: only {' and '.join(_IDS)} find sensors by ids")
+def ids_of(text: str | None, sensors: tuple[str, ...]) -> dict[str, int]:
+    """Ids of `sensors` from SENSOR=NUMBER,..., by their names in a calibration."""
     found = {}
-    for word in text.split(","):
+    for word in text.split(",") if text else ():
         sensor, _, value = word.partition("=")
-        if sensor not in _IDS[tool] or not (value.isascii() and value.isdigit()):
-            expected = ",".join(f"{name}=NUMBER" for name in _IDS[tool])
+        if sensor not in sensors or not (value.isascii() and value.isdigit()):
+            expected = ",".join(f"{name}=NUMBER" for name in sensors)
             raise CallError(f"--ids {text}: expected {expected}, as in the parameter list of the vehicle")
         found[f"{sensor}_id"] = int(value)
     return found

@@ -1,63 +1,46 @@
 """`jaxcal imu`: both triads from a log of still poses and the turns between them."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from .._units import STANDARD_GRAVITY, number
-from ._cache import keep_compiled
-from ._export import FILES
-from ._options import WRITING, CallError, Reading, Running, read_log, stem
-from ._outputs import Maker, Outputs, exports, outputs, save_json, save_picture, save_report, staged
-from ._screen import Screen, progress, show_log, show_written
+import jaxcal
 
-_CONVENTIONS = ("upper", "lower", "full")
-_METHODS = ("joint", "imu_tk")
+from .._units import STANDARD_GRAVITY, number
+from ._export import FILES
+from ._options import CallError, Files, Latitude, Log, Reading, Running, stem
+from ._outputs import File, figure, outputs, save_calibration, save_export, save_json, save_report
+from ._screen import Screen
+from ._work import carry_out
+
 _AXES = "xyz"
 #: format of --export -> name of the file where none is given
 _EXPORTS = {name: FILES[name] for name in ("c", "csv")}
+_OTHER = "File for another tool: c, csv, or such as c=FILE. Repeatable; jaxcal export writes the other formats."
 
 
-@Parameter(name="*", group=WRITING)
 @dataclass(frozen=True, kw_only=True)
-class ImuWriting:
-    """Where results go. Without any of these, into the folder LOG-imu, all of them.
+class ImuWriting(Files):
+    """Where results go. Without any of these, into the folder LOG-imu, all of them."""
 
-    Attributes
-    ----------
-    out
-        Folder for the files, made if it is missing.
-    json
-        Triads, intervals, residuals and verdict as JSON.
-    report
-        Report as one HTML file.
-    calibration
-        Calibration file, for jaxcal apply and jaxcal export.
-    export
-        File for another tool: c, csv, or such as c=FILE. Repeatable; jaxcal export writes the other formats.
-    """
-
-    out: Path | None = None
-    json: Path | None = None
-    report: Path | None = None
-    calibration: Path | None = None
-    export: Annotated[tuple[str, ...] | None, Parameter(name="--export")] = None
+    json: Annotated[Path | None, Parameter(help="Triads, intervals, residuals and verdict as JSON.")] = None
+    calibration: Annotated[Path | None, Parameter(help="Calibration file, for jaxcal apply and jaxcal export.")] = None
+    export: Annotated[tuple[str, ...] | None, Parameter(name="--export", help=_OTHER)] = None
 
 
 def imu(
-    log: Path,
+    log: Log,
     /,
     *,
     gravity: float | None = None,
-    latitude: float | None = None,
+    latitude: Latitude | None = None,
     height: float = 0.0,
-    convention: str = "upper",
-    method: str = "joint",
+    convention: Literal["upper", "lower", "full"] = "upper",
+    method: Literal["joint", "imu_tk"] = "joint",
     initial: float | None = None,
     without_rest: bool = False,
     raw: bool = False,
@@ -75,8 +58,6 @@ def imu(
 
     Parameters
     ----------
-    log
-        The log: CSV, NPZ, Parquet, ROS bag.
     gravity
         Gravity at the place, in m/s^2; else from --latitude and --height, else standard gravity.
     latitude
@@ -98,58 +79,46 @@ def imu(
     earth_rate
         Account for the Earth's rate, with --latitude; for tactical units.
     """
-    for name, value, known in (("convention", convention, _CONVENTIONS), ("method", method, _METHODS)):
-        if value not in known:
-            raise CallError(f"--{name} {value}: expected one of {', '.join(known)}")
-    if latitude is not None and not -90.0 <= latitude <= 90.0:
-        raise CallError(f"--latitude {latitude:g}: expected degrees between -90 and 90")
     if earth_rate and latitude is None:
         raise CallError("--earth-rate needs --latitude")
-    plan, folder = _outputs(log, writing)
-    screen = Screen(running.quiet)
-    with staged(plan, inputs=[log], folder=folder) as places:
-        with progress(f"reading {log.name}", running.quiet):
-            options = {
-                "gravity": gravity, "latitude": latitude, "height": height, "earth_rate": earth_rate, "convention": convention,
-                "method": method, "raw": raw, "initial": initial, "without_rest": without_rest,
-                "without_g_sensitivity": without_g_sensitivity,
-            }  # fmt: skip
-            from ._provenance import signed
+    options = {
+        "gravity": gravity, "latitude": latitude, "height": height, "earth_rate": earth_rate, "convention": convention, "method": method,
+        "raw": raw, "initial": initial, "without_rest": without_rest, "without_g_sensitivity": without_g_sensitivity,
+    }  # fmt: skip
+    files: list[File] = [
+        ("", "imu.png", figure(lambda plot, found, _: plot.imu(found))), ("report", "report.html", save_report),
+        ("json", "imu.json", save_json), ("calibration", "calibration.json", partial(save_calibration, part="imu")),
+    ]  # fmt: skip
+    plan = outputs(writing, files, f"{stem(log)}-imu", formats=_EXPORTS, export=partial(save_export, part="imu"))
+    notes: list[str] = []
 
-            data = signed(read_log(log, reading), "jaxcal imu", reading, options)
-        show_log(screen, data)
-        with progress("fitting", running.quiet):
-            keep_compiled()
-            import jaxcal
+    def compute(data: Any, _: Any) -> Any:
+        found = jaxcal.imu.multi_position(
+            data, gravity=_gravity(gravity, latitude, height, notes), convention=convention, method=method, raw=raw,
+            g_sensitivity=not without_g_sensitivity, initial=None if without_rest else 30.0 if initial is None else initial,
+            latitude=math.radians(latitude) if earth_rate and latitude is not None else None,
+        )  # fmt: skip
+        if found.verdict == "refused":
+            raise jaxcal.DataError(found.reason)
+        return found
 
-            size, notes = _gravity(gravity, latitude, height)
-            found = jaxcal.imu.multi_position(
-                data, gravity=size, convention=convention, method=method, raw=raw, g_sensitivity=not without_g_sensitivity,
-                initial=None if without_rest else 30.0 if initial is None else initial,
-                latitude=math.radians(latitude) if earth_rate and latitude is not None else None,
-            )  # fmt: skip
-            if found.verdict == "refused":
-                raise jaxcal.DataError(found.reason)
-            said = [sentence for target, make in plan.items() for sentence in make(places[target], found, data)]
-        written = [target for target, place in places.items() if place.exists()]
-    _tables(screen, found, raw)
-    screen.line()
-    screen.line(f"{found.verdict}: {found.reason}")
-    screen.sentences("Warnings", [*data.warnings, *notes, *found.warnings, *said])
-    show_written(screen, written)
+    done = carry_out(log, reading, running, plan, compute, command="jaxcal imu", options=options)
+    _tables(done.screen, done.found, raw)
+    done.screen.line()
+    done.screen.line(f"{done.found.verdict}: {done.found.reason}")
+    done.tell([*notes, *done.found.warnings])
 
 
-def _gravity(gravity: float | None, latitude: float | None, height: float) -> tuple[float, list[str]]:
-    import jaxcal
-
+def _gravity(gravity: float | None, latitude: float | None, height: float, notes: list[str]) -> float:
     if gravity is not None:
-        return gravity, []
+        return gravity
     if latitude is not None:
-        return float(jaxcal.imu.gravity(math.radians(latitude), height)), []
-    return STANDARD_GRAVITY, [
+        return float(jaxcal.imu.gravity(math.radians(latitude), height))
+    notes.append(
         f"Gravity was taken as {STANDARD_GRAVITY} m/s^2; it differs by up to 0.3 % between places, and the accelerometer's scale with it. "
         "Give --latitude and --height, or --gravity."
-    ]
+    )
+    return STANDARD_GRAVITY
 
 
 def _tables(screen: Screen, found: Any, raw: bool) -> None:
@@ -158,10 +127,8 @@ def _tables(screen: Screen, found: Any, raw: bool) -> None:
         if getattr(found, sensor) is None:
             continue
         unit = "counts" if raw else {"accel": "m/s^2", "gyro": "rad/s"}[sensor]
-        rows = []
-        for i, axis in enumerate(_AXES):
-            cells = [_cell(found, first + 3 * i + j) for j in range(3)] + [_cell(found, first + 9 + i)]
-            rows.append([axis, *cells])
+        places = [[first + 3 * i, first + 3 * i + 1, first + 3 * i + 2, first + 9 + i] for i in range(3)]
+        rows = [[axis, *(_cell(found, place) for place in row)] for axis, row in zip(_AXES, places, strict=True)]
         screen.table(f"{name}: 95 % interval below", ["", "matrix x", "matrix y", "matrix z", f"bias\n{unit}"], rows)
     if found.gyro is not None and found.gyro.g_sensitivity.any():
         rows = [[axis, *(_cell(found, 24 + 3 * i + j) for j in range(3))] for i, axis in enumerate(_AXES)]
@@ -177,30 +144,3 @@ def _cell(found: Any, i: int) -> str:
     if 0 < max(abs(value), half) < 1e-3:
         return f"{value:.3g}\n{low:.3g} to {high:.3g}"
     return f"{number(value, half)}\n{number(low, half)} to {number(high, half)}"
-
-
-def _outputs(path: Path, writing: ImuWriting) -> Outputs:
-    names: dict[str, Maker] = {
-        "imu.png": partial(save_picture, draw="imu"), "report.html": save_report, "imu.json": save_json, "calibration.json": _calibration,
-    }  # fmt: skip
-    asked = [
-        (writing.json, save_json), (writing.report, save_report), (writing.calibration, _calibration),
-        *exports(writing.export, _EXPORTS, _export, writing.out),
-    ]  # fmt: skip
-    return outputs(asked, names, out=writing.out, default=f"{stem(path)}-imu")
-
-
-def _export(place: Path, found: Any, log: Any, format: str) -> Sequence[str]:
-    import jaxcal
-
-    return [
-        f"{place.name}: {sentence}"
-        for sentence in jaxcal.export.write(jaxcal.Calibration(imu=found, provenance=log.provenance), place, format=format)
-    ]
-
-
-def _calibration(place: Path, found: Any, log: Any) -> Sequence[str]:
-    import jaxcal
-
-    jaxcal.Calibration(imu=found, provenance=log.provenance).save(place)
-    return ()

@@ -2,7 +2,6 @@
 
 import datetime
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -10,56 +9,41 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from ._cache import keep_compiled
-from ._export import FILES
-from ._options import WRITING, CallError, Reading, Running, distinct, read_log, stem
-from ._outputs import Maker, Outputs, exports, outputs, save_json, save_picture, save_report, staged
-from ._screen import Screen, progress, show_log, show_written
+import jaxcal
 
-Method = Literal["ml", "consistent", "algebraic", "li_griffiths", "constrained", "radial", "axes", "minmax"]
-Model = Literal["auto", "sphere", "diagonal", "symmetric", "planar"]
+from ._apply import save_sensors
+from ._export import FILES
+from ._options import CallError, Files, Log, Reading, Running, checked, log_file, stem
+from ._outputs import File, figure, outputs, save_calibration, save_export, save_json, save_report, tried
+from ._screen import Screen
+from ._work import carry_out
+
 _MICRO = 1e-6
 #: format of --export -> name of the file where none is given
 _EXPORTS = {name: FILES[name] for name in ("motioncal", "c", "csv")}
+_OTHER = "File for another tool: motioncal, c, csv, or such as c=FILE. Repeatable; jaxcal export writes the other formats."
+Norm = Annotated[float, checked("--field", lambda norm: 0 < norm < 1000, "the norm of the field in uT, 22 to 67 on Earth")]
+Dip = Annotated[float, checked("--inclination", lambda dip: abs(dip) < 90, "degrees between -90 and 90, positive downwards")]
 
 
-@Parameter(name="*", group=WRITING)
 @dataclass(frozen=True, kw_only=True)
-class Writing:
-    """Where results go. Without any of these, into the folder LOG-mag, all but the corrected log.
+class Writing(Files):
+    """Where results go. Without any of these, into the folder LOG-mag, all but the corrected log."""
 
-    Attributes
-    ----------
-    out
-        Folder for the files, made if it is missing.
-    json
-        Calibration, uncertainty and verdict as JSON, in SI units.
-    report
-        Report as one HTML file.
-    calibration
-        Calibration of the device as JSON, for jaxcal.Calibration.load.
-    corrected
-        Corrected log: FILE.csv or FILE.npz.
-    export
-        File for another tool: motioncal, c, csv, or such as c=FILE. Repeatable; jaxcal export writes the other formats.
-    """
-
-    out: Path | None = None
-    json: Path | None = None
-    report: Path | None = None
-    calibration: Path | None = None
-    corrected: Path | None = None
-    export: Annotated[tuple[str, ...] | None, Parameter(name="--export")] = None
+    json: Annotated[Path | None, Parameter(help="Calibration, uncertainty and verdict as JSON, in SI units.")] = None
+    calibration: Annotated[Path | None, Parameter(help="Calibration of the device as JSON, for jaxcal.Calibration.load.")] = None
+    corrected: Annotated[Path | None, log_file("--corrected", "Corrected log: FILE.csv or FILE.npz.")] = None
+    export: Annotated[tuple[str, ...] | None, Parameter(name="--export", help=_OTHER)] = None
 
 
 def mag(
-    log: Path,
+    log: Log,
     /,
     *,
-    method: Method = "ml",
-    model: Model = "auto",
-    field: float | None = None,
-    inclination: float | None = None,
+    method: Literal["ml", "consistent", "algebraic", "li_griffiths", "constrained", "radial", "axes", "minmax"] = "ml",
+    model: Literal["auto", "sphere", "diagonal", "symmetric", "planar"] = "auto",
+    field: Norm | None = None,
+    inclination: Dip | None = None,
     field_error: float | None = None,
     place: tuple[float, float] | None = None,
     date: str | None = None,
@@ -79,8 +63,6 @@ def mag(
 
     Parameters
     ----------
-    log
-        The log: CSV, NPZ, Parquet, ROS bag.
     method
         How to fit; ml is the maximum likelihood, the others are for comparison.
     model
@@ -106,53 +88,45 @@ def mag(
     force
         Write a refused fit too, to look at.
     """
-    plan, folder = _outputs(log, writing)
-    screen = Screen(running.quiet)
     if joint and (align == "none" or method != "ml" or model not in ("auto", "symmetric") or loss != "none"):
         raise CallError("--joint goes with --align accel or gyro, and with the full soft iron by --method ml without --loss")
-    earth = _earth(field, inclination, place, date)
-    with staged(plan, inputs=[log], folder=folder) as places:
-        with progress(f"reading {log.name}", running.quiet):
-            options = {
-                "method": method, "model": model, "field": field, "inclination": inclination, "place": place, "date": date, "loss": loss,
-                "penalty": penalty, "align": align, "field_error": field_error, "joint": joint,
-            }  # fmt: skip
-            from ._provenance import signed
+    options = {
+        "method": method, "model": model, "field": field, "inclination": inclination, "place": place, "date": date, "loss": loss,
+        "penalty": penalty, "align": align, "field_error": field_error, "joint": joint,
+    }  # fmt: skip
+    chosen = {
+        "method": method, "model": model, "field": _earth(field, place, date), "field_error": field_error, "penalty": penalty,
+        "inclination": None if inclination is None else math.radians(inclination), "loss": None if loss == "none" else loss,
+    }  # fmt: skip
+    screen = Screen(running.quiet)
 
-            recording = signed(read_log(log, reading), "jaxcal mag", reading, options)
-        show_log(screen, recording)
-        with progress("fitting", running.quiet):
-            keep_compiled()
-            chosen = {
-                "method": method, "model": model, "field": earth, "field_error": field_error, "penalty": penalty,
-                "inclination": None if inclination is None else math.radians(inclination), "loss": None if loss == "none" else loss,
-            }  # fmt: skip
-            found = _fit(recording, align, joint, chosen)
-            _show(screen, found)
-            if found.verdict == "refused" and not force:
-                import jaxcal
+    def compute(recording: Any, _: Any) -> Any:
+        found = _fit(recording, align, joint, chosen)
+        _show(screen, found)
+        if found.verdict == "refused" and not force:
+            raise jaxcal.DataError(f"the calibration is refused, and nothing was written (--force writes it). {found.reason}")
+        return found
 
-                raise jaxcal.DataError(f"the calibration is refused, and nothing was written (--force writes it). {found.reason}")
-            said = [sentence for target, make in plan.items() for sentence in make(places[target], found, recording)]
-        written = [target for target, place in places.items() if place.exists()]
-    screen.sentences("Warnings", [*recording.warnings, *found.warnings, *said])
-    show_written(screen, written)
+    files: list[File] = [
+        ("", "sphere.png", figure(_sphere)), ("", "coverage.png", figure(lambda plot, found, _: plot.coverage(found))),
+        ("", "heading_error.png", figure(lambda plot, found, _: plot.heading_error(found))), ("report", "report.html", save_report),
+        ("json", "mag.json", save_json), ("calibration", "calibration.json", tried(partial(save_calibration, part="magnetometer"))),
+        ("corrected", "", _corrected),
+    ]  # fmt: skip
+    default = "" if writing.corrected else f"{stem(log)}-mag"
+    plan = outputs(writing, files, default, formats=_EXPORTS, export=partial(save_export, part="magnetometer"))
+    done = carry_out(log, reading, running, plan, compute, command="jaxcal mag", options=options)
+    done.tell(done.found.warnings)
 
 
-def _earth(field: float | None, inclination: float | None, place: tuple[float, float] | None, date: str | None) -> Any:
+def _earth(field: float | None, place: tuple[float, float] | None, date: str | None) -> Any:
     """Norm of the field in tesla, its vector, or None."""
-    if field is not None and not 0 < field < 1000:
-        raise CallError(f"--field {field:g}: expected the norm of the field in uT, 22 to 67 on Earth")
-    if inclination is not None and not abs(inclination) < 90:
-        raise CallError(f"--inclination {inclination:g}: expected degrees between -90 and 90, positive downwards")
     if (place is None) != (date is None):
         raise CallError("--place and --date go together: --place 39.93 32.86 --date 2026-05-31")
     if place is None or date is None:
         return None if field is None else field * _MICRO
     if field is not None:
         raise CallError("--field and --place exclude one another: the place gives the field")
-    import jaxcal
-
     try:
         return jaxcal.magnetometer.earth_field(*place, datetime.date.fromisoformat(date))
     except (ValueError, jaxcal.DataError) as error:  # nothing was read yet
@@ -161,8 +135,6 @@ def _earth(field: float | None, inclination: float | None, place: tuple[float, f
 
 def _fit(log: Any, align: str, joint: bool, options: dict[str, Any]) -> Any:
     import numpy as np
-
-    import jaxcal
 
     if log.mag is None or log.mag.shape[1] != 3:
         raise jaxcal.DataError("the log has no magnetometer of three axes; name its columns with --columns mag=mx,my,mz")
@@ -207,60 +179,11 @@ def _show(screen: Screen, found: Any) -> None:
     screen.sentences("Known", facts)
 
 
-def _outputs(path: Path, writing: Writing) -> Outputs:
-    if writing.corrected is not None and writing.corrected.suffix not in (".csv", ".npz"):
-        raise CallError(f"--corrected {writing.corrected}: expected a name that ends in .csv or .npz")
-    names: dict[str, Maker] = {
-        "sphere.png": _sphere, "coverage.png": partial(save_picture, draw="coverage"),
-        "heading_error.png": partial(save_picture, draw="heading_error"), "report.html": save_report, "mag.json": save_json,
-        "calibration.json": _calibration,
-    }  # fmt: skip
-    asked = [
-        (writing.json, save_json), (writing.report, save_report), (writing.calibration, _calibration),
-        *exports(writing.export, _EXPORTS, _export, writing.out),
-    ]  # fmt: skip
-    if writing.corrected is None:
-        return outputs(asked, names, out=writing.out, default=f"{stem(path)}-mag")
-    # a folder that was named is filled beside it
-    plan, folder = outputs(asked, None if writing.out is None else names, out=writing.out)
-    return distinct([*plan.items(), (writing.corrected, _corrected)]), folder
-
-
-def _sphere(place: Path, found: Any, log: Any) -> Sequence[str]:
+def _sphere(plot: Any, found: Any, log: Any) -> Any:
     import numpy as np
 
-    import jaxcal
-
-    jaxcal.plot.save(jaxcal.plot.sphere(log.mag[np.isfinite(log.mag).all(axis=1)], found)[0], place)
-    return ()
+    return plot.sphere(log.mag[np.isfinite(log.mag).all(axis=1)], found)[0]
 
 
-def _export(place: Path, found: Any, log: Any, format: str) -> Sequence[str]:
-    import jaxcal
-
-    return [f"{place.name}: {sentence}" for sentence in jaxcal.export.write(_device(found, log), place, format=format)]
-
-
-def _calibration(place: Path, found: Any, log: Any) -> Sequence[str]:
-    import jaxcal
-
-    try:
-        _device(found, log).save(place)
-    except jaxcal.DataError as error:
-        return (f"{place.name} is not written: {error}",)
-    return ()
-
-
-def _corrected(place: Path, found: Any, log: Any) -> Sequence[str]:
-    from ._simulate import save_log
-
-    fixed = _device(found, log).correct(log)
-    names = ("gyro", "accel", "mag")
-    save_log(place, fixed.time, {name: getattr(fixed, name) for name in names if getattr(fixed, name) is not None})
-    return ()
-
-
-def _device(found: Any, log: Any) -> Any:
-    import jaxcal
-
-    return jaxcal.Calibration(magnetometer=found, provenance=log.provenance)
+def _corrected(place: Path, found: Any, log: Any) -> None:
+    save_sensors(jaxcal.Calibration(magnetometer=found, provenance=log.provenance).correct(log), place)

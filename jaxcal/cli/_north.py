@@ -1,16 +1,17 @@
 """`jaxcal north`: roll, pitch and azimuth of a turntable from its readings."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
+import jaxcal
+
 from ._cache import keep_compiled
-from ._options import WRITING, CallError, Running
-from ._outputs import check_picture, outputs, save_json, save_report, staged
+from ._options import WRITING, CallError, Latitude, Running, picture
+from ._outputs import File, figure, outputs, save_json, save_report, staged
 from ._readings import read_readings
 from ._screen import Screen, progress, show_written
 from ._simulate import noise_from_text
@@ -31,28 +32,18 @@ _ROWS = {
 @Parameter(name="*", group=WRITING)
 @dataclass(frozen=True, kw_only=True)
 class Writing:
-    """Where results go; without any of these they are only printed.
+    """Where results go; without any of these they are only printed."""
 
-    Attributes
-    ----------
-    json
-        The result as JSON, in SI units.
-    report
-        The report: one HTML file.
-    plot
-        Readings with the fitted sinusoid: FILE.png, FILE.svg or FILE.pdf.
-    """
-
-    json: Path | None = None
-    report: Path | None = None
-    plot: Path | None = None
+    json: Annotated[Path | None, Parameter(help="The result as JSON, in SI units.")] = None
+    report: Annotated[Path | None, Parameter(help="The report: one HTML file.")] = None
+    plot: Annotated[Path | None, picture("Readings with the fitted sinusoid: FILE.png, FILE.svg or FILE.pdf.")] = None
 
 
 def north(
     readings: Path,
     /,
     *,
-    latitude: float | None = None,
+    latitude: Latitude | None = None,
     gyro: str | None = None,
     accel: str | None = None,
     free: tuple[str, ...] | None = None,
@@ -90,19 +81,16 @@ def north(
     gravity
         Local gravity in m/s^2.
     """
-    if latitude is not None and not -90 <= latitude <= 90:
-        raise CallError(f"--latitude {latitude:g}: expected degrees from -90 to 90")
     priors = _priors(prior)
-    check_picture("--plot", writing.plot)
-    plan, _ = outputs([(writing.json, save_json), (writing.report, save_report), (writing.plot, _picture)])
+    files: list[File] = [
+        ("json", "", save_json), ("report", "", save_report), ("plot", "", figure(lambda plot, found, data: plot.north(data, found))),
+    ]  # fmt: skip
+    plan, _ = outputs(writing, files)
     screen = Screen(running.quiet)
     with staged(plan, inputs=[readings]) as places:
         table, notes = read_readings(readings)
         with progress("fitting", running.quiet):
             keep_compiled()
-            import numpy as np
-
-            import jaxcal
             from jaxcal.alignment import Positions, Readings, fit
 
             positions = Positions(table["angle"], table["mounting"], table["dwell"], table.get("start"))
@@ -110,33 +98,31 @@ def north(
                 f"{name}_noise": None if text is None else noise_from_text(text, name) for name, text in (("gyro", gyro), ("accel", accel))
             }
             data = Readings(positions, table.get("accel"), table.get("gyro"), **noise)
-            names = None if free is None else [word for part in free for word in part.split(",")]
-            found = fit(
-                data, None if latitude is None else np.deg2rad(latitude), free=names, priors=priors, hemisphere=hemisphere, gravity=gravity,
-                hint=None if hint is None else np.deg2rad(hint),
-            )  # fmt: skip
-            for target, make in plan.items():
-                make(places[target], found, data)
-    screen.line(f"{readings.name}: {len(positions)} positions, {float(np.sum(positions.dwell)):g} s in all")
+            names = None if free is None else ",".join(free).split(",")
+            place, azimuth = (None if angle is None else math.radians(angle) for angle in (latitude, hint))
+            found = fit(data, place, free=names, priors=priors, hemisphere=hemisphere, gravity=gravity, hint=azimuth)
+            said = [sentence for target, make in plan.items() for sentence in make(places[target], found, data) or ()]
+    screen.line(f"{readings.name}: {len(positions)} positions, {positions.dwell.sum():g} s in all")
     screen.sentences("How it was read", notes)
     _table(screen, found)
-    screen.sentences("Notes", [found.observability, *_fit_note(found), *found.notes])
+    chi_square = [] if found.p_value is None else [
+        f"chi-square {float(found.chi_square):.3g} with {int(found.degrees_of_freedom)} degrees of freedom, p = {found.p_value:.2g}."
+    ]  # fmt: skip
+    screen.sentences("Notes", [found.observability, *chi_square, *found.notes])
     show_written(screen, list(plan))
     if found.psi is None:
         raise jaxcal.DataError(f"no azimuth: {found.reason}")
-    if not bool(found.verdict == jaxcal.alignment.Verdict.ok):
-        screen.sentences("Warnings", [found.reason])
+    screen.sentences("Warnings", [*said, *([] if bool(found.verdict == jaxcal.alignment.Verdict.ok) else [found.reason])])
 
 
 def _priors(words: tuple[str, ...] | None) -> dict[str, float] | None:
     priors = {}
-    for word in words or ():
-        for part in word.split(","):
-            name, _, value = part.partition("=")
-            try:
-                priors[name.strip()] = float(value)
-            except ValueError:
-                raise CallError(f"--prior {part}: expected NAME=STANDARD_DEVIATION in SI units, such as s_a=1e-4") from None
+    for part in ",".join(words).split(",") if words else ():
+        name, _, value = part.partition("=")
+        try:
+            priors[name.strip()] = float(value)
+        except ValueError:
+            raise CallError(f"--prior {part}: expected NAME=STANDARD_DEVIATION in SI units, such as s_a=1e-4") from None
     return priors or None
 
 
@@ -152,16 +138,3 @@ def _table(screen: Screen, found: Any) -> None:
         value = value / size
         rows.append([label, f"{value:.{digits}f}", f"{value - half:.{digits}f} to {value + half:.{digits}f}", unit])
     screen.table("joint least-squares fit", ["", "value", "95 % interval", "unit"], rows)
-
-
-def _fit_note(found: Any) -> list[str]:
-    if found.p_value is None:
-        return []
-    return [f"chi-square {float(found.chi_square):.3g} with {int(found.degrees_of_freedom)} degrees of freedom, p = {found.p_value:.2g}."]
-
-
-def _picture(place: Path, found: Any, data: Any) -> Sequence[str]:
-    import jaxcal
-
-    jaxcal.plot.save(jaxcal.plot.north(data, found), place)
-    return ()

@@ -1,8 +1,9 @@
 """Options that the commands share."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from cyclopts import Group, Parameter
 
@@ -13,6 +14,45 @@ RUNNING = Group("Running", sort_key=30)
 
 class CallError(Exception):
     """The command line asks for something that cannot be done with any data; exit status 2."""
+
+
+def checked(name: str, holds: Callable[[Any], bool], expected: str, help: str | None = None) -> Parameter:
+    """The help of an option, unless a docstring has it, and a check of its value: where `holds` is false the call ends with status 2."""
+
+    def validate(_: Any, value: Any) -> None:
+        if value is not None and not holds(value):
+            text = f"{value:g}" if isinstance(value, float) else value
+            raise CallError(f"{name} {text}: expected {expected}".strip())
+
+    return Parameter(validator=validate) if help is None else Parameter(validator=validate, help=help)
+
+
+def picture(help: str = "Picture: FILE.png, FILE.svg or FILE.pdf.") -> Parameter:
+    """The option --plot."""
+    return checked("--plot", lambda path: path.suffix.lower() in (".png", ".svg", ".pdf"), "a name that ends in .png, .svg or .pdf", help)
+
+
+def log_file(name: str = "--out", help: str = "File to write: FILE.csv or FILE.npz, in SI units.") -> Parameter:
+    """An option for a log to be written."""
+    return checked(name, lambda path: path.suffix in (".csv", ".npz"), "a name that ends in .csv or .npz", help)
+
+
+Log = Annotated[Path, Parameter(help="The log: CSV, NPZ, Parquet, ROS bag.")]
+LogFile = Annotated[Path, log_file()]
+Level = Annotated[
+    float, checked("--confidence", lambda level: 0 < level < 1, "a level between 0 and 1; 0.95 is 95 %", "Level of the intervals.")
+]
+Latitude = Annotated[float, checked("--latitude", lambda angle: abs(angle) <= 90, "degrees between -90 and 90")]
+
+
+@Parameter(name="*", group=WRITING)
+@dataclass(frozen=True, kw_only=True)
+class Files:
+    """Where results go: a folder for all of them, or single files. A command adds its own files and says what its JSON holds."""
+
+    out: Annotated[Path | None, Parameter(help="Folder for the files, made if it is missing.")] = None
+    json: Path | None = None
+    report: Annotated[Path | None, Parameter(help="Report as one HTML file.")] = None
 
 
 @Parameter(name="*", group=READING)
@@ -46,7 +86,7 @@ class Reading:
 
     columns: tuple[str, ...] | None = None
     units: tuple[str, ...] | None = None
-    rate: float | None = None
+    rate: Annotated[float | None, checked("--rate", lambda rate: 0.0 < rate < float("inf"), "a positive number of Hz")] = None
     topics: tuple[str, ...] | None = None
     raw: bool = False
     data: Literal["rate", "phase"] = "rate"
@@ -81,6 +121,13 @@ class Running:
     config: Path | None = None
 
 
+def must_exist(*paths: Path | None) -> None:
+    """Raise a `CallError` for a file that is not there."""
+    for path in paths:
+        if path is not None and not path.exists():
+            raise CallError(f"{path} does not exist")
+
+
 def read_log(path: Path, options: Reading) -> Any:
     """The log at `path`, read with `options`.
 
@@ -89,8 +136,7 @@ def read_log(path: Path, options: Reading) -> Any:
     CallError
         If there is no such file, or an option has no meaning.
     """
-    if not path.exists():
-        raise CallError(f"{path} does not exist")
+    must_exist(path)
     import jaxcal
 
     from ..io._detect import FORMATS
@@ -98,35 +144,18 @@ def read_log(path: Path, options: Reading) -> Any:
 
     if options.format is not None and options.format not in FORMATS:
         raise CallError(f"--format {options.format}: expected one of {', '.join(FORMATS)}")
+    parsers = {"columns": parse_columns, "units": parse_units, "topics": parse_topics}
     try:
-        columns = parse_columns(_joined(options.columns))
-        units = parse_units(_joined(options.units))
-        topics = parse_topics(_joined(options.topics))
+        named: dict[str, Any] = {name: parse(",".join(words)) for name, parse in parsers.items() if (words := getattr(options, name))}
     except jaxcal.DataError as error:  # not the data: nothing was read yet
         raise CallError(f"--{error}") from error
-    if options.rate is not None and not 0.0 < options.rate < float("inf"):
-        raise CallError(f"--rate {options.rate:g}: expected a positive number of Hz")
     log = jaxcal.read(
-        path, format=options.format, columns=columns or None, units=units or None, rate=options.rate, topics=topics, raw=options.raw,
-        data=options.data, missing=options.missing, quiet=True,
+        path, format=options.format, rate=options.rate, raw=options.raw, data=options.data, missing=options.missing, quiet=True, **named,
     )  # fmt: skip
-    if options.start is None and options.stop is None:
-        return log
-    return log.select(options.start, options.stop)
-
-
-def _joined(words: tuple[str, ...] | None) -> str | None:
-    return ",".join(words) if words else None
+    return log if options.start is None and options.stop is None else log.select(options.start, options.stop)
 
 
 def stem(path: Path) -> str:
     """Name of a log without its suffix, for the names of files made from it."""
     path = path.absolute()
     return Path(path.stem).stem if path.suffix == ".gz" else path.stem
-
-
-def distinct(asked: list[tuple[Path, Any]]) -> dict[Path, Any]:
-    """Target -> what makes it, where no two targets are the same file."""
-    if len({target.resolve() for target, _ in asked}) < len(asked):
-        raise CallError("two outputs have the same file name; give each a name of its own")
-    return dict(asked)

@@ -1,80 +1,102 @@
-"""Output files of a command: checked before the work, and there all together or not at all."""
+"""Output files of a command: what makes each of them, checked before the work, and there all together or not at all."""
 
 import contextlib
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from .._files import json_text, write_atomically
-from ._options import CallError, distinct
+import jaxcal
 
-#: (place to write to, results, log) -> sentences to tell
-Maker = Callable[[Path, Any, Any], Sequence[str]]
+from .._files import json_text, write_atomically
+from ._options import CallError
+
+#: (place to write to, results, log) -> sentences to print, if any
+Maker = Callable[[Path, Any, Any], Sequence[str] | None]
+#: option and name in the folder of all files ("" where there is none), and what makes the file
+File = tuple[str, str, Maker]
 #: target -> what makes it, and the folder that may have to be made
 Outputs = tuple[dict[Path, Maker], Path | None]
-PICTURES = (".png", ".svg", ".pdf")
 
 
 def outputs(
-    asked: Iterable[tuple[Path | None, Maker]], names: dict[str, Maker] | None = None, *, out: Path | None = None, default: str = ""
-) -> Outputs:
-    """What was asked for; where nothing was, all `names` in the folder `out`, or `default`."""
-    wanted = [(target, make) for target, make in asked if target is not None]
-    if wanted or names is None:
-        return distinct(wanted), out
-    folder = out or Path(default)
-    return {folder / name: make for name, make in names.items()}, folder
+    writing: Any, files: Sequence[File], default: str = "", *, formats: Mapping[str, str] | None = None,
+    export: Callable[..., Sequence[str] | None] | None = None,
+) -> Outputs:  # fmt: skip
+    """The files to write: those that were asked for, or all in one folder.
 
-
-def exports(
-    words: Iterable[str] | None, known: dict[str, str], make: Callable[..., Sequence[str]], out: Path | None
-) -> list[tuple[Path, Maker]]:
-    """Targets of --export FORMAT or FORMAT=FILE; `known` has the name of the file where none is given."""
-    asked = []
-    for word in words or ():
+    Parameters
+    ----------
+    writing : options of the command: those that `files` names, and --out and --export where it has them.
+    files : all that the command can write. A file without a name in the folder is written beside what is there.
+    default : name of the folder where --out gives none; "" for no folder.
+    formats, export : format of --export -> name of its file, and the maker, which also gets format=.
+    """
+    out = getattr(writing, "out", None)
+    given = [(getattr(writing, option), name, make) for option, name, make in files if option]
+    asked = [(target, make) for target, name, make in given if target is not None and name]
+    beside = [(target, make) for target, name, make in given if target is not None and not name]
+    for word in getattr(writing, "export", None) or ():
         format, _, file = word.partition("=")
-        if format not in known:
-            raise CallError(f"--export {word}: unknown format {format!r}; expected one of {', '.join(known)}")
-        asked.append((Path(file) if file else (out or Path()) / known[format], partial(make, format=format)))
-    return asked
+        if formats is None or export is None or format not in formats:
+            raise CallError(f"--export {word}: unknown format {format!r}; expected one of {', '.join(formats or ())}")
+        asked.append((Path(file) if file else (out or Path()) / formats[format], partial(export, format=format)))
+    if not asked and (out or default):
+        out = out or Path(default)
+        asked = [(out / name, make) for _, name, make in files if name]
+    return distinct([*asked, *beside]), out
 
 
-def check_picture(option: str, target: Path | None) -> None:
-    """Raise a `CallError` unless the name of a figure has a known ending."""
-    if target is not None and target.suffix.lower() not in PICTURES:
-        raise CallError(f"{option} {target}: expected a name that ends in {', '.join(PICTURES)}")
+def distinct(asked: list[tuple[Path, Any]]) -> dict[Path, Any]:
+    """Target -> what makes it, where no two targets are the same file."""
+    if len({target.resolve() for target, _ in asked}) < len(asked):
+        raise CallError("two outputs have the same file name; give each a name of its own")
+    return dict(asked)
 
 
-def save_picture(place: Path, results: Any, log: Any, *, draw: str) -> Sequence[str]:
-    """The figure of `jaxcal.plot` named `draw`; what forbids drawing it is told."""
-    import jaxcal
+def tried(make: Maker, error: type[jaxcal.JaxcalError] = jaxcal.DataError) -> Maker:
+    """The same maker, whose `error` is a sentence about the missing file and no failure of the command."""
 
-    try:
-        axes = getattr(jaxcal.plot, draw)(results)
-    except jaxcal.DataError as error:
-        return (f"{place.name} is not written: {error}",)
-    jaxcal.plot.save(axes, place)
-    return ()
+    def attempt(place: Path, results: Any, log: Any) -> Sequence[str] | None:
+        try:
+            return make(place, results, log)
+        except error as reason:
+            return (f"{place.name} is not written: {reason}",)
+
+    return attempt
 
 
-def save_report(place: Path, results: Any, log: Any) -> Sequence[str]:
+def figure(draw: Callable[[Any, Any, Any], Any]) -> Maker:
+    """Maker of a figure: `draw` gets `jaxcal.plot`, the results and the log. What forbids drawing it is a sentence."""
+
+    def make(place: Path, results: Any, log: Any) -> None:
+        jaxcal.plot.save(draw(jaxcal.plot, results, log), place)
+
+    return tried(make)
+
+
+def save_report(place: Path, results: Any, log: Any) -> None:
     """The HTML page."""
-    import jaxcal
-
     jaxcal.report.write(results, place, log=log)
-    return ()
 
 
-def save_json(place: Path, results: Any, log: Any) -> Sequence[str]:
+def save_json(place: Path, results: Any, log: Any) -> None:
     """The JSON document."""
-    import jaxcal
-
     write_atomically(place, json_text(jaxcal.report.document(results, log)))
-    return ()
+
+
+def save_calibration(place: Path, results: Any, log: Any, *, part: str) -> None:
+    """The results as the `part` of a calibration."""
+    jaxcal.Calibration(**{part: results}, provenance=log.provenance).save(place)
+
+
+def save_export(place: Path, results: Any, log: Any, format: str, *, part: str, device: Any = None, **options: Any) -> list[str]:
+    """The results as the `part` of a calibration, in the form of another tool."""
+    made = jaxcal.Calibration(**{part: results}, device=device, provenance=log.provenance)
+    return [f"{place.name}: {sentence}" for sentence in jaxcal.export.write(made, place, format=format, **options)]
 
 
 @contextlib.contextmanager

@@ -1,22 +1,24 @@
-"""`jaxcal simulate`: logs of devices whose noise is known."""
+"""`jaxcal simulate`: logs of devices whose truth is known."""
 
+import math
 import re
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 from .._units import STANDARD_GRAVITY, noise_factor, noise_units, si_unit
-from ._options import CallError, Running
+from ._options import CallError, Latitude, LogFile, Running, checked
 from ._outputs import staged
 from ._screen import Screen, progress, show_written
 
 _TERM = re.compile(r"([QNBKR])\s*=\s*(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+)\s*(.*)")
-SUFFIXES = (".csv", ".npz")
-LARGEST = 500_000_000  # samples; more would not fit the memory of most machines
+_DEG = math.pi / 180
+_LARGEST = 500_000_000  # samples; more would not fit the memory of most machines
 
 
 def simulate_noise(
     *,
-    out: Path,
+    out: LogFile,
     rate: float = 100.0,
     duration: float = 3600.0,
     gyro: str | None = None,
@@ -30,8 +32,6 @@ def simulate_noise(
 
     Parameters
     ----------
-    out
-        File to write: FILE.csv or FILE.npz, in SI units.
     rate
         Sampling rate in Hz.
     duration
@@ -41,12 +41,254 @@ def simulate_noise(
     accel
         Noise of each accelerometer axis.
     """
-    truth = {sensor: noise_from_text(text, sensor) for sensor, text in (("gyro", gyro), ("accel", accel)) if text is not None}
+    truth = noises(gyro, accel)
     if not truth:
         raise CallError('give the noise of a sensor, as in --gyro "N=0.25deg/sqrt(h),B=7.6deg/h"')
-    screen = Screen(running.quiet)
     write_log(out, truth, rate, duration, running)
+    show_written(Screen(running.quiet), [out])
+
+
+def simulate_temperature(
+    *,
+    out: LogFile,
+    jump: float = 0.3,
+    profile: Literal["ramp", "cycle"] = "ramp",
+    lag: float = 0.0,
+    play: float = 0.0,
+    noise: float = 4e-3,
+    walk: float = 2e-5,
+    rate: float = 1.0,
+    duration: float = 5400.0,
+    running: Running = Running(),
+) -> None:
+    """A log of a gyroscope at rest whose bias depends on a temperature of 20 to 45 degC.
+
+    The x axis has a cubic and a jump at 24.5 degC, the y axis the jump
+    downwards, the z axis no jump.
+
+    Parameters
+    ----------
+    jump
+        Height of the jump in deg/s.
+    profile
+        ramp, once from 20 to 45 degC; cycle, a sine of 75 minutes.
+    lag
+        Seconds by which the sensor follows the temperature.
+    play
+        Half-width of the backlash in degC.
+    noise
+        Standard deviation of a sample in deg/s.
+    walk
+        Standard deviation of the bias's step from sample to sample in deg/s.
+    rate
+        Sampling rate in Hz.
+    duration
+        Length of the log in s.
+    """
+    _check_size(rate, duration)
+    if min(lag, play, noise, walk) < 0:
+        raise CallError("--lag, --play, --noise and --walk are not negative")
+
+    def make(random: Any) -> tuple[Any, dict[str, Any]]:
+        import numpy as np
+
+        from ..temperature import simulate
+
+        made = [
+            simulate(
+                jump=np.deg2rad(height), profile=profile, lag=lag, play=play, noise=np.deg2rad(noise), walk=np.deg2rad(walk),
+                duration=duration, rate=rate, seed=random,
+            )
+            for height in (jump, -jump, 0.0)
+        ]  # fmt: skip
+        # one thermometer, that of the first axis; the true temperature is the same for all
+        return made[0].time, {"gyro": np.stack([one.bias for one in made], axis=1), "temperature": made[0].temperature}
+
+    _write(out, make, running)
+    show_written(Screen(running.quiet), [out])
+
+
+def simulate_imu(
+    *,
+    out: LogFile,
+    rate: float = 100.0,
+    poses: int = 24,
+    still: float = 4.0,
+    turn: float = 3.0,
+    initial: float = 30.0,
+    gyro: str | None = None,
+    accel: str | None = None,
+    latitude: Latitude | None = None,
+    running: Running = Running(),
+) -> None:
+    """A log of a sensor held still in many poses, with turns between them.
+
+    Scale factors, misalignment, biases and g-sensitivity are those of a
+    common MEMS unit (jaxcal.imu.simulate shows them).
+
+    Parameters
+    ----------
+    rate
+        Sampling rate in Hz.
+    poses
+        Number of poses.
+    still
+        Length of each pose in s.
+    turn
+        Length of each turn in s.
+    initial
+        Length of the rest at the beginning in s.
+    gyro
+        Noise of each gyroscope axis, as for simulate noise.
+    accel
+        Noise of each accelerometer axis.
+    latitude
+        Latitude in degrees, to add the Earth's rate and take gravity there.
+    """
+    if poses < 2 or not all(0.0 < x < float("inf") for x in (rate, still, turn, initial)):
+        raise CallError("--poses, --rate, --still, --turn, --initial: expected 2 poses or more, and positive numbers")
+    if rate * (initial + poses * (still + turn)) > _LARGEST:
+        raise CallError(f"--rate {rate:g}: expected a log of at most {_LARGEST} samples")
+    given = noises(gyro, accel)
+
+    def make(_: Any) -> tuple[Any, dict[str, Any]]:
+        from ..imu import MEMS_NOISE, gravity, simulate
+
+        angle = None if latitude is None else math.radians(latitude)
+        log = simulate(
+            poses, rate=rate, initial=initial, still=still, turn=turn, noise=MEMS_NOISE | given, seed=running.seed, latitude=angle,
+            gravity=STANDARD_GRAVITY if angle is None else float(gravity(angle)),
+        )  # fmt: skip
+        return log.time, {"gyro": log.gyro, "accel": log.accel}
+
+    _write(out, make, running)
+    show_written(Screen(running.quiet), [out])
+
+
+def simulate_mag(
+    *,
+    out: LogFile,
+    scenario: Literal["all", "three_turns", "twelve_points"] = "all",
+    samples: int | None = None,
+    noise: float = 0.2,
+    field: float = 47.0,
+    inclination: float = 57.0,
+    hard_iron: tuple[float, float, float] = (21.7, 5.2, -10.2),
+    soft_iron: float = 0.1,
+    mounting: float = 0.0,
+    running: Running = Running(),
+) -> None:
+    """A log of a magnetometer in many attitudes, with the specific force at rest.
+
+    Hard iron, soft iron and mounting are printed: the truth to hold
+    jaxcal mag against.
+
+    Parameters
+    ----------
+    scenario
+        Attitudes: all, three_turns, or twelve_points, as in the magnetometer paper.
+    samples
+        Attitudes of all (360), or headings of each turn.
+    noise
+        Standard deviation of an axis of a reading in uT; the specific force has the same part of gravity.
+    field
+        Norm of Earth's field in uT.
+    inclination
+        Its dip in degrees.
+    hard_iron
+        Offset in uT.
+    soft_iron
+        Largest entry of the symmetric matrix that is added to the unit matrix, drawn with the seed.
+    mounting
+        Angle in degrees by which the magnetometer is turned about its z axis.
+    """
+    if not noise >= 0 or not field > 0 or not abs(inclination) < 90 or not 0 <= soft_iron < 0.3:
+        raise CallError("expected --noise of 0 or more, a positive --field, --inclination within 90 degrees, --soft-iron from 0 to 0.3")
+    if samples is not None and samples < 1:
+        raise CallError(f"--samples {samples}: expected at least one")
+
+    def make(random: Any) -> tuple[Any, dict[str, Any]]:
+        import numpy as np
+
+        from ..magnetometer import MagModel, body_field, scenario as attitudes_of
+
+        half = random.uniform(-soft_iron, soft_iron, (3, 3))
+        angle = np.deg2rad(mounting)
+        turn = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
+        true = MagModel((np.eye(3) + (half + half.T) / 2) @ turn, 1e-6 * np.array(hard_iron))
+        attitudes = attitudes_of(scenario, samples=samples, seed=running.seed)
+        h = np.asarray(body_field(attitudes, 1e-6 * field, np.deg2rad(inclination)))
+        up = -STANDARD_GRAVITY * np.asarray(body_field(attitudes, 1.0, np.pi / 2))
+        m = np.asarray(true.measure(h)) + 1e-6 * noise * random.standard_normal(h.shape)
+        up = up + STANDARD_GRAVITY * noise / field * random.standard_normal(h.shape)
+        said.append(f"{len(m)} attitudes; hard iron {', '.join(f'{b:g}' for b in hard_iron)} uT; soft iron")
+        said.extend("  " + "  ".join(f"{c:+.5f}" for c in row) for row in np.asarray(true.soft_iron))
+        return np.arange(len(m)) / 10.0, {"accel": up, "mag": m}
+
+    screen, said = Screen(running.quiet), []
+    _write(out, make, running)
+    for line in said:
+        screen.line(line)
     show_written(screen, [out])
+
+
+def simulate_north(
+    *,
+    out: Annotated[Path, checked("--out", lambda path: path.suffix == ".csv", "a name that ends in .csv", "File to write: FILE.csv.")],
+    latitude: Latitude,
+    attitude: str = "0,0,0",
+    positions: str = "0,90,180,270",
+    dwell: Annotated[float, checked("--dwell", lambda dwell: 0 < dwell < math.inf, "a positive number of s")] = 60.0,
+    gyro: str = "N=0.01deg/sqrt(h)",
+    accel: str = "N=0.03m/s/sqrt(h)",
+    gyro_bias: float = 0.0,
+    accel_bias: float = 0.0,
+    gyro_scale: float = 0.0,
+    accel_scale: float = 0.0,
+    running: Running = Running(),
+) -> None:
+    """A table of turntable readings for `jaxcal north`.
+
+    Parameters
+    ----------
+    latitude
+        Degrees, north positive.
+    attitude
+        Roll, pitch and azimuth of the table in degrees.
+    positions
+        Table angles in degrees; z and -z for the sensors remounted, z90 at another angle: 0,90,180,270,z,-z.
+    dwell
+        Time on each position in s.
+    gyro
+        Noise of the gyro; N and K count.
+    accel
+        Noise of the accelerometer.
+    gyro_bias
+        In deg/h.
+    accel_bias
+        In micro-g.
+    gyro_scale
+        Scale error in ppm.
+    accel_scale
+        Scale error in ppm.
+    """
+    angles = _numbers("--attitude", attitude)
+    if len(angles) != 3:
+        raise CallError(f"--attitude {attitude}: expected roll, pitch and azimuth in degrees, such as 1,2,88")
+    places = [_position(word.strip()) for word in positions.split(",")]
+    noise = noise_from_text(gyro, "gyro"), noise_from_text(accel, "accel")
+    with staged([out]) as rooms:
+        from ..alignment import Positions, Sensor, simulate
+
+        known = Positions([angle * _DEG for _, angle in places], [word for word, _ in places], dwell)
+        rate = Sensor(gyro_scale * 1e-6, (0.0, 0.0), gyro_bias * _DEG / 3600, white=float(noise[0].N), walk=float(noise[0].K))
+        force = Sensor(accel_scale * 1e-6, (0.0, 0.0), accel_bias * 9.80665e-6, white=float(noise[1].N), walk=float(noise[1].K))
+        found = simulate(known, [angle * _DEG for angle in angles], latitude * _DEG, accel=force, gyro=rate, seed=running.seed)
+        lines = ["angle [deg],mounting,dwell [s],accel [m/s^2],gyro [deg/h]"]
+        for (word, angle), a, w in zip(places, found.accel, found.gyro, strict=True):
+            lines.append(f"{angle:.10g},{word},{dwell:g},{float(a):.12g},{float(w) / _DEG * 3600:.12g}")
+        rooms[out].write_text("\n".join(lines) + "\n", encoding="utf-8")
+    show_written(Screen(running.quiet), [out])
 
 
 def noise_from_text(text: str, sensor: str) -> Any:
@@ -74,32 +316,44 @@ def noise_from_text(text: str, sensor: str) -> Any:
     return Noise(**coefficients)
 
 
+def noises(gyro: str | None, accel: str | None) -> dict[str, Any]:
+    """Sensor -> `Noise`, of the sensors whose noise was given."""
+    return {sensor: noise_from_text(text, sensor) for sensor, text in (("gyro", gyro), ("accel", accel)) if text is not None}
+
+
+def _check_size(rate: float, duration: float) -> None:
+    if not 0.0 < rate < float("inf") or not 2.0 <= rate * duration <= _LARGEST:
+        raise CallError(f"--rate {rate:g} --duration {duration:g}: expected a log of 2 to {_LARGEST} samples")
+
+
 def write_log(
-    out: Path,
-    truth: dict[str, Any],
-    rate: float,
-    duration: float,
-    running: Running,
-    bias: dict[str, tuple[float, float, float]] | None = None,
-    folder: Path | None = None,
-) -> None:
+    out: Path, truth: dict[str, Any], rate: float, duration: float, running: Running,
+    bias: dict[str, tuple[float, float, float]] | None = None, folder: Path | None = None,
+) -> None:  # fmt: skip
     """Simulate three independent axes of every sensor in `truth`, add the biases and gravity on z, and write the log."""
-    if out.suffix not in SUFFIXES:
-        raise CallError(f"--out {out}: expected a name that ends in {' or '.join(SUFFIXES)}")
-    if not 0.0 < rate < float("inf") or not 2.0 <= rate * duration <= LARGEST:
-        raise CallError(f"--rate {rate:g} --duration {duration:g}: expected a log of 2 to {LARGEST} samples")
-    with staged([out], folder=folder) as places, progress("simulating", running.quiet):
+    _check_size(rate, duration)
+
+    def make(random: Any) -> tuple[Any, dict[str, Any]]:
         import numpy as np
 
         samples = round(rate * duration)
-        random = np.random.default_rng(running.seed)
         sensors = {}
         for sensor, noise in truth.items():
             axes = [noise.simulate(samples, rate, seed=random) for _ in range(3)]
             sensors[sensor] = np.stack(axes, axis=1) + np.asarray((bias or {}).get(sensor, (0.0, 0.0, 0.0)))
         if "accel" in sensors:
             sensors["accel"][:, 2] += STANDARD_GRAVITY
-        save_log(places[out], np.arange(samples) / rate, sensors)
+        return np.arange(samples) / rate, sensors
+
+    _write(out, make, running, folder)
+
+
+def _write(out: Path, make: Callable[[Any], tuple[Any, dict[str, Any]]], running: Running, folder: Path | None = None) -> None:
+    """Write what `make` gives for a random generator: times, and values by sensor."""
+    with staged([out], folder=folder) as places, progress("simulating", running.quiet):
+        import numpy as np
+
+        save_log(places[out], *make(np.random.default_rng(running.seed)))
 
 
 def save_log(place: Path, time: Any, sensors: dict[str, Any]) -> None:
@@ -115,3 +369,17 @@ def save_log(place: Path, time: Any, sensors: dict[str, Any]) -> None:
         names += [f"{sensor}{axis} [{si_unit(sensor)}]" for axis in axes]
     table = np.column_stack([time, *sensors.values()])
     np.savetxt(place, table, fmt=["%.9f", *["%.9g"] * (len(names) - 1)], delimiter=",", header=",".join(names), comments="")
+
+
+def _numbers(option: str, text: str) -> list[float]:
+    try:
+        return [float(word) for word in text.split(",")]
+    except ValueError:
+        raise CallError(f"{option} {text}: expected numbers with commas between them") from None
+
+
+def _position(word: str) -> tuple[str, float]:
+    for mounting in ("-z", "z"):
+        if word.startswith(mounting):
+            return mounting, _numbers("--positions", word.removeprefix(mounting) or "0")[0]
+    return "x", _numbers("--positions", word)[0]

@@ -1,7 +1,7 @@
 """Noise coefficients as people read them: data-sheet units, digits that the interval justifies, one table a sensor."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from .._units import noise_factor, noise_units, number
@@ -9,6 +9,13 @@ from ._screen import Screen
 
 _SENSORS = {"gyro": "gyroscope", "accel": "accelerometer", "mag": "magnetometer"}
 _VERDICTS = {"hint": "only a hint", "not detected": "not detected"}
+
+
+def by_sensor(found: Mapping[str, Any]) -> Iterator[tuple[str, str, dict[str, Any]]]:
+    """Sensor, its name in full, and its channels with their results, for every sensor that has any."""
+    for sensor, name in _SENSORS.items():
+        if axes := {channel: result for channel, result in found.items() if channel.startswith(f"{sensor}_")}:
+            yield sensor, name, axes
 
 
 def noise_tables(screen: Screen, fits: Mapping[str, Any], truth: Mapping[str, Any] | None = None) -> None:
@@ -20,10 +27,8 @@ def noise_tables(screen: Screen, fits: Mapping[str, Any], truth: Mapping[str, An
     fits : channel -> `NoiseFit`.
     truth : sensor -> `Noise` that was simulated: adds a row, and marks the intervals that miss it.
     """
-    for sensor, name in _SENSORS.items():
-        axes = {channel: fit for channel, fit in fits.items() if channel.startswith(f"{sensor}_")}
-        if axes:
-            _sensor_table(screen, sensor, name, axes, None if truth is None else truth[sensor])
+    for sensor, name, axes in by_sensor(fits):
+        _sensor_table(screen, sensor, name, axes, None if truth is None else truth[sensor])
 
 
 def _sensor_table(screen: Screen, sensor: str, name: str, axes: dict[str, Any], truth: Any) -> None:
@@ -54,9 +59,7 @@ def _cell(fit: Any, term: str, scale: float, truth: Any) -> str:
     low, high = (float(limit) / scale for limit in fit.interval[term])
     value = float(fit.noise.coefficient(term)) / scale
     verdict = str(fit.verdict[term])
-    mark = ""
-    if truth is not None and not low <= truth.coefficient(term) / scale <= high:
-        mark = " *"
+    mark = "" if truth is None or low <= truth.coefficient(term) / scale <= high else " *"
     if verdict == "not detected":
         limit = float(fit.upper_limit[term]) / scale
         return f"< {number(limit, limit / 2)}{mark}\nnot detected"
@@ -75,24 +78,10 @@ def missed(fits: Mapping[str, Any], truth: Mapping[str, Any]) -> tuple[int, int]
     return len(found) - sum(found), len(found)
 
 
-def by_channel(sentences: Mapping[str, Any]) -> list[str]:
-    """Sentences of several channels, each once with the channels it is true of.
-
-    Examples
-    --------
-    >>> from jaxcal.cli._tables import by_channel
-    >>> by_channel({"gyro_x": ["short record"], "gyro_y": ["short record", "odd"]})
-    ['gyro_x, gyro_y: short record', 'gyro_y: odd']
-    """
-    channels: dict[str, list[str]] = {}
-    for channel, found in sentences.items():
-        for sentence in found:
-            channels.setdefault(str(sentence), []).append(channel)
-    return [f"{', '.join(names)}: {sentence}" for sentence, names in channels.items()]
-
-
 def left_out(fits: Mapping[str, Any]) -> list[str]:
     """Cluster times that the fits could not use; a real log may have many octaves of them, which the report lists one by one."""
+    from .._results import by_channel
+
     found = {}
     for channel, fit in fits.items():
         if count := len(fit.left_out):
@@ -103,28 +92,30 @@ def left_out(fits: Mapping[str, Any]) -> list[str]:
 
 def longer_record(fits: Mapping[str, Any]) -> list[str]:
     """For every sensor, how long a record makes each term certain to 10 % on the worst axis; nothing on terms that are not there."""
-    found = []
-    for sensor, name in _SENSORS.items():
-        axes = [fit for channel, fit in fits.items() if channel.startswith(f"{sensor}_")]
-        needed = []
-        for term in axes[0].terms if axes else ():
-            seconds = max((float(fit.longer_record[term]) for fit in axes if fit.verdict[term] == "present"), default=math.inf)
-            needed += [f"{term} {duration(seconds)}"] if math.isfinite(seconds) else []
-        found += [f"{name}: {', '.join(needed)}"] if needed else []
-    return found
+    return _lengths(fits, lambda fit, term: [float(fit.longer_record[term])] if fit.verdict[term] == "present" else [])
 
 
 def decides(fits: Mapping[str, Any]) -> list[str]:
     """For every sensor, how long a record decides whether a term is there that was not detected, were it at its upper limit."""
+
+    def seconds(fit: Any, term: str) -> list[float]:
+        # Q is decided at once where the band is whole, and not at all where it is cut
+        open_ = fit.verdict.get(term) == "not detected" and term in fit.decides and term != "Q"
+        return [float(fit.decides[term])] if open_ else []
+
+    return _lengths(fits, seconds)
+
+
+def _lengths(fits: Mapping[str, Any], seconds: Callable[[Any, str], list[float]]) -> list[str]:
+    """A sentence for every sensor: the terms with their longest record, where every axis has a finite one."""
     found = []
-    for sensor, name in _SENSORS.items():
-        axes = [fit for channel, fit in fits.items() if channel.startswith(f"{sensor}_")]
-        needed = []
-        for term in axes[0].terms if axes else ():
-            seconds = [float(fit.decides[term]) for fit in axes if fit.verdict.get(term) == "not detected" and term in fit.decides]
-            # Q is told at once where the band is whole, and not at all where it is cut
-            needed += [f"{term} {duration(max(seconds))}"] if seconds and term != "Q" and math.isfinite(max(seconds)) else []
-        found += [f"{name}: {', '.join(needed)}"] if needed else []
+    for _, name, axes in by_sensor(fits):
+        longest = {
+            term: max((length for fit in axes.values() for length in seconds(fit, term)), default=math.inf)
+            for term in next(iter(axes.values())).terms
+        }
+        if needed := [f"{term} {duration(length)}" for term, length in longest.items() if math.isfinite(length)]:
+            found.append(f"{name}: {', '.join(needed)}")
     return found
 
 

@@ -1,6 +1,5 @@
 """`jaxcal temperature`: thermal models of every axis of a log of a sensor at rest."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -8,61 +7,41 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from .._units import noise_factor, noise_units, number
-from ._cache import keep_compiled
-from ._export import FILES
-from ._options import WRITING, CallError, Reading, Running, read_log, stem
-from ._outputs import Maker, Outputs, check_picture, exports, outputs, save_json, save_picture, save_report, staged
-from ._screen import Screen, progress, show_log, show_written
-from ._tables import by_channel
+import jaxcal
 
-Model = Literal["auto", "polynomial", "table", "pchip", "spline", "steps"]
-_SENSORS = {"gyro": "gyroscope", "accel": "accelerometer", "mag": "magnetometer"}
+from .._units import noise_factor, noise_units, number
+from ._export import FILES, ids_of
+from ._options import CallError, Files, Level, Reading, Running, picture, stem
+from ._outputs import File, figure, outputs, save_calibration, save_export, save_json, save_report
+from ._screen import Screen
+from ._tables import by_sensor
+from ._work import carry_out
+
 #: format of --export -> name of the file where none is given
 _EXPORTS = {name: FILES[name] for name in ("px4", "ardupilot", "c", "csv")}
+_OTHER = "File for another tool: px4, ardupilot, c or csv, or px4=FILE. Repeatable."
 
 
-@Parameter(name="*", group=WRITING)
 @dataclass(frozen=True, kw_only=True)
-class Writing:
-    """Where results go. Without any of these, into the folder LOG-temperature, all but exports.
+class Writing(Files):
+    """Where results go. Without any of these, into the folder LOG-temperature, all but exports."""
 
-    Attributes
-    ----------
-    out
-        Folder for the files, made if it is missing.
-    json
-        Models, residuals, jumps and curves as JSON, in SI units.
-    calibration
-        Calibration that jaxcal apply and jaxcal noise --calibration read.
-    report
-        Report as one HTML file.
-    plot
-        Picture: FILE.png, FILE.svg or FILE.pdf.
-    export
-        File for another tool: px4, ardupilot, c or csv, or px4=FILE. Repeatable.
-    ids
-        Ids by which it finds the sensors, as gyro=1310988,accel=1310988.
-    """
-
-    out: Path | None = None
-    json: Path | None = None
-    calibration: Path | None = None
-    report: Path | None = None
-    plot: Path | None = None
-    export: Annotated[tuple[str, ...] | None, Parameter(name="--export")] = None
-    ids: str | None = None
+    json: Annotated[Path | None, Parameter(help="Models, residuals, jumps and curves as JSON, in SI units.")] = None
+    calibration: Annotated[Path | None, Parameter(help="Calibration that jaxcal apply and jaxcal noise --calibration read.")] = None
+    plot: Annotated[Path | None, picture()] = None
+    export: Annotated[tuple[str, ...] | None, Parameter(name="--export", help=_OTHER)] = None
+    ids: Annotated[str | None, Parameter(help="Ids by which it finds the sensors, as gyro=1310988,accel=1310988.")] = None
 
 
 def temperature(
-    log: Path,
+    log: Annotated[Path, Parameter(help="The log: CSV, NPZ, Parquet, ROS bag; with a temperature.")],
     /,
     *,
-    model: Model = "auto",
+    model: Literal["auto", "polynomial", "table", "pchip", "spline", "steps"] = "auto",
     degree: int | None = None,
     lag: str | None = None,
     play: str | None = None,
-    confidence: float = 0.95,
+    confidence: Level = 0.95,
     reading: Reading = Reading(),
     writing: Writing = Writing(),
     running: Running = Running(),
@@ -74,8 +53,6 @@ def temperature(
 
     Parameters
     ----------
-    log
-        The log: CSV, NPZ, Parquet, ROS bag; with a temperature.
     model
         auto compares polynomials, jumps and a spline on held-out data.
     degree
@@ -84,38 +61,29 @@ def temperature(
         Seconds by which the sensor follows the thermometer, or auto.
     play
         Half-width of the backlash between them in degC, or auto.
-    confidence
-        Level of the intervals.
     """
-    if not 0.0 < confidence < 1.0:
-        raise CallError(f"--confidence {confidence:g}: expected a level between 0 and 1; 0.95 is 95 %")
     if degree is not None and model != "polynomial":
         raise CallError(f"--degree {degree} goes with --model polynomial")
     options: dict[str, Any] = {
         "model": model, "degree": degree, "confidence": confidence, "lag": _amount("lag", lag), "play": _amount("play", play),
     }  # fmt: skip
-    plan, folder = _outputs(log, writing)
-    screen = Screen(running.quiet)
-    with staged(plan, inputs=[log], folder=folder) as places:
-        with progress(f"reading {log.name}", running.quiet):
-            from ._provenance import signed
+    ids = ids_of(writing.ids, ("gyro", "accel"))
 
-            recording = signed(read_log(log, reading), "jaxcal temperature", reading, options)
-        show_log(screen, recording)
-        with progress("fitting", running.quiet) as move:
-            keep_compiled()
-            import jaxcal
+    def export(place: Path, fits: dict[str, Any], data: Any, format: str) -> list[str]:
+        device = {"name": stem(Path(data.provenance.get("file", "log"))), format: ids}
+        return save_export(place, fits, data, format, part="temperature", device=device)
 
-            fits = jaxcal.temperature.characterise(recording, progress=move, **options)
-            said = [sentence for target, make in plan.items() for sentence in make(places[target], fits, recording)]
-        written = [target for target, place in places.items() if place.exists()]
-    for sensor, name in _SENSORS.items():
-        axes = {channel: fit for channel, fit in fits.items() if channel.startswith(f"{sensor}_")}
-        if axes:
-            _table(screen, sensor, name, axes)
-    screen.sentences("Warnings", [*recording.warnings, *by_channel({channel: fit.warnings for channel, fit in fits.items()}), *said])
-    screen.sentences("Notes", by_channel({channel: fit.notes for channel, fit in fits.items()}))
-    show_written(screen, written)
+    files: list[File] = [
+        ("plot", "temperature.png", figure(lambda plot, fits, _: plot.temperature(fits))), ("report", "report.html", save_report),
+        ("json", "temperature.json", save_json), ("calibration", "calibration.json", partial(save_calibration, part="temperature")),
+    ]  # fmt: skip
+    done = carry_out(
+        log, reading, running, outputs(writing, files, f"{stem(log)}-temperature", formats=_EXPORTS, export=export),
+        lambda data, move: jaxcal.temperature.characterise(data, progress=move, **options), command="jaxcal temperature", options=options,
+    )  # fmt: skip
+    for sensor, name, axes in by_sensor(done.found):
+        _table(done.screen, sensor, name, axes)
+    done.tell_by_channel()
 
 
 def _amount(name: str, text: str | None) -> Any:
@@ -128,45 +96,6 @@ def _amount(name: str, text: str | None) -> Any:
     if not 0.0 <= value < float("inf"):
         raise CallError(f"--{name} {text}: expected auto, or a number from 0")
     return value
-
-
-def _ids(text: str | None) -> dict[str, int]:
-    found = {}
-    for word in (text or "").split(",") if text else ():
-        sensor, _, value = word.partition("=")
-        if sensor not in ("gyro", "accel") or not value.isdigit():
-            raise CallError(f"--ids {text}: expected gyro=NUMBER,accel=NUMBER, as in the parameter list of the vehicle")
-        found[f"{sensor}_id"] = int(value)
-    return found
-
-
-def _outputs(log: Path, writing: Writing) -> Outputs:
-    check_picture("--plot", writing.plot)
-    picture, export = partial(save_picture, draw="temperature"), partial(_export, ids=_ids(writing.ids))
-    names: dict[str, Maker] = {
-        "temperature.png": picture, "report.html": save_report, "temperature.json": save_json, "calibration.json": _calibration,
-    }  # fmt: skip
-    asked = [
-        (writing.json, save_json), (writing.calibration, _calibration), (writing.report, save_report), (writing.plot, picture),
-        *exports(writing.export, _EXPORTS, export, writing.out),
-    ]  # fmt: skip
-    return outputs(asked, names, out=writing.out, default=f"{stem(log)}-temperature")
-
-
-def _calibration(place: Path, fits: dict[str, Any], log: Any) -> Sequence[str]:
-    import jaxcal
-
-    jaxcal.Calibration(temperature=fits, provenance=log.provenance).save(place)
-    return ()
-
-
-def _export(place: Path, fits: dict[str, Any], log: Any, format: str, ids: dict[str, int]) -> Sequence[str]:
-    import jaxcal
-
-    device = jaxcal.Calibration(
-        temperature=fits, device={"name": stem(Path(log.provenance.get("file", "log"))), format: ids}, provenance=log.provenance
-    )
-    return [f"{place.name}: {sentence}" for sentence in jaxcal.export.write(device, place, format=format)]
 
 
 def _table(screen: Screen, sensor: str, name: str, axes: dict[str, Any]) -> None:

@@ -12,7 +12,6 @@ import pytest
 
 import jaxcal
 from jaxcal.cli import main
-from jaxcal.cli._screen import progress
 
 from .conftest import listing
 
@@ -181,17 +180,21 @@ def test_output_that_goes_away_ends_the_command_quietly(log, shell):
     [(True, False, 0.0, True), (False, False, 0.0, False), (True, True, 0.0, False), (True, False, 60.0, False)],
     ids=["terminal", "file", "quiet", "short work"],
 )
-def test_a_bar_shows_long_work_on_a_terminal_only(monkeypatch, capsys, terminal, quiet, wait, shown):
+def test_a_bar_shows_long_work_on_a_terminal_only(call, log, monkeypatch, terminal, quiet, wait, shown):
+    def work(*args, progress, **options):
+        time.sleep(0.1)
+        progress(0, 6, "gyro_x")
+        time.sleep(0.3)
+        raise jaxcal.DataError("enough")
+
+    monkeypatch.setattr("jaxcal.noise.characterise", work)
     monkeypatch.setattr("jaxcal.cli._screen._WAIT", wait)
     monkeypatch.setenv("TERM", "xterm")
     if terminal:
         monkeypatch.setenv("FORCE_COLOR", "1")  # rich then takes any stream for a terminal
-    with progress("fitting", quiet) as move:
-        time.sleep(0.1)
-        move(0, 6, "gyro_x")
-        time.sleep(0.3)
-    found = capsys.readouterr()
-    assert found.out == ""
+    found = call("noise", "imu.csv", *["--quiet"] * quiet)
+    assert "fitting" not in found.out
+    assert found.err.endswith("jaxcal: enough\n")
     assert ("fitting gyro_x" in found.err) == shown
 
 

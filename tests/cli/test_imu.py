@@ -46,8 +46,8 @@ def test_a_simulated_log_is_calibrated(call, folder):
 @pytest.mark.parametrize(
     ("words", "status", "reason"),
     [
-        (["--convention", "sideways"], 2, "expected one of upper, lower, full"),
-        (["--method", "magic"], 2, "expected one of joint, imu_tk"),
+        (["--convention", "sideways"], 2, 'Choose from: "upper", "lower", "full"'),
+        (["--method", "magic"], 2, 'Choose from: "joint", "imu_tk"'),
         (["--earth-rate"], 2, "--earth-rate needs --latitude"),
         (["--latitude", "100"], 2, "degrees between -90 and 90"),
         (["--gravity", "1"], 1, "looks like g"),

@@ -141,4 +141,4 @@ def test_another_method(call, folder, log):
     assert json.loads((folder / "a.json").read_text())["channels"]["gyro_x"]["method"] == "edf"
     found = call("noise", "imu.csv", "--method", "slope")
     assert found.status == 2
-    assert "whittle, gls, edf, wavelet" in found.reason
+    assert 'Choose from: "whittle", "gls", "edf", "wavelet"' in found.reason

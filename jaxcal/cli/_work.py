@@ -1,0 +1,72 @@
+"""The way of a command from a log to its files: read, compute, write, and leave the rest to be printed."""
+
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ._cache import keep_compiled
+from ._options import Reading, Running, read_log
+from ._outputs import Outputs, staged
+from ._screen import Screen, progress, show_log, show_written
+
+
+class Done(NamedTuple):
+    """What is left to print: the log, the results, sentences of the files' makers, and the files written."""
+
+    screen: Screen
+    log: Any
+    found: Any
+    said: list[str]
+    written: list[Path]
+
+    def tell(self, warnings: Iterable[str] = (), notes: Iterable[str] = ()) -> None:
+        """The last lines: all warnings, the notes, and the files."""
+        self.screen.sentences("Warnings", [*self.log.warnings, *warnings, *self.said])
+        self.screen.sentences("Notes", notes)
+        show_written(self.screen, self.written)
+
+    def tell_by_channel(self) -> None:
+        """The same for results by channel, with their own warnings and notes."""
+        from .._results import by_channel
+
+        warnings, notes = (by_channel({name: getattr(one, what) for name, one in self.found.items()}) for what in ("warnings", "notes"))
+        self.tell(warnings, notes)
+
+
+def carry_out(
+    path: Path, reading: Reading, running: Running, plan: Outputs, compute: Callable[[Any, Any], Any], *, doing: str = "fitting",
+    change: Callable[[Any], Any] | None = None, command: str = "", options: Mapping[str, Any] | None = None,
+) -> Done:  # fmt: skip
+    """Read the log at `path`, print what was read, compute, and write the files of `plan`: all of them or none.
+
+    Parameters
+    ----------
+    path, reading, running, plan : the log, the options of the command, and its `outputs`.
+    compute : (log, function that moves the progress bar) -> results, which the makers get.
+    doing : word for the progress bar.
+    change : what is done to the log before anything else.
+    command, options : kept with the log, if given, so that every file made from it names them and the versions.
+    """
+    screen, (targets, folder) = Screen(running.quiet), plan
+    with staged(targets, inputs=[path], folder=folder) as places:
+        with progress(f"reading {path.name}", running.quiet):
+            log = read_log(path, reading)
+            log = log if change is None else change(log)
+            log = log if options is None else _signed(log, command, reading, options)
+        show_log(screen, log)
+        with progress(doing, running.quiet) as move:
+            keep_compiled()
+            found = compute(log, move)
+            said = [sentence for target, make in targets.items() for sentence in make(places[target], found, log) or ()]
+        written = [target for target, place in places.items() if place.exists()]
+    return Done(screen, log, found, said, written)
+
+
+def _signed(log: Any, command: str, reading: Reading, options: Mapping[str, Any]) -> Any:
+    """The log with a provenance that names command, options and versions."""
+    import equinox as eqx
+
+    from ..calibration import provenance
+
+    found = provenance(log, command, {**options, **reading.asked()}, rate_given=reading.rate is not None)
+    return eqx.tree_at(lambda one: one.provenance, log, found)
