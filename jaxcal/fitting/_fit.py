@@ -108,22 +108,22 @@ def _run(problem: Problem) -> dict[str, Any]:
     unfinished = Outcome.where(found.steps >= problem.max_steps, Outcome.step_limit, Outcome.stalled)
     outcome = Outcome.where(found.flat, outcome, unfinished)
     finite = jnp.all(jnp.array([jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(rows)]))
-    influence = lambda r: (jnp.ones_like(r) if problem.loss is None else problem.loss.weight(r)) * r  # noqa: E731
-    return dict(
-        model=problem.model(x),
-        outcome=Outcome.where(finite, outcome, Outcome.not_finite),
-        cost=cost(problem, r, rows.prior),
-        parameters=x,
-        residuals=r,
-        jacobian=rows.jacobian,
-        weights=jnp.ones_like(r) if problem.loss is None else problem.loss.weight(r),
-        curvature=jax.jvp(influence, (r,), (jnp.ones_like(r),))[1],
-        prior_residuals=rows.prior,
-        prior_jacobian=rows.prior_jacobian,
-        at_bound=found.held,
-        steps=found.steps,
-        effective=jnp.sum(~found.held, dtype=r.dtype),
-    )
+    weight = jnp.ones_like if problem.loss is None else problem.loss.weight
+    return {
+        "model": problem.model(x),
+        "outcome": Outcome.where(finite, outcome, Outcome.not_finite),
+        "cost": cost(problem, r, rows.prior),
+        "parameters": x,
+        "residuals": r,
+        "jacobian": rows.jacobian,
+        "weights": weight(r),
+        "curvature": jax.jvp(lambda r: weight(r) * r, (r,), (jnp.ones_like(r),))[1],
+        "prior_residuals": rows.prior,
+        "prior_jacobian": rows.prior_jacobian,
+        "at_bound": found.held,
+        "steps": found.steps,
+        "effective": jnp.sum(~found.held, dtype=r.dtype),
+    }
 
 
 def run(problem: Problem) -> Fit:

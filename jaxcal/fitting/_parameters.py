@@ -26,7 +26,7 @@ def to_floats(tree: Any, dtype: Any) -> Any:
     """
 
     def cast(leaf: Any) -> Any:
-        if not is_float(leaf) or not isinstance(leaf, float) and leaf.dtype == dtype:
+        if not is_float(leaf) or (not isinstance(leaf, float) and leaf.dtype == dtype):
             return leaf
         return (jnp if isinstance(leaf, jax.Array) else np).asarray(leaf, dtype=dtype)
 

@@ -13,9 +13,10 @@ import optimistix as optx
 from .._errors import FitError
 from .._precision import array_module, is_traced
 from .._types import AnyArray, Array
-from ._loss import AbstractLoss
 from ._parameters import common_dtype, names_of, spread, to_floats, vector_of
 from ._prior import AbstractPrior
+
+_STATIC = {"static": True}
 
 
 @jax.tree_util.register_dataclass
@@ -40,12 +41,12 @@ class Problem:
     loss: Any
     priors: Any
     keep: Any
-    residuals: Callable = eqx.field(static=True)
-    solver: optx.AbstractLeastSquaresSolver | None = eqx.field(static=True)
-    free: tuple[int, ...] = eqx.field(static=True)
-    names: tuple[str, ...] = eqx.field(static=True)
-    max_steps: int = eqx.field(static=True)
-    rtol: float = eqx.field(static=True)
+    residuals: Callable = dataclasses.field(metadata=_STATIC)
+    solver: optx.AbstractLeastSquaresSolver | None = dataclasses.field(metadata=_STATIC)
+    free: tuple[int, ...] = dataclasses.field(metadata=_STATIC)
+    names: tuple[str, ...] = dataclasses.field(metadata=_STATIC)
+    max_steps: int = dataclasses.field(metadata=_STATIC)
+    rtol: float = dataclasses.field(metadata=_STATIC)
 
     def values(self) -> Array:
         """Free parameters of the start."""
