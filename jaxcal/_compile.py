@@ -6,7 +6,7 @@ same speed. Options for one program leave the user's own settings and programs a
 
 import functools
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -28,20 +28,6 @@ def _known() -> bool:
     return True
 
 
-def _compiled(make: Callable[..., Any], function: Callable[..., Any] | None, options: dict[str, Any]) -> Any:
-    if function is None:
-        return lambda function: _compiled(make, function, options)
-    further = options.pop("compiler_options", {})
-    plain, quick = make(function, **options), make(function, **options, compiler_options=_QUICK | further)
-
-    @functools.wraps(function)
-    def call(*args: Any, **kwargs: Any) -> Any:
-        # inside another program the options of that program hold, and jax refuses others
-        return (plain if is_traced(args, kwargs) or not _known() else quick)(*args, **kwargs)
-
-    return call
-
-
 def jit(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     """`jax.jit` with the quick compiler; `options` are those of `jax.jit`.
 
@@ -53,11 +39,42 @@ def jit(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     >>> print(double(3.0), jax.jit(double)(3.0))
     6.0 6.0
     """
-    return _compiled(jax.jit, function, options)
+    if function is None:
+        return functools.partial(jit, **options)
+    further = options.pop("compiler_options", {})
+    plain, quick = jax.jit(function, **options), jax.jit(function, **options, compiler_options=_QUICK | further)
+
+    @functools.wraps(function)
+    def call(*args: Any, **kwargs: Any) -> Any:
+        # inside another program the options of that program hold, and jax refuses others
+        return (plain if is_traced(args, kwargs) or not _known() else quick)(*args, **kwargs)
+
+    return call
 
 
-def filter_jit(function: Callable[..., Any] | None = None, **options: Any) -> Any:
-    """`equinox.filter_jit` with the quick compiler.
+@jax.tree_util.register_static
+class _Fixed(NamedTuple):
+    """What of a tree is compiled into the program: its structure, and its leaves with None in place of each array."""
+
+    structure: Any
+    leaves: tuple[Any, ...]
+
+
+def _split(tree: Any) -> tuple[list[Any], _Fixed]:
+    leaves, structure = jax.tree.flatten(tree)
+    arrays = [leaf for leaf in leaves if eqx.is_array(leaf)]
+    return arrays, _Fixed(structure, tuple(None if eqx.is_array(leaf) else leaf for leaf in leaves))
+
+
+def _joined(arrays: list[Any], fixed: _Fixed) -> Any:
+    following = iter(arrays)
+    return jax.tree.unflatten(fixed.structure, [next(following) if leaf is None else leaf for leaf in fixed.leaves])
+
+
+def filter_jit(function: Callable[..., Any]) -> Any:
+    """`equinox.filter_jit` with the quick compiler, and with a fraction of its own time, for small programs that are called often.
+
+    Arrays at any depth of the arguments are data; the rest is compiled into the program, and a new value of it compiles anew.
 
     Examples
     --------
@@ -65,4 +82,11 @@ def filter_jit(function: Callable[..., Any] | None = None, **options: Any) -> An
     >>> print(filter_jit(lambda x, name: 2 * x)(3.0, "twice"))
     6.0
     """
-    return _compiled(eqx.filter_jit, function, options)
+
+    def run(arrays: list[Any], fixed: _Fixed) -> tuple[list[Any], _Fixed]:
+        args, kwargs = _joined(arrays, fixed)
+        return _split(function(*args, **kwargs))
+
+    run.__name__ = run.__qualname__ = function.__name__  # by which profiles and messages of the compiler name the program
+    compiled = jit(run)
+    return functools.wraps(function)(lambda *args, **kwargs: _joined(*compiled(*_split((args, kwargs)))))

@@ -11,7 +11,7 @@ from .._precision import array_module, is_traced
 from .._types import AnyArray, Value
 from ._information import Information, information as information_of, known_of, weighted_rows
 from ._jackknife import refits
-from ._outcome import Outcome
+from ._outcome import Outcome, ended
 from ._result import Fit
 
 Kind = Literal["model", "sandwich", "jackknife"]
@@ -73,9 +73,10 @@ def covariance(
     >>> float(covariance(fit, "jackknife", blocks=4)[0, 0].round(6))
     0.666667
     """
-    xp = array_module(fit)
+    xp = array_module(fit.residuals, information)
     known = _bread(fit, information)
-    bread = known.root @ known.root.T
+    root = known.root
+    bread = root @ root.T
     prior = fit.prior_jacobian.T @ fit.prior_jacobian
     if kind == "model":
         if blocks is not None:
@@ -91,7 +92,7 @@ def covariance(
         matrix = refits(fit, fit.problem, labels, count) + bread @ prior @ bread
     else:
         raise FitError(f"There is no covariance of kind {kind!r}; the kinds are 'model', 'sandwich' and 'jackknife'.")
-    lost = xp.logical_or(known.rank < xp.sum(~fit.at_bound), fit.outcome == Outcome.unidentifiable)
+    lost = xp.logical_or(known.rank < xp.sum(~fit.at_bound), ended(fit.outcome, Outcome.unidentifiable))
     return xp.where(lost, np.inf, matrix)
 
 
@@ -138,7 +139,7 @@ def intervals(
 
 def _bread(fit: Fit, given: AnyArray | None) -> Information:
     """Inverse of the curvature of the cost, with the mean curvature of the loss."""
-    xp = array_module(fit, given)
+    xp = array_module(fit.residuals, given)
     if given is None:
         rows = xp.sqrt(xp.abs(fit.mean_curvature)) * fit.jacobian
     else:  # rows of which it is the product, from columns of unit length, since an eigenvalue knows no units
@@ -151,14 +152,16 @@ def _bread(fit: Fit, given: AnyArray | None) -> Information:
 
 def _variance(fit: Fit) -> Value:
     """Factor of the data's share: the reduced chi-square, or its counterpart for a robust loss."""
-    xp = array_module(fit)
+    if not fit.robust:
+        return fit.variance
+    xp = array_module(fit.residuals)
     relative = xp.sum(xp.where(fit.counted, (fit.curvature / fit.mean_curvature - 1) ** 2, 0)) / fit.count
     return (1 + fit.effective / fit.count * relative) ** 2 * fit.variance * fit.mean_curvature
 
 
 def _labels(fit: Fit, blocks: int | AnyArray | None) -> tuple[AnyArray, int]:
     """Number of the block of every residual, and how many there are."""
-    xp, n = array_module(fit), fit.residuals.size
+    xp, n = array_module(fit.residuals), fit.residuals.size
     if isinstance(blocks, int):
         if not 2 <= blocks <= n:
             raise FitError(f"{blocks} blocks were asked for; give at least 2, and at most one per residual ({n}).")
@@ -178,8 +181,8 @@ def _real(fit: Fit, labels: AnyArray) -> int:
 
 def _meat(fit: Fit, labels: AnyArray, count: int) -> AnyArray:
     """Sum of the squared gradients of the blocks, each freed of its leverage H_b: J_b' (1 - H_b)^-1/2 r_b in p dimensions."""
-    xp, rows = array_module(fit), weighted_rows(fit)[0]
-    if not is_traced(fit):
+    xp, rows = array_module(fit.residuals), weighted_rows(fit)[0]
+    if not is_traced(fit.residuals):
         real = _real(fit, labels)
         if real <= fit.free:
             raise FitError(f"{real} blocks cannot give the covariance of {int(fit.free)} parameters; record more, or use finer blocks.")

@@ -4,7 +4,6 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -16,7 +15,7 @@ from .._precision import array_module, is_traced
 from .._types import Array
 from ._information import known_of
 from ._loss import AbstractLoss
-from ._outcome import Outcome
+from ._outcome import Outcome, ended
 from ._prior import AbstractPrior
 from ._problem import Problem, check, define
 from ._result import Fit, M, to_numpy
@@ -97,36 +96,34 @@ def solve(
     check(problem)
     fit = run(problem)
     _check_residuals(problem, fit)
-    return dataclasses.replace(fit, problem=problem)
+    return fit
 
 
 @filter_jit
-def _run(problem: Problem) -> Fit:
-    """Solve and describe the solution, but for its rank."""
+def _run(problem: Problem) -> dict[str, Any]:
+    """Solve and describe the solution, but for its rank: fields of `Fit`."""
     found = search(problem)
     x, rows, r = found.x, found.rows, found.rows.residuals
     outcome = Outcome.where(jnp.any(found.held), Outcome.at_bound, Outcome.converged)
     unfinished = Outcome.where(found.steps >= problem.max_steps, Outcome.step_limit, Outcome.stalled)
     outcome = Outcome.where(found.flat, outcome, unfinished)
     finite = jnp.all(jnp.array([jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(rows)]))
-    influence = lambda r: (jnp.ones_like(r) if problem.loss is None else problem.loss.weight(r)) * r  # noqa: E731
-    return Fit(
-        model=problem.model(x),
-        outcome=Outcome.where(finite, outcome, Outcome.not_finite),
-        cost=cost(problem, r, rows.prior),
-        parameters=x,
-        residuals=r,
-        jacobian=rows.jacobian,
-        weights=jnp.ones_like(r) if problem.loss is None else problem.loss.weight(r),
-        curvature=jax.jvp(influence, (r,), (jnp.ones_like(r),))[1],
-        prior_residuals=rows.prior,
-        prior_jacobian=rows.prior_jacobian,
-        at_bound=found.held,
-        steps=found.steps,
-        effective=jnp.sum(~found.held, dtype=r.dtype),
-        names=problem.names,
-        robust=problem.loss is not None,
-    )
+    weight = jnp.ones_like if problem.loss is None else problem.loss.weight
+    return {
+        "model": problem.model(x),
+        "outcome": Outcome.where(finite, outcome, Outcome.not_finite),
+        "cost": cost(problem, r, rows.prior),
+        "parameters": x,
+        "residuals": r,
+        "jacobian": rows.jacobian,
+        "weights": weight(r),
+        "curvature": jax.jvp(lambda r: weight(r) * r, (r,), (jnp.ones_like(r),))[1],
+        "prior_residuals": rows.prior,
+        "prior_jacobian": rows.prior_jacobian,
+        "at_bound": found.held,
+        "steps": found.steps,
+        "effective": jnp.sum(~found.held, dtype=r.dtype),
+    }
 
 
 def run(problem: Problem) -> Fit:
@@ -135,21 +132,23 @@ def run(problem: Problem) -> Fit:
     Outside of a trace what describes the model is arrays of NumPy, with which the host computes without compiling.
     """
     found = _run(problem)
-    fit = dataclasses.replace(to_numpy(found), model=found.model)
-    xp, known = array_module(fit), known_of(fit)
+    model = found.pop("model")
+    found = to_numpy(found)
+    fit = Fit(model=model, names=problem.names, robust=problem.loss is not None, problem=problem, **found)
+    xp, known = array_module(fit.parameters), known_of(fit)
     if problem.priors:
         fit = dataclasses.replace(fit, effective=fit.effective - xp.sum(known.leverage(fit.prior_jacobian)))
-    lost = xp.logical_and(known.rank < xp.sum(~fit.at_bound), fit.outcome != Outcome.not_finite)
+    lost = xp.logical_and(known.rank < xp.sum(~fit.at_bound), ~ended(fit.outcome, Outcome.not_finite))
     if is_traced(lost):
         return dataclasses.replace(fit, outcome=Outcome.where(lost, Outcome.unidentifiable, fit.outcome))
-    return dataclasses.replace(fit, outcome=to_numpy(Outcome.unidentifiable)) if lost else fit
+    return dataclasses.replace(fit, outcome=Outcome.unidentifiable) if lost else fit
 
 
 def _check_residuals(problem: Problem, fit: Fit) -> None:
     """Refuse residuals that are not finite at the start, and say which (host only)."""
-    if is_traced(fit) or fit.outcome != Outcome.not_finite:
+    if is_traced(fit.parameters) or not ended(fit.outcome, Outcome.not_finite):
         return
-    at_start = np.concatenate([np.asarray(part) for part in eqx.filter_jit(problem.residual)(problem.values())])
+    at_start = np.concatenate([np.asarray(part) for part in filter_jit(lambda given: given.residual(given.values()))(problem)])
     bad = np.flatnonzero(~np.isfinite(at_start))
     if bad.size:
         raise FitError(

@@ -34,13 +34,13 @@ class Information(eqx.Module):
     @property
     def rank(self) -> Value:
         """Number of combinations of the free parameters that are determined."""
-        xp = array_module(self)
+        xp = array_module(self.singular_values)
         return xp.sum(self.singular_values > 0) - xp.sum(self.held)
 
     @property
     def condition(self) -> Value:
         """Largest singular value over the smallest: up to this the standard error of the weakest combination is inflated."""
-        xp, s = array_module(self), self.singular_values
+        xp, s = array_module(self.singular_values), self.singular_values
         return xp.where(s[-1] > 0, s[0] / xp.where(s[-1] > 0, s[-1], 1), xp.inf)
 
     @property
@@ -51,13 +51,13 @@ class Information(eqx.Module):
     @property
     def determined(self) -> AnyArray:
         """(p,) parameters without a part in a combination that is not determined; True for held ones."""
-        xp, s = array_module(self), self.singular_values
+        xp, s = array_module(self.singular_values), self.singular_values
         return 1 - xp.sum(xp.where(s[:, None] > 0, self.vectors, 0) ** 2, axis=0) < xp.finfo(s.dtype).eps ** 0.75
 
     @property
     def root(self) -> AnyArray:
         """(p, p) matrix A with A A' = (J'J)^-1, the pseudo-inverse where the rank is not full; zero rows for held parameters."""
-        xp, s = array_module(self), self.singular_values
+        xp, s = array_module(self.triangle), self.singular_values
         # The triangle has a derivative where singular values are equal, which their vectors have not.
         regular = xp.linalg.inv(xp.where(s[-1] > 0, self.triangle, xp.eye(s.size, dtype=s.dtype)))
         singular = self.vectors.T * xp.where(s > 0, 1 / xp.where(s > 0, s, 1), 0)[None, :]
@@ -66,7 +66,7 @@ class Information(eqx.Module):
     @property
     def covariance(self) -> AnyArray:
         """(p, p) inverse of J'J: zero for held parameters, with infinite variance for those that are not determined."""
-        xp, root, lost = array_module(self), self.root, ~self.determined
+        xp, root, lost = array_module(self.singular_values), self.root, ~self.determined
         infinite = xp.where(xp.eye(len(lost), dtype=bool), xp.inf, 0)
         return xp.where(lost[:, None] | lost[None, :], infinite, root @ root.T).astype(root.dtype)
 
@@ -134,12 +134,12 @@ def information(jacobian: AnyArray, *, held: AnyArray | None = None, tolerance: 
 
 def weighted_rows(fit: Fit) -> tuple[AnyArray, AnyArray]:
     """Rows of the Jacobian that the solution sees: those of the data times the roots of their weights, and those of the priors."""
-    return array_module(fit).sqrt(fit.weights)[:, None] * fit.jacobian, fit.prior_jacobian
+    return array_module(fit.residuals).sqrt(fit.weights)[:, None] * fit.jacobian, fit.prior_jacobian
 
 
 def known_of(fit: Fit) -> Information:
     """Information of data and priors at the solution."""
-    return information(array_module(fit).concatenate(weighted_rows(fit)), held=fit.at_bound)
+    return information(array_module(fit.residuals).concatenate(weighted_rows(fit)), held=fit.at_bound)
 
 
 def leverage(fit: Fit) -> AnyArray:

@@ -34,7 +34,7 @@ def refits(fit: Fit, problem: Problem, labels: AnyArray, count: int) -> AnyArray
 
     Every refit starts at the solution. A block of padding alone is none. It is infinite where a refit fails.
     """
-    xp = array_module(fit)
+    xp = array_module(fit.residuals)
     problem = dataclasses.replace(problem, start=fit.model, starts=None)
     out = labels[None, :] == xp.arange(count)[:, None]
     x, usable = to_numpy(_without(problem, jnp.asarray(~out)))

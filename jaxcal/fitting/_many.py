@@ -69,6 +69,6 @@ def solve_many(
 def _each(template: Problem, mapped: Any, shared: Any, together: bool) -> Fit:
     def one(item: Any) -> Fit:
         start, data = eqx.combine(item, shared)
-        return run(dataclasses.replace(template, start=start, data=data))
+        return dataclasses.replace(run(dataclasses.replace(template, start=start, data=data)), problem=None)
 
     return jax.vmap(one)(mapped) if together else jax.lax.map(one, mapped)

@@ -1,6 +1,11 @@
 """How a fit ended, as sentences that say what to do."""
 
+import functools
+from typing import Any
+
 import equinox as eqx
+
+from .._precision import array_module
 
 
 class Outcome(eqx.Enumeration):
@@ -12,3 +17,9 @@ class Outcome(eqx.Enumeration):
     stalled = "The fit stopped where its residuals still slope; look for a kink in the model, and run in float64."
     step_limit = "The fit reached its step limit before it converged; start closer, try several starts, or raise max_steps."
     not_finite = "The residuals became infinite or NaN; bound the parameters to where the model is defined, or start closer."
+
+
+def ended(outcome: Any, *items: Any) -> Any:
+    """Whether an outcome is one of `items`; unlike `==` of Equinox it takes no operation of JAX outside of a trace."""
+    value = outcome._value
+    return functools.reduce(array_module(value).logical_or, [value == item._value for item in items])

@@ -20,12 +20,15 @@ def is_float(leaf: Any) -> bool:
 
 
 def to_floats(tree: Any, dtype: Any) -> Any:
-    """Cast floating leaves (Python floats as well) to one dtype and other NumPy arrays to JAX; leave the rest alone."""
+    """Cast floating leaves (Python floats as well) to one dtype, and leave the rest alone; what is not of JAX becomes an array of NumPy.
+
+    A compiled program takes arrays of NumPy as they are, in a tenth of the time that it takes to make arrays of JAX from them.
+    """
 
     def cast(leaf: Any) -> Any:
-        if is_float(leaf):
-            return jnp.asarray(leaf, dtype=dtype)
-        return jnp.asarray(leaf) if isinstance(leaf, np.ndarray) else leaf
+        if not is_float(leaf) or (not isinstance(leaf, float) and leaf.dtype == dtype):
+            return leaf
+        return (jnp if isinstance(leaf, jax.Array) else np).asarray(leaf, dtype=dtype)
 
     return jax.tree.map(cast, tree)
 
@@ -39,7 +42,9 @@ def common_dtype(*trees: Any) -> Any:
 def names_of(model: Any) -> list[str]:
     """One name per entry of every floating leaf, e.g. `bias[2]` or `matrix[0,1]`."""
     names = []
-    for path, leaf in jax.tree_util.tree_leaves_with_path(eqx.filter(model, eqx.is_inexact_array)):
+    for path, leaf in jax.tree_util.tree_leaves_with_path(model):
+        if not eqx.is_inexact_array(leaf):
+            continue
         base = jax.tree_util.keystr(path, simple=True, separator=".") or "parameter"
         entries = np.ndindex(leaf.shape) if leaf.ndim else [()]
         names += [base + (f"[{','.join(map(str, entry))}]" if entry else "") for entry in entries]
@@ -47,11 +52,12 @@ def names_of(model: Any) -> list[str]:
 
 
 def spread(spec: Any, model: Any, what: str) -> np.ndarray | Array:
-    """One value per entry from a number, or from a tree that is `model` or a prefix of it."""
+    """One value per entry of the floating leaves of a model, from a number, or from a tree like `model` or a prefix of it."""
     xp = jnp if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(spec)) else np
 
     def fill(value: Any, part: Any) -> list:
-        return [xp.ravel(xp.broadcast_to(value, leaf.shape)) for leaf in jax.tree.leaves(part)]
+        # for a number from a number `broadcast_to` would take most of the time
+        return [xp.ravel(value if np.shape(value) == leaf.shape else xp.broadcast_to(value, leaf.shape)) for leaf in jax.tree.leaves(part)]
 
     try:
         parts = jax.tree.leaves(jax.tree.map(fill, spec, eqx.filter(model, eqx.is_inexact_array)))

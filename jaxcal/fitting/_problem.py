@@ -1,5 +1,6 @@
 """`Problem`: residuals, start, bounds and options of one fit, checked on the host before anything is compiled."""
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any
 
@@ -10,30 +11,42 @@ import numpy as np
 import optimistix as optx
 
 from .._errors import FitError
-from .._precision import is_traced
-from .._types import Array
-from ._loss import AbstractLoss
+from .._precision import array_module, is_traced
+from .._types import AnyArray, Array
 from ._parameters import common_dtype, names_of, spread, to_floats, vector_of
 from ._prior import AbstractPrior
 
+_STATIC = {"static": True}
 
-class Problem(eqx.Module):
-    """Everything that defines one fit. Arrays are data, so that new values never recompile; the rest is static."""
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True, eq=False)
+class Problem:
+    """Everything that defines one fit. Arrays are data, so that new values never recompile; the rest is static.
+
+    It is no module of Equinox, which would take a tenth of a small fit to make. What is data may be of any type while JAX maps over it.
+
+    Attributes
+    ----------
+    start, data, loss, priors : as given to `solve`, in one type. lower, upper : (p,) bounds of the free parameters.
+    starts : (k, p) or None. keep : (n,) False for residuals that a refit leaves out, or None.
+    free : places of the free parameters among all of the model.
+    """
 
     start: Any
     data: Any
-    lower: Array
-    upper: Array
-    starts: Array | None
-    loss: AbstractLoss | None
-    priors: tuple[AbstractPrior, ...]
-    keep: Array | None
-    residuals: Callable = eqx.field(static=True)
-    solver: optx.AbstractLeastSquaresSolver | None = eqx.field(static=True)
-    free: tuple[int, ...] = eqx.field(static=True)
-    names: tuple[str, ...] = eqx.field(static=True)
-    max_steps: int = eqx.field(static=True)
-    rtol: float = eqx.field(static=True)
+    lower: Any
+    upper: Any
+    starts: Any
+    loss: Any
+    priors: Any
+    keep: Any
+    residuals: Callable = dataclasses.field(metadata=_STATIC)
+    solver: optx.AbstractLeastSquaresSolver | None = dataclasses.field(metadata=_STATIC)
+    free: tuple[int, ...] = dataclasses.field(metadata=_STATIC)
+    names: tuple[str, ...] = dataclasses.field(metadata=_STATIC)
+    max_steps: int = dataclasses.field(metadata=_STATIC)
+    rtol: float = dataclasses.field(metadata=_STATIC)
 
     def values(self) -> Array:
         """Free parameters of the start."""
@@ -74,8 +87,8 @@ def define(residuals, start, data, *, free, bounds, loss, priors, solver, starts
     if bounds is not None and solver is not None:
         raise FitError("Bounds need the default solver, but another one was given; leave out `solver` or `bounds`.")
 
-    def chosen(spec: Any, what: str) -> Array:
-        return jnp.asarray(spread(spec, start, what)[index], dtype=dtype)
+    def chosen(spec: Any, what: str) -> AnyArray:
+        return spread(spec, start, what)[index].astype(dtype)
 
     low, high = (-np.inf, np.inf) if bounds is None else bounds
     return Problem(
@@ -96,18 +109,21 @@ def define(residuals, start, data, *, free, bounds, loss, priors, solver, starts
     )
 
 
-def _rows(starts: Any) -> Array:
+def _rows(starts: Any) -> AnyArray:
     """Several starts as one vector each."""
-    return jnp.concatenate([leaf.reshape(len(leaf), -1) for leaf in jax.tree.leaves(eqx.filter(starts, eqx.is_inexact_array))], axis=1)
+    leaves = [leaf.reshape(len(leaf), -1) for leaf in jax.tree.leaves(starts) if eqx.is_inexact_array(leaf)]
+    return array_module(leaves).concatenate(leaves, axis=1)
 
 
 def check(problem: Problem) -> None:
     """Refuse a start that cannot work, with the parameter's name (host only)."""
     if is_traced(problem):
         return
-    one = [np.ravel(leaf) for leaf in jax.tree.leaves(eqx.filter(problem.start, eqx.is_inexact_array))]
+    one = [np.ravel(leaf) for leaf in jax.tree.leaves(problem.start) if eqx.is_inexact_array(leaf)]
     values = np.concatenate(one)[None, list(problem.free)] if problem.starts is None else np.asarray(problem.starts)
     lower, upper = np.asarray(problem.lower), np.asarray(problem.upper)
+    if (np.isfinite(values) & (lower <= values) & (values <= upper)).all():
+        return
     for i, name in enumerate(problem.names):
         if not np.isfinite(values[:, i]).all():
             raise FitError(f"The start has {name} = {values[:, i].tolist()}; give a finite number.")

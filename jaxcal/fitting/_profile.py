@@ -1,5 +1,6 @@
 """Profile-likelihood intervals: the parameter values that the data do not rule out."""
 
+import dataclasses
 import math
 
 import equinox as eqx
@@ -66,7 +67,7 @@ def profile_interval(fit: Fit, name: str, *, confidence: float = 0.95, scaled: b
     if fit.problem is None:
         raise FitError("A fit out of many does not keep its data; solve it by itself for a profile.")
     fit.checked()
-    problem = eqx.tree_at(lambda p: p.starts, fit.problem, None, is_leaf=lambda leaf: leaf is None)
+    problem = dataclasses.replace(fit.problem, starts=None)
     j, best, least = fit.names.index(name), np.asarray(fit.parameters, dtype=np.float64), 2 * float(fit.cost)
     if scaled and problem.priors:
         raise FitError("A scaled profile would scale the priors too; divide the residuals by their standard deviation instead.")
@@ -75,14 +76,15 @@ def profile_interval(fit: Fit, name: str, *, confidence: float = 0.95, scaled: b
     else:
         rise = scipy.stats.chi2.ppf(confidence, 1)
     # A parameter at its bound has a standard error once the bound is lifted; it is only the length of the first step.
-    lifted = eqx.tree_at(lambda f: f.at_bound, fit, np.where(np.arange(len(fit.names)) == j, False, fit.at_bound))
+    place = np.arange(len(fit.names))
+    lifted = dataclasses.replace(fit, at_bound=np.where(place == j, False, fit.at_bound))
     step = math.sqrt(rise * float(covariance(lifted)[j, j]))
     near = jnp.asarray(fit.parameters)
 
     def refit(value: float) -> Fit:
         nonlocal near
-        held = (problem.model(near.at[j].set(value)), problem.lower.at[j].set(value), problem.upper.at[j].set(value))
-        found = run(eqx.tree_at(lambda p: (p.start, p.lower, p.upper), problem, held))
+        lower, upper = (np.where(place == j, value, end).astype(near.dtype) for end in (problem.lower, problem.upper))
+        found = run(dataclasses.replace(problem, start=problem.model(near.at[j].set(value)), lower=lower, upper=upper))
         near = jnp.where(found.usable, found.parameters, near)
         return found
 

@@ -10,7 +10,7 @@ import scipy.special
 from .._errors import FitError
 from .._precision import array_module, is_traced
 from .._types import AnyArray, Value
-from ._outcome import Outcome
+from ._outcome import Outcome, ended
 from ._problem import Problem
 
 M = TypeVar("M")
@@ -58,22 +58,22 @@ class Fit(eqx.Module, Generic[M]):
     @property
     def usable(self) -> Value | np.bool_:
         """True where the fit converged, inside its bounds or on one."""
-        return array_module(self).logical_or(self.outcome == Outcome.converged, self.outcome == Outcome.at_bound)
+        return ended(self.outcome, Outcome.converged, Outcome.at_bound)
 
     @property
     def counted(self) -> Value:
         """(n,) False for padding: entries that are zero with zero derivative."""
-        return (self.residuals != 0) | array_module(self).any(self.jacobian != 0, axis=-1)
+        return (self.residuals != 0) | array_module(self.residuals).any(self.jacobian != 0, axis=-1)
 
     @property
     def count(self) -> Value:
         """Number of residuals that are not padding."""
-        return array_module(self).sum(self.counted, axis=-1, dtype=self.residuals.dtype)
+        return array_module(self.residuals).sum(self.counted, axis=-1, dtype=self.residuals.dtype)
 
     @property
     def free(self) -> Value:
         """Number of parameters that no bound holds."""
-        return array_module(self).sum(~self.at_bound, axis=-1, dtype=self.residuals.dtype)
+        return array_module(self.residuals).sum(~self.at_bound, axis=-1, dtype=self.residuals.dtype)
 
     @property
     def degrees_of_freedom(self) -> Value:
@@ -83,24 +83,26 @@ class Fit(eqx.Module, Generic[M]):
     @property
     def mean_curvature(self) -> Value:
         """Mean second derivative of the loss over the residuals: one without it."""
-        xp = array_module(self)
+        xp = array_module(self.residuals)
+        if not self.robust:
+            return xp.mean(self.curvature, axis=-1)
         return xp.sum(xp.where(self.counted, self.curvature, 0), axis=-1) / self.count
 
     @property
     def variance(self) -> Value:
         """Variance of a whitened residual that explains the fit: reduced chi-square, or its counterpart for a robust loss."""
-        xp = array_module(self)
+        xp = array_module(self.residuals)
         return xp.sum((self.weights * self.residuals) ** 2, axis=-1) / xp.maximum(self.degrees_of_freedom, 1) / self.mean_curvature**2
 
     @property
     def chi_square(self) -> Value:
         """Sum of the squared residuals: chi-square distributed if they are whitened, normal and without loss."""
-        return array_module(self).sum(self.residuals**2, axis=-1)
+        return array_module(self.residuals).sum(self.residuals**2, axis=-1)
 
     @property
     def goodness(self) -> Value:
         """Probability of a larger chi-square by chance (p value); one where no degree of freedom is left."""
-        xp, gammaincc = array_module(self), (jax.scipy.special if is_traced(self) else scipy.special).gammaincc
+        xp, gammaincc = array_module(self.residuals), (jax.scipy.special if is_traced(self.residuals) else scipy.special).gammaincc
         tail = gammaincc(xp.maximum(self.degrees_of_freedom, 1) / 2, self.chi_square / 2)
         return xp.where(self.degrees_of_freedom > 0, tail, 1)
 

@@ -78,8 +78,9 @@ def heading_error(shape: Any, covariance: Any, inclination: float) -> Any:
         directions = np.stack([np.cos(attitudes[:, 0]), -np.sin(attitudes[:, 0]), np.zeros(len(attitudes))], axis=1)
         errors = [rms(heading_slopes(shape, attitudes, directions)[:, PLANAR_ROWS], safe), np.inf]
     else:
-        both = zip(grids(inclination), grids_across(inclination), strict=True)
-        errors = [rms(_heading_slopes(shape, directions, across), safe) for (_, directions), across in both]
+        level, tilted = (directions for _, directions in grids(inclination))
+        slopes = _heading_slopes(shape, np.concatenate([level, tilted]), np.concatenate(grids_across(inclination)))
+        errors = [rms(part, safe) for part in (slopes[: len(level)], slopes[len(level) :])]
     return xp.where(known, xp.stack(errors), xp.inf)
 
 
@@ -155,10 +156,8 @@ def needed(shape: np.ndarray, covariance: np.ndarray, grid: np.ndarray) -> np.nd
     rows = np.concatenate([np.stack([x * x, 2 * x * y, y * y, 2 * x * w, 2 * y * w, w * w], axis=1), -2 * z @ shape], axis=1)
     rows = rows / np.linalg.norm(2 * z @ shape, axis=1, keepdims=True)
     variance = np.sum(rows @ covariance * rows, axis=1)
-    chosen: list[np.ndarray] = []
-    for i in np.argsort(-variance):
-        if all(grid[i] @ other < np.cos(np.pi / 4) for other in chosen):
-            chosen.append(grid[i])
-        if len(chosen) == 3:
-            break
+    chosen = []
+    for _ in range(3):
+        chosen.append(grid[np.argmax(variance)])
+        variance = np.where(grid @ chosen[-1] < np.cos(np.pi / 4), variance, -1.0)
     return np.array(chosen)

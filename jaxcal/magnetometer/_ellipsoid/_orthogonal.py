@@ -1,5 +1,6 @@
 """Iterative fits of scaled readings, orthogonal and radial, with robust losses, through the package's one solver."""
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any
 
@@ -71,8 +72,10 @@ def attempt(function: Callable, start: AnyArray, data: Readings, kind: str, loss
     """
     begin, starts = (start, None) if start.ndim == 1 else (start[0], start)
     fit = solve(function, begin, data, loss=loss, bounds=bounds_of(kind), starts=starts, rtol=_PRECISE)
-    own = lambda f: (f.residuals, f.jacobian, f.weights, f.curvature)  # noqa: E731
-    return eqx.tree_at(own, fit, tuple(x[: len(data.u)] for x in own(fit)))
+    if fit.residuals.size == len(data.u):
+        return fit
+    own = {name: getattr(fit, name)[: len(data.u)] for name in ("residuals", "jacobian", "weights", "curvature")}
+    return dataclasses.replace(fit, **own)
 
 
 def flat(u: np.ndarray, kind: str, loss: AbstractLoss | None = None, cost: str = "orthogonal", begin: Any = None) -> Found:
@@ -93,7 +96,7 @@ def flat(u: np.ndarray, kind: str, loss: AbstractLoss | None = None, cost: str =
 
 def described_by(fit: Fit, scale: float, count: int, kind: str, noise2: Any = 0.0) -> Found:
     """What a solution says of the ellipsoid; infinite covariance where the readings alone do not determine it."""
-    traced = is_traced(fit)
+    traced = is_traced(fit.parameters)
     xp = jnp if traced else np
     parameters, residuals, matrix = (xp.asarray(x) for x in (fit.parameters, fit.residuals, covariance(fit, scaled=True)))
     if fit.robust:
