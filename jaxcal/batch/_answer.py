@@ -12,8 +12,8 @@ from typing import Any
 from .._errors import DataError, JaxcalError
 from .._files import json_text
 from ..io import read
-from ..io._folder import find
-from ..io._read import _fingerprint as fingerprint_of
+from ..io._find import find
+from ..io._read import fingerprint as fingerprint_of
 from ._coefficients import listed
 from ._tasks import identity, perform, reading_options
 

@@ -197,7 +197,7 @@ def reading_options(reading: dict[str, Any]) -> tuple[dict[str, Any], tuple[Any,
         If there is no such option, or it has no meaning.
     """
     from ..io import read
-    from ..io._options import parse_columns, parse_topics, parse_units
+    from ..io._columns import parse_columns, parse_topics, parse_units
 
     known = [name for name in inspect.signature(read).parameters if name not in ("path", "quiet")]
     unknown = [name for name in reading if name not in (*known, "start", "stop")]

@@ -57,7 +57,7 @@ def convert(
     out
         File to write: FILE.npz or FILE.parquet.
     """
-    from ..io._convert import SUFFIXES, save
+    from ..io._saved import SUFFIXES, save
 
     if out.suffix not in SUFFIXES:
         raise CallError(f"{out}: expected a name that ends in {' or '.join(SUFFIXES)}")

@@ -139,8 +139,8 @@ def read_log(path: Path, options: Reading) -> Any:
     must_exist(path)
     import jaxcal
 
-    from ..io._detect import FORMATS
-    from ..io._options import parse_columns, parse_topics, parse_units
+    from ..io._columns import parse_columns, parse_topics, parse_units
+    from ..io._find import FORMATS
 
     if options.format is not None and options.format not in FORMATS:
         raise CallError(f"--format {options.format}: expected one of {', '.join(FORMATS)}")

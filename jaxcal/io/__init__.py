@@ -1,4 +1,3 @@
 """Readers: logs in, `Log` out."""
 
-from ._convert import convert as convert
-from ._read import read as read
+from ._read import convert as convert, read as read

@@ -14,13 +14,14 @@ from typing import Any
 import numpy as np
 
 from .._errors import DataError
-from ._blocks import row_edges, stretch
 from ._columns import listing, parse_name
-from ._detect import detect
-from ._sniff import sniff
-from ._text import open_text
+from ._find import detect
+from .readers._bounds import require
+from .readers._csv import row_edges, stretch
+from .readers._text import open_text, sniff
 
 _TIME = ("time", "timestamp", "stamp", "t")
+_HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,18 +42,10 @@ class Chunks:
 def open_chunks(path: pathlib.Path, columns: Sequence[Any] | None) -> Chunks:
     """The record in a .npy, .npz, Parquet or HDF5 file, or a text table.
 
-    Parameters
-    ----------
-    path : file.
-    columns : channels by number (.npy, text) or name (Parquet, text), arrays by name (.npz, HDF5); by default all that hold numbers and
-        no time.
-
-    Raises
-    ------
-    DataError
-        If the file is none of these, or has no such channels.
+    `columns` are channels by number (.npy, text) or name (Parquet, text), arrays by name (.npz, HDF5); by default all that hold numbers
+    and no time.
     """
-    kind, _ = detect(path)
+    kind = detect(path)
     if kind == "npy":
         return array_chunks(np.load(path, mmap_mode="r", allow_pickle=False), columns)
     if kind == "parquet":
@@ -82,15 +75,7 @@ def array_chunks(array: np.ndarray, columns: Sequence[Any] | None) -> Chunks:
 def _joined(arrays: dict[str, Any], columns: Sequence[Any] | None) -> Chunks:
     """Arrays of one length side by side."""
     usable = {name: array for name, array in arrays.items() if array.ndim in (1, 2) and array.dtype.kind in "iuf" and len(array) > 1}
-    if columns is None:
-        names = [name for name in usable if name.rpartition("/")[2].lower().split("_")[0] not in _TIME]
-    else:
-        names = [columns] if isinstance(columns, str) else [str(name) for name in columns]
-    wrong = [name for name in names if name not in usable]
-    if wrong or not names:
-        raise DataError(
-            f"columns {', '.join(wrong) or 'for a record'}: not in the file; arrays of numbers are {', '.join(usable) or 'none'}"
-        )
+    names = _named(list(usable), columns, "arrays of numbers are")
     chosen = [usable[name] for name in names]
     if len({len(array) for array in chosen}) > 1:
         lengths = ", ".join(f"{name} {array.shape}" for name, array in zip(names, chosen, strict=True))
@@ -101,6 +86,18 @@ def _joined(arrays: dict[str, Any], columns: Sequence[Any] | None) -> Chunks:
 
     width = sum(1 if array.ndim == 1 else array.shape[1] for array in chosen)
     return Chunks(len(chosen[0]), width, len(chosen) == 1 and chosen[0].ndim == 1, read)
+
+
+def _named(usable: list[str], columns: Sequence[Any] | None, what: str) -> list[str]:
+    """The names that `columns` asks for, by default all but those of a time."""
+    if columns is None:
+        names = [name for name in usable if name.rpartition("/")[2].lower().split("_")[0] not in _TIME]
+    else:
+        names = [columns] if isinstance(columns, str) else [str(name) for name in columns]
+    wrong = [name for name in names if name not in usable]
+    if wrong or not names:
+        raise DataError(f"columns {', '.join(wrong) or 'for a record'}: not in the file; {what} {', '.join(usable) or 'none'}")
+    return names
 
 
 def _mapped(path: pathlib.Path) -> dict[str, np.ndarray]:
@@ -124,15 +121,11 @@ def _mapped(path: pathlib.Path) -> dict[str, np.ndarray]:
     return found
 
 
-_HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
-
-
 def _datasets(path: pathlib.Path) -> dict[str, Any]:
     """Data sets of an HDF5 file, each opened where it stands; the file stays open as long as they are used."""
-    try:
-        import h5py
-    except ImportError as error:
-        raise DataError('reading HDF5 and MATLAB 7.3 needs h5py: pip install "jaxcal[hdf5]"') from error
+    require("h5py", "reading HDF5 and MATLAB 7.3", "hdf5")
+    import h5py
+
     found: dict[str, Any] = {}
 
     def take(name: str, item: Any) -> None:
@@ -144,21 +137,12 @@ def _datasets(path: pathlib.Path) -> dict[str, Any]:
 
 
 def _parquet_chunks(path: pathlib.Path, columns: Sequence[Any] | None) -> Chunks:
-    try:
-        import polars as pl
-    except ImportError as error:
-        raise DataError('reading Parquet needs polars: pip install "jaxcal[parquet]"') from error
+    require("polars", "reading Parquet", "parquet")
+    import polars as pl
 
     table = pl.scan_parquet(path, glob=False)
     schema = table.collect_schema()
-    numeric = [name for name, kind in schema.items() if kind.is_numeric()]
-    if columns is None:
-        names = [name for name in numeric if name.lower().split("_")[0] not in _TIME]
-    else:
-        names = [columns] if isinstance(columns, str) else list(columns)
-    wrong = [str(name) for name in names if name not in numeric]
-    if wrong or not names:
-        raise DataError(f"columns {', '.join(wrong) or 'for a record'}: not in the file; those that hold numbers are {', '.join(numeric)}")
+    names = _named([name for name, kind in schema.items() if kind.is_numeric()], columns, "those that hold numbers are")
     chosen = table.select(pl.col(name).cast(pl.Float64) for name in names)
     samples = int(table.select(pl.len()).collect().item())
 
@@ -170,6 +154,7 @@ def _parquet_chunks(path: pathlib.Path, columns: Sequence[Any] | None) -> Chunks
 
 def _text_chunks(path: pathlib.Path, columns: Sequence[Any] | None) -> Chunks:
     """A plain text table: its rows are counted once, and blocks parsed when they are asked for."""
+    require("polars", "reading tables", "csv")
     text = open_text(path)
     if text.packed or text.content is not None:
         raise DataError("text that is packed, or not UTF-8, is not read in chunks; convert it once with `jaxcal convert LOG LOG.npz`")

@@ -1,37 +1,134 @@
-"""Which column holds what: by name, by `columns=`, or, without names, by position and size."""
+"""Which column holds what, in which unit: as `columns=`, `units=` and `topics=` say, or as the names of the columns tell."""
 
 import re
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
-from .._errors import DataError
-from .._units import find_unit
-from ._options import AXES, SENSORS, Columns
+from .._errors import DataError, UnitError
+from .._units import factor, find_unit, quantities, si_unit, to_si
 
-TIME = {"t", "time", "timestamp", "timestamps", "stamp", "ts", "clock", "elapsed", "elapsedtime", "datetime", "utc"}
+SENSORS = ("gyro", "accel", "mag")
+AXES = "xyz"
+
+#: quantity -> its columns (by number or name), or None to leave it out
+Columns = dict[str, list[int | str] | None]
+
+_TIME = {"t", "time", "timestamp", "timestamps", "stamp", "ts", "clock", "elapsed", "elapsedtime", "datetime", "utc"}
 #: names that are a unit at the same time
-TIME_UNITS = {
+_TIME_UNITS = {
     "s": "s", "sec": "s", "secs": "s", "seconds": "s", "ms": "ms", "msec": "ms", "millis": "ms", "milliseconds": "ms",
     "us": "us", "usec": "us", "micros": "us", "microseconds": "us",
     "ns": "ns", "nsec": "ns", "nsecs": "ns", "nanosec": "ns", "nanos": "ns", "nanoseconds": "ns",
 }  # fmt: skip
-_NANOSECONDS = {"nsec", "nsecs", "nanosec"}
-_BASES = {
-    "gyro": "g|gyr|gyro|gyros|gyroscope|w|omega|angularvelocity|angvel|rate|angularrate|wrss",
-    "accel": "a|acc|accel|accelerometer|acceleration|f|specificforce|linearacceleration|linacc|arss",
-    "mag": "m|mag|magn|magnetometer|b|field|magneticfield",
+_SENSOR = {
+    "gyro": re.compile("g|gyr|gyro|gyros|gyroscope|w|omega|angularvelocity|angvel|rate|angularrate|wrss"),
+    "accel": re.compile("a|acc|accel|accelerometer|acceleration|f|specificforce|linearacceleration|linacc|arss"),
+    "mag": re.compile("m|mag|magn|magnetometer|b|field|magneticfield"),
 }
-_SENSOR = {sensor: re.compile(rf"(?:{bases})") for sensor, bases in _BASES.items()}
 _TEMPERATURE = {"temp", "temperature", "imutemp", "imutemperature"}
 #: words that say where a column comes from, not what it is
 _NOISE_WORDS = re.compile(r"imu\d*|field|header|msg|data|sensor|raw|cal|uncal|value")
 _COUNTER = re.compile(r"index|idx|i|n|id|no|row|line|seq|frame|counter|count|packetcounter|packet|sample|samples|samplenumber")
 
 
+def parse_columns(given: Mapping[str, Any] | str | None) -> Columns:
+    """Columns by quantity, from a mapping or a string.
+
+    Examples
+    --------
+    >>> from jaxcal.io._columns import parse_columns
+    >>> parse_columns("time=0,gyro=1:3,accel_x=ax,accel_y=ay,accel_z=az")
+    {'time': [0], 'gyro': ['1:3'], 'accel': ['ax', 'ay', 'az']}
+    """
+    found: Columns = {}
+    axes: dict[str, dict[str, int | str]] = {}
+    for name, value in _pairs(given, "columns").items():
+        values = None if value is None or value == "none" else [_column(v) for v in (value if isinstance(value, list | tuple) else [value])]
+        sensor, _, axis = name.rpartition("_")
+        if sensor in SENSORS and axis in AXES:
+            if values is None or len(values) != 1:
+                raise DataError(f"columns=: {name} is one column, but got {value!r}")
+            axes.setdefault(sensor, {})[axis] = values[0]
+        elif name in quantities():
+            found[name] = values
+        else:
+            raise DataError(f"columns=: unknown quantity {name!r}; use {', '.join(quantities())}, or one axis as in gyro_x")
+    for sensor, columns in axes.items():
+        wanted = AXES[: len(columns)]
+        if set(columns) != set(wanted):
+            raise DataError(f"columns=: {sensor} has only {', '.join(sorted(columns))}; give x, or x and y, or all three axes")
+        found[sensor] = [columns[axis] for axis in wanted]
+    return found
+
+
+def parse_units(given: Mapping[str, Any] | str | None) -> dict[str, str]:
+    """Units by quantity; each is checked, and a bare number means SI units per count."""
+    found = {}
+    for name, value in _pairs(given, "units").items():
+        if name not in quantities():
+            raise DataError(f"units=: unknown quantity {name!r}; use {', '.join(quantities())}")
+        found[name] = f"{value:.17g} {si_unit(name)}" if isinstance(value, int | float) else str(value).strip()
+        scale(found[name], name)
+    return found
+
+
+def parse_topics(given: Any) -> list[str] | None:
+    """Topic names, from a list or a string with commas."""
+    if given is None:
+        return None
+    topics = [t.strip() for t in given.split(",")] if isinstance(given, str) else [str(t) for t in given]
+    if not all(topics):
+        raise DataError(f"topics={given!r} holds an empty name")
+    return topics
+
+
+def scale(unit: str, quantity: str) -> tuple[float, float]:
+    """Factor and offset from `unit`, which may carry a number ("0.05 deg/s"), to SI."""
+    number, rest = 1.0, unit
+    match = re.match(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*[ *]?\s*(.*)", unit)
+    if match and find_unit(unit, quantity) is None:
+        number, rest = float(match[1]), match[2] or si_unit(quantity)
+    if number == 0.0:
+        raise UnitError(f"units=: {unit!r} makes every value of {quantity} zero")
+    try:
+        return number * factor(rest, quantity), float(to_si(0.0, rest, quantity))
+    except UnitError as error:
+        raise UnitError(f"units=: {error}; raw counts need their size, as in units={{'{quantity}': '0.05 {si_unit(quantity)}'}}") from None
+
+
+def _pairs(given: Mapping[str, Any] | str | None, option: str) -> dict[str, Any]:
+    if given is None:
+        return {}
+    if isinstance(given, Mapping):
+        return dict(given)
+    if not isinstance(given, str):
+        raise DataError(f"{option}= takes a dict or a string such as 'gyro=...', not {type(given).__name__}")
+    found: dict[str, Any] = {}
+    last = ""
+    for part in given.split(","):
+        name, equals, value = part.partition("=")
+        if equals:
+            last = name.strip()
+            found[last] = value.strip()
+        elif last and option == "columns":  # a list: gyro=1,2,3
+            found[last] = [*(found[last] if isinstance(found[last], list) else [found[last]]), part.strip()]
+        else:
+            raise DataError(f"{option}={given!r}: {part!r} is not of the form quantity=value")
+    return found
+
+
+def _column(value: Any) -> int | str:
+    if isinstance(value, bool) or not isinstance(value, int | str):
+        raise DataError(f"columns=: {value!r} is neither the number of a column (from 0) nor its name")
+    return int(value) if isinstance(value, str) and value.isdecimal() else value
+
+
 def bracketed_unit(name: str) -> str | None:
     """Text in the brackets of a column name, or None."""
     match = re.search(r"\[([^\]]*)\]|\(([^)]*)\)", name)
-    return None if match is None else (match[1] if match[1] is not None else match[2]).strip()
+    return match and (match[1] if match[1] is not None else match[2]).strip()
 
 
 def unit_of(text: str, quantity: str) -> str | None:
@@ -70,19 +167,16 @@ def parse_name(name: str) -> tuple[str, str, str | None] | None:
 
 
 def _time(words: list[str]) -> tuple[str, str, str | None] | None:
-    joined = "".join(words)
+    joined, head, last = "".join(words), "".join(words[:-1]), words[-1]
     if joined == "sampletimefine":
         return "time", "", "1e-4 s"
-    if joined in TIME:
+    if joined in _TIME:
         return "time", "", None
-    if words[-1] in _NANOSECONDS and (len(words) == 1 or "".join(words[:-1]) in TIME):
-        return "time", "nsec", "ns"
-    if words[-1] in TIME_UNITS and words[-1] != "s" and (len(words) == 1 or "".join(words[:-1]) in TIME):
-        return "time", "", TIME_UNITS[words[-1]]
-    if words[-1] == "s" and "".join(words[:-1]) in TIME:
-        return "time", "", "s"
+    # a column that is called "s" is something else
+    if last in _TIME_UNITS and (head in _TIME or (not head and last != "s")):
+        return "time", "nsec" if last in ("nsec", "nsecs", "nanosec") else "", _TIME_UNITS[last]
     match = re.fullmatch(r"(?:time|timestamp|timestamps?ample)(us|ms|ns|sec|s)", joined)
-    return ("time", "", TIME_UNITS[match[1]]) if match else None
+    return ("time", "", _TIME_UNITS[match[1]]) if match else None
 
 
 def _sensor(words: list[str]) -> tuple[str, str, str | None] | None:
@@ -113,14 +207,7 @@ def _temperature(words: list[str]) -> tuple[str, str, str | None] | None:
 
 
 def resolve(columns: Columns, names: list[str], count: int) -> dict[str, list[int]]:
-    """Numbers of the columns that `columns=` names; ``"1:3"`` is the range from 1 to 3, ends included.
-
-    Examples
-    --------
-    >>> from jaxcal.io._columns import resolve
-    >>> resolve({"time": ["t"], "gyro": ["wx:wz"]}, ["t", "wx", "wy", "wz"], 4)
-    {'time': [0], 'gyro': [1, 2, 3]}
-    """
+    """Numbers of the columns that `columns=` names; ``"1:3"`` is the range from 1 to 3, ends included."""
     found = {}
     for quantity, wanted in columns.items():
         if wanted is None:
@@ -144,10 +231,10 @@ def _find(column: int | str, names: list[str], count: int, quantity: str) -> int
         if not -count <= column < count:
             raise DataError(f"columns=: {quantity} wants column {column}; there are {listing(names, count)}")
         return column % count
-    for same in (str.__eq__, lambda a, b: a.lower() == b.lower(), lambda a, b: _plain(a) == _plain(b)):
-        for i, name in enumerate(names):
-            if same(name, column):
-                return i
+    for form in (str, str.lower, _plain):
+        forms = [form(name) for name in names]
+        if form(column) in forms:
+            return forms.index(form(column))
     raise DataError(f"columns=: there is no column {column!r} for {quantity}; there are {listing(names, count)}")
 
 

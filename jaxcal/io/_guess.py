@@ -8,7 +8,26 @@ from .._errors import DataError
 
 #: samples looked at where a few suffice
 _LOOK = 50_000
-_G = 9.80665
+#: sensor -> size of the Earth's gravity, or of a field of 1 uT, in each unit, and the unit to name where the guess is wrong
+_SIZES = {
+    "accel": {"m/s^2": (9.80665, "g"), "g": (1.0, "m/s^2"), "mg": (1000.0, "g")},
+    "mag": {"T": (1e-6, "uT"), "G": (1e-2, "uT"), "uT": (1.0, "G"), "mG": (10.0, "uT"), "nT": (1e3, "uT")},
+}
+#: sensor -> least and largest size of what is certain, then of what is uncertain, with the units in which whole numbers are no counts
+_RANGES = {
+    "accel": ((0.88, 1.12, "", ("m/s^2", "g", "mg")), (0.7, 1.4, "; uncertain", ("mg",))),
+    "mag": ((22, 67, "", ("T", "G", "nT")), (15, 100, "; uncertain", ())),
+}
+#: Modified Julian Dates from 1968 to 2132, and the step (in d, 4 s) above which they may as well be seconds
+_MJD, _MJD_STEP = (40_000.0, 100_000.0), 5e-5
+#: time unit -> (first epoch start, last), and the upper end of its range of median steps
+_EPOCH = {"s": (1e9, 4e9), "ms": (1e12, 4e12), "us": (1e15, 4e15), "ns": (1e18, 4e18)}
+_TABLE = {
+    True: (("ms", 100.0), ("us", 1e5), ("ns", np.inf)),
+    False: (("s", 0.5), ("ms", 100.0), ("us", 1e5), ("ns", np.inf)),
+}
+_SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+_DAY = 86400.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -20,28 +39,8 @@ class Guess:
     other: str
 
 
-#: Modified Julian Dates from 1968 to 2132, and the step (in d, 4 s) above which they may as well be seconds
-_MJD, _MJD_STEP = (40_000.0, 100_000.0), 5e-5
-#: time unit -> (first epoch start, last), and the upper end of its range of median steps
-_EPOCH = {"s": (1e9, 4e9), "ms": (1e12, 4e12), "us": (1e15, 4e15), "ns": (1e18, 4e18)}
-_TABLE = {
-    True: (("ms", 100.0), ("us", 1e5), ("ns", np.inf)),
-    False: (("s", 0.5), ("ms", 100.0), ("us", 1e5), ("ns", np.inf)),
-}
-SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-_DAY = 86400.0
-
-
 def time_unit(stamps: np.ndarray, integer: bool, rate: float | int | None) -> Guess:
-    """Unit of the stamps: that which agrees with `rate`, that of an epoch, or by the median step.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from jaxcal.io._guess import time_unit
-    >>> time_unit(np.arange(0, 10**9, 2_500_000), True, None).unit
-    'ns'
-    """
+    """Unit of the stamps: that which agrees with `rate`, that of an epoch, or by the median step."""
     steps = np.diff(stamps)
     steps = steps[(steps > 0) & np.isfinite(steps)]
     if not len(steps):
@@ -57,12 +56,12 @@ def time_unit(stamps: np.ndarray, integer: bool, rate: float | int | None) -> Gu
             return Guess("mjd", f"{seen}, from {start:.6g} on: Modified Julian Dates", "s")
     if rate is not None:
         mean = (len(stamps) - 1) / float(np.nanmax(stamps) - np.nanmin(stamps))
-        for unit, seconds in SECONDS.items():
+        for unit, seconds in _SECONDS.items():
             if min(abs(1 / (step * seconds) / rate - 1), abs(mean / seconds / rate - 1)) < 0.05:
                 return Guess(unit, f"{seen}: agrees with rate={rate:g}", "ms" if unit == "s" else "s")
     for unit, (first, last) in _EPOCH.items():
         # a rate far outside any sensor's means that a time since boot only looks like an epoch
-        if first <= start <= last and 0.1 < 1 / (step * SECONDS[unit]) < 1e6:
+        if first <= start <= last and 0.1 < 1 / (step * _SECONDS[unit]) < 1e6:
             return Guess(unit, f"starts at {start:.4g}, as time since 1970 does", "ms" if unit == "s" else "s")
     table = _TABLE[integer]
     at = next(i for i, (_, upper) in enumerate(table) if step < upper)
@@ -77,33 +76,28 @@ def time_unit(stamps: np.ndarray, integer: bool, rate: float | int | None) -> Gu
 
 
 def accel_unit(values: np.ndarray) -> Guess:
-    """Unit of an accelerometer from the median norm, which is that of gravity.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from jaxcal.io._guess import accel_unit
-    >>> accel_unit(np.array([[0.01, 0.0, -1.02]])).unit
-    'g'
-    """
+    """Unit of an accelerometer from the median norm, which is that of gravity."""
     norm = median_norm(values)
-    for unit, gravity, other in (("m/s^2", _G, "g"), ("g", 1.0, "m/s^2"), ("mg", 1000.0, "g")):
-        if 0.88 <= norm / gravity <= 1.12:
-            return Guess(unit, f"median norm {norm:.4g}", other)
-        if 0.7 <= norm / gravity <= 1.4 and not (unit != "mg" and all_integer(values)):
-            return Guess(unit, f"median norm {norm:.4g}; uncertain", other)
-    raise DataError(_undecided("accel", f"median norm {norm:.4g}", values, "g"))
+    return _by_size("accel", norm, f"median norm {norm:.4g}", values)
+
+
+def mag_unit(values: np.ndarray) -> Guess:
+    """Unit of a magnetometer from the radius of a first sphere fit: the Earth's field is 22 to 67 uT."""
+    radius, how = _field(values)
+    return _by_size("mag", radius, f"{how} {radius:.3g}", values)
+
+
+def _by_size(sensor: str, size: float, seen: str, values: np.ndarray) -> Guess:
+    whole = all_integer(values)
+    for unit, (one, other) in _SIZES[sensor].items():
+        for low, high, doubt, no_counts in _RANGES[sensor]:
+            if low <= size / one <= high and (not whole or unit in no_counts):
+                return Guess(unit, seen + doubt, other)
+    raise DataError(_undecided(sensor, seen, values, {"accel": "g", "mag": "uT"}[sensor]))
 
 
 def gyro_unit(values: np.ndarray, accel: np.ndarray | None, rate: float | int | None) -> Guess:
-    """Unit of a gyroscope: by size, by the turns that the accelerometer sees, or assumed.
-
-    Parameters
-    ----------
-    values : (n, axes).
-    accel : (n, 3) in any unit, or None.
-    rate : Hz, or None.
-    """
+    """Unit of a gyroscope: by size, by the turns that the accelerometer (n, 3), in any unit, sees, or assumed."""
     if all_integer(values):
         raise DataError(_undecided("gyro", "all values are whole numbers", values, "deg/s"))
     largest = float(np.nanmax(np.abs(values)))
@@ -116,7 +110,10 @@ def gyro_unit(values: np.ndarray, accel: np.ndarray | None, rate: float | int | 
             uncertain = "; uncertain" if 8 < ratio < 40 else ""
             reason = f"integrates to {ratio:.2g} times the turns of gravity{uncertain}"
             return Guess("deg/s", reason, "rad/s") if ratio > 20 else Guess("rad/s", reason, "deg/s")
-    norms = _block_norms(values)
+    # of some 100 stretches
+    norms = _norms(values)
+    block = max(1, len(norms) // 100)
+    norms = np.median(norms[: len(norms) // block * block].reshape(-1, block), axis=1)
     quiet, lively = np.quantile(norms, [0.1, 0.9])
     if lively > 3 * quiet:
         return Guess("rad/s", f"assumed: the sensor moves, yet reaches only {largest:.3g}", "deg/s")
@@ -124,18 +121,6 @@ def gyro_unit(values: np.ndarray, accel: np.ndarray | None, rate: float | int | 
     if norm > 0.35:
         return Guess("deg/s", f"median norm {norm:.3g} at rest, too much for rad/s", "rad/s")
     return Guess("rad/s", f"assumed: median norm {norm:.3g} at rest fits rad/s and deg/s", "deg/s")
-
-
-def mag_unit(values: np.ndarray) -> Guess:
-    """Unit of a magnetometer from the radius of a first sphere fit: the Earth's field is 22 to 67 uT."""
-    radius, how = _field(values)
-    for unit, size, other in (("T", 1e-6, "uT"), ("G", 1e-2, "uT"), ("uT", 1.0, "G"), ("mG", 10.0, "uT"), ("nT", 1e3, "uT")):
-        microtesla = radius / size
-        if 22 <= microtesla <= 67 and not (all_integer(values) and unit in ("mG", "uT")):
-            return Guess(unit, f"{how} {radius:.3g}", other)
-        if 15 <= microtesla <= 100 and not all_integer(values):
-            return Guess(unit, f"{how} {radius:.3g}; uncertain", other)
-    raise DataError(_undecided("mag", f"{how} {radius:.3g}", values, "uT"))
 
 
 def temperature_unit(values: np.ndarray) -> Guess:
@@ -164,12 +149,12 @@ def roles(triples: list[np.ndarray]) -> list[str]:
 
 
 def _gravity_like(values: np.ndarray) -> bool:
-    return any(0.7 <= median_norm(values) / g <= 1.4 for g in (_G, 1.0, 1000.0)) and _spread(values) < 0.5
+    return any(0.7 <= median_norm(values) / one <= 1.4 for one, _ in _SIZES["accel"].values()) and _spread(values) < 0.5
 
 
 def _field_like(values: np.ndarray) -> bool:
     radius, _ = _field(values)
-    return any(22 <= radius / size <= 67 for size in (1e-6, 1e-2, 1.0, 10.0, 1e3)) and _spread(values) < 0.9
+    return any(22 <= radius / one <= 67 for one, _ in _SIZES["mag"].values()) and _spread(values) < 0.9
 
 
 def _thinned(values: np.ndarray) -> np.ndarray:
@@ -177,22 +162,19 @@ def _thinned(values: np.ndarray) -> np.ndarray:
     return values[np.isfinite(values).all(axis=1)]
 
 
+def _norms(values: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(_thinned(values), axis=1)
+
+
 def _spread(values: np.ndarray) -> float:
-    norms = np.linalg.norm(_thinned(values), axis=1)
+    norms = _norms(values)
     return float(np.std(norms) / np.median(norms)) if len(norms) else np.inf
 
 
 def median_norm(values: np.ndarray) -> float:
     """Median length of the vectors."""
-    norms = np.linalg.norm(_thinned(values), axis=1)
+    norms = _norms(values)
     return float(np.median(norms)) if len(norms) else np.nan
-
-
-def _block_norms(values: np.ndarray) -> np.ndarray:
-    """Median length of the vectors in each of some 100 stretches."""
-    norms = np.linalg.norm(_thinned(values), axis=1)
-    block = max(1, len(norms) // 100)
-    return np.median(norms[: len(norms) // block * block].reshape(-1, block), axis=1)
 
 
 def all_integer(values: np.ndarray) -> bool:
@@ -207,8 +189,7 @@ def _field(values: np.ndarray) -> tuple[float, str]:
     if len(seen) > 5000:
         seen = seen[:: len(seen) // 5000]
     if values.shape[1] == 3 and len(seen) > 10:
-        middle = seen.mean(axis=0)
-        centred = seen - middle
+        centred = seen - seen.mean(axis=0)
         size = np.sqrt(np.mean(np.sum(centred**2, axis=1)))
         if 0 < size < np.inf and np.linalg.svd(centred / size, compute_uv=False)[-1] > 0.1 * np.sqrt(len(seen)):
             # |v|^2 = 2 c.v + r^2 - |c|^2, linear in c and the constant

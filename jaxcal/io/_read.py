@@ -1,4 +1,4 @@
-"""`read`: any readable recording -> `Log`."""
+"""`read`: any readable recording -> `Log`; `convert`: the same, written in jaxcal's own layout."""
 
 import concurrent.futures
 import contextlib
@@ -7,26 +7,22 @@ import importlib.metadata
 import os
 import pathlib
 import sys
+import uuid
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from .._errors import DataError, JaxcalError
+from .._errors import DataError, ExportError, JaxcalError
 from .._log import Log
 from .._units import si_unit
-from ._ardupilot import read_ardupilot
-from ._csv import read_csv
-from ._detect import FORMATS
-from ._folder import find
-from ._hdf5 import read_hdf5
-from ._mat import read_mat
-from ._numpy import read_npy, read_npz
-from ._options import SENSORS, Columns, parse_columns, parse_topics, parse_units
-from ._parquet import read_parquet
-from ._phase import differentiate
-from ._px4 import read_px4
-from ._ros import read_ros
-from ._saved import restore
-from ._table import Signals, Table, interpret
+from ._columns import SENSORS, parse_columns, parse_topics, parse_units
+from ._find import FORMATS, find
+from ._saved import SUFFIXES, save
+from ._table import Signals, Table, differentiate, interpret
+from .readers._arrays import read_hdf5, read_mat, read_npy, read_npz, read_parquet
+from .readers._csv import read_csv
+from .readers._dataflash import read_ardupilot
+from .readers._px4 import read_px4
+from .readers._ros import read_ros
 
 #: tables, of which columns= chooses; trees of arrays, of which topics= names the group; logs, of which topics= chooses
 _TABLES = {"csv": read_csv, "npy": read_npy, "npz": read_npz, "parquet": read_parquet}
@@ -119,26 +115,85 @@ def read(
     with _named(path):
         if data not in ("rate", "phase"):
             raise DataError(f'data={data!r}: expected "rate" or "phase"')
-        log = _read(path, format, parse_columns(columns), parse_units(units), rate, parse_topics(topics), raw, data == "phase", missing)
+        options = {"columns": parse_columns(columns), "units": parse_units(units), "rate": rate, "missing": missing}
+        log = _read(path, format, options, parse_topics(topics), raw, data == "phase")
     if not quiet:
-        for sentence in log.notes:
-            print(f"note: {sentence}", file=sys.stderr)
-        for sentence in log.warnings:
-            print(f"warning: {sentence}", file=sys.stderr)
+        for word, sentences in (("note", log.notes), ("warning", log.warnings)):
+            for sentence in sentences:
+                print(f"{word}: {sentence}", file=sys.stderr)
     return log
 
 
-def _read(
-    path: pathlib.Path,
-    format: str | None,
-    columns: Columns,
-    units: dict[str, str],
-    rate: float | int | None,
-    topics: list[str] | None,
-    raw: bool,
-    phase: bool,
-    missing: float | int | None,
+def convert(
+    path: str | os.PathLike[str],
+    out: str | os.PathLike[str],
+    *,
+    format: str | None = None,
+    columns: Mapping[str, Any] | str | None = None,
+    units: Mapping[str, Any] | str | None = None,
+    rate: float | int | None = None,
+    topics: Sequence[str] | str | None = None,
+    raw: bool = False,
+    data: str = "rate",
+    missing: float | int | None = None,
+    quiet: bool = False,
 ) -> Log:
+    r"""Read a log once and write it as .npz or Parquet, which reads many times faster than bags and text.
+
+    Values are written in SI, on the uniform grid, with missing samples as NaN, and with everything that was said about them: `read`
+    gives the same `Log` again, with nothing left to guess, and its `provenance` is that of the original.
+
+    Parameters
+    ----------
+    path : log, as `jaxcal.read` takes it.
+    out : file to write, FILE.npz or FILE.parquet (which needs polars); an existing one is replaced.
+    format, columns, units, rate, topics, raw, data, missing, quiet : as of `jaxcal.read`.
+
+    Returns
+    -------
+    Log
+        What was written.
+
+    Raises
+    ------
+    DataError
+        If the log cannot be read.
+    ExportError
+        If `out` has another suffix, is the log itself, or cannot be written.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import jaxcal
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "log.csv")
+    ...     _ = path.write_text("time [s],gyro_x [deg/s]\n" + "".join(f"{i / 10},{i % 3}\n" for i in range(50)))
+    ...     log = jaxcal.io.convert(path, path.with_suffix(".npz"), quiet=True)
+    ...     again = jaxcal.read(path.with_suffix(".npz"), quiet=True)
+    >>> bool((again.gyro == log.gyro).all()), again.provenance["file"]
+    (True, 'log.csv')
+    """
+    out = pathlib.Path(out)
+    if out.suffix not in SUFFIXES:
+        raise ExportError(f"{out.name}: expected a name that ends in {' or '.join(SUFFIXES)}")
+    if out.exists() and out.resolve() == pathlib.Path(path).resolve():
+        raise ExportError(f"{out.name} is the log that is read; it would be overwritten: give another name")
+    log = read(
+        path, format=format, columns=columns, units=units, rate=rate, topics=topics, raw=raw, data=data, missing=missing, quiet=quiet
+    )
+    place = out.with_name(f".{out.stem}-{uuid.uuid4().hex}{out.suffix}")
+    try:
+        save(log, place)
+        os.replace(place, out)
+    except OSError as error:
+        raise ExportError(f"{out}: {(error.strerror or str(error)).lower()}; give a name in another folder") from error
+    finally:
+        place.unlink(missing_ok=True)
+    return log
+
+
+def _read(path: pathlib.Path, format: str | None, options: dict[str, Any], topics: list[str] | None, raw: bool, phase: bool) -> Log:
+    """The log, of which `options` say how a table is read."""
     if format is not None and format not in FORMATS:
         raise DataError(f"format={format!r} is unknown; use one of {', '.join(FORMATS)}")
     with _faults("a recording"):
@@ -146,65 +201,56 @@ def _read(
     kind = format or kind
     if kind in _TABLES and topics:
         raise DataError(f"this is {_NAMES[kind]}, and topics= belongs to ROS recordings; choose with columns= (--columns)")
-    if kind not in _TABLES and kind not in _TREES and columns:
+    if kind not in _TABLES and kind not in _TREES and options["columns"]:
         raise DataError(f"this is {_NAMES[kind]}, and columns= belongs to tables; choose with topics= (--topics)")
-    if missing is not None and kind not in _TABLES:
+    if options["missing"] is not None and kind not in _TABLES:
         raise DataError(f"this is {_NAMES[kind]}, and missing= (--missing) belongs to tables; leave it out")
     if raw and kind not in _LOGS:
         raise DataError(f"this is {_NAMES[kind]}, and raw=True (--raw) belongs to logs of flight controllers; leave it out")
     with _faults(_NAMES[kind]), concurrent.futures.ThreadPoolExecutor(1) as pool:
         # hashing lets go of the interpreter, so it costs nothing beside the parsing
-        digest = pool.submit(_fingerprint, sources)
-        found = _parse(kind, sources, topics, units, raw)
+        digest = pool.submit(fingerprint, sources)
+        found = _parse(kind, sources, topics, options["units"], raw)
         size, sha256 = digest.result()
-    plain = not (columns or units or phase) and rate is None and missing is None
+    origin = {"file": path.name, "size": size, "sha256": sha256, "format": kind}
+    plain = not phase and all(value is None or value == {} for value in options.values())
     if isinstance(found, Table) and found.saved is not None and plain:
-        where = {"file": path.name, "size": size, "sha256": sha256, "format": kind}
-        signals = interpret(found, {"time": None}, _SI, found.saved.rate)
-        return restore(found.saved, signals.sensors, where)
+        return found.saved.restore(interpret(found, {"time": None}, _SI, found.saved.rate).sensors, origin)
     if isinstance(found, Signals):
+        found.rate = options["rate"]
         signals = found
-        signals.rate = rate
     else:
-        signals = interpret(found, columns, units, rate, missing)
-    provenance = {
-        "file": path.name,
-        "size": size,
-        "sha256": sha256,
-        "format": kind,
-        "columns": signals.columns,
-        "units": signals.units,
-        "jaxcal": importlib.metadata.version("jaxcal"),
-        "epoch_ns": signals.epoch_ns,
-    }
+        signals = interpret(found, **options)
+    provenance = origin | {
+        "columns": signals.columns, "units": signals.units, "jaxcal": importlib.metadata.version("jaxcal"), "epoch_ns": signals.epoch_ns
+    }  # fmt: skip
     if phase:
         differentiate(signals)
     return _build(signals, provenance)
 
 
 def _parse(kind: str, sources: list[pathlib.Path], topics: list[str] | None, units: dict[str, str], raw: bool) -> Table | Signals:
-    source = sources[0]
     if kind in _TABLES:
-        return _TABLES[kind](source)
+        return _TABLES[kind](sources[0])
     if kind in _TREES:
-        return _TREES[kind](source, topics)
+        return _TREES[kind](sources[0], topics)
     if kind in _LOGS:
-        return _LOGS[kind](source, topics, units, raw)
+        return _LOGS[kind](sources[0], topics, units, raw)
     return read_ros(sources, 1 if kind == "rosbag1" else 2, topics, units)
 
 
 def _build(signals: Signals, provenance: dict[str, Any]) -> Log:
-    def log(warnings: list[str]) -> Log:
+    def log(*stated: str) -> Log:
+        warnings = [*signals.warnings, *stated]
         return Log(signals.time, **signals.sensors, rate=signals.rate, notes=signals.notes, warnings=warnings, provenance=provenance)
 
-    built = log(signals.warnings)
+    built = log()
     if signals.nominal is None or abs(signals.nominal / built.rate - 1.0) < 0.005:
         return built
-    stated = f"the file states a rate of {signals.nominal:g} Hz, but its stamps say {built.rate:.6g} Hz, which is used"
-    return log([*signals.warnings, stated])
+    return log(f"the file states a rate of {signals.nominal:g} Hz, but its stamps say {built.rate:.6g} Hz, which is used")
 
 
-def _fingerprint(sources: list[pathlib.Path]) -> tuple[int, str]:
+def fingerprint(sources: list[pathlib.Path]) -> tuple[int, str]:
     """Size and sha256 of a file, or of several and those of a folder in the order of their names."""
     if len(sources) == 1 and sources[0].is_file():
         with sources[0].open("rb") as file:
@@ -212,7 +258,7 @@ def _fingerprint(sources: list[pathlib.Path]) -> tuple[int, str]:
     files = sources if len(sources) > 1 else sorted(file for file in sources[0].iterdir() if file.is_file())
     total, digest = 0, hashlib.sha256()
     for file in files:
-        size, inner = _fingerprint([file])
+        size, inner = fingerprint([file])
         total += size
         digest.update(f"{file.name} {inner}\n".encode())
     return total, digest.hexdigest()
@@ -240,18 +286,13 @@ def _faults(kind: str) -> Iterator[None]:
         raise DataError(
             f"reading it as {kind} asks for more memory than there is; it is damaged, or too long to be read in one piece"
         ) from error
-    except Exception as error:
-        raise _fault(kind, error) from error
     except BaseException as error:
         # a panic inside polars is no Exception; keyboard interrupts and exits go on
-        if type(error).__name__ != "PanicException":
+        if not isinstance(error, Exception) and type(error).__name__ != "PanicException":
             raise
-        raise _fault(kind, error) from error
-
-
-def _fault(kind: str, error: BaseException) -> DataError:
-    said = str(getattr(error, "strerror", None) or error).strip().splitlines()
-    if "allow_pickle" in str(error) or "Python objects" in str(error):
-        return DataError("it holds Python objects (a pickle), which are not loaded from files; save arrays of numbers alone")
-    text = said[0] if said else type(error).__name__
-    return DataError(f"it cannot be read as {kind} ({type(error).__name__}: {text}); it may be cut off or damaged: copy it again")
+        if "allow_pickle" in str(error) or "Python objects" in str(error):
+            raise DataError("it holds Python objects (a pickle), which are not loaded from files; save arrays of numbers alone") from error
+        said = str(getattr(error, "strerror", None) or error).strip().splitlines() or [type(error).__name__]
+        raise DataError(
+            f"it cannot be read as {kind} ({type(error).__name__}: {said[0]}); it may be cut off or damaged: copy it again"
+        ) from error

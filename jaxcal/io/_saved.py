@@ -1,76 +1,90 @@
-"""Logs that `convert` wrote: the description beside their numbers, checked, and the `Log` as it was."""
+"""Logs in jaxcal's own layout of .npz or Parquet: in SI, on their grid, with a description beside the numbers, read back as they were."""
 
 import dataclasses
 import json
 import math
+import pathlib
 from typing import Any
+
+import numpy as np
 
 from .._errors import DataError
 from .._log import Log
+from .._results import plain
+from .._units import si_unit
+from ._columns import AXES, SENSORS
+from .readers._bounds import require
 
+#: suffixes that are written
+SUFFIXES = (".npz", ".parquet")
 #: version of the description
-SCHEMA = 1
+_SCHEMA = 1
 _LONGEST = 1 << 20
+
+
+def save(log: Log, place: pathlib.Path) -> None:
+    """Write a log to a .npz or .parquet file."""
+    sensors = {name: value for name in (*SENSORS, "temperature") if (value := getattr(log, name)) is not None}
+    about = json.dumps({"schema": _SCHEMA} | {name: plain(getattr(log, name)) for name in ("rate", "notes", "warnings", "provenance")})
+    if place.suffix == ".npz":
+        with place.open("wb") as file:
+            np.savez(file, allow_pickle=False, time=log.time, **sensors, jaxcal=np.array(about))
+        return
+    require("polars", "writing Parquet", "parquet")
+    import polars as pl
+
+    columns = {"time [s]": log.time}
+    for name, values in sensors.items():
+        for j, channel in enumerate(values.reshape(len(values), -1).T):
+            suffix = "" if name == "temperature" else f"_{AXES[j]}"
+            columns[f"{name}{suffix} [{si_unit(name)}]"] = np.ascontiguousarray(channel)
+    pl.DataFrame(columns).write_parquet(place, metadata={"jaxcal": about})
 
 
 @dataclasses.dataclass(frozen=True)
 class Saved:
-    """What `convert` wrote beside the numbers."""
+    """The description of a converted log."""
 
     rate: float
     notes: tuple[str, ...]
     warnings: tuple[str, ...]
     provenance: dict[str, Any]
 
+    def restore(self, sensors: dict[str, Any], where: dict[str, Any]) -> Log:
+        """The log of `sensors`, in SI and on the grid, with its own sentences, since those that looking again would add are among them.
+
+        `where` is the converted file, which `provenance` names beside the original.
+        """
+        log = Log(None, **sensors, rate=self.rate, provenance=self.provenance)
+        for name, value in (("notes", self.notes), ("warnings", self.warnings), ("provenance", self.provenance | {"converted": where})):
+            object.__setattr__(log, name, value)
+        return log
+
 
 def parse_saved(text: str) -> Saved:
-    """Description of a converted log.
-
-    Raises
-    ------
-    DataError
-        If it is damaged, or of a later version.
-    """
-    damaged = DataError("it was written by jaxcal convert, but its description is damaged: convert the log again")
-    if len(text) > _LONGEST:
-        raise damaged
-    try:
-        about = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise damaged from error
-    if not isinstance(about, dict):
-        raise damaged
-    if isinstance(about.get("schema"), int) and about["schema"] > SCHEMA:
+    """The description that `save` wrote, checked."""
+    schema, rate, notes, warnings, provenance = map(_parsed(text).get, ("schema", "rate", "notes", "warnings", "provenance"))
+    if isinstance(schema, int) and schema > _SCHEMA:
         raise DataError("it was written by a later version of jaxcal; update jaxcal, or convert the log again")
-    rate, provenance = about.get("rate"), about.get("provenance")
-    notes, warnings = _sentences(about.get("notes")), _sentences(about.get("warnings"))
-    if not (isinstance(rate, float | int) and not isinstance(rate, bool) and 0 < rate < math.inf and isinstance(provenance, dict)):
-        raise damaged
-    if notes is None or warnings is None:
-        raise damaged
-    epoch = provenance.get("epoch_ns")
-    if about.get("schema") != SCHEMA or not isinstance(epoch, int) or isinstance(epoch, bool):
-        raise damaged
-    selected = provenance.get("selected")
-    if isinstance(selected, list):
-        provenance["selected"] = tuple(selected)
-    return Saved(float(rate), notes, warnings, provenance)
+    whole = (
+        schema == _SCHEMA
+        and all(isinstance(words, list) and all(isinstance(word, str) for word in words) for words in (notes, warnings))
+        and isinstance(rate, float | int)
+        and not isinstance(rate, bool)
+        and 0 < rate < math.inf
+        and isinstance(provenance, dict)
+        and type(provenance.get("epoch_ns")) is int
+    )
+    if not whole:
+        raise DataError("it was written by jaxcal convert, but its description is damaged: convert the log again")
+    if isinstance(provenance.get("selected"), list):
+        provenance["selected"] = tuple(provenance["selected"])
+    return Saved(float(rate), tuple(notes), tuple(warnings), provenance)
 
 
-def _sentences(value: Any) -> tuple[str, ...] | None:
-    return tuple(value) if isinstance(value, list) and all(isinstance(word, str) for word in value) else None
-
-
-def restore(saved: Saved, sensors: dict[str, Any], where: dict[str, Any]) -> Log:
-    """The log as it was converted: its own sentences, since those that looking again would add are among them.
-
-    Parameters
-    ----------
-    sensors : in SI, on the grid.
-    where : the converted file, which `provenance` names beside the original.
-    """
-    log = Log(None, **sensors, rate=saved.rate, provenance=saved.provenance)
-    object.__setattr__(log, "notes", saved.notes)
-    object.__setattr__(log, "warnings", saved.warnings)
-    object.__setattr__(log, "provenance", saved.provenance | {"converted": where})
-    return log
+def _parsed(text: str) -> Any:
+    try:
+        about = json.loads(text) if len(text) <= _LONGEST else None
+    except (ValueError, RecursionError):
+        about = None
+    return about if isinstance(about, dict) else {}

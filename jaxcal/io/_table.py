@@ -1,7 +1,6 @@
-"""A table of columns -> stamps in s and sensors in SI: explicit options first, then names, then values."""
+"""A table of columns -> stamps in s and sensors in SI: explicit options first, then names, then values. Time integrals -> rates."""
 
 import dataclasses
-import itertools
 import re
 from typing import Any
 
@@ -11,9 +10,13 @@ from .._errors import DataError
 from .._quality import all_finite
 from .._units import si_unit
 from . import _guess
-from ._columns import bracketed_unit, by_name, increasing, is_counter, listing, parse_name, resolve, unit_of
-from ._options import SENSORS, Columns, scale
+from ._columns import SENSORS, Columns, bracketed_unit, by_name, increasing, is_counter, listing, parse_name, resolve, scale, unit_of
 from ._saved import Saved
+
+_HOW = (
+    "say which is which, by number or name, with columns={'time': 0, 'gyro': [1, 2, 3], 'accel': [4, 5, 6]} "
+    "(--columns time=0,gyro=1:3,accel=4:6)"
+)
 
 
 @dataclasses.dataclass
@@ -51,27 +54,22 @@ class Signals:
 def interpret(
     table: Table, columns: Columns, units: dict[str, str], rate: float | int | None, missing: float | int | None = None
 ) -> Signals:
-    """Stamps and sensors of a table, in which `missing` stands for no value.
-
-    Raises
-    ------
-    DataError
-        If the columns or a unit cannot be told; the message lists the columns and the option that names them.
-    """
+    """Stamps and sensors of a table, in which `missing` stands for no value."""
+    listed = listing(table.names, len(table.columns))
     if not table.columns or not len(table.columns[0]):
-        raise DataError(f"there are no rows of numbers (columns: {listing(table.names, len(table.columns))})")
+        raise DataError(f"there are no rows of numbers (columns: {listed})")
     chosen, told, guessed = _choose(table, columns, rate)
     if not set(chosen) - {"time"}:
-        raise DataError(f"no sensor among the columns {listing(table.names, len(table.columns))}; {_HOW}")
+        raise DataError(f"no sensor among the columns {listed}; {_HOW}")
     if "time" not in chosen and rate is None and table.rate is None:
         raise DataError(
-            f"there is no time column among {listing(table.names, len(table.columns))}; give the sampling rate with rate= (--rate), "
+            f"there is no time column among {listed}; give the sampling rate with rate= (--rate), "
             "or name the column with columns={'time': ...} (--columns time=...)"
         )
     signals = Signals(None, {}, columns=dict(chosen), notes=list(table.notes), warnings=list(table.warnings), rate=rate)
     step = None if rate is None else 1.0 / rate
     if "time" in chosen:
-        _read_time(table, chosen["time"], units.get("time"), told.get("time"), "time" in guessed, rate, signals)
+        _read_time(table, chosen["time"], units, told, "time" in guessed, rate, signals)
         signals.nominal = table.rate
         # only the unit of a gyroscope is guessed with the help of the rate
         asked = "gyro" in chosen and "gyro" not in units and "gyro" not in told
@@ -85,17 +83,14 @@ def interpret(
         raw = {name: [_without(column, missing) for column in values] for name, values in raw.items()}
     scales = {}
     for name, values in raw.items():
-        unit, reason, other = units.get(name), "", ""
-        if unit is None and name in told:
-            unit, reason, other = told[name], "from the name", told[name]
-        elif unit is None:
+        guess = _stated(name, units, told)
+        if guess is None:
             _refuse_unknown_unit(name, table.names[chosen[name][0]])
             guess = _unit(name, values, raw.get("accel"), None if not step else 1.0 / abs(step))
-            unit, reason, other = guess.unit, guess.reason, guess.other
-        scales[name] = scale(unit, name)
-        signals.units[name] = unit
-        if name in guessed or reason:
-            signals.notes.append(_note(name, chosen[name], table.names, unit, reason, other))
+        scales[name] = scale(guess.unit, name)
+        signals.units[name] = guess.unit
+        if name in guessed or guess.reason:
+            signals.notes.append(_note(name, chosen[name], table.names, guess))
     taken = [i for indices in chosen.values() for i in indices]
     # a table that is used as a whole is converted where it stands
     own = len(set(taken)) == len(taken) > len(table.columns) / 2
@@ -104,16 +99,17 @@ def interpret(
         # of a table that fills the memory there is no room for two
         for i in chosen[name]:
             table.columns[i] = table.columns[i][:0]
-    unused = [table.names[i] or str(i) for i in range(len(table.columns)) if i not in {j for js in chosen.values() for j in js}]
+    unused = [name or str(i) for i, name in enumerate(table.names) if i not in taken]
     if unused and guessed:
         signals.notes.append(f"columns not used: {', '.join(unused[:12])}{' ...' if len(unused) > 12 else ''}")
     return signals
 
 
-_HOW = (
-    "say which is which, by number or name, with columns={'time': 0, 'gyro': [1, 2, 3], 'accel': [4, 5, 6]} "
-    "(--columns time=0,gyro=1:3,accel=4:6)"
-)
+def _stated(name: str, units: dict[str, str], told: dict[str, str]) -> _guess.Guess | None:
+    """The unit that the caller or a name states; None where it has to be guessed."""
+    if name in units:
+        return _guess.Guess(units[name], "", "")
+    return _guess.Guess(told[name], "from the name", told[name]) if name in told else None
 
 
 def _choose(table: Table, columns: Columns, rate: float | int | None) -> tuple[dict[str, list[int]], dict[str, str], set[str]]:
@@ -169,18 +165,13 @@ def _is_number(table: Table, index: int) -> bool:
 
 def _numbers(table: Table, index: int, kinds: str = "iufb") -> np.ndarray:
     column = table.columns[index]
-    if column.dtype.kind == "M" and "M" not in kinds:
-        raise DataError(
-            f"column {index} ({table.names[index] or 'no name'}) holds dates, where numbers are expected; name other columns with "
-            "columns= (--columns)"
-        )
-    if not _is_number(table, index):
-        first = next((str(v) for v in column if v is not None), "")
-        raise DataError(
-            f"column {index} ({table.names[index] or 'no name'}) holds text, such as {first!r}, where numbers are expected; "
-            "name other columns with columns= (--columns)"
-        )
-    return column
+    if column.dtype.kind in kinds:
+        return column
+    held = "dates" if column.dtype.kind == "M" else f"text, such as {next((str(v) for v in column if v is not None), '')!r}"
+    raise DataError(
+        f"column {index} ({table.names[index] or 'no name'}) holds {held}, where numbers are expected; name other columns with "
+        "columns= (--columns)"
+    )
 
 
 def _without(column: np.ndarray, missing: float | int) -> np.ndarray:
@@ -196,14 +187,10 @@ def _beside(columns: list[np.ndarray]) -> np.ndarray | None:
         return None
     if any(column.base is not base or column.strides != (base.itemsize,) for column in columns):
         return None
-    places = [(_address(column) - _address(base)) / base.strides[0] for column in columns]
-    if places != [places[0] + j for j in range(len(columns))] or places[0] != int(places[0]):
+    place, rest = divmod(columns[0].ctypes.data - base.ctypes.data, base.strides[0])
+    if rest or any(column.ctypes.data != columns[0].ctypes.data + j * base.strides[0] for j, column in enumerate(columns)):
         return None
-    return base[int(places[0]) : int(places[0]) + len(columns), : len(columns[0])]
-
-
-def _address(array: np.ndarray) -> int:
-    return array.__array_interface__["data"][0]
+    return base[place : place + len(columns), : len(columns[0])]
 
 
 def _convert(columns: list[np.ndarray], factor: float, offset: float, *, own: bool = False) -> np.ndarray:
@@ -253,7 +240,7 @@ def _refuse_unknown_unit(name: str, header: str) -> None:
 
 
 def _read_time(
-    table: Table, indices: list[int], given: str | None, told: str | None, guessed: bool, rate: float | int | None, signals: Signals
+    table: Table, indices: list[int], units: dict[str, str], told: dict[str, str], guessed: bool, rate: float | int | None, signals: Signals
 ) -> None:
     """Stamps in s: dates as they are, whole numbers relative to the first so that no digit is lost, decimals as they are."""
     column = _numbers(table, indices[0], "iufbM")
@@ -275,37 +262,57 @@ def _read_time(
         if guessed:
             signals.notes.append(f"time: columns {_label(indices, table.names)}, s and ns; override with --columns time=0 --units time=s")
         return
-    unit, reason, other = given, "", ""
-    if unit is None and told is not None:
-        unit, reason, other = told, "from the name", told
-    elif unit is None:
-        guess = _guess.time_unit(column, indices[0] in table.integer, rate)
-        unit, reason, other = guess.unit, guess.reason, guess.other
-    factor, offset = scale(unit, "time")
-    signals.units["time"] = unit
-    if reason:
-        signals.notes.append(_note("time", indices, table.names, unit, reason, other))
+    guess = _stated("time", units, told) or _guess.time_unit(column, indices[0] in table.integer, rate)
+    factor, offset = scale(guess.unit, "time")
+    signals.units["time"] = guess.unit
+    if guess.reason:
+        signals.notes.append(_note("time", indices, table.names, guess))
     if column.dtype.kind in "iu":
-        first = int(column[0])
-        signals.epoch_ns = round(first * (1e9 * factor)) if 1e9 * factor != round(1e9 * factor) else first * round(1e9 * factor)
+        first, ns = int(column[0]), 1e9 * factor
+        signals.epoch_ns = first * round(ns) if ns == round(ns) else round(first * ns)
         signals.time = (column.astype(np.int64) - first) * factor
     else:
         signals.time = column * factor if factor != 1.0 else column
     signals.epoch_ns += round(offset) * 10**9
 
 
+def _spelled(indices: list[int], to: str, between: str) -> str:
+    """A run of numbers by its ends, others one by one."""
+    run = len(indices) > 1 and indices == list(range(indices[0], indices[-1] + 1))
+    return f"{indices[0]}{to}{indices[-1]}" if run else between.join(map(str, indices))
+
+
 def _label(indices: list[int], names: list[str]) -> str:
-    text = f"{indices[0]}-{indices[-1]}" if len(indices) > 1 and _consecutive(indices) else ", ".join(map(str, indices))
     known = [names[i] for i in indices if names[i]]
-    return text + (f" ({', '.join(known)})" if known else "")
+    return _spelled(indices, "-", ", ") + (f" ({', '.join(known)})" if known else "")
 
 
-def _consecutive(indices: list[int]) -> bool:
-    return all(b == a + 1 for a, b in itertools.pairwise(indices))
-
-
-def _note(name: str, indices: list[int], names: list[str], unit: str, reason: str, other: str) -> str:
-    spelled = f"{indices[0]}:{indices[-1]}" if len(indices) > 1 and _consecutive(indices) else ",".join(map(str, indices))
-    why = f" ({reason})" if reason else ""
+def _note(name: str, indices: list[int], names: list[str], guess: _guess.Guess) -> str:
+    why = f" ({guess.reason})" if guess.reason else ""
     where = f"column{'s' * (len(indices) > 1)} {_label(indices, names)}"
-    return f"{name}: {where}, {unit}{why}; override with --columns {name}={spelled} --units {name}={other or unit}"
+    options = f"--columns {name}={_spelled(indices, ':', ',')} --units {name}={guess.other or guess.unit}"
+    return f"{name}: {where}, {guess.unit}{why}; override with {options}"
+
+
+def differentiate(signals: Signals) -> None:
+    """Time integrals to rates: y_k = (x_(k+1) - x_k) / tau_0, stamped as x_k; missing over a step longer than 1.5 periods."""
+    wrong = [name for name in ("mag", "temperature") if name in signals.sensors]
+    if wrong:
+        raise DataError(
+            f'data="phase" (--data phase) is for angles and velocities, and there is {" and ".join(wrong)} too; choose columns without '
+            "them with columns= (--columns)"
+        )
+    time, period = signals.time, None if signals.rate is None else 1.0 / signals.rate
+    across = np.zeros(0, np.int64)
+    if time is not None:
+        steps = np.diff(time) / np.timedelta64(1, "s") if time.dtype.kind == "M" else np.diff(time)
+        good = steps[np.isfinite(steps) & (steps > 0)]
+        if not len(good) or np.any(steps <= 0):
+            raise DataError('data="phase" (--data phase) needs time stamps that rise from sample to sample; sort the file by time')
+        period = float(np.mean(good[good < 1.5 * float(np.median(good))]))
+        across = np.flatnonzero(~(steps < 1.5 * period))
+        signals.time = time[:-1]
+    for name, values in signals.sensors.items():
+        signals.sensors[name] = np.diff(values, axis=0) / period
+        signals.sensors[name][across] = np.nan
+    signals.notes.append('the values are taken as time integrals: their differences over the sampling period are used (data="phase")')

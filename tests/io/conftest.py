@@ -1,9 +1,12 @@
 """Recordings to be written in every format, and the writers of ROS recordings."""
 
+import functools
 import types
 
 import numpy as np
 import pytest
+
+from jaxcal.io.readers import _dataflash, _text
 
 DEG, G = np.pi / 180.0, 9.80665
 
@@ -63,7 +66,10 @@ def _messages(store, kind, stamps, values, frame, attitude, covariance):
 def write_bag(tmp_path):
     """``write_bag(storage, {topic: (kind, stamps in ns, values)})`` -> path; storage is "ros1", "sqlite3" or "mcap"."""
 
-    def write(storage, topics, frame="imu", attitude=(0.0, 0.0, 0.0, 0.0), covariance=(0.0, 0.0), name="record", received=None):
+    def write(
+        storage, topics, frame="imu", attitude=(0.0, 0.0, 0.0, 0.0), covariance=(0.0, 0.0), name="record", received=None,
+        order="little", change=lambda content: content,
+    ):  # fmt: skip
         store = _typestore(1 if storage == "ros1" else 2)
         if storage == "ros1":
             from rosbags.rosbag1 import Writer
@@ -75,17 +81,28 @@ def write_bag(tmp_path):
 
             path = tmp_path / name
             writer = Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3 if storage == "sqlite3" else StoragePlugin.MCAP)
-        serialize = store.serialize_ros1 if storage == "ros1" else store.serialize_cdr
+        serialize = store.serialize_ros1 if storage == "ros1" else functools.partial(store.serialize_cdr, little_endian=order == "little")
         with writer:
             for topic, (kind, stamps, values) in topics.items():
                 full = f"std_msgs/msg/{kind}" if kind == "String" else f"sensor_msgs/msg/{kind}"
                 connection = writer.add_connection(topic, full, typestore=store)
                 times = stamps if received is None else received
                 for ns, message in zip(times, _messages(store, kind, stamps, values, frame, attitude, covariance), strict=True):
-                    writer.write(connection, int(ns), serialize(message, full))
+                    writer.write(connection, int(ns), change(serialize(message, full)))
         return path
 
     return write
+
+
+@pytest.fixture
+def blocks_of(monkeypatch):
+    """``blocks_of(length)``: text tables and DataFlash logs are looked at in blocks of so many bytes."""
+
+    def short(length):
+        monkeypatch.setattr(_text, "_BLOCK", length)
+        monkeypatch.setattr(_dataflash, "_BLOCK", length)
+
+    return short
 
 
 @pytest.fixture

@@ -7,7 +7,6 @@ import pytest
 
 import jaxcal
 from jaxcal import DataError
-from jaxcal.io import _text
 
 HEADER = "time [s],gyro_x [rad/s],gyro_y [rad/s],gyro_z [rad/s]"
 
@@ -27,8 +26,8 @@ def read(path, lines, ending="\n", pack=False, **options):
 @pytest.mark.parametrize("length", [64, 1000, 4096, 10**6])
 @pytest.mark.parametrize("pack", [False, True])
 @pytest.mark.parametrize("ending", ["\n", "\r\n", "\r"])
-def test_every_row_once_and_in_order(tmp_path, monkeypatch, length, pack, ending):
-    monkeypatch.setattr(_text, "_BLOCK", length)
+def test_every_row_once_and_in_order(tmp_path, blocks_of, length, pack, ending):
+    blocks_of(length)
     lines, values = rows()
     log = read(tmp_path / "log.csv", [HEADER, *lines], ending, pack)
     np.testing.assert_array_equal(log.gyro, values[:, 1:])
@@ -36,8 +35,8 @@ def test_every_row_once_and_in_order(tmp_path, monkeypatch, length, pack, ending
     assert not log.warnings
 
 
-def test_faults_in_several_blocks_are_counted_and_the_first_is_shown(tmp_path, monkeypatch):
-    monkeypatch.setattr(_text, "_BLOCK", 2000)
+def test_faults_in_several_blocks_are_counted_and_the_first_is_shown(tmp_path, blocks_of):
+    blocks_of(2000)
     lines, values = rows(3000)
     for i in (700, 1900, 2500):
         lines[i] += ",1.0"  # too wide
@@ -58,9 +57,9 @@ def test_faults_in_several_blocks_are_counted_and_the_first_is_shown(tmp_path, m
     np.testing.assert_array_equal(log.gyro, expected)
 
 
-def test_faults_are_measured_by_the_whole_table(tmp_path, monkeypatch):
+def test_faults_are_measured_by_the_whole_table(tmp_path, blocks_of):
     """A block that is bad throughout is no reason to refuse a long table, and one in each is."""
-    monkeypatch.setattr(_text, "_BLOCK", 500)
+    blocks_of(500)
     lines, _ = rows(3000)
     damaged = [line + ",1" if 1000 <= i < 1025 else line for i, line in enumerate(lines)]
     assert "25 of 3000 rows do not have 4 fields" in read(tmp_path / "log.csv", [HEADER, *damaged]).warnings[0]
@@ -69,17 +68,17 @@ def test_faults_are_measured_by_the_whole_table(tmp_path, monkeypatch):
         read(tmp_path / "log.csv", [HEADER, *damaged])
 
 
-def test_rows_cut_short_all_through_a_block(tmp_path, monkeypatch):
+def test_rows_cut_short_all_through_a_block(tmp_path, blocks_of):
     """They are not taken for a column without values."""
-    monkeypatch.setattr(_text, "_BLOCK", 500)
+    blocks_of(500)
     lines, _ = rows(3000)
     damaged = [line.rpartition(",")[0] if 600 <= i < 650 else line for i, line in enumerate(lines)]
     with pytest.raises(DataError, match=r"50 of 3000 rows do not have 4 fields; the first is line 602"):
         read(tmp_path / "log.csv", [HEADER, *damaged])
 
 
-def test_nanoseconds_and_dates_and_missing_values_across_blocks(tmp_path, monkeypatch):
-    monkeypatch.setattr(_text, "_BLOCK", 700)
+def test_nanoseconds_and_dates_and_missing_values_across_blocks(tmp_path, blocks_of):
+    blocks_of(700)
     lines, values = rows(1000)
     start = 1_700_000_000_123_456_789
     stamps = [start + 10_000_000 * i for i in range(1000)]

@@ -181,10 +181,8 @@ def test_drops_of_the_logger(still, put):
 
 
 @pytest.mark.parametrize("block", [1 << 24, 1000, 97])
-def test_the_bytes_that_begin_a_record_may_stand_in_one(block, still, put, monkeypatch):
-    from jaxcal.io import _dataflash
-
-    monkeypatch.setattr(_dataflash, "_BLOCK", block)
+def test_the_bytes_that_begin_a_record_may_stand_in_one(block, still, put, blocks_of):
+    blocks_of(block)
     gyro = still.gyro.copy()
     # a float whose bytes are A3 95 B0 3D, a record of type 176 to the eye
     gyro[::7, 1] = np.frombuffer(b"\xa3\x95\xb0\x3d", "<f4")[0]

@@ -1,12 +1,16 @@
 """Every rule by which columns and units are guessed."""
 
+import re
+import types
+
 import numpy as np
 import pytest
 
 from jaxcal import DataError, read
-from jaxcal.io import _guess as guess
 
 DEG, G = np.pi / 180.0, 9.80665
+STILL = np.random.default_rng(0).normal(scale=0.01, size=(400, 3))
+Z = np.array([0.0, 0.0, 1.0])
 
 
 @pytest.fixture
@@ -18,6 +22,21 @@ def save(tmp_path):
         return path
 
     return write
+
+
+@pytest.fixture
+def guess(tmp_path):
+    """``guess(name, rate=None, gyro=..., time=...)`` -> the unit of a sensor or of time, why, and the one to name where that is wrong."""
+
+    def run(name, rate=None, **arrays):
+        np.savez(tmp_path / "log.npz", **arrays)
+        log = read(tmp_path / "log.npz", rate=rate, quiet=True)
+        note = next(note for note in log.notes if note.startswith(f"{name}: column"))
+        unit, reason, other = re.fullmatch(rf"{name}: columns? .*?\), (\S+) \((.*)\); override with .* --units {name}=(\S+)", note).groups()
+        assert unit == log.provenance["units"][name]
+        return types.SimpleNamespace(unit=unit, reason=reason, other=other)
+
+    return run
 
 
 # the unit of time
@@ -33,68 +52,65 @@ def save(tmp_path):
         (False, 2500.5, "us", True), (False, 2.5e6, "ns", True),
     ],
 )  # fmt: skip
-def test_the_median_step_tells_the_unit_of_time(integer, step, unit, certain):
-    found = guess.time_unit(7.0 + step * np.arange(100), integer, None)
+def test_the_median_step_tells_the_unit_of_time(integer, step, unit, certain, guess):
+    found = guess("time", time=(7 if integer else 7.25) + step * np.arange(100), gyro=STILL[:100])
     assert found.unit == unit
     assert ("uncertain, could be" in found.reason) == (not certain)
     assert found.other != unit
 
 
 @pytest.mark.parametrize(("unit", "ticks"), [("s", 1.0), ("ms", 1e3), ("us", 1e6), ("ns", 1e9)])
-def test_an_epoch_tells_the_unit_of_time(unit, ticks):
-    found = guess.time_unit(1.7e9 * ticks + 0.01 * ticks * np.arange(100), unit != "s", None)
+def test_an_epoch_tells_the_unit_of_time(unit, ticks, guess):
+    found = guess("time", time=1.7e9 * ticks + 0.01 * ticks * np.arange(100), gyro=STILL[:100])
     assert (found.unit, found.reason) == (unit, f"starts at {1.7e9 * ticks:.4g}, as time since 1970 does")
 
 
-def test_microseconds_since_boot_are_no_epoch():
-    assert guess.time_unit(1.7e9 + 2500.0 * np.arange(100), True, None).unit == "us"
+def test_microseconds_since_boot_are_no_epoch(guess):
+    assert guess("time", time=1_700_000_000 + 2500 * np.arange(100), gyro=STILL[:100]).unit == "us"
 
 
 @pytest.mark.parametrize(("rate", "unit"), [(100.0, "us"), (100_000.0, "ms")])
-def test_a_given_rate_settles_the_unit_of_time(rate, unit):
+def test_a_given_rate_settles_the_unit_of_time(rate, unit, guess):
     step = {"us": 10_000.0, "ms": 0.01}[unit]
-    assert guess.time_unit(step * np.arange(100), False, rate).unit == unit
+    assert guess("time", rate, time=step * np.arange(100), gyro=STILL[:100]).unit == unit
 
 
 # units of sensors
 
-STILL = np.random.default_rng(0).normal(scale=0.01, size=(400, 3))
-Z = np.array([0.0, 0.0, 1.0])
-
 
 @pytest.mark.parametrize(("unit", "gravity"), [("m/s^2", 9.80665), ("g", 1.0), ("mg", 1000.0)])
 @pytest.mark.parametrize("share", [0.9, 1.0, 1.1])
-def test_gravity_tells_the_unit_of_the_accelerometer(unit, gravity, share):
-    found = guess.accel_unit(gravity * (STILL * 0.1 + [0.6 * share, 0.0, -0.8 * share]))
+def test_gravity_tells_the_unit_of_the_accelerometer(unit, gravity, share, guess):
+    found = guess("accel", 100.0, accel=gravity * (STILL * 0.1 + [0.6 * share, 0.0, -0.8 * share]))
     assert (found.unit, "uncertain" in found.reason) == (unit, False)
 
 
-def test_a_strange_gravity_is_uncertain():
-    assert "uncertain" in guess.accel_unit(np.array([[0.0, 0.0, 12.5]])).reason
+def test_a_strange_gravity_is_uncertain(guess):
+    assert "uncertain" in guess("accel", 100.0, accel=12.5 * Z + STILL).reason
 
 
 @pytest.mark.parametrize(("values", "said"), [(np.round(16384 * (STILL + Z)), "raw counts"), (STILL + 3.0, "units={'accel': 'g'}")])
-def test_an_accelerometer_of_unknown_size_is_asked_about(values, said):
+def test_an_accelerometer_of_unknown_size_is_asked_about(values, said, guess):
     with pytest.raises(DataError, match=f"the unit of accel cannot be told .*{said}"):
-        guess.accel_unit(values)
+        guess("accel", 100.0, accel=values)
 
 
-def test_whole_milli_g_are_no_counts():
-    assert guess.accel_unit(np.round(1000 * (STILL + 1.2 * Z))).unit == "mg"
+def test_whole_milli_g_are_no_counts(guess):
+    assert guess("accel", 100.0, accel=np.round(1000 * (STILL + 1.2 * Z))).unit == "mg"
 
 
-def test_a_gyroscope_beyond_35_is_in_degrees():
+def test_a_gyroscope_beyond_35_is_in_degrees(guess):
     values = STILL.copy()
     values[100, 1] = -36.0
-    assert guess.gyro_unit(values, None, 100.0).unit == "deg/s"
+    assert guess("gyro", 100.0, gyro=values).unit == "deg/s"
 
 
-def test_a_still_gyroscope_with_a_large_bias_is_in_degrees():
-    assert guess.gyro_unit(STILL + np.array([0.3, -0.3, 0.1]), None, 100.0).unit == "deg/s"
+def test_a_still_gyroscope_with_a_large_bias_is_in_degrees(guess):
+    assert guess("gyro", 100.0, gyro=STILL + np.array([0.3, -0.3, 0.1])).unit == "deg/s"
 
 
-def test_a_still_gyroscope_is_assumed_in_radians():
-    found = guess.gyro_unit(STILL, None, 100.0)
+def test_a_still_gyroscope_is_assumed_in_radians(guess):
+    found = guess("gyro", 100.0, gyro=STILL)
     assert found.unit == "rad/s"
     assert found.reason.startswith("assumed: ")
 
@@ -118,23 +134,23 @@ def turns(rate=100.0):
 
 
 @pytest.mark.parametrize(("unit", "size"), [("rad/s", 1.0), ("deg/s", DEG)])
-def test_turns_between_still_stretches_tell_the_unit_of_the_gyroscope(unit, size):
+def test_turns_between_still_stretches_tell_the_unit_of_the_gyroscope(unit, size, guess):
     gyro, accel = turns()
     # slow enough that the size alone says nothing
-    found = guess.gyro_unit(gyro / size * (1.0 if unit == "rad/s" else 0.7), accel, 100.0)
+    found = guess("gyro", 100.0, gyro=gyro / size * (1.0 if unit == "rad/s" else 0.7), accel=accel)
     assert found.unit == unit
     assert "times the turns of gravity" in found.reason
 
 
-def test_a_missing_sample_does_not_stop_the_turn_test():
+def test_a_missing_sample_does_not_stop_the_turn_test(guess):
     gyro, accel = turns()
     accel[1000:1003], gyro[30] = np.nan, np.nan
-    assert "times the turns of gravity" in guess.gyro_unit(gyro, accel, 100.0).reason
+    assert "times the turns of gravity" in guess("gyro", 100.0, gyro=gyro, accel=accel).reason
 
 
-def test_counts_of_a_gyroscope_are_asked_about():
+def test_counts_of_a_gyroscope_are_asked_about(guess):
     with pytest.raises(DataError, match=r"the unit of gyro cannot be told \(all values are whole numbers\): these look like raw counts"):
-        guess.gyro_unit(np.round(300 * STILL + 20), None, 100.0)
+        guess("gyro", 100.0, gyro=np.round(300 * STILL + 20))
 
 
 def directions(n=500):
@@ -144,25 +160,25 @@ def directions(n=500):
 
 @pytest.mark.parametrize(("unit", "size"), [("T", 1e-6), ("G", 1e-2), ("uT", 1.0), ("mG", 10.0), ("nT", 1e3)])
 @pytest.mark.parametrize("field", [23.0, 48.0, 66.0])
-def test_the_field_behind_hard_iron_tells_the_unit_of_the_magnetometer(unit, size, field):
+def test_the_field_behind_hard_iron_tells_the_unit_of_the_magnetometer(unit, size, field, guess):
     # a hard iron thrice the field: the raw norm would say another unit
-    found = guess.mag_unit(size * (field * directions() + [150.0, -20.0, 90.0]))
+    found = guess("mag", 100.0, mag=size * (field * directions() + [150.0, -20.0, 90.0]))
     assert (found.unit, found.reason) == (unit, f"sphere radius {field * size:.3g}")
 
 
-def test_a_still_magnetometer_goes_by_its_norm():
-    found = guess.mag_unit(0.48 + np.zeros((100, 3)) * [1, 0, 0] - [0.0, 0.48, 0.48] + 1e-4 * STILL[:100])
+def test_a_still_magnetometer_goes_by_its_norm(guess):
+    found = guess("mag", 100.0, mag=np.array([0.48, 0.0, 0.0]) + 1e-4 * STILL[:100])
     assert (found.unit, "median norm 0.48" in found.reason) == ("G", True)
 
 
-def test_counts_of_a_magnetometer_are_asked_about():
+def test_counts_of_a_magnetometer_are_asked_about(guess):
     with pytest.raises(DataError, match=r"the unit of mag cannot be told .* raw counts"):
-        guess.mag_unit(np.round(1000 * directions()))
+        guess("mag", 100.0, mag=np.round(1000 * directions()))
 
 
 @pytest.mark.parametrize(("values", "unit"), [([298.0, 299.0], "K"), ([25.0, 26.0], "degC"), ([-40.0, 85.0], "degC")])
-def test_temperature(values, unit):
-    assert guess.temperature_unit(np.array(values)).unit == unit
+def test_temperature(values, unit, guess):
+    assert guess("temperature", 100.0, temperature=np.array(values)).unit == unit
 
 
 # columns without names
@@ -227,11 +243,12 @@ def test_every_guess_is_one_sentence_with_its_override(still, save):
     ns = [str(2_500_000 * i) for i in range(400)]
     path = save([[t, *row] for t, row in zip(ns, np.column_stack([still.gyro, still.accel]).tolist(), strict=True)])
     log = read(path, quiet=True)
-    why = guess.gyro_unit(still.gyro, None, 400.0).reason
+    rest, size = (f"{np.median(np.linalg.norm(values, axis=1)):.{digits}g}" for values, digits in ((still.gyro, 3), (still.accel, 4)))
+    why = f"assumed: median norm {rest} at rest fits rad/s and deg/s"
     assert log.notes == (
         "time: column 0, ns (median step 2.5e+06, integer); override with --columns time=0 --units time=us",
         f"gyro: columns 1-3, rad/s ({why}); override with --columns gyro=1:3 --units gyro=deg/s",
-        f"accel: columns 4-6, m/s^2 ({guess.accel_unit(still.accel).reason}); override with --columns accel=4:6 --units accel=g",
+        f"accel: columns 4-6, m/s^2 (median norm {size}); override with --columns accel=4:6 --units accel=g",
     )
     assert log.rate == 400.0
 

@@ -1,12 +1,18 @@
 """`columns=`, `units=` and `topics=` in all their forms."""
 
+import numpy as np
 import pytest
 
-from jaxcal import DataError, UnitError
-from jaxcal.io._columns import resolve
-from jaxcal.io._options import parse_columns, parse_topics, parse_units, scale
+from jaxcal import DataError, UnitError, read
 
-NAMES = ["Time (s)", "wx", "wy", "wz", "Acc X", "Acc Y", "Acc Z"]
+HEADER = "Time (s),wx,wy,wz,Acc X,Acc Y,Acc Z"
+
+
+@pytest.fixture
+def path(still, tmp_path):
+    rows = np.column_stack([still.time, still.gyro, still.accel])
+    np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header=HEADER, comments="")
+    return tmp_path / "log.csv"
 
 
 @pytest.mark.parametrize(
@@ -14,20 +20,21 @@ NAMES = ["Time (s)", "wx", "wy", "wz", "Acc X", "Acc Y", "Acc Z"]
     [
         ("time=0,gyro=1:3", {"time": [0], "gyro": [1, 2, 3]}),
         ("time=0,gyro=1,2,3", {"time": [0], "gyro": [1, 2, 3]}),
-        ("gyro=wx:wz", {"gyro": [1, 2, 3]}),
-        ("gyro=wz:wy:wx", {"gyro": [3, 2, 1]}),
-        ("accel=4:6", {"accel": [4, 5, 6]}),
-        ("accel_x=acc x,accel_y=Acc Y,accel_z=ACC_Z", {"accel": [4, 5, 6]}),
+        ("gyro=wx:wz", {"gyro": [1, 2, 3], "time": [0]}),
+        ("gyro=wz:wy:wx", {"gyro": [3, 2, 1], "time": [0]}),
+        ("accel=4:6", {"accel": [4, 5, 6], "time": [0]}),
+        ("accel_x=acc x,accel_y=Acc Y,accel_z=ACC_Z", {"accel": [4, 5, 6], "time": [0]}),
         ({"time": 0, "gyro": [1, 2, 3]}, {"time": [0], "gyro": [1, 2, 3]}),
         ({"gyro": ("wx", "wy", "wz"), "time": None}, {"gyro": [1, 2, 3]}),
-        ({"gyro_z": 3, "gyro_x": "wx", "gyro_y": -5}, {"gyro": [1, 2, 3]}),
-        ({"gyro_x": "wy"}, {"gyro": [2]}),
-        ({"time": "time"}, {"time": [0]}),
-        (None, {}),
+        ({"gyro_z": 3, "gyro_x": "wx", "gyro_y": -5}, {"gyro": [1, 2, 3], "time": [0]}),
+        ({"gyro_x": "wy"}, {"gyro": [2], "time": [0]}),
+        ({"time": "time"}, {"time": [0], "gyro": [1, 2, 3], "accel": [4, 5, 6]}),
+        (None, {"time": [0], "gyro": [1, 2, 3], "accel": [4, 5, 6]}),
     ],
 )
-def test_columns(given, found):
-    assert resolve(parse_columns(given), NAMES, 7) == found
+def test_columns(given, found, path):
+    rate = 100.0 if "time" not in found else None
+    assert read(path, columns=given, rate=rate, quiet=True).provenance["columns"] == found
 
 
 @pytest.mark.parametrize(
@@ -45,17 +52,28 @@ def test_columns(given, found):
         ({"time": 1.5}, "1.5 is neither the number of a column"),
     ],
 )
-def test_columns_that_make_no_sense(given, said):
+def test_columns_that_make_no_sense(given, said, path):
     with pytest.raises(DataError, match=said):
-        resolve(parse_columns(given), NAMES, 7)
+        read(path, columns=given, quiet=True)
 
 
-def test_units():
-    assert parse_units("gyro=deg/s,accel=g,time=us") == {"gyro": "deg/s", "accel": "g", "time": "us"}
-    assert parse_units({"gyro": 0.05}) == {"gyro": "0.050000000000000003 rad/s"}
-    assert scale("0.5 g", "accel") == (4.903325, 0.0)
-    assert scale("1e-3 deg/s", "gyro")[0] == pytest.approx(1.7453292519943296e-05)
-    assert scale("K", "temperature") == (1.0, -273.15)
+@pytest.mark.parametrize(
+    ("given", "stated", "factor"),
+    [
+        ("gyro=deg/s,accel=g,time=us", {"gyro": "deg/s", "accel": "g", "time": "us"}, 9.80665),
+        ({"gyro": 0.05, "accel": "0.5 g"}, {"gyro": "0.050000000000000003 rad/s", "accel": "0.5 g", "time": "s"}, 4.903325),
+        ("gyro=1e-3 deg/s,accel=1e-3 m/s^2", {"gyro": "1e-3 deg/s", "accel": "1e-3 m/s^2", "time": "s"}, 1e-3),
+    ],
+)
+def test_units(given, stated, factor, path, still):
+    log = read(path, units=given, quiet=True)
+    assert log.provenance["units"] == stated
+    np.testing.assert_allclose(log.accel, still.accel * factor, rtol=1e-12)
+
+
+def test_a_unit_with_an_offset(path, still):
+    log = read(path, columns="temperature=4", units="temperature=K", quiet=True)
+    np.testing.assert_allclose(log.temperature, still.accel[:, 0] - 273.15, rtol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -66,19 +84,17 @@ def test_units():
         ({"gyro": "0 deg/s"}, "makes every value of gyro zero"),
     ],
 )
-def test_units_that_make_no_sense(given, said):
+def test_units_that_make_no_sense(given, said, path):
     with pytest.raises(UnitError, match=said):
-        parse_units(given)
+        read(path, units=given, quiet=True)
 
 
 @pytest.mark.parametrize(("given", "said"), [({"rate": "Hz"}, "unknown quantity 'rate'"), ("deg/s", "is not of the form quantity=value")])
-def test_units_of_nothing(given, said):
+def test_units_of_nothing(given, said, path):
     with pytest.raises(DataError, match=said):
-        parse_units(given)
+        read(path, units=given, quiet=True)
 
 
-def test_topics():
-    assert parse_topics("/a, /b") == ["/a", "/b"]
-    assert parse_topics(["/a"]) == ["/a"]
-    with pytest.raises(DataError, match="holds an empty name"):
-        parse_topics("/a,")
+def test_an_empty_topic(path):
+    with pytest.raises(DataError, match="topics='/a,' holds an empty name"):
+        read(path, topics="/a,", quiet=True)

@@ -37,7 +37,7 @@ def test_the_same_numbers_as_pyulog(still, put):
 def test_several_instances_need_a_choice(still, put):
     path = put(ulog_with_imu(STAMPS, still.gyro, still.accel, instances=(0, 1)))
     listed = r"sensor_accel:0 device 1310988 \(400 rows, 100 Hz\); sensor_accel:1 device 1310989 \(400 rows, 100 Hz\)"
-    with pytest.raises(DataError, match=rf"sensor_gyro has 2 instances.* with topics= \(--topics\), such as sensor_gyro:0: {listed}"):
+    with pytest.raises(DataError, match=rf"sensor_gyro comes from 2 sensors.* with topics= \(--topics\), such as sensor_gyro:0: {listed}"):
         read(path, quiet=True)
     log = read(path, topics="sensor_gyro:1,sensor_accel:1", quiet=True)
     np.testing.assert_array_equal(log.gyro, f4(still.gyro))

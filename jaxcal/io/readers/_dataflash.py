@@ -1,58 +1,96 @@
-"""ArduPilot DataFlash: which records are read, and what their fields mean."""
+"""ArduPilot DataFlash, which describes itself: FMT records give the layout of all others.
 
+Records are found in whole arrays: every place where the two bytes stand that begin a record is a candidate, and one is real where
+the record before it ends. Only where that chain breaks (the same two bytes within a record, or damage) is it followed by hand.
+"""
+
+import dataclasses
+import mmap
 import pathlib
 import re
 
 import numpy as np
 
-from .._errors import DataError
-from .._units import find_unit
-from ._dataflash import HUNDREDTHS, DataFlash, open_dataflash
-from ._join import Part, join
-from ._table import Signals
+from ..._errors import DataError
+from ..._units import find_unit
+from .._table import Signals
+from ._streams import Part, gather, join, named
 from ._undo import undo_ardupilot, undo_compass
 
+_HEAD = b"\xa3\x95"
+_FMT, _FMT_LENGTH = 128, 89
+_LETTERS = {
+    "b": "i1", "B": "u1", "h": "<i2", "H": "<u2", "i": "<i4", "I": "<u4", "q": "<i8", "Q": "<u8", "f": "<f4", "d": "<f8", "g": "<f2",
+    "c": "<i2", "C": "<u2", "e": "<i4", "E": "<u4", "L": "<i4", "M": "u1", "n": "S4", "N": "S16", "Z": "S64", "a": "(32,)<i2",
+}  # fmt: skip
+#: letters whose value is stored times 100
+_HUNDREDTHS = "cCeE"
+#: bytes looked at in one go
+_BLOCK = 1 << 24
 #: group of records -> sensor -> (fields, unit of the value where the log does not tell)
-_GYRO = ("gyro", "Gyr", "rad/s")
-_ACCEL = ("accel", "Acc", "m/s^2")
-_MAG = ("mag", "Mag", "mG")
+_GYRO, _ACCEL, _MAG = ("gyro", "Gyr", "rad/s"), ("accel", "Acc", "m/s^2"), ("mag", "Mag", "mG")
 _GROUPS = {"IMU": (_GYRO, _ACCEL), "GYR": (_GYRO,), "ACC": (_ACCEL,), "MAG": (_MAG,)}
 _OLD = re.compile(r"(IMU|GYR|ACC|MAG)([1-9])")
-_UNITS = {"gyro": "rad/s", "accel": "m/s^2", "mag": "mG"}
+#: batches by the number of their type
+_BATCHES = {"ISB-ACC": (0, "accel", "m/s^2"), "ISB-GYR": (1, "gyro", "rad/s")}
+
+
+@dataclasses.dataclass
+class Format:
+    """Layout of one type of record: its number, `letters` of its fields, and where its records begin."""
+
+    number: int
+    letters: dict[str, str]
+    dtype: np.dtype
+    offsets: np.ndarray
+
+
+class DataFlash:
+    """A log: the layout of its records by name; `skipped` bytes belong to no record."""
+
+    def __init__(self, path: pathlib.Path):
+        with path.open("rb") as file:
+            data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+        self.formats = _formats(data)
+        if not self.formats:
+            raise DataError("the log describes no records (no FMT); it is damaged, or not a DataFlash log: copy it again")
+        lengths = np.zeros(256, np.int64)
+        lengths[_FMT] = _FMT_LENGTH
+        for form in self.formats.values():
+            lengths[form.number] = form.dtype.itemsize + 3
+        self._content = np.frombuffer(data, np.uint8)
+        places, kinds, self.skipped = _walk(self._content, lengths)
+        for form in self.formats.values():
+            form.offsets = places[kinds == form.number] + 3
+
+    def holds(self, name: str, *fields: str) -> bool:
+        """Whether there are records of a type, with these fields."""
+        return name in self.formats and len(self.formats[name].offsets) > 0 and set(fields) <= set(self.formats[name].letters)
+
+    def rows(self, name: str) -> np.ndarray:
+        """Records of one type as a structured array with the log's field names; values as stored."""
+        form = self.formats[name]
+        return gather(self._content, form.offsets, form.dtype)
 
 
 def read_ardupilot(path: pathlib.Path, topics: list[str] | None, units: dict[str, str], raw: bool) -> Signals:
-    """Stamps and sensors of a DataFlash log.
-
-    Batches of unfiltered samples (ISBH, ISBD) go before ACC and GYR, and those before IMU. Where there are several sensors of a
-    kind, `topics` names one, as in ``IMU:1``.
-
-    Raises
-    ------
-    DataError
-        If no records, or those of more than one sensor, could be meant; the message lists them.
-    """
-    log = open_dataflash(path)
+    """Stamps and sensors of a log: batches of unfiltered samples (ISBH, ISBD) go before ACC and GYR, and those before IMU."""
+    log = DataFlash(path)
     streams = _streams(log)
     if not streams:
-        held = ", ".join(sorted(name for name in log.formats if log.count(name))) or "none"
+        held = ", ".join(sorted(name for name in log.formats if log.holds(name))) or "none"
         raise DataError(f"no records of a sensor (IMU, ACC, GYR, ISBH, MAG) in it; the records are: {held}")
     signals = Signals(None, {})
     if log.skipped:
         signals.warnings.append(f"the file is damaged or cut off: {log.skipped} bytes belong to no record and are left out")
     present = "; ".join(f"{label} ({len(rows)} {'batches' if label.startswith('ISB') else 'records'})" for label, rows in streams.items())
     chosen = _choose(list(streams), topics, present, signals.notes)
-    parameters, changed = _parameters(log)
-    parts = []
+    parts: list[Part] = []
     for label in chosen:
-        if label.startswith("ISB"):
-            parts.append(_batches(log, label, signals))
-        else:
-            parts += _records(log, label, streams[label], raw, parameters, changed, signals)
-    if "DSF" in log.formats and log.count("DSF") and "Dp" in log.formats["DSF"].letters:
-        dropped = int(log.rows("DSF")["Dp"].max())
-        if dropped:
-            signals.warnings.append(f"the logger dropped {dropped} records (DSF); samples lost there are gaps")
+        parts += [_batches(log, label, signals)] if label.startswith("ISB") else _records(log, label, streams[label], raw, signals)
+    dropped = int(log.rows("DSF")["Dp"].max()) if log.holds("DSF", "Dp") else 0
+    if dropped:
+        signals.warnings.append(f"the logger dropped {dropped} records (DSF); samples lost there are gaps")
     join(_together(parts), units, signals)
     signals.columns = {"topics": chosen}
     return signals
@@ -61,51 +99,37 @@ def read_ardupilot(path: pathlib.Path, topics: list[str] | None, units: dict[str
 def _streams(log: DataFlash) -> dict[str, np.ndarray]:
     """Label, as `topics=` takes it -> records of one sensor."""
     found: dict[str, np.ndarray] = {}
-    for name in log.formats:
+    for name in filter(log.holds, log.formats):
         old = _OLD.fullmatch(name)
         group = old[1] if old else name
-        if group not in _GROUPS or not log.count(name):
+        if group not in _GROUPS:
             continue
         rows = log.rows(name)
         if "I" in log.formats[name].letters and rows["I"].dtype.kind in "iu":
             found |= {f"{group}:{number}": rows[rows["I"] == number] for number in np.unique(rows["I"]).tolist()}
         else:
             found.setdefault(f"{group}:{int(old[2]) - 1 if old else 0}", rows)
-    if log.count("ISBH") and log.count("ISBD"):
+    if log.holds("ISBD") and log.holds("ISBH", "type", "instance", "N", "mul", "SampleUS", "smp_rate", "smp_cnt"):
         heads = log.rows("ISBH")
-        if {"type", "instance", "N", "mul", "SampleUS", "smp_rate", "smp_cnt"} <= set(heads.dtype.names or ()):
-            for kind, word in ((0, "ACC"), (1, "GYR")):
-                of_kind = heads[heads["type"] == kind]
-                found |= {f"ISB-{word}:{i}": of_kind[of_kind["instance"] == i] for i in np.unique(of_kind["instance"]).tolist()}
+        for group, (kind, _, _) in _BATCHES.items():
+            own = heads[heads["type"] == kind]
+            found |= {f"{group}:{i}": own[own["instance"] == i] for i in np.unique(own["instance"]).tolist()}
     return dict(sorted(found.items()))
 
 
 def _choose(labels: list[str], topics: list[str] | None, present: str, notes: list[str]) -> list[str]:
     if topics is not None:
-        return list(dict.fromkeys(_named(labels, wanted, present) for wanted in topics))
+        return list(dict.fromkeys(named(labels, wanted, present) for wanted in topics))
     groups = {label.partition(":")[0] for label in labels}
     batches = sorted(group for group in groups if group.startswith("ISB"))
     rates = sorted(groups & {"ACC", "GYR"})
     chosen = [*(batches or rates or sorted(groups & {"IMU"})), *sorted(groups & {"MAG"})]
     if groups - set(chosen):
         notes.append(f"records: {', '.join(chosen)}; not read: {', '.join(sorted(groups - set(chosen)))}; override with --topics")
-    return [_named(labels, group, present) for group in chosen]
+    return [named(labels, group, present) for group in chosen]
 
 
-def _named(labels: list[str], wanted: str, present: str) -> str:
-    matching = [label for label in labels if wanted in (label, label.partition(":")[0])]
-    if not matching:
-        raise DataError(f"topics=: {wanted} not among {present}")
-    if len(matching) > 1:
-        raise DataError(
-            f"{wanted} comes from {len(matching)} sensors: name those to read with topics= (--topics), such as {matching[0]}: {present}"
-        )
-    return matching[0]
-
-
-def _records(
-    log: DataFlash, label: str, rows: np.ndarray, raw: bool, parameters: dict[str, float], changed: set[str], signals: Signals
-) -> list[Part]:
+def _records(log: DataFlash, label: str, rows: np.ndarray, raw: bool, signals: Signals) -> list[Part]:
     """Sensors of records that hold one sample each."""
     group, _, number = label.partition(":")
     names = rows.dtype.names or ()
@@ -114,6 +138,7 @@ def _records(
     if stamp not in names or rows[stamp].dtype.kind not in "iu":
         raise DataError(f"{label} has no field {stamp} with whole numbers (it has {', '.join(names)}); choose other records with --topics")
     stamps = rows[stamp].astype(np.int64) * 1000
+    parameters, changed = _parameters(log) if raw else ({}, set())
     parts = []
     for name, prefix, unit in _GROUPS[group]:
         values, unit = _values(log, form, rows, [prefix + axis for axis in "XYZ"], unit, name)
@@ -154,23 +179,18 @@ def _values(log: DataFlash, form: str, rows: np.ndarray, fields: list[str], unit
     stated, factor = _stated(log, form, fields[0], quantity)
     if stated is not None:
         return values * factor, stated
-    hundredths = [0.01 if letters[field] in HUNDREDTHS else 1.0 for field in fields]
-    return values * np.array(hundredths), unit
+    return values * np.array([0.01 if letters[field] in _HUNDREDTHS else 1.0 for field in fields]), unit
 
 
 def _stated(log: DataFlash, form: str, field: str, quantity: str) -> tuple[str | None, float]:
     """Unit and factor that the log itself gives for a field, or None."""
-    if not all(log.count(name) for name in ("FMTU", "UNIT", "MULT")):
+    if not (log.holds("FMTU", "FmtType", "UnitIds", "MultIds") and log.holds("UNIT", "Id", "Label") and log.holds("MULT", "Id", "Mult")):
         return None, 1.0
-    needed = {"FMTU": ("FmtType", "UnitIds", "MultIds"), "UNIT": ("Id", "Label"), "MULT": ("Id", "Mult")}
-    if any(set(fields) - set(log.formats[name].letters) for name, fields in needed.items()):
-        return None, 1.0
-    number = log.formats[form].number
-    units = [row for row in log.rows("FMTU") if row["FmtType"] == number]
+    own = next((row for row in log.rows("FMTU") if row["FmtType"] == log.formats[form].number), None)
     place = list(log.formats[form].letters).index(field)
-    if not units or not all(isinstance(units[0][name], bytes) and place < len(units[0][name]) for name in ("UnitIds", "MultIds")):
+    if own is None or not all(isinstance(own[name], bytes) and place < len(own[name]) for name in ("UnitIds", "MultIds")):
         return None, 1.0
-    unit, factor = units[0]["UnitIds"][place], units[0]["MultIds"][place]
+    unit, factor = own["UnitIds"][place], own["MultIds"][place]
     labels = [row["Label"] for row in log.rows("UNIT") if row["Id"] == unit]
     factors = [float(row["Mult"]) for row in log.rows("MULT") if row["Id"] == factor]
     text = labels[0].decode("latin-1") if labels and isinstance(labels[0], bytes) else ""
@@ -183,18 +203,17 @@ def _stated(log: DataFlash, form: str, field: str, quantity: str) -> tuple[str |
 
 def _batches(log: DataFlash, label: str, signals: Signals) -> Part:
     """Bursts of int16 at the sensor's own rate: ISBH begins one, and the ISBD of the same number hold its samples."""
-    name = "accel" if "ACC" in label else "gyro"
-    data = log.rows("ISBD")
-    if not {"N", "seqno", "x", "y", "z"} <= set(data.dtype.names or ()):
+    group, _, number = label.partition(":")
+    kind, name, unit = _BATCHES[group]
+    if not log.holds("ISBD", "N", "seqno", "x", "y", "z"):
         raise DataError("ISBD lacks N, seqno, x, y or z; choose other records with topics= (--topics)")
-    everything = log.rows("ISBH")
+    everything, data = log.rows("ISBH"), log.rows("ISBD")
     # numbers of 16 bits come round again: a record belongs to the last header before it
     before = np.searchsorted(log.formats["ISBH"].offsets, log.formats["ISBD"].offsets) - 1
     own = (before >= 0) & (everything["N"][np.maximum(before, 0)] == data["N"])
     data, owner = data[own], before[own]
     stamps, values, cut = [], [], 0
-    kind, instance = (0 if name == "accel" else 1), int(label.partition(":")[2])
-    mine = np.flatnonzero((everything["type"] == kind) & (everything["instance"] == instance) & (everything["mul"] > 0))
+    mine = np.flatnonzero((everything["type"] == kind) & (everything["instance"] == int(number)) & (everything["mul"] > 0))
     starts, ends = np.searchsorted(owner, mine), np.searchsorted(owner, mine, side="right")
     for i, start, end in zip(mine.tolist(), starts.tolist(), ends.tolist(), strict=True):
         head, part = everything[i], data[start:end]
@@ -216,7 +235,7 @@ def _batches(log: DataFlash, label: str, signals: Signals) -> Part:
     )
     if cut:
         signals.warnings.append(f"{label}: {cut} batches are not complete")
-    return Part(name, label, np.concatenate(stamps), np.concatenate(values), _UNITS[name])
+    return Part(name, label, np.concatenate(stamps), np.concatenate(values), unit)
 
 
 def _together(parts: list[Part]) -> list[Part]:
@@ -236,13 +255,66 @@ def _parameters(log: DataFlash) -> tuple[dict[str, float], set[str]]:
     """Parameters as first logged, and the names of those that changed later."""
     found: dict[str, float] = {}
     changed: set[str] = set()
-    if not log.count("PARM") or {"Name", "Value"} - set(log.formats["PARM"].letters):
-        return found, changed
-    rows = log.rows("PARM")
-    if rows["Name"].dtype.kind != "S" or rows["Value"].dtype.kind != "f":
-        return found, changed
-    for name, value in zip(rows["Name"].tolist(), rows["Value"].tolist(), strict=True):
-        key = name.decode("latin-1")
-        if found.setdefault(key, value) != value:
-            changed.add(key)
+    rows = log.rows("PARM") if log.holds("PARM", "Name", "Value") else None
+    if rows is not None and rows["Name"].dtype.kind == "S" and rows["Value"].dtype.kind == "f":
+        for name, value in zip(rows["Name"].tolist(), rows["Value"].tolist(), strict=True):
+            key = name.decode("latin-1")
+            if found.setdefault(key, value) != value:
+                changed.add(key)
     return found, changed
+
+
+def _formats(data: mmap.mmap) -> dict[str, Format]:
+    """Types of records, by the FMT records wherever they stand; the first of a number or a name holds."""
+    found: dict[str, Format] = {}
+    numbers = {_FMT}
+    at = data.find(_HEAD + bytes([_FMT]))
+    while 0 <= at <= len(data) - _FMT_LENGTH:
+        body = data[at + 3 : at + _FMT_LENGTH]
+        name, letters, labels = (part.rstrip(b"\0").decode("latin-1") for part in (body[2:6], body[6:22], body[22:86]))
+        names = labels.split(",") if labels else []
+        step = 1
+        if len(names) == len(letters) == len(set(names)) and all(letter in _LETTERS for letter in letters) and all(names) and letters:
+            dtype = np.dtype([(label, _LETTERS[letter]) for label, letter in zip(names, letters, strict=True)])
+            if dtype.itemsize + 3 == body[1]:
+                step = _FMT_LENGTH
+                if body[0] not in numbers and name not in found and name.isalnum():
+                    numbers.add(body[0])
+                    found[name] = Format(body[0], dict(zip(names, letters, strict=True)), dtype, np.empty(0, np.int64))
+        at = data.find(_HEAD + bytes([_FMT]), at + step)
+    return found
+
+
+def _walk(content: np.ndarray, lengths: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
+    """Where records begin, their types, and how many bytes belong to none."""
+    places, kinds = [np.empty(0, np.int64)], [np.empty(0, np.uint8)]
+    due = taken = 0
+    for begin in range(0, len(content), _BLOCK):
+        block = content[begin : begin + _BLOCK + 2]
+        at = np.flatnonzero((block[:-2] == _HEAD[0]) & (block[1:-1] == _HEAD[1]))
+        kind = block[at + 2] if len(at) else np.empty(0, np.uint8)
+        at = at + begin
+        length = lengths[kind]
+        known = (length > 0) & (at + length <= len(content)) & (at >= due)
+        at, kind, length = at[known], kind[known], length[known]
+        real, due = _chain(at, at + length, due)
+        places.append(at[real])
+        kinds.append(kind[real])
+        taken += int(length[real].sum())
+    return np.concatenate(places), np.concatenate(kinds), len(content) - taken
+
+
+def _chain(at: np.ndarray, end: np.ndarray, due: int) -> tuple[np.ndarray, int]:
+    """Which candidates begin a record: each begins where, or after, the one before it ends."""
+    real = np.zeros(len(at), bool)
+    breaks = [*np.flatnonzero(end[:-1] != at[1:]).tolist(), len(at) - 1]
+    i = 0
+    for stop in breaks:
+        if stop < i:
+            continue
+        real[i : stop + 1] = True
+        due = int(end[stop])
+        i = int(np.searchsorted(at, due))
+        if i >= len(at):
+            break
+    return real, due

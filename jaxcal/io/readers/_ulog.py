@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from .._errors import DataError
-from ._rows import gather
+from ..._errors import DataError
+from ._streams import gather
 
 _MAGIC = b"ULog\x01\x12\x35"
 _SYNC = b"\x2f\x73\x13\x20\x25\x0c\xbb\x12"
@@ -45,68 +45,61 @@ class Topic:
         """Name as `topics=` takes it."""
         return f"{self.name}:{self.instance}"
 
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """Names of the columns."""
+        return self.dtype.names or ()
 
-@dataclasses.dataclass
+
 class ULog:
-    """Topics that were asked for, parameters, and the ms that the logger dropped; `topics` holds no topic without rows."""
+    """A ULog, walked through once.
 
-    content: np.ndarray
-    topics: list[Topic]
-    others: list[str]
-    parameters: dict[str, float]
-    changed: set[str]
-    dropouts: list[int]
-    warnings: list[str]
-
-    def rows(self, topic: Topic, fields: list[str]) -> np.ndarray:
-        """Columns of a topic as a structured array; fields that it lacks are left out."""
-        kept = [name for name in fields if name in (topic.dtype.fields or {})]
-        return gather(self.content, topic.offsets, topic.dtype[kept])
-
-
-def open_ulog(path: pathlib.Path, wanted: frozenset[str]) -> ULog:
-    """Walk through a ULog.
-
-    Raises
-    ------
-    DataError
-        If the file is not a ULog, or of a kind that did not exist when this was written.
+    `topics` are those `wanted` that have rows, `others` the names of the rest; `changed` names the parameters that changed while the
+    log ran, and `dropouts` are the ms that the logger dropped.
     """
-    with path.open("rb") as file:
-        data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
-    if len(data) < 16 or data[: len(_MAGIC)] != _MAGIC:
-        raise DataError("the header of the ULog is cut off; copy the file again")
-    walk = _Walk(data, wanted)
-    walk.run()
-    return walk.result()
 
-
-class _Walk:
-    """State of one pass over the messages."""
-
-    def __init__(self, data: mmap.mmap, wanted: frozenset[str]):
-        self.data, self.wanted = data, wanted
-        self.formats: dict[str, str] = {}
-        self.places: list[array.array | None] = [None] * 65536
-        self.subscribed: dict[int, tuple[str, int]] = {}
-        self.finished: list[tuple[str, int, array.array]] = []
-        self.others: set[str] = set()
+    def __init__(self, path: pathlib.Path, wanted: frozenset[str]):
+        with path.open("rb") as file:
+            data = self._data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+        if len(data) < 16 or data[: len(_MAGIC)] != _MAGIC:
+            raise DataError("the header of the ULog is cut off; copy the file again")
         self.parameters: dict[str, float] = {}
         self.changed: set[str] = set()
+        self.others: set[str] = set()
         self.dropouts: list[int] = []
-        self.stops: list[int] = []
-        self.started = False
-        self.skipped = 0
-
-    def run(self) -> None:
-        begin = 16
-        self._span(begin, len(self.data), True)
+        self.warnings: list[str] = []
+        self._wanted, self._formats, self._stops = wanted, dict[str, str](), list[int]()
+        # where the rows of a topic and instance begin; the same lists by the number of a subscription
+        self._rows: dict[tuple[str, int], array.array] = {}
+        self._places: list[array.array | None] = [None] * 65536
+        self._started, self._skipped = False, 0
+        self._span(16, len(data), True)
         # data that a crash dump appended begin at places of their own: what stands before such a place may be cut short
-        for i, stop in enumerate(self.stops):
-            self._span(stop, self.stops[i + 1] if i + 1 < len(self.stops) else len(self.data), False)
+        for begin, end in itertools.pairwise([*self._stops, len(data)]):
+            self._span(begin, end, False)
+        self._content = np.frombuffer(data, np.uint8)
+        self.topics = [topic for key, place in sorted(self._rows.items()) if len((topic := self._topic(*key, place)).offsets)]
+        if self._skipped:
+            self.warnings.append(f"the file is damaged: {self._skipped} bytes are no messages and are left out")
+
+    def rows(self, topic: Topic, fields: list[str]) -> dict[str, np.ndarray]:
+        """Columns of a topic by name; those that it lacks are left out."""
+        kept = [name for name in fields if name in topic.fields]
+        rows = gather(self._content, topic.offsets, topic.dtype[kept])
+        return {name: rows[name] for name in kept}
+
+    def _topic(self, name: str, instance: int, place: array.array) -> Topic:
+        dtype, padding = layout(name, self._formats)
+        offsets = np.array(place, np.int64)
+        size = self._content[offsets].astype(np.int64) + (self._content[offsets + 1].astype(np.int64) << 8) - 2
+        # padding at the end of a row may be written or not
+        whole = (size >= dtype.itemsize) & (size <= dtype.itemsize + padding)
+        if not whole.all():
+            self.warnings.append(f"{name}:{instance}: {np.count_nonzero(~whole)} rows have the wrong length and are left out")
+        return Topic(name, instance, dtype, offsets[whole] + 5)
 
     def _span(self, i: int, end: int, first: bool) -> None:
-        data, places = self.data, self.places
+        data, places = self._data, self._places
         while i + 3 <= end:
             size = data[i] | data[i + 1] << 8
             kind = data[i + 2]
@@ -115,7 +108,7 @@ class _Walk:
                 if after > end and kind in _KNOWN and data.find(_SYNC, i, end) < 0:
                     break  # the last message is cut off, as it is whenever power was
                 found = data.find(_SYNC, i + 1, end)
-                self.skipped += (end if found < 0 else found) - i
+                self._skipped += (end if found < 0 else found) - i
                 if found < 0:
                     break
                 i = found + len(_SYNC)
@@ -127,8 +120,8 @@ class _Walk:
                         place.append(i)
             else:
                 self._other(kind, data[i + 3 : after])
-                if first and self.stops:
-                    end = self.stops[0]
+                if first and self._stops:
+                    end = self._stops[0]
                     first = False
             i = after
 
@@ -136,17 +129,17 @@ class _Walk:
         if kind == 70:  # F, format
             name, colon, fields = body.decode("latin-1").partition(":")
             if colon:
-                self.formats.setdefault(name, fields)
+                self._formats.setdefault(name, fields)
         elif kind == 65 and len(body) >= 3:  # A, subscription
-            self.started = True
+            self._started = True
             name, number = body[3:].decode("latin-1"), body[1] | body[2] << 8
-            self._finish(number)
-            if name in self.wanted:
-                self.subscribed[number], self.places[number] = (name, body[0]), array.array("q")
+            self._places[number] = None
+            if name in self._wanted:
+                self._places[number] = self._rows.setdefault((name, body[0]), array.array("q"))
             else:
                 self.others.add(name)
         elif kind == 82 and len(body) >= 2:  # R, end of a subscription
-            self._finish(body[0] | body[1] << 8)
+            self._places[body[0] | body[1] << 8] = None
         elif kind == 80 and body:  # P, parameter
             self._parameter(body)
         elif kind == 79 and len(body) == 2:  # O, dropout in ms
@@ -155,7 +148,7 @@ class _Walk:
             if any(body[9:16]) or body[8] & ~1:
                 raise DataError("this ULog uses features that are not known here; convert it with `ulog2csv` of pyulog")
             if body[8] & 1:
-                self.stops = sorted({stop for stop in struct.unpack("<3Q", body[16:40]) if 16 < stop < len(self.data)})
+                self._stops = sorted({stop for stop in struct.unpack("<3Q", body[16:40]) if 16 < stop < len(self._data)})
 
     def _parameter(self, body: bytes) -> None:
         kind, _, name = body[1 : 1 + body[0]].decode("latin-1").partition(" ")
@@ -163,49 +156,13 @@ class _Walk:
         if len(value) != 4 or kind not in ("float", "int32_t"):
             return
         number = float(struct.unpack("<f" if kind == "float" else "<i", value)[0])
-        if self.started and self.parameters.get(name, number) != number:
+        if self._started and self.parameters.get(name, number) != number:
             self.changed.add(name)
         self.parameters.setdefault(name, number)
 
-    def _finish(self, number: int) -> None:
-        place = self.places[number]
-        if place is not None:
-            self.finished.append((*self.subscribed[number], place))
-            self.places[number] = None
-
-    def result(self) -> ULog:
-        for number in list(self.subscribed):
-            self._finish(number)
-        content = np.frombuffer(self.data, np.uint8)
-        warnings: list[str] = []
-        rows: dict[tuple[str, int], list[np.ndarray]] = {}
-        for name, instance, place in self.finished:
-            rows.setdefault((name, instance), []).append(np.frombuffer(place, np.int64) if len(place) else np.empty(0, np.int64))
-        topics = []
-        for (name, instance), parts in sorted(rows.items()):
-            dtype, padding = layout(name, self.formats)
-            offsets = np.concatenate(parts)
-            size = content[offsets].astype(np.int64) + (content[offsets + 1].astype(np.int64) << 8) - 2
-            # padding at the end of a row may be written or not
-            whole = (size >= dtype.itemsize) & (size <= dtype.itemsize + padding)
-            if not whole.all():
-                warnings.append(f"{name}:{instance}: {np.count_nonzero(~whole)} rows have the wrong length and are left out")
-            if whole.any():
-                topics.append(Topic(name, instance, dtype, offsets[whole] + 5))
-        if self.skipped:
-            warnings.append(f"the file is damaged: {self.skipped} bytes are no messages and are left out")
-        return ULog(content, topics, sorted(self.others), self.parameters, self.changed, self.dropouts, warnings)
-
 
 def layout(name: str, formats: dict[str, str]) -> tuple[np.dtype, int]:
-    """Layout of the rows of a topic, and how many bytes of padding may follow; types made of others are taken apart.
-
-    Examples
-    --------
-    >>> from jaxcal.io._ulog import layout
-    >>> layout("a", {"a": "uint64_t timestamp;float[3] x;b one;uint8_t[4] _padding0;", "b": "int8_t y;"})[0].names
-    ('timestamp', 'x', 'one.y')
-    """
+    """Layout of the rows of a topic, and how many bytes of padding may follow; types made of others are taken apart."""
     fields: list[tuple[Any, ...]] = []
     visits = itertools.count()
 

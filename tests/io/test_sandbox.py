@@ -9,7 +9,7 @@ import polars as pl
 import pytest
 
 from jaxcal import DataError, read
-from jaxcal.io import _apart
+from jaxcal.io.readers import _sandbox
 
 
 @pytest.fixture
@@ -24,18 +24,18 @@ def program(tmp_path, monkeypatch):
     """Put another program in the place of the reading process."""
 
     def put(text):
-        _apart.apart.stop()
+        _sandbox.sandbox.stop()
         (tmp_path / "program.py").write_text(text)
-        monkeypatch.setattr(_apart, "__file__", str(tmp_path / "program.py"))
+        monkeypatch.setattr(_sandbox, "__file__", str(tmp_path / "program.py"))
 
     yield put
-    _apart.apart.stop()
+    _sandbox.sandbox.stop()
 
 
 @pytest.mark.parametrize("text", ["import os; os.abort()", "import os; input(); os.abort()", "import time; time.sleep(60)"])
 def test_a_process_that_breaks_down_is_replaced(text, log, program, monkeypatch):
     with monkeypatch.context() as inside:
-        inside.setattr(_apart, "_SECONDS", 2.0)
+        inside.setattr(_sandbox, "_SECONDS", 2.0)
         program(text)
         with pytest.raises(DataError, match=r"log.parquet: (the library that reads it broke down|it took more than 2 s)"):
             read(log, quiet=True)
@@ -51,11 +51,11 @@ def test_the_last_words_of_an_allocation_are_told(log, program):
 
 def test_one_process_serves_all_files(log):
     read(log, quiet=True)
-    first = _apart.apart._process.pid
+    first = _sandbox.sandbox._process.pid
     read(log, quiet=True)
-    assert _apart.apart._process.pid == first
-    _apart.apart._process.kill()
-    _apart.apart._process.wait()
+    assert _sandbox.sandbox._process.pid == first
+    _sandbox.sandbox._process.kill()
+    _sandbox.sandbox._process.wait()
     assert len(read(log, quiet=True).time) == 400
 
 
@@ -63,12 +63,14 @@ def test_what_a_library_prints_is_no_answer(log, monkeypatch, tmp_path):
     # a module beside the log, or in the working folder, is not taken for polars
     (tmp_path / "polars.py").write_text("raise SystemExit('taken')")
     monkeypatch.chdir(tmp_path)
-    _apart.apart.stop()
+    _sandbox.sandbox.stop()
     assert len(read(log, quiet=True).time) == 400
 
 
 def test_nothing_is_left_running(log):
-    code = f"import jaxcal; jaxcal.read({str(log)!r}, quiet=True); from jaxcal.io._apart import apart; print(apart._process.pid)"
+    code = (
+        f"import jaxcal; jaxcal.read({str(log)!r}, quiet=True); from jaxcal.io.readers._sandbox import sandbox; print(sandbox._process.pid)"
+    )
     done = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, check=True)
     assert done.stderr == ""
     with pytest.raises(ProcessLookupError):

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from .._errors import DataError
+from ..._errors import DataError
 
 _WITHOUT = "; read it without raw=True (--raw), or record the raw topics"
 
@@ -12,30 +12,16 @@ _WITHOUT = "; read it without raw=True (--raw), or record the raw topics"
 def undo_px4(name: str, values: np.ndarray, device: int | None, parameters: Mapping[str, float], changed: set[str]) -> np.ndarray:
     """Values (n, 3) of a PX4 sensor before calibration: ``scale^-1 R^T x + offset``.
 
-    Parameters
-    ----------
-    name : gyro, accel or mag.
-    values : as logged.
-    device : id of the sensor, or None where the log does not tell; then there must be one calibration only.
-    parameters, changed : parameters at the start, and the names of those that changed while the log ran.
-
-    Raises
-    ------
-    DataError
-        If the log does not hold what is needed, or the calibration has terms that cannot be undone.
+    `device` is the id of the sensor, or None where the log does not tell; then there must be one calibration only. `changed` are
+    the names of the parameters that changed while the log ran.
     """
-    group = {"gyro": "CAL_GYRO", "accel": "CAL_ACC", "mag": "CAL_MAG"}[name]
-    slots = {}
-    for slot in range(4):
-        found = parameters.get(f"{group}{slot}_ID", 0)
-        if found:
-            slots[int(found)] = f"{group}{slot}_"
+    group, thermal = {"gyro": ("CAL_GYRO", "TC_G_ENABLE"), "accel": ("CAL_ACC", "TC_A_ENABLE"), "mag": ("CAL_MAG", "TC_M_ENABLE")}[name]
+    slots = {int(found): f"{group}{slot}_" for slot in range(4) if (found := parameters.get(f"{group}{slot}_ID", 0))}
     if device is None and len(slots) == 1:
         device = next(iter(slots))
     if device not in slots:
         raise DataError(f"raw=True: the log holds no {group}n_ID for {name} (device {device}; there are {sorted(slots)}){_WITHOUT}")
     prefix = slots[device]
-    thermal = {"gyro": "TC_G_ENABLE", "accel": "TC_A_ENABLE", "mag": "TC_M_ENABLE"}[name]
     if parameters.get(thermal, 0):
         raise DataError(
             f"raw=True: the thermal compensation of {name} was on ({thermal}), and its temperature is not in the topic{_WITHOUT}"
@@ -48,7 +34,7 @@ def undo_px4(name: str, values: np.ndarray, device: int | None, parameters: Mapp
     own = parameters.get(f"{prefix}ROT", -1)
     values = values @ _rotation(int(own if own >= 0 else parameters.get("SENS_BOARD_ROT", 0)))
     if name == "mag":
-        values = np.linalg.solve(_symmetric(parameters, prefix + "{}SCALE", prefix + "{}ODIAG", 1.0), values.T).T
+        values = np.linalg.solve(_symmetric(parameters, prefix + "{}SCALE", prefix + "{}ODIAG"), values.T).T
     elif name == "accel":
         values = values / _vector(parameters, prefix + "{}SCALE", 1.0)
     return values + _vector(parameters, prefix + "{}OFF", 0.0)
@@ -56,10 +42,8 @@ def undo_px4(name: str, values: np.ndarray, device: int | None, parameters: Mapp
 
 def undo_ardupilot(name: str, values: np.ndarray, instance: int, parameters: Mapping[str, float], changed: set[str]) -> np.ndarray:
     """Values (n, 3) of an ArduPilot IMU before calibration: ``R^T x / scale + offset``; arguments as of `undo_px4`."""
-    number = "" if instance == 0 else str(instance + 1)
-    base = f"INS_{'ACC' if name == 'accel' else 'GYR'}{number}"
-    offset = {"accel": f"{base}OFFS_", "gyro": f"INS_GYR{number}OFFS_" if number else "INS_GYROFFS_"}[name]
-    needed = [offset + axis for axis in "XYZ"] + ([f"{base}SCAL_{axis}" for axis in "XYZ"] if name == "accel" else [])
+    base = f"INS_{'ACC' if name == 'accel' else 'GYR'}{_number(instance)}"
+    needed = [f"{base}{kind}_{axis}" for kind in (("OFFS", "SCAL") if name == "accel" else ("OFFS",)) for axis in "XYZ"]
     _complete(needed, parameters)
     _constant([key for key in changed if key in needed or key == "AHRS_ORIENTATION"])
     if parameters.get(f"INS_TCAL{instance + 1}_ENABLE", 0) == 1:
@@ -67,26 +51,25 @@ def undo_ardupilot(name: str, values: np.ndarray, instance: int, parameters: Map
     values = values @ _rotation(int(parameters.get("AHRS_ORIENTATION", 0)))
     if name == "accel":
         values = values / _vector(parameters, f"{base}SCAL_{{}}", 1.0)
-    return values + _vector(parameters, offset + "{}", 0.0)
+    return values + _vector(parameters, f"{base}OFFS_{{}}", 0.0)
 
 
 def undo_compass(field: np.ndarray, added: np.ndarray, instance: int, parameters: Mapping[str, float], changed: set[str]) -> np.ndarray:
-    """ArduPilot's field before correction: ``D^-1 field / scale - added``.
-
-    Parameters
-    ----------
-    field, added : (n, 3) the logged field, and the sum of the offsets logged with it, in one unit.
-    instance, parameters, changed : as of `undo_ardupilot`.
-    """
-    number = "" if instance == 0 else str(instance + 1)
+    """ArduPilot's field (n, 3) before correction: ``D^-1 field / scale - added``; `added` (n, 3) is the sum of the logged offsets."""
+    number = _number(instance)
     names = [f"COMPASS_{kind}{number}_{axis}" for kind in ("DIA", "ODI") for axis in "XYZ"]
     _complete(names, parameters)
     _constant([key for key in changed if key in names])
-    matrix = _symmetric(parameters, f"COMPASS_DIA{number}_{{}}", f"COMPASS_ODI{number}_{{}}", 1.0)
+    matrix = _symmetric(parameters, f"COMPASS_DIA{number}_{{}}", f"COMPASS_ODI{number}_{{}}")
     if not matrix.any():
         matrix = np.eye(3)  # all zero: never calibrated, and not applied
     scale = parameters.get(f"COMPASS_SCALE{number}", 0.0) or 1.0
     return np.linalg.solve(matrix, field.T).T / scale - added
+
+
+def _number(instance: int) -> str:
+    """How the parameters of ArduPilot name an instance: the first has no number."""
+    return "" if instance == 0 else str(instance + 1)
 
 
 def _complete(names: list[str], parameters: Mapping[str, float]) -> None:
@@ -107,8 +90,8 @@ def _vector(parameters: Mapping[str, float], name: str, default: float) -> np.nd
     return vector
 
 
-def _symmetric(parameters: Mapping[str, float], diagonal: str, other: str, default: float) -> np.ndarray:
-    matrix = np.diag([parameters.get(diagonal.format(axis), default) for axis in "XYZ"])
+def _symmetric(parameters: Mapping[str, float], diagonal: str, other: str) -> np.ndarray:
+    matrix = np.diag([parameters.get(diagonal.format(axis), 1.0) for axis in "XYZ"])
     x, y, z = (parameters.get(other.format(axis), 0.0) for axis in "XYZ")
     matrix += np.array([[0.0, x, y], [x, 0.0, z], [y, z, 0.0]])
     if matrix.any() and not (np.isfinite(matrix).all() and abs(np.linalg.det(matrix)) > 1e-6):

@@ -5,9 +5,10 @@ arrays, about five times faster than message by message. The type definitions st
 Python code, are not looked at.
 """
 
-import collections
 import contextlib
 import dataclasses
+import io
+import itertools
 import pathlib
 import sqlite3
 from collections.abc import Iterator
@@ -15,11 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from .._errors import DataError
-from ._bounds import BoundedPath
-from ._guess import median_norm
-from ._join import Part, join
-from ._table import Signals
+from ..._errors import DataError
+from .._guess import median_norm
+from .._table import Signals
+from ._bounds import require
+from ._streams import Part, join
 
 #: message type -> number of float64 after the header
 _TYPES = {"sensor_msgs/msg/Imu": 37, "sensor_msgs/msg/MagneticField": 12, "sensor_msgs/msg/Temperature": 2}
@@ -41,26 +42,18 @@ class Stream:
 
 
 def read_ros(paths: list[pathlib.Path], version: int, topics: list[str] | None, units: dict[str, str]) -> Signals:
-    """Stamps and sensors of the inertial, magnetic and temperature topics of a recording, of its parts in order.
-
-    Raises
-    ------
-    DataError
-        If no topic, or more than one of a type, could be meant; the message lists them.
-    """
+    """Stamps and sensors of the inertial, magnetic and temperature topics of a recording, of its parts in order."""
     signals = Signals(None, {})
     with contextlib.ExitStack() as stack:
         readers = [stack.enter_context(_open(path, version)) for path in paths]
         found = [c for reader in readers for c in reader.connections if c.msgtype in _TYPES]
-        counts: collections.Counter[str] = collections.Counter()
-        for reader in readers:
-            counts.update({topic: info.msgcount for topic, info in reader.topics.items()})
         duration = max((max(r.end_time for r in readers) - min(r.start_time for r in readers)) * 1e-9, 1e-9)
-        present = "; ".join(
-            f"{topic} ({', '.join(sorted({c.msgtype.split('/')[-1] for c in found if c.topic == topic}))}, {counts[topic]} messages, "
-            f"{(counts[topic] - 1) / duration:.4g} Hz)"
-            for topic in dict.fromkeys(c.topic for c in found)
-        )
+        listed = []
+        for topic in dict.fromkeys(c.topic for c in found):
+            kinds = ", ".join(sorted({c.msgtype.split("/")[-1] for c in found if c.topic == topic}))
+            count = sum(reader.topics[topic].msgcount for reader in readers if topic in reader.topics)
+            listed.append(f"{topic} ({kinds}, {count} messages, {(count - 1) / duration:.4g} Hz)")
+        present = "; ".join(listed)
         if not found:
             others = ", ".join(sorted({f"{c.topic} ({c.msgtype})" for r in readers for c in r.connections})) or "none"
             raise DataError(f"no topic of type sensor_msgs Imu, MagneticField or Temperature; the topics are: {others}")
@@ -78,18 +71,36 @@ def read_ros(paths: list[pathlib.Path], version: int, topics: list[str] | None, 
 
 @contextlib.contextmanager
 def _open(path: pathlib.Path, version: int) -> Iterator[Any]:
-    try:
-        from rosbags.rosbag1 import Reader as Reader1, ReaderError as Error1
-        from rosbags.rosbag2 import Reader as Reader2, ReaderError as Error2
-    except ImportError as error:
-        raise DataError('reading ROS recordings needs rosbags: pip install "jaxcal[ros]"') from error
+    require("rosbags", "reading ROS recordings", "ros")
+    from rosbags import rosbag1, rosbag2
+
     _check_database(path)
     try:
-        with (Reader1 if version == 1 else Reader2)(BoundedPath(path)) as reader:
+        with (rosbag1 if version == 1 else rosbag2).Reader(_BoundedPath(path)) as reader:
             yield reader
-    except (Error1, Error2) as error:
-        mend = "; run `rosbag reindex` on a copy" if version == 1 else "; run `ros2 bag reindex` on a copy"
-        raise DataError(f"the recording cannot be read ({error}): it may be cut off or damaged{mend}, or copy it again") from error
+    except (rosbag1.ReaderError, rosbag2.ReaderError) as error:
+        mend = "rosbag reindex" if version == 1 else "ros2 bag reindex"
+        raise DataError(
+            f"the recording cannot be read ({error}): it may be cut off or damaged; run `{mend}` on a copy, or copy it again"
+        ) from error
+
+
+class _BoundedFile(io.BufferedReader):
+    """A file that makes room for no more bytes than are left in it, however many a damaged record asks for."""
+
+    def __init__(self, path: pathlib.Path):
+        super().__init__(io.FileIO(path))
+        self._length = path.stat().st_size
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        return super().read() if size is None or size < 0 else super().read(min(size, max(0, self._length - self.tell())))
+
+
+class _BoundedPath(type(pathlib.Path())):
+    """A path that opens its file as a `_BoundedFile` where it is read as bytes."""
+
+    def open(self, mode: str = "r", *args: Any, **options: Any) -> Any:
+        return _BoundedFile(self) if mode == "rb" else super().open(mode, *args, **options)
 
 
 def _check_database(path: pathlib.Path) -> None:
@@ -104,22 +115,19 @@ def _check_database(path: pathlib.Path) -> None:
 def _choose(found: list[Any], topics: list[str] | None, present: str, notes: list[str]) -> list[str]:
     """Topics to read: those asked for, or the only one (or only raw one) of each type."""
     if topics is not None:
-        known = {c.topic for c in found}
-        unknown = [topic for topic in topics if topic not in known]
+        unknown = [topic for topic in topics if topic not in {c.topic for c in found}]
         if unknown:
             raise DataError(f"topics=: {', '.join(unknown)} not among {present}")
         return list(dict.fromkeys(topics))
     chosen = []
     for kind in _TYPES:
         names = sorted({c.topic for c in found if c.msgtype == kind})
-        raw = [name for name in names if "raw" in name.lower()]
-        if len(names) > 1 and len(raw) != 1:
+        raw = [name for name in names if "raw" in name.lower()] if len(names) > 1 else names
+        if len(raw) != min(len(names), 1):
             raise DataError(f"several topics of type {kind.split('/')[-1]}: name those to read with topics= (--topics): {present}")
-        name = raw[0] if len(names) > 1 else names[0] if names else None
-        if name is not None:
-            chosen.append(name)
+        chosen += raw
         if len(names) > 1:
-            notes.append(f"topic: {name}, the raw one of {', '.join(names)}; override with --topics")
+            notes.append(f"topic: {raw[0]}, the raw one of {', '.join(names)}; override with --topics")
     return chosen
 
 
@@ -128,31 +136,18 @@ def _stream(readers: list[Any], topic: str, version: int, warnings: list[str]) -
     connections = [[c for c in reader.connections if c.topic == topic and c.msgtype in _TYPES] for reader in readers]
     kind = next(c.msgtype for found in connections for c in found)
     numbers = _TYPES[kind]
-    headers, received, values = [], [], []
-    raws: list[bytes] = []
-    stamps: list[int] = []
-
-    def decode() -> None:
-        header, block = _decode(raws, numbers, version, topic)
-        headers.append(header)
-        values.append(block)
-        received.append(np.array(stamps, dtype=np.int64))
-        raws.clear()
-        stamps.clear()
-
+    received, headers, values = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], [np.zeros((0, numbers))]
     for reader, own in zip(readers, connections, strict=True):
-        for _, stamp, raw in reader.messages(connections=own) if own else ():
-            raws.append(raw)
-            stamps.append(stamp)
-            if len(raws) == _CHUNK:
-                decode()
-    if raws:
-        decode()
-    if not values:
-        return Stream(topic, kind, np.zeros(0, np.int64), np.zeros((0, numbers)))
+        messages = ((stamp, raw) for _, stamp, raw in (reader.messages(connections=own) if own else ()))
+        while chunk := list(itertools.islice(messages, _CHUNK)):
+            stamps, raws = zip(*chunk, strict=True)
+            received.append(np.array(stamps, np.int64))
+            header, block = _decode(raws, numbers, version, topic)
+            headers.append(header)
+            values.append(block)
     header, block = np.concatenate(headers), np.concatenate(values)
     expected = sum(connection.msgcount for own in connections for connection in own)
-    if len(header) != expected:
+    if len(header) and len(header) != expected:
         warnings.append(f"{topic}: the recording's index lists {expected} messages, but {len(header)} are there; it may be cut off")
     if len(header) > 1 and np.all(header == header[0]):
         warnings.append(f"{topic}: the header stamps are all the same; the times of reception are used, which jitter more")
@@ -160,23 +155,21 @@ def _stream(readers: list[Any], topic: str, version: int, warnings: list[str]) -
     return Stream(topic, kind, header, block)
 
 
-def _decode(raws: list[bytes], numbers: int, version: int, topic: str) -> tuple[np.ndarray, np.ndarray]:
+def _decode(raws: tuple[bytes, ...], numbers: int, version: int, topic: str) -> tuple[np.ndarray, np.ndarray]:
     """Header stamps (ns) and float64 of messages: a header of stamp and frame name, then `numbers` float64."""
     # ROS 1: sequence number, stamp, frame; ROS 2: 4 bytes of encapsulation, stamp, frame, padding to 8 bytes
-    base = 4
     stamps, values = np.empty(len(raws), np.int64), np.empty((len(raws), numbers))
     lengths = np.array([len(raw) for raw in raws])
     for length in np.unique(lengths):
         which = np.flatnonzero(lengths == length)
         block = np.frombuffer(b"".join([raws[i] for i in which]), np.uint8).reshape(len(which), length)
         order = ">" if version == 2 and length > 1 and block[0, 1] == 0 else "<"
-        if length < base + 12 + 8 * numbers:
+        if length < 16 + 8 * numbers:
             raise DataError(f"{topic}: a message has {length} bytes, too few for its type; {_ODD}")
-        head = np.ascontiguousarray(block[:, base : base + 12]).view(f"{order}u4")
-        frame = int(head[0, 2])
-        start = base + 12 + frame
+        head = np.ascontiguousarray(block[:, 4:16]).view(f"{order}u4")
+        start = 16 + int(head[0, 2])
         if version == 2:
-            start = base + -(-(12 + frame) // 8) * 8
+            start = 4 + -(-(start - 4) // 8) * 8
         if not start + 8 * numbers <= length < start + 8 * numbers + 8:
             raise DataError(f"{topic}: a message has {length} bytes, {start + 8 * numbers} expected; {_ODD}")
         stamps[which] = head[:, 0].astype(np.int64) * 10**9 + head[:, 1]

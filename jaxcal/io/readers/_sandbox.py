@@ -43,10 +43,9 @@ def _serve() -> None:
             about, arrays = {"parquet": _parquet, "mat": _mat, "hdf5": _hdf5}[request["kind"]](request)
             arrays = [np.ascontiguousarray(array) for array in arrays]
             about["arrays"] = [(array.dtype.str, array.shape) for array in arrays]
-        except Exception as error:
-            about, arrays = {"error": type(error).__name__, "said": str(error)[:500]}, []
         except BaseException as error:
-            if type(error).__name__ != "PanicException":
+            # a panic inside polars is no Exception
+            if not isinstance(error, Exception) and type(error).__name__ != "PanicException":
                 raise
             about, arrays = {"error": type(error).__name__, "said": str(error)[:500]}, []
         head = json.dumps(about).encode()
@@ -58,16 +57,13 @@ def _serve() -> None:
 
 
 def _limit(more: int) -> None:
-    try:
+    with contextlib.suppress(ImportError, OSError, ValueError):  # not on this system
         import resource
 
         with open("/proc/self/statm") as file:
             held = int(file.read().split()[0]) * resource.getpagesize()
         _, hard = resource.getrlimit(resource.RLIMIT_AS)
-        wanted = held + more
-        resource.setrlimit(resource.RLIMIT_AS, (wanted if hard == resource.RLIM_INFINITY else min(wanted, hard), hard))
-    except (ImportError, OSError, ValueError):  # not on this system
-        return
+        resource.setrlimit(resource.RLIMIT_AS, (held + more if hard == resource.RLIM_INFINITY else min(held + more, hard), hard))
 
 
 def _parquet(request: dict[str, Any]) -> tuple[dict[str, Any], list[np.ndarray]]:
@@ -77,7 +73,8 @@ def _parquet(request: dict[str, Any]) -> tuple[dict[str, Any], list[np.ndarray]]
     saved = pl.read_parquet_metadata(path).get("jaxcal")
     lazy = pl.scan_parquet(path, glob=False)
     schema = lazy.collect_schema()
-    declared = 8 * lazy.select(pl.len()).collect().item() * len(schema)
+    rows = lazy.select(pl.len()).collect().item()
+    declared = 8 * rows * len(schema)
     if declared > request["allowed"]:
         return {"declared": declared}, []
     frame = lazy.collect(engine="streaming")
@@ -92,10 +89,10 @@ def _parquet(request: dict[str, Any]) -> tuple[dict[str, Any], list[np.ndarray]]
         if array.dtype.kind not in "iufbM":
             first = next((value for value in series if value is not None), "")
             array = np.array([str(first)[:100]])
-        columns.append({"name": name, "integer": kind.is_integer()})
-        arrays.append(array.view(np.int64) if array.dtype.kind == "M" else array)
-        columns[-1]["dates"] = array.dtype.kind == "M"
-    return {"columns": columns, "rows": len(arrays[0]) if arrays else 0, "saved": saved}, arrays
+        dates = array.dtype.kind == "M"
+        columns.append({"name": name, "integer": kind.is_integer(), "dates": dates})
+        arrays.append(array.view(np.int64) if dates else array)
+    return {"columns": columns, "rows": rows, "saved": saved}, arrays
 
 
 def _mat(request: dict[str, Any]) -> tuple[dict[str, Any], list[np.ndarray]]:
@@ -188,7 +185,7 @@ def _hdf5(request: dict[str, Any]) -> tuple[dict[str, Any], list[np.ndarray]]:
 # the side that asks
 
 
-class Apart:
+class Sandbox:
     """The reading process; one for each process that reads."""
 
     def __init__(self):
@@ -198,14 +195,8 @@ class Apart:
         self._said: Any = None
 
     def read(self, kind: str, path: str, **request: Any) -> tuple[dict[str, Any], list[np.ndarray]]:
-        """Description and arrays of a file.
-
-        Raises
-        ------
-        DataError
-            If the library refuses the file, takes too long, or is brought down by it.
-        """
-        from .._errors import DataError
+        """Description and arrays of a file; an error where the library refuses it, takes too long, or is brought down by it."""
+        from ..._errors import DataError
 
         with self._lock:
             process = self._running()
@@ -232,9 +223,8 @@ class Apart:
         if "error" in about:
             if about["error"] == "MemoryError":
                 raise MemoryError(about["said"])
-            raise DataError(
-                f"it cannot be read ({about['error']}: {_first_line(about['said'])}); it may be cut off or damaged: copy it again"
-            )
+            said = (about["said"].strip().splitlines() or ["no message"])[0]
+            raise DataError(f"it cannot be read ({about['error']}: {said}); it may be cut off or damaged: copy it again")
         return about, arrays
 
     def _running(self) -> Any:
@@ -258,14 +248,8 @@ class Apart:
 
     def _array(self, dtype: str, shape: list[int]) -> np.ndarray:
         array = np.empty(shape, dtype)
-        if array.size:
-            room = array.reshape(-1).view(np.uint8).data
-            done = 0
-            while done < len(room):
-                count = self._process.stdout.readinto(room[done:])
-                if not count:
-                    raise EOFError
-                done += count
+        if array.size and self._process.stdout.readinto(array.reshape(-1).view(np.uint8).data) < array.nbytes:
+            raise EOFError
         return array
 
     def _last_words(self) -> str:
@@ -287,12 +271,8 @@ class Apart:
                 stream.close()
 
 
-def _first_line(text: str) -> str:
-    return (text.strip().splitlines() or ["no message"])[0]
-
-
 if __name__ == "__main__":
     _serve()
 else:
-    apart = Apart()
-    atexit.register(apart.stop)
+    sandbox = Sandbox()
+    atexit.register(sandbox.stop)

@@ -1,12 +1,15 @@
-"""Sensors with stamps of their own -> one set of stamps, those of the fastest."""
+"""What logs of messages have in common: records gathered in whole arrays, and sensors with stamps of their own put on one set of stamps."""
 
 import dataclasses
 
 import numpy as np
 
-from .._errors import DataError
-from ._options import scale
-from ._table import Signals
+from ..._errors import DataError
+from .._columns import scale
+from .._table import Signals
+
+#: records gathered at a time
+_PIECE = 1 << 16
 
 
 @dataclasses.dataclass
@@ -20,19 +23,34 @@ class Part:
     unit: str
 
 
+def gather(content: np.ndarray, offsets: np.ndarray, dtype: np.dtype) -> np.ndarray:
+    """Records that begin at `offsets` (bytes) in `content` (uint8) as a structured array; fields of `dtype` may leave bytes out."""
+    if not len(offsets):
+        return np.empty(0, dtype)
+    windows = np.lib.stride_tricks.sliding_window_view(content, dtype.itemsize)
+    out = np.empty(len(offsets), dtype)
+    for start in range(0, len(offsets), _PIECE):
+        piece = slice(start, start + _PIECE)
+        out[piece] = np.ascontiguousarray(windows[offsets[piece]]).view(dtype)[:, 0]
+    return out
+
+
+def named(labels: list[str], wanted: str, present: str) -> str:
+    """The one label, such as IMU:0, that `wanted` names in full or without its number; `present` lists all."""
+    matching = [label for label in labels if wanted in (label, label.partition(":")[0])]
+    if not matching:
+        raise DataError(f"topics=: {wanted} not among {present}")
+    if len(matching) > 1:
+        raise DataError(
+            f"{wanted} comes from {len(matching)} sensors: name those to read with topics= (--topics), such as {matching[0]}: {present}"
+        )
+    return matching[0]
+
+
 def join(parts: list[Part], units: dict[str, str], signals: Signals) -> None:
     """Put all sensors, in SI, on the stamps of the one with most samples: a temperature interpolated, others at the nearest stamp.
 
-    Parameters
-    ----------
-    parts : at least one.
-    units : units that the caller states; they go before those of the parts.
-    signals : gets the stamps, the sensors, their units, and a note on each sensor that had other stamps.
-
-    Raises
-    ------
-    DataError
-        If a sensor comes from more than one source.
+    `units` of the caller go before those of the parts. `signals` gets the result, and a note on each sensor that had other stamps.
     """
     names = [part.name for part in parts]
     twice = sorted({name for name in names if names.count(name) > 1})
@@ -43,10 +61,9 @@ def join(parts: list[Part], units: dict[str, str], signals: Signals) -> None:
     signals.epoch_ns = int(main.stamps[0])
     time = signals.time = (main.stamps - main.stamps[0]) * 1e-9
     for part in parts:
-        unit = units.get(part.name) or part.unit
+        unit = signals.units[part.name] = units.get(part.name) or part.unit
         factor, offset = scale(unit, part.name)
         values = np.asfortranarray(part.values) * factor + offset
-        signals.units[part.name] = unit
         if part.stamps is main.stamps or np.array_equal(part.stamps, main.stamps):
             signals.sensors[part.name] = values
         elif part.name == "temperature":
@@ -66,10 +83,10 @@ def _nearest(main: Part, part: Part, values: np.ndarray, notes: list[str]) -> np
         raise DataError(f"{main.source}: {len(stamps)} sample: a recording needs at least 2")
     right = np.clip(np.searchsorted(stamps, part.stamps), 1, len(stamps) - 1)
     nearest = np.where(part.stamps - stamps[right - 1] < stamps[right] - part.stamps, right - 1, right)
-    far = np.abs(stamps[nearest] - part.stamps) > np.median(np.diff(stamps))
-    nearest, values = nearest[~far], values[~far]
+    near = np.abs(stamps[nearest] - part.stamps) <= np.median(np.diff(stamps))
+    nearest = nearest[near]
     out = np.full((values.shape[1], len(stamps)), np.nan).T
-    out[order[nearest]] = values
+    out[order[nearest]] = values[near]
     note = (
         f"{part.name}: {part.source}, put on the nearest stamps of {main.source} (read it alone with --topics {part.source} for its noise)"
     )

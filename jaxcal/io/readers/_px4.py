@@ -5,10 +5,10 @@ import pathlib
 
 import numpy as np
 
-from .._errors import DataError
-from ._join import Part, join
-from ._table import Signals
-from ._ulog import Topic, ULog, open_ulog
+from ..._errors import DataError
+from .._table import Signals
+from ._streams import Part, join, named
+from ._ulog import Topic, ULog
 from ._undo import undo_px4
 
 #: topic -> sensors in it
@@ -23,22 +23,15 @@ _UNITS = {"gyro": "rad/s", "accel": "m/s^2", "mag": "G", "temperature": "degC"}
 
 
 def read_px4(path: pathlib.Path, topics: list[str] | None, units: dict[str, str], raw: bool) -> Signals:
-    """Stamps and sensors of a ULog.
-
-    Raw topics go before those that PX4 has already calibrated. Where a topic has several instances, `topics` names one.
-
-    Raises
-    ------
-    DataError
-        If no topic, or more than one, could be meant; the message lists them.
-    """
-    log = open_ulog(path, frozenset(_ALL) | frozenset(_HELPERS))
-    found = [topic for topic in log.topics if topic.name in _ALL]
+    """Stamps and sensors of a ULog: raw topics go before those that PX4 has already calibrated; `topics` names one of several instances."""
+    log = ULog(path, frozenset(_ALL) | frozenset(_HELPERS))
+    found = {topic.label: topic for topic in log.topics if topic.name in _ALL}
     if not found:
-        raise DataError(f"no sensor topic ({', '.join(_ALL)}) with data in it; the topics are: {', '.join(log.others) or 'none'}")
+        raise DataError(f"no sensor topic ({', '.join(_ALL)}) with data in it; the topics are: {', '.join(sorted(log.others)) or 'none'}")
     signals = Signals(None, {}, warnings=log.warnings)
-    present = "; ".join(f"{topic.label}{_device(log, topic)} ({len(topic.offsets)} rows{_rate(log, topic)})" for topic in found)
-    chosen = _choose(found, topics, present, signals.notes)
+    present = "; ".join(f"{label}{_device(log, topic)} ({len(topic.offsets)} rows{_rate(log, topic)})" for label, topic in found.items())
+    labels = _choose(list(found), topics, present, signals.notes)
+    chosen = [found[label] for label in labels]
     parts = [part for topic in chosen for part in _parts(log, topic, raw, signals)]
     _one_temperature(log, parts, signals.notes)
     if log.dropouts:
@@ -47,37 +40,25 @@ def read_px4(path: pathlib.Path, topics: list[str] | None, units: dict[str, str]
             f"{max(log.dropouts) / 1000:g} s; samples lost there are gaps"
         )
     join(parts, units, signals)
-    signals.columns = {"topics": [topic.label for topic in chosen]}
+    signals.columns = {"topics": labels}
     return signals
 
 
-def _choose(found: list[Topic], topics: list[str] | None, present: str, notes: list[str]) -> list[Topic]:
+def _choose(labels: list[str], topics: list[str] | None, present: str, notes: list[str]) -> list[str]:
     if topics is not None:
-        return [topic for wanted in topics for topic in _named(found, wanted, present)]
-    names = {topic.name for topic in found}
+        return list(dict.fromkeys(named(labels, wanted, present) for wanted in topics))
+    names = {label.partition(":")[0] for label in labels}
     fall_back = _RAW if names & {"sensor_gyro", "sensor_accel"} else _FIFO if names & set(_FIFO) else _USED
-    order = dict.fromkeys([*fall_back, "sensor_mag", "vehicle_magnetometer"])
-    chosen: list[Topic] = []
-    for name in order:
-        taken = {sensor for topic in chosen for sensor in _ALL[topic.name]}
+    read: list[str] = []
+    for name in dict.fromkeys([*fall_back, "sensor_mag", "vehicle_magnetometer"]):
+        taken = {sensor for other in read for sensor in _ALL[other]}
         if name in names and not taken & set(_ALL[name]):
-            chosen += _named(found, name, present)
-    unread = sorted(names - {topic.name for topic in chosen})
+            read.append(name)
+    chosen = [named(labels, name, present) for name in read]
+    unread = sorted(names - set(read))
     if unread:
-        notes.append(f"topics: {', '.join(topic.label for topic in chosen)}; not read: {', '.join(unread)}; override with --topics")
+        notes.append(f"topics: {', '.join(chosen)}; not read: {', '.join(unread)}; override with --topics")
     return chosen
-
-
-def _named(found: list[Topic], wanted: str, present: str) -> list[Topic]:
-    matching = [topic for topic in found if wanted in (topic.label, topic.name)]
-    if not matching:
-        raise DataError(f"topics=: {wanted} not among {present}")
-    if len(matching) > 1:
-        raise DataError(
-            f"{wanted} has {len(matching)} instances, each a sensor of its own: name those to read with topics= (--topics), "
-            f"such as {matching[0].label}: {present}"
-        )
-    return matching
 
 
 def _device(log: ULog, topic: Topic) -> str:
@@ -85,16 +66,13 @@ def _device(log: ULog, topic: Topic) -> str:
     return f" device {', '.join(map(str, ids[:3]))}" if ids else ""
 
 
-def _ids(log: ULog, topic: Topic, field: str) -> list[int]:
-    rows = log.rows(topic, [field])
-    return np.unique(rows[field]).tolist() if rows.dtype.names else []
+def _ids(log: ULog, topic: Topic | None, field: str) -> list[int]:
+    return np.unique(log.rows(topic, [field])[field]).tolist() if topic and field in topic.fields else []
 
 
 def _rate(log: ULog, topic: Topic) -> str:
-    stamps = log.rows(topic, ["timestamp"])
-    if not stamps.dtype.names or len(stamps) < 2:
-        return ""
-    span = float(stamps["timestamp"][-1]) - float(stamps["timestamp"][0])
+    stamps = log.rows(topic, ["timestamp"]).get("timestamp", [0])
+    span = float(stamps[-1]) - float(stamps[0])
     return f", {(len(stamps) - 1) / (span * 1e-6):.4g} Hz" if span > 0 else ""
 
 
@@ -107,21 +85,20 @@ def _parts(log: ULog, topic: Topic, raw: bool, signals: Signals) -> list[Part]:
     name = _ALL[topic.name][0]
     fields = ["magnetometer_ga"] if topic.name == "vehicle_magnetometer" else ["x", "y", "z"]
     rows = _rows(log, topic, [*fields, "timestamp"], ["timestamp_sample", "temperature", "device_id", "clip_counter", "calibration_count"])
-    stamps = _stamps(rows, topic, signals.notes)
-    values = _wide(rows, fields)
-    if len(np.unique(rows["device_id"])) > 1 if "device_id" in (rows.dtype.names or ()) else False:
+    devices = np.unique(rows["device_id"]).tolist() if "device_id" in rows else []
+    if len(devices) > 1:
         signals.warnings.append(f"{topic.label}: the readings come from more than one device ({_device(log, topic).strip()})")
     if topic.name == "vehicle_magnetometer":
-        kept = _longest(rows, "calibration_count", topic, signals.warnings)
-        stamps, values = stamps[kept], values[kept]
-        device = _ids(log, topic, "device_id")
-        values = _calibrated(log, topic, name, values, device[0] if len(device) == 1 else None, raw, signals)
-    elif "clip_counter" in (rows.dtype.names or ()):
-        clipped = np.count_nonzero(rows["clip_counter"].reshape(len(rows), -1).any(axis=1))
+        rows = _longest(rows, "calibration_count", topic, signals.warnings)
+    stamps, values = _stamps(rows, topic, signals.notes), _wide(rows, fields)
+    if topic.name == "vehicle_magnetometer":
+        values = _calibrated(log, topic, name, values, devices, raw, signals)
+    elif "clip_counter" in rows:
+        clipped = np.count_nonzero(rows["clip_counter"].reshape(len(stamps), -1).any(axis=1))
         if clipped:
             signals.warnings.append(f"{topic.label}: the sensor clipped in {clipped} rows (clip_counter)")
     parts = [Part(name, topic.label, stamps, values, _UNITS[name])]
-    if "temperature" in (rows.dtype.names or ()) and np.isfinite(rows["temperature"]).any() and name != "mag":
+    if "temperature" in rows and np.isfinite(rows["temperature"]).any() and name != "mag":
         parts.append(Part("temperature", topic.label, stamps, rows["temperature"].astype(np.float64)[:, None], "degC"))
     return parts
 
@@ -132,21 +109,20 @@ def _combined(log: ULog, topic: Topic, raw: bool, signals: Signals) -> list[Part
         ["accelerometer_timestamp_relative", "accel_calibration_count", "gyro_calibration_count"],
     )  # fmt: skip
     for count in ("accel_calibration_count", "gyro_calibration_count"):
-        rows = rows[_longest(rows, count, topic, signals.warnings)]
+        rows = _longest(rows, count, topic, signals.warnings)
     stamps = rows["timestamp"].astype(np.int64) * 1000
     accel, later = _wide(rows, ["accelerometer_m_s2"]), stamps
-    if "accelerometer_timestamp_relative" in (rows.dtype.names or ()):
+    if "accelerometer_timestamp_relative" in rows:
         relative = rows["accelerometer_timestamp_relative"].astype(np.int64)
         invalid = relative == _INVALID
         accel[invalid] = np.nan
         later = stamps + np.where(invalid, 0, relative) * 1000
         if invalid.any():
             signals.notes.append(f"accel: {np.count_nonzero(invalid)} rows are marked invalid in {topic.label} and are missing")
-    selected = [other for other in log.topics if other.name == "sensor_selection"]
+    selected = next((other for other in log.topics if other.name == "sensor_selection"), None)
     parts = []
     for name, at, values in (("gyro", stamps, _wide(rows, ["gyro_rad"])), ("accel", later, accel)):
-        devices = _ids(log, selected[0], f"{name}_device_id") if selected else []
-        values = _calibrated(log, topic, name, values, devices[0] if len(devices) == 1 else None, raw, signals)
+        values = _calibrated(log, topic, name, values, _ids(log, selected, f"{name}_device_id"), raw, signals)
         if np.isfinite(values).any():
             parts.append(Part(name, topic.label, at, values, _UNITS[name]))
     signals.warnings.append(
@@ -159,14 +135,14 @@ def _fifo(log: ULog, topic: Topic) -> list[Part]:
     """Batches of raw counts: sample k of `samples` is taken (samples - 1 - k) dt before the batch's stamp."""
     rows = _rows(log, topic, ["dt", "scale", "samples", "x", "y", "z"], ["timestamp", "timestamp_sample"])
     stamps = _stamps(rows, topic, [])
-    width = rows["x"].reshape(len(rows), -1).shape[1]
+    width = rows["x"].reshape(len(stamps), -1).shape[1]
     samples = np.minimum(rows["samples"].astype(np.int64), width)
     k = np.arange(width)
     there = k < samples[:, None]
     dt = np.where(np.isfinite(rows["dt"]), rows["dt"], 0.0).astype(np.float64)
     back = np.clip((samples[:, None] - 1 - k) * dt[:, None] * 1000.0, -1e15, 1e15)
     each = (stamps[:, None] - np.round(back).astype(np.int64))[there]
-    counts = np.stack([rows[axis].reshape(len(rows), -1)[there] for axis in "xyz"], axis=1)
+    counts = np.stack([rows[axis].reshape(len(stamps), -1)[there] for axis in "xyz"], axis=1)
     scale = np.repeat(rows["scale"].astype(np.float64), samples)
     name = _ALL[topic.name][0]
     if not len(each):
@@ -174,53 +150,53 @@ def _fifo(log: ULog, topic: Topic) -> list[Part]:
     return [Part(name, topic.label, each, counts * scale[:, None], _UNITS[name])]
 
 
-def _rows(log: ULog, topic: Topic, needed: list[str], optional: list[str]) -> np.ndarray:
-    missing = [name for name in needed if name not in (topic.dtype.fields or {})]
+def _rows(log: ULog, topic: Topic, needed: list[str], optional: list[str]) -> dict[str, np.ndarray]:
+    missing = [name for name in needed if name not in topic.fields]
     if missing:
-        raise DataError(f"{topic.label} lacks {', '.join(missing)} (it has {', '.join(topic.dtype.names or ())}); choose with --topics")
+        raise DataError(f"{topic.label} lacks {', '.join(missing)} (it has {', '.join(topic.fields)}); choose with --topics")
     rows = log.rows(topic, needed + optional)
-    text = [name for name in rows.dtype.names or () if rows[name].dtype.kind not in "iuf"]
+    text = [name for name, column in rows.items() if column.dtype.kind not in "iuf"]
     if text:
         raise DataError(f"{topic.label}: {', '.join(text)} holds no numbers; the file is damaged: copy it again")
     return rows
 
 
-def _stamps(rows: np.ndarray, topic: Topic, notes: list[str]) -> np.ndarray:
+def _stamps(rows: dict[str, np.ndarray], topic: Topic, notes: list[str]) -> np.ndarray:
     """When the samples were taken, in ns since boot."""
-    names = rows.dtype.names or ()
-    if "timestamp_sample" in names and rows["timestamp_sample"].any():
+    if "timestamp_sample" in rows and rows["timestamp_sample"].any():
         return rows["timestamp_sample"].astype(np.int64) * 1000
-    if "timestamp" not in names:
+    if "timestamp" not in rows:
         raise DataError(f"{topic.label} has no time stamps")
     notes.append(f"{topic.label}: no timestamp_sample, so the times of logging are used")
     return rows["timestamp"].astype(np.int64) * 1000
 
 
-def _wide(rows: np.ndarray, fields: list[str]) -> np.ndarray:
-    values = np.concatenate([rows[field].reshape(len(rows), -1) for field in fields], axis=1).astype(np.float64)
+def _wide(rows: dict[str, np.ndarray], fields: list[str]) -> np.ndarray:
+    values = np.concatenate([rows[field].reshape(len(rows[field]), -1) for field in fields], axis=1).astype(np.float64)
     if values.shape[1] != 3:
         raise DataError(f"{', '.join(fields)}: {values.shape[1]} numbers a row where 3 are expected")
     return values
 
 
-def _longest(rows: np.ndarray, field: str, topic: Topic, warnings: list[str]) -> np.ndarray:
-    """Where the calibration that most rows have was in force."""
-    if field not in (rows.dtype.names or ()):
-        return np.ones(len(rows), bool)
+def _longest(rows: dict[str, np.ndarray], field: str, topic: Topic, warnings: list[str]) -> dict[str, np.ndarray]:
+    """Rows with the calibration that most of them have."""
+    if field not in rows:
+        return rows
     counts = collections.Counter(rows[field].tolist())
     most, number = counts.most_common(1)[0]
     if len(counts) > 1:
         warnings.append(
-            f"{topic.label}: the calibration changed {len(counts) - 1} times while the log ran ({field}); only the {number} of {len(rows)} "
-            f"rows with {most} are read"
+            f"{topic.label}: the calibration changed {len(counts) - 1} times while the log ran ({field}); only the {number} of "
+            f"{counts.total()} rows with {most} are read"
         )
-    return np.asarray(rows[field] == most)
+    kept = np.asarray(rows[field] == most)
+    return {name: column[kept] for name, column in rows.items()}
 
 
-def _calibrated(log: ULog, topic: Topic, name: str, values: np.ndarray, device: int | None, raw: bool, signals: Signals) -> np.ndarray:
+def _calibrated(log: ULog, topic: Topic, name: str, values: np.ndarray, devices: list[int], raw: bool, signals: Signals) -> np.ndarray:
     if raw:
         signals.notes.append(f"{name}: the calibration in {topic.label} is undone with the log's CAL_ parameters (raw)")
-        return undo_px4(name, values, device, log.parameters, log.changed)
+        return undo_px4(name, values, devices[0] if len(devices) == 1 else None, log.parameters, log.changed)
     signals.warnings.append(
         f"{name}: {topic.label} is already calibrated by PX4 (bias, scale and rotation applied): a calibration found from it comes on top; "
         "record the raw topics, or undo it with raw=True (--raw)"
@@ -230,16 +206,14 @@ def _calibrated(log: ULog, topic: Topic, name: str, values: np.ndarray, device: 
 
 def _one_temperature(log: ULog, parts: list[Part], notes: list[str]) -> None:
     """Keep one temperature: the gyroscope's, since its bias moves most; that of the status topic where there is none."""
-    found = [part for part in parts if part.name == "temperature"]
-    gyro = [part for part in found if part.source.startswith("sensor_gyro")]
-    for part in found:
-        if part is not (gyro or found)[0]:
-            parts.remove(part)
+    found = sorted((part for part in parts if part.name == "temperature"), key=lambda part: not part.source.startswith("sensor_gyro"))
+    for part in found[1:]:
+        parts.remove(part)
     if len(found) > 1:
-        notes.append(f"temperature: that of {(gyro or found)[0].source}")
+        notes.append(f"temperature: that of {found[0].source}")
     status = [topic for topic in log.topics if topic.name == "vehicle_imu_status"]
     if not found and len(status) == 1 and any(part.source.startswith("sensor_combined") for part in parts):
         rows = log.rows(status[0], ["timestamp", "temperature_gyro"])
-        if len(rows.dtype.names or ()) == 2 and rows["temperature_gyro"].dtype.kind == "f" and np.isfinite(rows["temperature_gyro"]).all():
+        if len(rows) == 2 and rows["temperature_gyro"].dtype.kind == "f" and np.isfinite(rows["temperature_gyro"]).all():
             values = rows["temperature_gyro"].astype(np.float64)[:, None]
             parts.append(Part("temperature", status[0].label, rows["timestamp"].astype(np.int64) * 1000, values, "degC"))

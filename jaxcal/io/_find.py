@@ -1,0 +1,100 @@
+"""Which files are the recording, and in which format."""
+
+import pathlib
+import re
+import struct
+
+from .._errors import DataError
+
+#: formats that are read, as `format=` names them
+FORMATS = ("csv", "npy", "npz", "parquet", "rosbag1", "rosbag2", "mat", "hdf5", "ulog", "dataflash")
+
+_SQLITE, _MCAP, _HDF5 = b"SQLite format 3\0", b"\x89MCAP0\r\n", b"\x89HDF\r\n\x1a\n"
+_MAGIC = {
+    b"\x93NUMPY": "npy", b"PK\x03\x04": "npz", b"PK\x05\x06": "npz", b"PAR1": "parquet", b"#ROSBAG V": "rosbag1", _SQLITE: "rosbag2",
+    _MCAP: "rosbag2", _HDF5: "hdf5", b"MATLAB 7.3": "hdf5", b"MATLAB 5.0": "mat", b"ULog\x01\x12\x35": "ulog", b"\xa3\x95": "dataflash",
+}  # fmt: skip
+#: HDF5 may begin behind a block of the user's, as in MATLAB 7.3
+_USER_BLOCKS = (512, 1024, 2048)
+#: names of text tables; anything else that is text (notes, configuration) is no log
+_TEXT = (".csv", ".tsv", ".txt", ".dat", ".csv.gz", ".tsv.gz", ".txt.gz", ".dat.gz")
+_PART = re.compile(r"(.+)_(\d+)")
+_SHOWN, _MOST = 8, 10_000
+
+
+def find(path: pathlib.Path) -> tuple[str, list[pathlib.Path]]:
+    """Format of a log and its files: one, or the parts of a split ROS recording in order."""
+    if not path.is_dir():
+        return detect(path), [path]
+    if (path / "metadata.yaml").is_file():
+        return "rosbag2", [path]
+    logs: dict[pathlib.Path, str] = {}
+    for i, file in enumerate(sorted(file for file in path.iterdir() if file.is_file() and not file.name.startswith("."))):
+        if i == _MOST:
+            raise DataError(f"the folder holds more than {_MOST} files; give one log")
+        try:
+            kind = detect(file)
+        except (DataError, OSError):
+            continue
+        if kind != "csv" or file.name.lower().endswith(_TEXT):
+            logs[file] = kind
+    if not logs:
+        raise DataError("the folder holds no readable log and no ROS 2 recording (metadata.yaml); give a log file")
+    files, kinds = list(logs), set(logs.values())
+    if len(files) == 1:
+        return kinds.pop(), files
+    if kinds in ({"rosbag1"}, {"rosbag2"}):
+        return kinds.pop(), _parts(files)
+    more = f" and {len(files) - _SHOWN} more" if len(files) > _SHOWN else ""
+    shown = ", ".join(file.name for file in files[:_SHOWN]) + more
+    raise DataError(f"the folder holds {len(files)} logs, each a recording of its own: {shown}; give one of them")
+
+
+def _parts(files: list[pathlib.Path]) -> list[pathlib.Path]:
+    """Parts of one recording in order: name_0, name_1, ... as `rosbag record --split` and `ros2 bag record -b` name them."""
+    matches = {file: _PART.fullmatch(file.stem) for file in files}
+    found = {int(match[2]): file for file, match in matches.items() if match}
+    stems = {(match[1], file.suffix) if match else (file.name, "") for file, match in matches.items()}
+    if len(stems) > 1 or len(found) < len(files):
+        mend = " run `ros2 bag reindex` on it, or" if files[0].suffix != ".bag" else ""
+        raise DataError(f"the folder holds {len(files)} parts of a recording but no metadata.yaml;{mend} give one part")
+    missing = sorted(set(range(max(found) + 1)) - set(found))
+    if missing:
+        name = f"{next(iter(stems))[0]}_{missing[0]}{files[0].suffix}"
+        raise DataError(f"the folder holds parts of a recording, but {name} is missing; put it there, or give one part")
+    return [found[number] for number in sorted(found)]
+
+
+def detect(path: pathlib.Path) -> str:
+    """Format of a file, by its first bytes."""
+    if not path.exists():
+        raise DataError("there is no such file; check the path")
+    if not path.is_file():
+        raise DataError("this is not a regular file; save the data in one and give its path")
+    with path.open("rb") as file:
+        head = file.read(_USER_BLOCKS[-1] + len(_HDF5))
+    if not head:
+        raise DataError("the file is empty")
+    for magic, kind in _MAGIC.items():
+        if head.startswith(magic):
+            wanted = {_SQLITE: ".db3", _MCAP: ".mcap"}.get(magic, path.suffix)
+            if path.suffix != wanted:
+                raise DataError(f"this is a ROS 2 recording, but its name does not end in {wanted}; rename it")
+            return kind
+    if any(head.startswith(_HDF5, place) for place in _USER_BLOCKS):
+        return "hdf5"
+    suffix = path.suffix.lower()
+    if suffix == ".mat" and _is_mat4(head):
+        return "mat"
+    if suffix in (".npz", ".npy", ".parquet", ".mcap", ".db3", ".bag", ".ulg", ".mat", ".h5", ".hdf5"):
+        raise DataError(f"the name ends in {path.suffix}, but the file does not begin as such a file does; it is damaged, or misnamed")
+    return "csv"
+
+
+def _is_mat4(head: bytes) -> bool:
+    """Whether a file begins as MATLAB 4 does: a type of four decimal digits, and sizes that are none too large."""
+    return any(
+        kind in (*range(60), *range(1000, 1060)) and rows >= 0 and columns >= 0 and imaginary in (0, 1) and 0 < length < 256
+        for order in "<>"
+        for kind, rows, columns, imaginary, length in [struct.unpack(order + "5i", head[:20].ljust(20, b"\xff"))]
+    )

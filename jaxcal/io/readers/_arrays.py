@@ -1,0 +1,240 @@
+"""Files of arrays: NumPy, MATLAB, HDF5 and Parquet. Pickled objects are never loaded."""
+
+import pathlib
+import posixpath
+import struct
+import zlib
+from typing import Any
+
+import numpy as np
+
+from ..._errors import DataError
+from .._columns import AXES, SENSORS, by_name
+from .._saved import parse_saved
+from .._table import Table
+from ._bounds import allowed, check_declared, require
+from ._sandbox import sandbox
+
+_RATE = {"rate", "fs", "samplerate", "samplingrate", "freq", "frequency"}
+_COMPRESSED = 15
+_ORDER = {b"IM": "<", b"MI": ">"}
+_NAMELESS, _WIDEST = "\0", 1000
+
+
+# arrays side by side
+
+
+def read_npy(path: pathlib.Path) -> Table:
+    """Columns of a 2-D array (memory-mapped), or the fields of a structured one."""
+    array = np.load(path, mmap_mode="r", allow_pickle=False)
+    if array.dtype.names:
+        return _table_of_arrays({name: array[name] for name in array.dtype.names})
+    if array.ndim == 1:
+        array = array[:, None]
+    if array.ndim != 2 or array.dtype.kind not in "iufb":
+        raise DataError(f"the array has shape {array.shape} and type {array.dtype}; expected numbers of shape (samples, columns)")
+    if array.shape[0] < array.shape[1]:
+        raise DataError(f"the array has shape {array.shape}; time is the first axis: transpose it before saving")
+    return _table(list(array.T), [""] * array.shape[1])
+
+
+def read_npz(path: pathlib.Path) -> Table:
+    """Arrays of an .npz by name: vectors such as gyro (n, 3), single channels such as gyro_x (n,), and a scalar rate."""
+    with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+        arrays = {name: archive[name] for name in archive.files}
+    saved = arrays.pop("jaxcal", None)
+    table = _table_of_arrays(arrays)
+    if saved is not None and saved.dtype.kind == "U" and saved.size == 1:
+        table.saved = parse_saved(str(saved.reshape(())))
+    return table
+
+
+def read_parquet(path: pathlib.Path) -> Table:
+    """Columns of a Parquet file, named as in a text table; dates and times become datetime64[ns]."""
+    require("polars", "reading Parquet", "parquet")
+    about, arrays = _in_sandbox("parquet", path, "the table")
+    columns = []
+    for form, array in zip(about["columns"], arrays, strict=True):
+        if form["dates"]:
+            array = array.view("datetime64[ns]")
+        elif array.dtype.kind == "U":
+            array = np.full(about["rows"], array[0], dtype=object)
+        columns.append(array)
+    integer = {j for j, form in enumerate(about["columns"]) if form["integer"]}
+    saved = about["saved"] and parse_saved(about["saved"])
+    return Table(columns, [form["name"] for form in about["columns"]], integer, saved=saved)
+
+
+def _table_of_arrays(arrays: dict[str, np.ndarray]) -> Table:
+    """Arrays of one length as columns: vectors of up to three columns, single channels; a scalar may be the rate."""
+    columns: list[np.ndarray] = []
+    names: list[str] = []
+    rate, left_out = None, []
+    n = max((len(array) for array in arrays.values() if array.ndim in (1, 2)), default=0)
+    for name, array in arrays.items():
+        if array.size == 1 and name.lower().replace("_", "") in _RATE:
+            rate = float(array.reshape(()))
+        elif array.ndim == 1 and len(array) == n:
+            columns.append(array)
+            names.append(name)
+        elif array.ndim == 2 and len(array) == n and 1 <= array.shape[1] <= 3:
+            columns += list(array.T)
+            names += [f"{name}_{axis}" for axis in AXES[: array.shape[1]]]
+        else:
+            left_out.append(f"{name} {array.shape}")
+    if not columns or n < 1:
+        shapes = {name: array.shape for name, array in arrays.items()}
+        raise DataError(f"no arrays of shape (n,) or (n, 3) of one length: {shapes}; use the keys time, gyro, accel, mag, temperature")
+    table = _table(columns, names)
+    table.rate = rate
+    if left_out:
+        table.notes.append(f"arrays not used, since their shape is not that of {n} samples: {', '.join(left_out)}")
+    return table
+
+
+def _table(columns: list[np.ndarray], names: list[str]) -> Table:
+    heads = [column[:10_000] for column in columns]
+    whole = [head.dtype.kind in "iu" or (head.dtype.kind == "f" and np.array_equal(head, np.round(head))) for head in heads]
+    return Table(columns, names, {j for j, integer in enumerate(whole) if integer})
+
+
+# arrays in places: variables, structs, groups
+
+
+def read_mat(path: pathlib.Path, topics: list[str] | None) -> Table:
+    """Variables of a MATLAB file of the versions 4 to 7 by name, and the fields of structs; 7.3 is HDF5."""
+    _check_mat(path)
+    about, arrays = _in_sandbox("mat", path, "the file")
+    if not about["names"] and about["opaque"]:
+        raise DataError(
+            "it holds MATLAB objects (table, timetable), whose layout is not public; save arrays, or a struct of them "
+            "(S = table2struct(T, 'ToScalar', true); save log.mat -struct S)"
+        )
+    return _table_of_tree(about, arrays, topics, "variable")
+
+
+def _check_mat(path: pathlib.Path) -> None:
+    """Compare the sizes that variables declare, unpacked ones included, with that of the file."""
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        head = file.read(128)
+        order = _ORDER.get(head[126:128])
+        if order is None or not head.startswith(b"MATLAB"):
+            return  # version 4: nothing is packed
+        total = 0
+        while len(tag := file.read(8)) == 8:
+            kind, length = struct.unpack(order + "II", tag)
+            start = file.tell()
+            if start + length > size:
+                raise DataError(f"it ends within a variable, {start + length - size} bytes early; it is cut off or damaged: copy it again")
+            if kind == _COMPRESSED:
+                try:
+                    inner = zlib.decompressobj().decompress(file.read(min(length, 512)), 8)
+                except zlib.error as error:
+                    raise DataError(f"a variable cannot be unpacked ({error}); it is damaged: copy it again") from error
+                total += struct.unpack(order + "II", inner)[1] if len(inner) == 8 else 0
+                check_declared(total, size, "a variable")
+            file.seek(start + length)
+
+
+def read_hdf5(path: pathlib.Path, topics: list[str] | None) -> Table:
+    """Arrays of an HDF5 or MATLAB 7.3 file by the names of the data sets, at any depth; an attribute `units` gives the unit.
+
+    Only what lies in the file itself is read: links to other files, data stored in them, and virtual data sets are left out.
+    """
+    require("h5py", "reading HDF5 and MATLAB 7.3", "hdf5")
+    about, arrays = _in_sandbox("hdf5", path, "the file")
+    if "most" in about:
+        raise DataError(f"the file holds more than {about['most']} data sets; it is damaged, or no log: save the log's arrays alone")
+    left_out = [
+        f"{name} is a MATLAB {kind or 'object'}; save it as a struct of arrays (table2struct(T, 'ToScalar', true))"
+        for name, kind in about["opaque"]
+    ]
+    try:
+        table = _table_of_tree(about, arrays, topics, "data set")
+    except DataError as error:
+        raise DataError(f"{error}; not read: {'; '.join(left_out)}") if left_out else error from None
+    table.notes += left_out
+    return table
+
+
+def _in_sandbox(kind: str, path: pathlib.Path, what: str) -> tuple[dict[str, Any], list[np.ndarray]]:
+    """Description and arrays of a file, read in the process of `_sandbox`."""
+    size = path.stat().st_size
+    about, arrays = sandbox.read(kind, str(path), allowed=allowed(size))
+    check_declared(about.get("declared", 0), size, what)
+    return about, arrays
+
+
+def _table_of_tree(about: dict[str, Any], arrays: list[np.ndarray], topics: list[str] | None, kind: str) -> Table:
+    """Table of the arrays of one group, or of all where their names are different.
+
+    `about` has the name of each, such as ``imu0/gyro``, and units by name where the file gives some. Rows and columns may be either
+    way round: the longer side is time. `topics` is the group to read, `kind` what arrays are called in messages.
+    """
+    groups: dict[str, dict[str, np.ndarray]] = {}
+    for path, array in zip(about["names"], arrays, strict=True):
+        if array.size:
+            unit = about.get("units", {}).get(path)
+            name = posixpath.basename(path) + (f" [{unit}]" if unit else "")
+            groups.setdefault(posixpath.dirname(path), {})[name] = _upright(array.astype(array.dtype.newbyteorder("=")))
+    if not groups:
+        shown = [f"{path} {array.shape} {array.dtype}" for path, array in zip(about["names"][:12], arrays, strict=False)]
+        raise DataError(
+            f"no {kind} with numbers in it (there is {', '.join(shown) or 'nothing'}); save time, gyro, accel, mag, temperature as plain "
+            "arrays"
+        )
+    with_sensors = [name for name, group in groups.items() if _has_sensor(group)]
+    if topics is not None:
+        wanted = [topic.strip("/") for topic in topics]
+        unknown = [topic for topic in wanted if topic not in groups]
+        if unknown or len(wanted) > 1:
+            raise DataError(f"topics=: {', '.join(unknown or wanted)}: give one of the groups {_listed(with_sensors or list(groups))}")
+        return _group_table(_inherited(groups, wanted[0]))
+    if len(with_sensors) == 1:
+        return _group_table(_inherited(groups, with_sensors[0]))
+    names = [name for group in groups.values() for name in group]
+    twice = {name for name in names if names.count(name) > 1}
+    if twice and with_sensors:
+        raise DataError(f"several groups hold sensors: name one with topics= (--topics): {_listed(with_sensors)}")
+    return _group_table({name: array for group in groups.values() for name, array in group.items() if name not in twice})
+
+
+def _inherited(groups: dict[str, dict[str, np.ndarray]], group: str) -> dict[str, np.ndarray]:
+    """Arrays of a group, and of those around it (a clock that several sensors share)."""
+    found = dict(groups[group])
+    while group:
+        group = posixpath.dirname(group)
+        found = groups.get(group, {}) | found
+    return found
+
+
+def _group_table(arrays: dict[str, np.ndarray]) -> Table:
+    matrices = [array for array in arrays.values() if array.ndim == 2 and array.shape[1] > 3]
+    if len(matrices) != 1 or _has_sensor(arrays):
+        return _table_of_arrays(arrays)
+    matrix = matrices[0]
+    rest = {name: array for name, array in arrays.items() if array is not matrix and len(array) in (1, len(matrix))}
+    table = _table_of_arrays(rest | {f"{_NAMELESS}{j}": matrix[:, j] for j in range(min(matrix.shape[1], _WIDEST))})
+    table.names = ["" if name.startswith(_NAMELESS) else name for name in table.names]
+    return table
+
+
+def _has_sensor(arrays: dict[str, np.ndarray]) -> bool:
+    names = [name for name, array in arrays.items() if array.ndim == 1]
+    names += [f"{name}_{axis}" for name, array in arrays.items() if array.ndim == 2 for axis in AXES[: array.shape[1]]]
+    try:
+        return bool(set(by_name(names)[0]) & {*SENSORS, "temperature"})
+    except DataError:
+        return True
+
+
+def _upright(array: np.ndarray) -> np.ndarray:
+    """Time first: vectors of one dimension, and the longer side of a matrix down."""
+    if array.ndim != 1 and array.size == max(array.shape, default=1):
+        return array.reshape(-1)
+    return array.T if array.ndim == 2 and array.shape[0] < array.shape[1] else array
+
+
+def _listed(groups: list[str]) -> str:
+    return ", ".join(f"/{group}" for group in sorted(groups))

@@ -1,0 +1,278 @@
+"""The rows of a text table, block by block: threads parse side by side, and neither the text nor a frame of all rows is held.
+
+A block in which something does not fit is repaired: looked at line by line, and what is wrong is counted.
+"""
+
+import collections
+import dataclasses
+import functools
+import itertools
+import os
+import pathlib
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..._errors import DataError
+from .._table import Table
+from ._bounds import require
+from ._text import MISSING, Layout, Text, open_text, sniff, split
+
+#: part of the rows that may be damaged before the table is refused
+_TOLERATED = 0.01
+#: in the place of a column: rows that have another number of fields
+_WIDTH = -1
+
+
+def read_csv(path: pathlib.Path) -> Table:
+    """Columns of a text table (CSV, TSV, blanks), plain or gzipped.
+
+    Rows with the wrong number of fields are left out, and text in a column of numbers is a missing value; both are counted, and
+    more than 1 % of either is an error that shows the first.
+    """
+    require("polars", "reading tables", "csv")
+    text = open_text(path)
+    layout = sniff(text.head)
+    warnings: list[str] = []
+    columns = gather(text, layout, warnings)
+    integer = {j for j, kind in enumerate(layout.kinds) if kind in ("int", "long")}
+    return Table(columns, layout.names, integer, warnings=warnings)
+
+
+class Seen(NamedTuple):
+    """Something that was found `count` times, first in line `number`, which reads `shown`."""
+
+    count: int
+    number: int
+    shown: str
+
+
+@dataclasses.dataclass
+class Faults:
+    """What is wrong in the lines of a block, or of a table, by column."""
+
+    rows: int = 0
+    found: dict[int, Seen] = dataclasses.field(default_factory=dict)
+
+    def add(self, other: "Faults", lines: int) -> None:
+        """Count what a later block holds, of which `lines` stand before it."""
+        self.rows += other.rows
+        for j, seen in other.found.items():
+            first = self.found.get(j, Seen(0, seen.number + lines, seen.shown))
+            self.found[j] = first._replace(count=first.count + seen.count)
+
+    def judged(self, layout: Layout) -> list[str]:
+        """A sentence on each; an error if more than 1 % of the rows are wrong."""
+        said, rows = [], self.rows
+        for j, (count, number, shown) in sorted(self.found.items()):
+            if j == _WIDTH:
+                sentence = f"{count} of {rows} rows do not have {layout.width} fields; the first is line {number}: {shown[:80]!r}"
+                outcome, mend = "left out", "remove these lines"
+            else:
+                name = f"column {j}" + (f" ({layout.names[j]})" if layout.names[j] else "")
+                sentence = f"{name} holds text instead of a number in {count} of {rows} rows; the first is {shown!r} in line {number}"
+                outcome, mend = "treated as missing", "leave the column out with columns= (--columns)"
+            if count > max(1, _TOLERATED * rows):
+                raise DataError(f"{sentence}; mend the file, or {mend}")
+            said.append(f"{sentence}; they are {outcome}")
+            rows -= count if j == _WIDTH else 0
+        return said
+
+
+@dataclasses.dataclass
+class Block:
+    """Columns of one block, of how many rows and bytes, and what was wrong with it."""
+
+    columns: list[np.ndarray]
+    rows: int
+    size: int
+    faults: Faults
+
+
+def stretch(text: Text, layout: Layout, edges: list[int]) -> Iterator[Block]:
+    """The blocks between successive places in the text."""
+    return _parsed_ahead(layout, (functools.partial(text.part, at, end) for at, end in itertools.pairwise(edges)))
+
+
+def row_edges(text: Text, layout: Layout) -> tuple[list[int], np.ndarray]:
+    """Where blocks begin in a text that is not packed, and how many rows stand before each, ends included.
+
+    A row that does not fit is an error: read in chunks there is nobody to be told.
+    """
+    edges = text.edges(text.start(layout.skip))
+    counts, lines = [0], _Lines(text, layout)
+    for index, block in enumerate(stretch(text, layout, edges)):
+        counts.append(block.rows)
+        if block.faults.found:
+            faults = Faults()
+            faults.add(block.faults, lines.before(index))
+            said = faults.judged(layout)
+            raise DataError(f"{said[0].rpartition(';')[0]}; convert it once with `jaxcal convert LOG LOG.npz`, which mends it and says so")
+    return edges, np.cumsum(counts)
+
+
+def _parsed_ahead(layout: Layout, reads: Iterator[Callable[[], bytes]]) -> Iterator[Block]:
+    """The blocks that `reads` give, in order; some are parsed ahead."""
+    import polars as pl
+
+    threads = os.cpu_count() or 1
+    with ThreadPoolExecutor(threads) as pool:
+        ahead = collections.deque()
+        try:
+            for read in reads:
+                ahead.append(pool.submit(_parse, pl, read, layout))
+                if len(ahead) > threads + 1:
+                    yield ahead.popleft().result()
+            while ahead:
+                yield ahead.popleft().result()
+        finally:
+            for future in ahead:
+                future.cancel()
+
+
+def _parse(pl: Any, read: Callable[[], bytes], layout: Layout) -> Block:
+    """The rows of one block."""
+    text = read()
+    frame, faults = (None if layout.padded else _parsed(pl, text, layout)), None
+    if frame is None or not _fits(pl, frame, layout, text):
+        frame, faults = _repair(pl, text, layout)
+    if frame.to_series(layout.width - 1).null_count():
+        frame = frame.filter(~pl.all_horizontal(pl.all().is_null()))
+    columns = [_dates(frame.to_series(j)) if kind == "date" else frame.to_series(j).to_numpy() for j, kind in enumerate(layout.kinds)]
+    return Block(columns, frame.height, len(text), faults or Faults(frame.height))
+
+
+def _parsed(pl: Any, text: bytes, layout: Layout) -> Any:
+    """The rows as a frame, or None where they do not fit."""
+    types = {"int": pl.Float64, "long": pl.Int64, "float": pl.Float64, "date": pl.String, "text": pl.String}
+    schema = {f"c{j}": types[kind] for j, kind in enumerate(layout.kinds)} | ({"end": pl.String} if layout.trailing else {})
+    plain = not (b'"' in text or (layout.comment or "#").encode() in text or {"date", "text"} & set(layout.kinds))
+    # to look for quotes, comments and words that stand for a missing value takes as long as the numbers
+    for quick in (True, False) if plain else (False,):
+        more = {"quote_char": None} if quick else {"null_values": list(MISSING), "comment_prefix": layout.comment}
+        try:
+            return pl.read_csv(
+                text, has_header=False, separator=layout.delimiter, schema=schema, decimal_comma=layout.comma,
+                encoding="utf8-lossy", raise_if_empty=False, **more,
+            )  # fmt: skip
+        except (pl.exceptions.ComputeError, pl.exceptions.SchemaError):
+            continue
+    return None
+
+
+def _fits(pl: Any, frame: Any, layout: Layout, text: bytes) -> bool:
+    """Whether no row looks cut short or overlong: a row cut short ends in nulls, as do a blank line and a missing last value."""
+    if layout.trailing and frame["end"].drop_nulls().len():
+        return False
+    nulls = frame.to_series(layout.width - 1).null_count()
+    if not nulls or nulls == frame.select(pl.all_horizontal(pl.all().is_null()).sum()).item():
+        return True
+    # a last column without any value
+    fields = text.count(layout.delimiter.encode()) == (layout.width - 1 + layout.trailing) * frame.height
+    return nulls == frame.height and fields and b'"' not in text
+
+
+def gather(text: Text, layout: Layout, warnings: list[str]) -> list[np.ndarray]:
+    """All rows, column by column; those of numbers are the rows of one array."""
+    places = {j: i for i, j in enumerate(j for j, kind in enumerate(layout.kinds) if kind in ("int", "float"))}
+    others: dict[int, list[np.ndarray]] = {j: [] for j in range(layout.width) if j not in places}
+    numbers = np.empty((len(places), 0))
+    rows, faults, lines = 0, Faults(), _Lines(text, layout)
+    for index, block in enumerate(_parsed_ahead(layout, text.blocks(text.start(layout.skip)))):
+        end = rows + block.rows
+        if end > numbers.shape[1]:
+            longer = np.empty((len(numbers), _expected(text, block, end)))
+            longer[:, :rows] = numbers[:, :rows]
+            numbers = longer
+        for j, column in enumerate(block.columns):
+            if j in places:
+                numbers[places[j], rows:end] = column
+            else:
+                others[j].append(column)
+        faults.add(block.faults, lines.before(index) if block.faults.found else 0)
+        rows = end
+    warnings.extend(faults.judged(layout))
+    return [numbers[places[j], :rows] if j in places else np.concatenate(others[j] or [[]]) for j in range(layout.width)]
+
+
+class _Lines:
+    """How many lines stand before a block, counted when something is wrong in it."""
+
+    def __init__(self, text: Text, layout: Layout) -> None:
+        self._reads, self._at, self._lines = text.blocks(text.start(layout.skip)), 0, layout.skip
+
+    def before(self, index: int) -> int:
+        while self._at < index:
+            self._lines += next(self._reads)().count(b"\n")
+            self._at += 1
+        return self._lines
+
+
+def _expected(text: Text, block: Block, rows: int) -> int:
+    """Rows to make room for; what is not needed costs no memory, as it is never touched."""
+    if text.size is None or not block.size:
+        return 2 * rows
+    return max(int(1.05 * block.rows * text.size / block.size), rows + rows // 4)
+
+
+def _dates(column: Any) -> np.ndarray:
+    """ISO 8601 dates as datetime64[ns], in UTC where they carry a zone."""
+    text = column.str.replace_all("/", "-", literal=True).str.replace(",", ".", literal=True).str.replace(" ", "T", literal=True)
+    clock = text.str.extract(r"^(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(?:\.\d{1,9})?)")
+    values = clock.str.to_datetime("%Y-%m-%dT%H:%M:%S%.f", time_unit="ns", strict=False).to_numpy().astype("datetime64[ns]")
+    zones = text.str.extract(r"T.*([+-]\d\d:?\d\d)$").to_numpy()
+    for zone in {zone for zone in zones if zone}:
+        minutes = int(zone[1:3]) * 60 + int(zone[-2:])
+        values[zones == zone] -= np.timedelta64(minutes if zone[0] == "+" else -minutes, "m")
+    return values
+
+
+def _repair(pl: Any, content: bytes, layout: Layout) -> tuple[Any, Faults]:
+    """The rows of a block as a frame, and what is wrong: rows of the wrong width are left out, text among numbers is blanked out."""
+    lines = pl.read_csv(
+        content, has_header=False, separator="\x1f", quote_char=None, schema={"line": pl.String}, encoding="utf8-lossy",
+        truncate_ragged_lines=True, raise_if_empty=False,
+    ).with_row_index("number", offset=1)  # fmt: skip
+    line = pl.col("line")
+    lines = lines.with_columns(line.str.strip_chars(" \t\r" if layout.delimiter != "\t" else " \r")).drop_nulls("line")
+    lines = lines.filter((line != "") & ~line.str.contains(r"^(#|%|//)"))
+    separator = layout.delimiter
+    if separator == " ":
+        lines = lines.with_columns(line.str.replace_all(r"\s+", " "))
+    if lines.select(line.str.contains('"', literal=True).any()).item():
+        # delimiters inside quotes are no delimiters
+        plain = [separator.join(field.replace(separator, " ") for field in split(text, separator)) for text in lines["line"]]
+        lines = lines.with_columns(pl.Series("line", plain, pl.String))
+    fields = line.str.count_matches(separator, literal=True) + 1
+    right = (fields == layout.width) | ((fields == layout.width + 1) & line.str.ends_with(separator))
+    faults = Faults(lines.height)
+    wrong = lines.filter(~right)
+    if wrong.height:
+        faults.found[_WIDTH] = Seen(wrong.height, *wrong.row(0))
+        lines = lines.filter(right)
+    lines = lines.with_columns(pl.when(fields > layout.width).then(line.str.strip_suffix(separator)).otherwise(line).alias("line"))
+    text = "\n".join(lines["line"].to_list()).encode()
+    strings = {f"c{j}": pl.String for j in range(layout.width)}
+    frame = pl.read_csv(
+        text, has_header=False, separator=separator, schema=strings, null_values=list(MISSING), quote_char=None, raise_if_empty=False
+    )
+    return frame.select(_cast(pl, frame, j, layout, lines["number"], faults) for j in range(layout.width)), faults
+
+
+def _cast(pl: Any, frame: Any, j: int, layout: Layout, numbers: Any, faults: Faults) -> Any:
+    column = frame.to_series(j).str.strip_chars()
+    column = column.set(column.is_in(list(MISSING)).fill_null(False), None)
+    kind = layout.kinds[j]
+    if kind in ("text", "date"):
+        return column
+    if layout.comma:
+        column = column.str.replace(",", ".", literal=True)
+    values = column.cast(pl.Float64, strict=False)
+    if kind == "long" and (whole := column.cast(pl.Int64, strict=False)).null_count() == values.null_count():
+        values = whole
+    bad = (values.is_null() & column.is_not_null()).arg_true()
+    if len(bad):
+        faults.found[j] = Seen(len(bad), numbers[int(bad[0])], column[int(bad[0])])
+    return values

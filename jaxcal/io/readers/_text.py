@@ -1,0 +1,261 @@
+"""A text table before its rows are parsed: its bytes (plain, gzipped or in another encoding), and its layout, told from its beginning."""
+
+import contextlib
+import csv
+import dataclasses
+import functools
+import gzip
+import io
+import itertools
+import pathlib
+import re
+import zlib
+from collections.abc import Callable, Iterator
+
+from ..._errors import DataError
+from .._columns import SENSORS, parse_name, unit_of
+
+_HEAD = 1 << 18
+#: two threads with blocks of 4 MiB read as fast as they parse, and hold little
+_BLOCK = 1 << 22
+MISSING = ("", "NA", "N/A", "n/a", "null", "NULL", "None", "none", "-", "--", "NAN", "nan", "NaN", "Nan")
+COMMENTS = ("#", "%", "//")
+_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?(?:inf(?:inity)?)", re.IGNORECASE)
+_COMMA_NUMBER = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
+_DATE = re.compile(r"\d{4}[-/]\d\d[-/]\d\d[T ]\d\d:\d\d:\d\d(?:[.,]\d+)?\s*(?:Z|UTC|[+-]\d\d:?\d\d)?")
+_LOOK = 500
+
+
+@dataclasses.dataclass(frozen=True)
+class Text:
+    """A text table: `head` is its beginning as text; `content` is all of it in UTF-8 with line feeds, where the file has it otherwise."""
+
+    path: pathlib.Path
+    head: str
+    first: bytes  # the head as it stands in the blocks
+    content: bytes | None
+    packed: bool
+
+    def start(self, lines: int) -> int:
+        """Where the line after the first `lines` begins."""
+        at = 0
+        for _ in range(lines):
+            at = self.first.find(b"\n", at) + 1
+        return at
+
+    def edges(self, start: int) -> list[int]:
+        """Where blocks of whole lines begin, from `start` on, and where the last one ends."""
+        with self._open() as file:
+            size = file.seek(0, io.SEEK_END)
+            found = [start]
+            while found[-1] < size:
+                file.seek(min(found[-1] + _BLOCK, size))
+                file.readline()
+                found.append(file.tell())
+        return found
+
+    def part(self, start: int, stop: int) -> bytes:
+        """The bytes between two places."""
+        with self._open() as file:
+            file.seek(start)
+            return file.read(stop - start)
+
+    def blocks(self, start: int) -> Iterator[Callable[[], bytes]]:
+        """What reads one block each; they may be called in any thread."""
+        if self.packed and self.content is None:
+            yield from (functools.partial(bytes, block) for block in _unpacked(self.path, start))
+            return
+        for at, end in itertools.pairwise(self.edges(start)):
+            yield functools.partial(self.part, at, end)
+
+    @property
+    def size(self) -> int | None:
+        """Bytes in all, None where that is known at the end only."""
+        if self.content is not None:
+            return len(self.content)
+        return None if self.packed else self.path.stat().st_size
+
+    def _open(self) -> io.BufferedIOBase:
+        return self.path.open("rb") if self.content is None else io.BytesIO(self.content)
+
+
+def open_text(path: pathlib.Path) -> Text:
+    """Look at the beginning of a text file."""
+    with path.open("rb") as file:
+        packed = file.read(2) == b"\x1f\x8b"
+    with _gzip_faults(), gzip.open(path) if packed else path.open("rb") as file:
+        first = file.read(_HEAD)
+        whole = not file.read(1)
+    encoding = _encoding(first)
+    text = first.decode(encoding, errors="replace")
+    if not whole:
+        text = text[: text.rfind("\n") + 1] or text
+    if not text.strip():
+        raise DataError("the file is empty")
+    content = None
+    # polars reads UTF-8 and ends lines at \n
+    if encoding.startswith("utf-16") or ("\n" not in text and "\r" in text):
+        everything = b"".join(_unpacked(path, 0)) if packed else path.read_bytes()
+        content = everything.decode(encoding, errors="replace").replace("\r\n", "\n").replace("\r", "\n").encode()
+        first = content[:_HEAD]
+    return Text(path, text, first, content, packed)
+
+
+def _unpacked(path: pathlib.Path, start: int) -> Iterator[bytes]:
+    """Blocks of whole lines of a gzip file, whose checksum is looked at on the way."""
+    with _gzip_faults(), gzip.open(path) as file:
+        file.read(start)
+        while block := file.read(_BLOCK):
+            yield block + file.readline()
+
+
+@contextlib.contextmanager
+def _gzip_faults() -> Iterator[None]:
+    try:
+        yield
+    except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+        raise DataError(
+            f"the gzip file is damaged or cut off ({error}); copy it again, or save what `zcat` still gives as a plain file"
+        ) from error
+
+
+def _encoding(head: bytes) -> str:
+    if head.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return "utf-16"
+    control = sum(byte < 9 or 13 < byte < 32 for byte in head[:4096])
+    if b"\0" in head or control > 0.01 * len(head[:4096]):
+        raise DataError("this is neither text nor a format that is known by its first bytes; convert it to CSV or NPZ")
+    try:
+        head.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        if error.start < len(head) - 4:
+            return "latin-1"
+    return "utf-8-sig"
+
+
+@dataclasses.dataclass(frozen=True)
+class Layout:
+    """How to read a text table.
+
+    `skip` lines precede the first row; `delimiter` " " stands for any white space; `width` columns carry data, and rows may end
+    with one delimiter more (`trailing`); `kinds` are "int", "long" (more than 15 digits), "float", "date" or "text"; `padded` rows
+    have blanks to remove first.
+    """
+
+    skip: int
+    delimiter: str
+    names: list[str]
+    kinds: list[str]
+    comma: bool
+    comment: str | None
+    trailing: bool
+    padded: bool
+
+    @property
+    def width(self) -> int:
+        """Number of columns."""
+        return len(self.kinds)
+
+
+def sniff(text: str) -> Layout:
+    """Layout of a table from its first lines."""
+    lines = text.splitlines()[:_LOOK]
+    best: tuple[str, int, dict[int, list[str]]] | None = None
+    for mark in (";", "\t", ",", " "):
+        rows = {i: split(line, mark) for i, line in enumerate(lines) if line.strip() and not _is_comment(line)}
+        rows_of_numbers = {i: row for i, row in rows.items() if _is_data(row)}
+        widths = [_effective(row) for row in rows_of_numbers.values()]
+        if not widths:
+            continue
+        width = max(set(widths), key=widths.count)
+        if best is None or width > 1 or best[1] == 1:
+            best = mark, width, {i: row for i, row in rows_of_numbers.items() if _effective(row) == width}
+        if width > 1 and widths.count(width) > 0.5 * len(rows):
+            break
+    if best is None:
+        shown = next((line.strip() for line in lines if line.strip()), "")
+        raise DataError(f"there are no rows of numbers; the first line is {shown[:80]!r}")
+    delimiter, width, found = best
+    first, data = min(found), list(found.values())
+    comments = [line.strip() for line in lines[first:] if _is_comment(line)]
+    marks = [mark for mark in COMMENTS if any(line.startswith(mark) for line in comments)]
+    blanks = delimiter == " " and any(line != line.strip() or re.search(r"[ \t]{2,}|\t", line) for line in lines[first:])
+    return Layout(
+        skip=first,
+        delimiter=delimiter,
+        names=_names([line for line in lines[:first] if line.strip(" \t#%/")], delimiter, width) or [""] * width,
+        kinds=[_kind([row[j].strip() for row in data]) for j in range(width)],
+        comma=delimiter in ";\t" and any(_COMMA_NUMBER.fullmatch(field.strip()) for row in data for field in row),
+        comment=marks[0] if marks else "#",
+        trailing=any(len(row) > width for row in data),
+        padded=blanks or (delimiter != " " and any(field != field.rstrip() for row in data for field in row[-1:])),
+    )
+
+
+def split(line: str, delimiter: str) -> list[str]:
+    """Fields of a line; " " splits at any white space; quoted fields are kept whole."""
+    if delimiter == " ":
+        return [field.strip('"') for field in line.split()]
+    if '"' not in line:
+        return line.split(delimiter)
+    return next(csv.reader([line], delimiter=delimiter), [])
+
+
+def _is_comment(line: str) -> bool:
+    return line.lstrip().startswith(COMMENTS)
+
+
+def _effective(row: list[str]) -> int:
+    """Number of fields, a trailing delimiter left out."""
+    return len(row) - (len(row) > 1 and not row[-1].strip())
+
+
+def _is_number(field: str) -> bool:
+    return bool(_NUMBER.fullmatch(field) or _COMMA_NUMBER.fullmatch(field) or _DATE.fullmatch(field))
+
+
+def _is_data(row: list[str]) -> bool:
+    filled = [field.strip() for field in row if field.strip() not in MISSING]
+    numbers = sum(map(_is_number, filled))
+    return numbers >= max(1, len(filled) / 2)
+
+
+def _kind(fields: list[str]) -> str:
+    filled = [field for field in fields if field not in MISSING]
+    if not filled:
+        return "float"
+    if sum(map(bool, map(_DATE.fullmatch, filled))) > len(filled) / 2:
+        return "date"
+    if sum(map(_is_number, filled)) <= len(filled) / 2:
+        return "text"
+    if not all(re.fullmatch(r"[+-]?\d+", field) for field in filled if _is_number(field)):
+        return "float"
+    # float64 holds whole numbers up to 2^53; nanoseconds since 1970 are longer
+    return "long" if max(len(field) for field in filled) > 15 else "int"
+
+
+def _names(head: list[str], delimiter: str, width: int) -> list[str] | None:
+    """Column names: the line of text before the data that has as many fields; a line of units below it is joined on."""
+    names = _fields(head[-1], delimiter, width) if head else None
+    if names and len(head) > 1 and all(map(_is_unit, names)) and any(names):
+        above = _fields(head[-2], delimiter, width)
+        if above and any(map(parse_name, above)):
+            return [f"{name} [{unit.strip('[]()')}]" if unit.strip("[]()- ") else name for name, unit in zip(above, names, strict=True)]
+    # a comment may happen to have as many words as there are columns
+    return None if names and _is_comment(head[-1]) and not any(map(parse_name, names)) else names
+
+
+def _fields(line: str, delimiter: str, width: int) -> list[str] | None:
+    """The `width` words of a line above the data, or None; a comment may use another delimiter than the data."""
+    comment = _is_comment(line)
+    bare = line.strip().lstrip("#%/").strip() if comment else line
+    for mark in dict.fromkeys((delimiter, ",", ";", "\t", " ") if comment else (delimiter,)):
+        row = split(bare, mark)
+        if _effective(row) == width and not _is_data(row):
+            return [field.strip().strip('"') for field in row[:width]]
+    return None
+
+
+def _is_unit(field: str) -> bool:
+    text = field.strip("[]() ")
+    return not text or text == "-" or any(unit_of(text, quantity) for quantity in ("time", *SENSORS, "temperature"))
