@@ -14,7 +14,7 @@ UNITS = {
     "density": {"gyro": "rad/s/sqrt(Hz)", "accel": "m/s^2/sqrt(Hz)"},
     "random_walk": {"gyro": "rad/s^2/sqrt(Hz)", "accel": "m/s^3/sqrt(Hz)"},
 }
-SENSORS = ("gyro", "accel")
+SENSORS = {"gyro": "gyroscope", "accel": "accelerometer"}
 _CHOICES = {
     "axis": {"worst": "the largest of the three axes", "rms": "their root mean square"},
     "convention": {"midpoint": "N sqrt(2 rate)", "per_sample": "N sqrt(rate)"},
@@ -25,6 +25,7 @@ _CHOICES = {
         "madgwick": "imu_filter_madgwick",
     },
 }  # fmt: skip
+INSTANCE = "the number of the sensor on its vehicle, from 0"
 
 
 class Options(eqx.Module):
@@ -48,20 +49,12 @@ class Options(eqx.Module):
 
     def __check_init__(self):
         for name, known in _CHOICES.items():
-            value = getattr(self, name)
-            if value not in known:
-                words = " or ".join(f'"{key}" ({text})' for key, text in known.items())
-                raise ExportError(f"{name}={value!r}: expected {words}")
-        if not is_positive(self.inflate):
-            raise ExportError(f"inflate={self.inflate!r}: expected a number above 0 by which the noise is multiplied")
-        if self.rate is not None and not is_positive(self.rate):
-            raise ExportError(f"rate={self.rate!r}: expected the true sampling rate of the sensor in Hz")
-        if not is_positive(self.gravity):
-            raise ExportError(f"gravity={self.gravity!r}: expected the local gravity in m/s^2")
-        if isinstance(self.instance, bool) or not 0 <= self.instance <= 4:
-            raise ExportError(f"instance={self.instance!r}: expected the number of the sensor on its vehicle, from 0")
-        if not (self.prefix.isascii() and self.prefix.isidentifier()):
-            raise ExportError(f'prefix={self.prefix!r}: expected the beginning of a name in C, such as "JAXCAL_"')
+            self._check(name, getattr(self, name) in known, " or ".join(f'"{key}" ({text})' for key, text in known.items()))
+        self._check("inflate", is_positive(self.inflate), "a number above 0 by which the noise is multiplied")
+        self._check("rate", self.rate is None or is_positive(self.rate), "the true sampling rate of the sensor in Hz")
+        self._check("gravity", is_positive(self.gravity), "the local gravity in m/s^2")
+        self._check("instance", is_instance(self.instance), INSTANCE)
+        self._check("prefix", self.prefix.isascii() and self.prefix.isidentifier(), 'the beginning of a name in C, such as "JAXCAL_"')
         for quantity in UNITS:
             asked = getattr(self, quantity)
             for sensor, value in (asked if isinstance(asked, dict) else dict.fromkeys(SENSORS, asked)).items():
@@ -72,6 +65,10 @@ class Options(eqx.Module):
                         f'{quantity}={value!r}: expected "upper_limit", a number above 0, or one of these for each sensor as '
                         '{"gyro": ..., "accel": ...}'
                     )
+
+    def _check(self, name: str, right: bool, expected: str) -> None:
+        if not right:
+            raise ExportError(f"{name}={getattr(self, name)!r}: expected {expected}")
 
     def chosen(self) -> list[str]:
         """Names of the options that differ from their defaults."""
@@ -89,3 +86,8 @@ class Product(eqx.Module):
 def is_positive(value: Any) -> bool:
     """Whether a value is a finite number above 0."""
     return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value) and value > 0
+
+
+def is_instance(value: Any) -> bool:
+    """Whether a value can be the number of a sensor on its vehicle."""
+    return not isinstance(value, bool) and 0 <= value <= 4

@@ -1,21 +1,16 @@
-"""Numbers and comments as other tools read them."""
+"""Numbers and comments as other tools read them, and numbers as they are read back."""
 
 import math
 from collections.abc import Iterable
 
-from .._errors import ExportError
+from .._errors import DataError, ExportError
 
 _LARGEST = 3e38  # float32
+LARGEST_READ = 1e15  # a number above this is damage
 
 
 def plain(value: float | int, digits: int = 9) -> str:
-    """Nine digits, exact for float32, and no negative zero.
-
-    Raises
-    ------
-    ExportError
-        If the value is NaN, infinite, or more than float32 holds.
-    """
+    """Nine digits, exact for float32, and no negative zero; an error where float32 does not hold the value."""
     if isinstance(value, int):
         return str(value)
     if not (math.isfinite(value) and abs(value) < _LARGEST):
@@ -52,3 +47,14 @@ def listed(values: Iterable[float]) -> str:
 def comment(text: str, mark: str = "#") -> str:
     """One line of comment, whatever the text holds."""
     return f"{mark} {' '.join(text.split())}"
+
+
+def finite(text: str, what: str) -> float:
+    """The number that a text is; an error where it is none, or none that a calibration can have. `what` says where it stands."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not abs(value) < LARGEST_READ:
+        raise DataError(f"{what} is {text!r:.80}; expected a number")
+    return value
