@@ -11,8 +11,7 @@ from ..imu import Triad
 from ..magnetometer import Moments
 from ..magnetometer._onboard._gate import APART, CELLS, MOST
 from ._models import correction, cubics, gyro_bias, triads, unknown_field
-from ._options import Options, Product
-from ._text import number
+from ._options import Options, Product, number
 
 _APPLY = """static inline void %sapply(const float m[3][3], const float b[3], const float y[3], float x[3]) {
   for (int i = 0; i < 3; ++i)
@@ -126,9 +125,8 @@ def header(calibration: Calibration, options: Options) -> Product:
     ranges = []
     if any(powers is not None for powers in thermal.values()):
         head.append(_THERMAL % p)
-        for name, key in (("REFERENCE", "reference"), ("MIN", "minimum"), ("MAX", "maximum")):
-            ranges.append(f"#define {p}TEMPERATURE_{name}_C {_number(getattr(calibration.temperature, key))}")
-        ranges.append("")
+        limits = {"REFERENCE": "reference", "MIN": "minimum", "MAX": "maximum"}.items()
+        ranges = [f"#define {p}TEMPERATURE_{name}_C {_number(getattr(calibration.temperature, key))}" for name, key in limits] + [""]
     guard = f"{p}CALIBRATION_H"
     lines = [*head, " */", f"#ifndef {guard}", f"#define {guard}", "", *ranges, *(line for lines in found.values() for line in lines), ""]
     text = "\n".join(lines) + "\n" + _APPLY % p.lower()

@@ -16,8 +16,7 @@ from ..calibration import Calibration, Covariance, DeviceNoise, Part, Thermal, p
 from ..imu import Triad
 from ..magnetometer import MagModel
 from ._noise import stored_noise
-from ._options import UNITS, Options, Product
-from ._text import finite, number
+from ._options import UNITS, Options, Product, finite, number
 
 _HEADER = "quantity,axis,value,low,high,unit,kind"
 #: term of the noise -> its kind

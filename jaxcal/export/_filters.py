@@ -19,8 +19,7 @@ from ..calibration import Calibration
 from ..imu import Triad
 from ._models import angle, factored, rounded, triads
 from ._noise import Isotropic, isotropic, noise_of, per_axis, stored_noise
-from ._options import SENSORS, UNITS, Options, Product
-from ._text import comment, listed, number
+from ._options import SENSORS, UNITS, Options, Product, comment, listed, number
 from ._yaml import mapping, numbers_of, parse, read_rate, stated
 
 #: (quantity, sensor) -> key, in the order of the file
@@ -32,9 +31,7 @@ _ORBSLAM3 = {
     ("density", "gyro"): "IMU.NoiseGyro", ("density", "accel"): "IMU.NoiseAcc",
     ("random_walk", "gyro"): "IMU.GyroWalk", ("random_walk", "accel"): "IMU.AccWalk",
 }  # fmt: skip
-_VINS = {
-    ("density", "accel"): "acc_n", ("density", "gyro"): "gyr_n", ("random_walk", "accel"): "acc_w", ("random_walk", "gyro"): "gyr_w",
-}  # fmt: skip
+_VINS = {("density", "accel"): "acc_n", ("density", "gyro"): "gyr_n", ("random_walk", "accel"): "acc_w", ("random_walk", "gyro"): "gyr_w"}
 _DIGITS = 9  # of a rotation in a file
 #: what a name may hold; between quotes these characters need no escape
 _TOPIC = re.compile(r"[A-Za-z~/][A-Za-z0-9_~/]*")
@@ -259,16 +256,12 @@ def _exact_rotation(turn: AnyArray) -> AnyArray:
     size = np.abs(turn.ravel())
     unit = 10.0 ** (np.ceil(np.log10(np.maximum(size, 1e-13))) - _DIGITS)  # of the ninth digit
     half = np.where(size < 1e-13, 1e-15, 0.5 * unit)[:, None]  # the first are written as exact zeros
-    off = (turn - near).ravel()
-    rows = np.vstack([np.hstack([steps, -half]), np.hstack([-steps, -half])])
-    limits = np.concatenate([off, -off])
-    scale = 5e-10
-    found = linprog([0, 0, 0, 1.0], A_ub=np.hstack([rows[:, :3], rows[:, 3:] / scale]), b_ub=limits / scale, bounds=[(None, None)] * 4)
-    if not found.success:
+    off, scale = (turn - near).ravel(), 5e-10
+    rows = np.vstack([np.hstack([steps, -half / scale]), np.hstack([-steps, -half / scale])])
+    found = linprog([0, 0, 0, 1.0], A_ub=rows, b_ub=np.concatenate([off, -off]) / scale, bounds=[(None, None)] * 4)
+    if not found.success or not np.any(found.x[:3]):
         return near
     angles = found.x[:3] * scale
     size = np.linalg.norm(angles)
-    if size == 0:
-        return near
     cross = np.cross(np.eye(3), angles / size)
     return (np.eye(3) + np.sin(size) * cross + (1 - np.cos(size)) * cross @ cross) @ near

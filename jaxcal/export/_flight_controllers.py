@@ -17,8 +17,7 @@ from ..calibration import Calibration, Thermal, polynomials
 from ..imu import Triad
 from ..magnetometer import MagModel
 from ._models import cubics, diagonal, dropped_of_gyro, gyro_bias, inverse, symmetric, symmetric_of, triads, upper_of
-from ._options import Options, Product
-from ._text import finite, plain
+from ._options import Options, Product, finite, plain
 
 _AXES = "XYZ"
 _GAUSS, _MILLIGAUSS = 1e-4, 1e-7  # T
@@ -37,7 +36,7 @@ Rows = dict[str, float | int]
 
 def px4(calibrations: Sequence[Calibration], options: Options) -> Product:
     """One instance of each sensor for every calibration, from `options.instance` on."""
-    rows, warnings = _instances("PX4", calibrations, lambda one, i, warnings: _px4_rows(one, i + options.instance, warnings))
+    rows, warnings = _instances("PX4", _px4_rows, calibrations, options)
     lines = [f"1\t1\t{name}\t{plain(value)}\t{6 if isinstance(value, int) else 9}" for name, value in rows]
     head = ("# Sensor calibration written by jaxcal", "#", "# Vehicle-Id Component-Id Name Value Type")
     return Product("\n".join((*head, *lines)) + "\n", warnings, _PX4_FACTS)
@@ -45,27 +44,25 @@ def px4(calibrations: Sequence[Calibration], options: Options) -> Product:
 
 def ardupilot(calibrations: Sequence[Calibration], options: Options) -> Product:
     """One instance of each sensor for every calibration, from `options.instance` on; ArduPilot counts from 1."""
-    rows, warnings = _instances(
-        "ArduPilot", calibrations, lambda one, i, warnings: _ardupilot_rows(one, i + options.instance + 1, options.gyro_bias, warnings)
-    )
+    rows, warnings = _instances("ArduPilot", _ardupilot_rows, calibrations, options)
     lines = [f"{name},{plain(value)}" for name, value in rows]
     return Product("\n".join(("# Sensor calibration written by jaxcal", *lines)) + "\n", warnings, _ARDUPILOT_FACTS)
 
 
 def _instances(
-    tool: str, calibrations: Sequence[Calibration], rows_of: Callable[[Calibration, int, list[str]], Rows]
+    tool: str, rows_of: Callable[..., Rows], calibrations: Sequence[Calibration], options: Options
 ) -> tuple[list[tuple[str, float | int]], tuple[str, ...]]:
     rows: Rows = {}
     warnings: list[str] = []
-    for i, calibration in enumerate(calibrations):
-        found = rows_of(calibration, i, warnings)
+    for instance, calibration in enumerate(calibrations, options.instance):
+        found = rows_of(calibration, instance, options, warnings)
         if not found:
             raise ExportError(f"the calibration holds no imu, magnetometer or temperature, of which {tool}'s parameters could be made")
         rows |= found
     return sorted(rows.items()), tuple(warnings)
 
 
-def _px4_rows(calibration: Calibration, i: int, warnings: list[str]) -> Rows:
+def _px4_rows(calibration: Calibration, i: int, options: Options, warnings: list[str]) -> Rows:
     if i >= _PX4_MOST:
         raise ExportError(f"PX4 has instances 0 to {_PX4_MOST - 1} of a sensor; instance {i} is one too many")
     rows: Rows = {}
@@ -121,9 +118,9 @@ def _ardupilot_names(i: int) -> dict[str, str]:
     }  # fmt: skip
 
 
-def _ardupilot_rows(calibration: Calibration, i: int, with_gyro_bias: bool, warnings: list[str]) -> Rows:
+def _ardupilot_rows(calibration: Calibration, instance: int, options: Options, warnings: list[str]) -> Rows:
+    i, parts, section = instance + 1, triads(calibration), calibration.temperature
     names = _ardupilot_names(i)
-    parts, section = triads(calibration), calibration.temperature
     if i > _IMUS:
         raise ExportError(f"ArduPilot has instances 1 to {_IMUS} of an IMU; instance {i} is one too many")
     if i > 3 and (parts or section):
@@ -135,11 +132,11 @@ def _ardupilot_rows(calibration: Calibration, i: int, with_gyro_bias: bool, warn
         scale, bias = diagonal(calibration, warnings), parts["accel"].bias + moved["ACC"]
         if max(abs(bias)) > 3.5 or min(scale) < 0.8 or max(scale) > 1.2:
             warnings.append("accelerometer: bias above 3.5 m/s^2 or scale factor outside 0.8 to 1.2, which the firmware does not take")
-        rows[names["accel_id"]] = _ardupilot_id(calibration, "accel_id")
+        rows[names["accel_id"]] = _device_id(calibration, "ardupilot", "accel_id")
         rows |= _named(names["accel_offset"], bias) | _named(names["accel_scale"], scale)
     if "gyro" in parts:
         warnings += dropped_of_gyro(calibration)
-        if with_gyro_bias:
+        if options.gyro_bias:
             warnings.append("gyroscope: the bias is learned anew at every start unless INS_GYR_CAL is 0")
             rows |= _named(names["gyro_offset"], parts["gyro"].bias + moved["GYR"])
         else:
@@ -156,7 +153,7 @@ def _ardupilot_rows(calibration: Calibration, i: int, with_gyro_bias: bool, warn
         # the firmware's default of -300 degC would be clipped to TMIN, and shift the bias
         start = names["thermal"]
         rows |= {names["accel_temperature"]: holds, f"{start}ENABLE": 1, f"{start}TMIN": low, f"{start}TMAX": high}
-        if with_gyro_bias and "gyro" in parts:
+        if options.gyro_bias and "gyro" in parts:
             rows[names["gyro_temperature"]] = holds
         for letter, powers in thermal.items():
             for k, values in enumerate(np.zeros((3, 3)) if powers is None else powers.T / _MILLIONTH, 1):
@@ -189,7 +186,7 @@ def _compass(calibration: Calibration, names: dict[str, str], i: int, warnings: 
         warnings.append("compass: diagonal outside 0.2 to 5 or off-diagonal of 1 and more, which the firmware does not take")
     if "COMPASS_MOT" in str((calibration.provenance or {}).get("applied", "")):
         warnings.append("compass: the log had motor compensation on; firmware before per-motor compensation adds it inside the matrix")
-    rows: Rows = {names["compass_id"]: _ardupilot_id(calibration, "compass_id"), names["compass_scale"]: 1}
+    rows: Rows = {names["compass_id"]: _device_id(calibration, "ardupilot", "compass_id"), names["compass_scale"]: 1}
     # the firmware adds the offset to the reading
     rows |= _named(names["compass_offset"], -mag.model.hard_iron / _MILLIGAUSS)
     return rows | _named(names["compass_diagonal"], shape.diagonal()) | _named(names["compass_rest"], rest)
@@ -204,12 +201,7 @@ def _device_id(calibration: Calibration, tool: str, name: str) -> int:
             f"the {name} of the sensor is not known, and the flight controller finds its parameters by it; give it as "
             f'Calibration(device={{"name": ..., "{tool}": {{"{name}": ID}}}}), with the number that the parameter list of the vehicle shows'
         )
-    return value
-
-
-def _ardupilot_id(calibration: Calibration, name: str) -> int:
-    value = _device_id(calibration, "ardupilot", name)
-    if value >= _LARGEST_ID:
+    if tool == "ardupilot" and value >= _LARGEST_ID:
         raise ExportError(f"ardupilot.{name} is {value}; ids of ArduPilot stay below {_LARGEST_ID}, for parameters travel as float32")
     return value
 

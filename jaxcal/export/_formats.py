@@ -13,26 +13,15 @@ from ._options import Options, Product
 
 
 class Format(eqx.Module):
-    """One format.
+    """One format."""
 
-    Attributes
-    ----------
-    make : function of (calibration, options); of a list of calibrations where there are `many`.
-    read : function of (text, options), which makes a calibration of a file; None where no file is read back.
-    sections : of the calibration that it uses.
-    options : names of the options that mean something to it.
-    mark : of its comments; "" where it has no place for them.
-    after : number of lines before the first comment.
-    many : whether it holds several instances of a sensor.
-    """
-
-    make: Callable[..., Product]
-    read: Callable[..., Calibration] | None
-    sections: tuple[str, ...]
-    options: tuple[str, ...] = ()
-    mark: str = "#"
-    after: int = 0
-    many: bool = False
+    make: Callable[..., Product]  # of (calibration, options); of (list of calibrations, options) where there are `many`
+    read: Callable[..., Calibration] | None  # of (content of a file, options)
+    sections: tuple[str, ...]  # of the calibration that it uses
+    options: tuple[str, ...] = ()  # that mean something to it
+    mark: str = "#"  # of its comments; "" where it has no place for them
+    after: int = 0  # number of lines before the first comment
+    many: bool = False  # whether it holds several instances of a sensor
 
 
 _NOISE = ("axis", "inflate", "density", "random_walk")

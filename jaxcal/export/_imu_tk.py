@@ -9,8 +9,7 @@ from .._types import AnyArray
 from ..calibration import Calibration
 from ..imu import Triad
 from ._models import correction, dropped_g_sensitivity, inverse, triads
-from ._options import Options, Product
-from ._text import finite, plain
+from ._options import Options, Product, finite, plain
 
 _DIGITS = 12
 _DECIMALS = 13  # of T, whose diagonal is 1; what is beyond is rounding

@@ -10,8 +10,7 @@ from .._units import si_unit
 from ..calibration import Calibration, Part
 from ..magnetometer import MagModel
 from ._models import inverse, symmetric, symmetric_of, upper_of
-from ._options import Options, Product
-from ._text import plain
+from ._options import Options, Product, plain
 
 _MICROTESLA = 1e-6
 _SIGNATURE = b"\x75\x54"
@@ -59,14 +58,7 @@ def read_motioncal(data: bytes, options: dict[str, Any]) -> Calibration:
 
 
 def _checksum(data: bytes) -> int:
-    """CRC-16, reflected polynomial 0xA001, from 0xFFFF.
-
-    Examples
-    --------
-    >>> from jaxcal.export._motioncal import _checksum
-    >>> hex(_checksum(b"123456789"))
-    '0x4b37'
-    """
+    """CRC-16, reflected polynomial 0xA001, from 0xFFFF."""
     found = 0xFFFF
     for byte in data:
         found ^= byte

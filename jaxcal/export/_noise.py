@@ -9,8 +9,7 @@ from .._errors import ExportError
 from .._types import AnyArray
 from .._units import si_unit
 from ..calibration import Calibration, DeviceNoise, SensorNoise
-from ._options import SENSORS, UNITS, Options, is_positive
-from ._text import number, numbers
+from ._options import SENSORS, UNITS, Options, is_positive, number, numbers
 
 #: what filters call it -> term of the noise model, and words
 _QUANTITIES = {"density": ("N", "noise density"), "random_walk": ("K", "random walk")}

@@ -1,12 +1,13 @@
-"""What a user may choose about a file."""
+"""What the formats share: what a user may choose about a file, what a writer makes, and numbers as they are written and read."""
 
 import dataclasses
 import math
 from typing import Any
 
 import equinox as eqx
+import numpy as np
 
-from .._errors import ExportError
+from .._errors import DataError, ExportError
 from .._units import STANDARD_GRAVITY
 
 #: what filters call a term of the noise -> sensor -> its SI unit there
@@ -26,6 +27,8 @@ _CHOICES = {
     },
 }  # fmt: skip
 INSTANCE = "the number of the sensor on its vehicle, from 0"
+_LARGEST = 3e38  # of float32
+LARGEST_READ = 1e15  # a number above this is damage
 
 
 class Options(eqx.Module):
@@ -91,3 +94,47 @@ def is_positive(value: Any) -> bool:
 def is_instance(value: Any) -> bool:
     """Whether a value can be the number of a sensor on its vehicle."""
     return not isinstance(value, bool) and 0 <= value <= 4
+
+
+def plain(value: float | int, digits: int = 9) -> str:
+    """Nine digits, exact for float32, and no negative zero; an error where float32 does not hold the value."""
+    if isinstance(value, int):
+        return str(value)
+    if not (math.isfinite(value) and abs(value) < _LARGEST):
+        raise ExportError(f"{value} cannot be written: the tool reads it as a 32-bit number; look at the calibration it comes from")
+    return f"{value + 0.0:.{digits}g}"
+
+
+def number(value: float | int) -> str:
+    """Nine digits, exact for float32, with a point: "4.0e-06", for YAML readers take `4e-06` for a word."""
+    text = plain(float(value))
+    if "." in text:
+        return text
+    mantissa, exponent, power = text.partition("e")
+    return f"{mantissa}.0{exponent}{power}"
+
+
+def numbers(values: Any) -> str:
+    """Numbers of a vector or matrix, row by row, separated by commas."""
+    return ", ".join(number(float(value)) for value in np.ravel(values))
+
+
+def listed(values: Any) -> str:
+    """Numbers as a list in YAML and Python."""
+    return f"[{numbers(values)}]"
+
+
+def comment(text: str, mark: str = "#") -> str:
+    """One line of comment, whatever the text holds."""
+    return f"{mark} {' '.join(text.split())}"
+
+
+def finite(text: str, what: str) -> float:
+    """The number that a text is; an error where it is none, or none that a calibration can have. `what` says where it stands."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not abs(value) < LARGEST_READ:
+        raise DataError(f"{what} is {text!r:.80}; expected a number")
+    return value

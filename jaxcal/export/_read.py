@@ -63,10 +63,7 @@ def read(
         raise DataError(f"instance={instance!r}: expected {INSTANCE}")
     path = pathlib.Path(path)
     try:
-        if format == "imu_tk":
-            content = _imu_tk_texts(path)
-        else:
-            content = _bytes(path) if format == "motioncal" else _text(_bytes(path))
+        content = {"imu_tk": _imu_tk_texts, "motioncal": _bytes}.get(format, _text)(path)
         return reader(content, {"rate": rate, "convention": convention, "instance": instance})
     except DataError as error:
         raise DataError(f"{path}: {error}") from error
@@ -75,12 +72,19 @@ def read(
 def _imu_tk_texts(path: pathlib.Path) -> dict[str, str]:
     for sensor, suffix in SUFFIXES.items():
         if path.stem.endswith(suffix) and path.is_file():
-            return {sensor: _text(_bytes(path))}
+            return {sensor: _text(path)}
     files = files_of(path, "imu_tk")
-    found = {sensor: _text(_bytes(files[suffix])) for sensor, suffix in SUFFIXES.items() if files[suffix].is_file()}
+    found = {sensor: _text(files[suffix]) for sensor, suffix in SUFFIXES.items() if files[suffix].is_file()}
     if not found:
         raise DataError(f"neither {' nor '.join(str(file) for file in files.values())} is there")
     return found
+
+
+def _text(path: pathlib.Path) -> str:
+    try:
+        return _bytes(path).decode()
+    except UnicodeDecodeError as error:
+        raise DataError("the file is no text") from error
 
 
 def _bytes(path: pathlib.Path) -> bytes:
@@ -90,10 +94,3 @@ def _bytes(path: pathlib.Path) -> bytes:
         return path.read_bytes()
     except OSError as error:
         raise DataError(f"cannot be read: {(error.strerror or str(error)).lower()}") from error
-
-
-def _text(data: bytes) -> str:
-    try:
-        return data.decode()
-    except UnicodeDecodeError as error:
-        raise DataError("the file is no text") from error

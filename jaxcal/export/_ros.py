@@ -11,8 +11,7 @@ from ..imu import Triad
 from ..magnetometer import MagModel
 from ._models import correction, dropped_g_sensitivity, dropped_of_gyro, gyro_bias, inverse, triads, unknown_field
 from ._noise import rate_of, stored_noise
-from ._options import Options, Product
-from ._text import listed, number
+from ._options import Options, Product, listed, number
 from ._yaml import mapping, numbers_of, parse, stated
 
 #: sensor -> key of its covariance, and unit
@@ -31,19 +30,18 @@ def ros(calibration: Calibration, options: Options) -> Product:
 
 
 def _ros2(calibration: Calibration, options: Options) -> tuple[list[str], list[str]]:
-    parts, warnings, lines = triads(calibration), [], []
-    remark = "   # row-major; x = accel_matrix (y - accel_bias)"
+    parts, mag = triads(calibration), calibration.magnetometer
+    lines, warnings = [], []
     if "accel" in parts:
-        lines += [f"accel_matrix: {_flat(correction(parts['accel'].matrix))}{remark}"]
+        lines += [f"accel_matrix: {listed(correction(parts['accel'].matrix))}   # row-major; x = accel_matrix (y - accel_bias)"]
         lines += [f"accel_bias: {listed(parts['accel'].bias)}   # m/s^2"]
     if "gyro" in parts:
         gyro = parts["gyro"]
-        lines += [f"gyro_matrix: {_flat(correction(gyro.matrix))}", f"gyro_bias: {listed(gyro.bias)}   # rad/s"]
-        lines += [f"gyro_g_sensitivity: {_flat(gyro.g_sensitivity)}   # (rad/s)/(m/s^2)"]
-    if calibration.magnetometer is not None:
+        lines += [f"gyro_matrix: {listed(correction(gyro.matrix))}", f"gyro_bias: {listed(gyro.bias)}   # rad/s"]
+        lines += [f"gyro_g_sensitivity: {listed(gyro.g_sensitivity)}   # (rad/s)/(m/s^2)"]
+    if mag is not None:
         unknown_field(calibration, warnings)
-        mag = calibration.magnetometer
-        lines += [f"mag_matrix: {_flat(correction(mag.model.soft_iron))}", f"mag_bias: {listed(mag.model.hard_iron)}   # T"]
+        lines += [f"mag_matrix: {listed(correction(mag.model.soft_iron))}", f"mag_bias: {listed(mag.model.hard_iron)}   # T"]
     lines += _covariances(calibration, options, warnings)
     if not lines:
         raise ExportError("the calibration holds no imu, magnetometer or noise, of which parameters could be made")
@@ -62,7 +60,7 @@ def _covariances(calibration: Calibration, options: Options, warnings: list[str]
                 warnings.append(f"{name} is not written: no N was found on some axis of {sensor}")
             continue
         at = f" at {number(rate)} Hz" if sensor == "gyro" else ""
-        lines.append(f"{name}: {_flat(np.diag((held.N * options.inflate) ** 2 * rate))}   # {unit}{at}")
+        lines.append(f"{name}: {listed(np.diag((held.N * options.inflate) ** 2 * rate))}   # {unit}{at}")
         if any(values is not None and np.any(values > 0) for values in (held.K, held.B)):
             warnings.append(f"{name}: K and B are not written; a covariance holds white noise alone")
     if options.inflate != 1 and lines:
@@ -72,19 +70,13 @@ def _covariances(calibration: Calibration, options: Options, warnings: list[str]
 
 
 def _imu_calib(calibration: Calibration, options: Options) -> tuple[list[str], list[str]]:
-    parts = triads(calibration)
-    if "accel" not in parts:
-        raise ExportError("the calibration holds no accelerometer, for which alone imu_calib has a place")
-    matrix = correction(parts["accel"].matrix)
+    matrix, bias = _before_bias(calibration, ", for which alone imu_calib has a place")
     warnings = _left_out(calibration, "imu_calib", ("gyro", "magnetometer", "noise"))
-    return [f"SM: {_flat(matrix)}", f"bias: {listed(matrix @ parts['accel'].bias)}"], warnings
+    return [f"SM: {listed(matrix)}", f"bias: {listed(bias)}"], warnings
 
 
 def _dlio(calibration: Calibration, options: Options) -> tuple[list[str], list[str]]:
-    parts = triads(calibration)
-    if "accel" not in parts:
-        raise ExportError("the calibration holds no accelerometer; DLIO reads its intrinsics together with the gyroscope's")
-    matrix = correction(parts["accel"].matrix)
+    matrix, accel_bias = _before_bias(calibration, "; DLIO reads its intrinsics together with the gyroscope's")
     bias, warnings = gyro_bias(calibration), dropped_of_gyro(calibration)
     if bias is None:
         bias = np.zeros(3)
@@ -95,12 +87,21 @@ def _dlio(calibration: Calibration, options: Options) -> tuple[list[str], list[s
         "    calibration: false   # true ignores the values below",
         "    intrinsics:",
         "      accel:",
-        f"        bias: {listed(matrix @ parts['accel'].bias)}   # m/s^2, subtracted after sm",
-        f"        sm: {_flat(matrix)}   # row-major",
+        f"        bias: {listed(accel_bias)}   # m/s^2, subtracted after sm",
+        f"        sm: {listed(matrix)}   # row-major",
         "      gyro:",
         f"        bias: {listed(bias)}   # rad/s",
     ]
     return lines, warnings + _left_out(calibration, "DLIO", ("magnetometer", "noise"))
+
+
+def _before_bias(calibration: Calibration, why: str) -> tuple[AnyArray, AnyArray]:
+    """Matrix of the accelerometer's correction, and the bias that is subtracted after it."""
+    accel = triads(calibration).get("accel")
+    if accel is None:
+        raise ExportError(f"the calibration holds no accelerometer{why}")
+    matrix = correction(accel.matrix)
+    return matrix, matrix @ accel.bias
 
 
 def _madgwick(calibration: Calibration, options: Options) -> tuple[list[str], list[str]]:
@@ -118,10 +119,6 @@ def _left_out(calibration: Calibration, tool: str, names: tuple[str, ...]) -> li
     missing = [name for name in names if held.get(name) is not None]
     said = [f"{tool} has no place for {', '.join(missing)}, which the calibration holds"] if missing else []
     return said + (dropped_g_sensitivity(calibration) if "gyro" in missing else [])
-
-
-def _flat(matrix) -> str:
-    return listed(np.ravel(matrix))
 
 
 def read_ros(text: str, options: dict[str, Any]) -> Calibration:

@@ -11,8 +11,7 @@ from .._files import write_atomically
 from .._units import STANDARD_GRAVITY
 from ..calibration import Calibration
 from ._formats import FORMATS, Format, check_options, files_of
-from ._options import Options
-from ._text import comment
+from ._options import Options, comment
 
 
 def write(

@@ -8,21 +8,14 @@ import numpy as np
 
 from .._errors import DataError
 from .._types import AnyArray
-from ._text import LARGEST_READ
+from ._options import LARGEST_READ
 
 _LARGEST = 2**20  # characters
 _AGAIN = "give rate= (Hz), the rate of the sensor"
 
 
 def parse(text: str) -> dict[str, Any]:
-    r"""The mapping that a text holds, in which no key stands twice. Tags of OpenCV are passed over.
-
-    Examples
-    --------
-    >>> from jaxcal.export._yaml import parse
-    >>> parse("%YAML:1.0\na: 1.0  # Hz\nb:\n  c: !!opencv-matrix\n    d: [1, 2]")
-    {'a': 1.0, 'b': {'c': {'d': [1, 2]}}}
-    """
+    """The mapping that a text holds, in which no key stands twice. OpenCV's directive and tags are passed over."""
     try:
         import yaml
     except ImportError as error:
