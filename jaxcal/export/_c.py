@@ -10,10 +10,8 @@ from ..calibration import Calibration
 from ..imu import Triad
 from ..magnetometer import Moments
 from ..magnetometer._onboard._gate import APART, CELLS, MOST
-from ._matrices import correction, triads, unknown_field
-from ._options import Options, Product
-from ._text import number, numbers
-from ._thermal import Cubics, cubics, gyro_bias
+from ._models import correction, cubics, gyro_bias, triads, unknown_field
+from ._options import Options, Product, number
 
 _APPLY = """static inline void %sapply(const float m[3][3], const float b[3], const float y[3], float x[3]) {
   for (int i = 0; i < 3; ++i)
@@ -116,29 +114,21 @@ def header(calibration: Calibration, options: Options) -> Product:
     warnings: list[str] = []
     parts, p = triads(calibration), options.prefix
     thermal = {sensor: cubics(calibration, sensor, None, warnings) for sensor in ("accel", "gyro")}
-    names, body = [], []
-    for sensor in ("accel", "gyro"):
-        lines = _inertial(calibration, sensor, parts.get(sensor), thermal[sensor], p, warnings)
-        if lines:
-            names.append(sensor)
-            body += lines
+    found = {sensor: _inertial(calibration, sensor, parts.get(sensor), powers, p, warnings) for sensor, powers in thermal.items()}
     if calibration.magnetometer is not None:
-        names.append("mag")
-        body += _magnetic(calibration, options, warnings)
+        found["mag"] = _magnetic(calibration, options, warnings)
     elif options.accumulator:
         raise ExportError("accumulator=True is for the magnetometer, and the calibration holds none")
-    if not names:
+    if not any(found.values()):
         raise ExportError("a C header needs an imu, magnetometer or temperature section; this calibration has none")
-    head = ["/* Sensor calibration written by jaxcal. SI units, sensor frame.", *(_HEAD[name] for name in names)]
+    head = ["/* Sensor calibration written by jaxcal. SI units, sensor frame.", *(_HEAD[name] for name, lines in found.items() if lines)]
     ranges = []
-    if any(thermal.values()) and calibration.temperature is not None:
+    if any(powers is not None for powers in thermal.values()):
         head.append(_THERMAL % p)
-        section = calibration.temperature
-        for name, key in (("REFERENCE", "reference"), ("MIN", "minimum"), ("MAX", "maximum")):
-            ranges.append(f"#define {p}TEMPERATURE_{name}_C {_number(getattr(section, key))}")
-        ranges.append("")
+        limits = {"REFERENCE": "reference", "MIN": "minimum", "MAX": "maximum"}.items()
+        ranges = [f"#define {p}TEMPERATURE_{name}_C {_number(getattr(calibration.temperature, key))}" for name, key in limits] + [""]
     guard = f"{p}CALIBRATION_H"
-    lines = [*head, " */", f"#ifndef {guard}", f"#define {guard}", "", *ranges, *body, ""]
+    lines = [*head, " */", f"#ifndef {guard}", f"#define {guard}", "", *ranges, *(line for lines in found.values() for line in lines), ""]
     text = "\n".join(lines) + "\n" + _APPLY % p.lower()
     if options.accumulator:
         exponents = Moments(np.zeros(3), 1.0).exponents
@@ -148,11 +138,11 @@ def header(calibration: Calibration, options: Options) -> Product:
 
 
 def _inertial(
-    calibration: Calibration, sensor: str, part: Triad | None, thermal: Cubics | None, prefix: str, warnings: list[str]
+    calibration: Calibration, sensor: str, part: Triad | None, powers: AnyArray | None, prefix: str, warnings: list[str]
 ) -> list[str]:
     if part is None:
         bias = gyro_bias(calibration) if sensor == "gyro" else None
-        if thermal is None and bias is None:
+        if powers is None and bias is None:
             return []
         if bias is None:
             bias = np.zeros(3)
@@ -160,9 +150,9 @@ def _inertial(
         part = Triad(np.eye(3), bias)
     start = f"static const float {prefix}{sensor.upper()}"
     lines = [f"{start}_MATRIX[3][3] = {_table(correction(part.matrix))};", f"{start}_BIAS[3] = {_row(part.bias)};"]
-    if thermal is not None:
+    if powers is not None:
         remark = " /* [axis][power-1] */" if sensor == "accel" else ""
-        lines.append(f"{start}_BIAS_TEMPERATURE[3][3] = {_table(thermal.powers)};{remark}")
+        lines.append(f"{start}_BIAS_TEMPERATURE[3][3] = {_table(powers)};{remark}")
     if sensor == "gyro":
         lines.append(f"{start}_G_SENSITIVITY[3][3] = {_table(part.g_sensitivity)};")
     return lines
@@ -170,12 +160,8 @@ def _inertial(
 
 def _magnetic(calibration: Calibration, options: Options, warnings: list[str]) -> list[str]:
     section: Any = calibration.magnetometer
-    model = section.model
-    start = f"static const float {options.prefix}MAG"
-    lines = [
-        f"{start}_MATRIX[3][3] = {_table(correction(model.soft_iron))};",
-        f"{start}_BIAS[3] = {_row(model.hard_iron)};",
-    ]
+    start, model = f"static const float {options.prefix}MAG", section.model
+    lines = [f"{start}_MATRIX[3][3] = {_table(correction(model.soft_iron))};", f"{start}_BIAS[3] = {_row(model.hard_iron)};"]
     unknown_field(calibration, warnings)
     if options.accumulator:
         if section.field is None:
@@ -198,7 +184,7 @@ def _number(value: float) -> str:
 
 
 def _row(values: AnyArray) -> str:
-    return "{" + ", ".join(f"{text}f" for text in numbers(values).split(", ")) + "}"
+    return "{" + ", ".join(_number(float(value)) for value in values) + "}"
 
 
 def _table(rows: AnyArray) -> str:

@@ -1,26 +1,37 @@
 """A calibration as a table: one row for every number."""
 
+import csv
+import io
+import itertools
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
-from .._errors import ExportError
+from .._errors import DataError, ExportError
 from .._results import NORMAL95
+from .._types import AnyArray
 from .._units import noise_units, si_unit
-from ..calibration import Calibration, Covariance, DeviceNoise
-from ._options import UNITS, Options, Product
-from ._text import number
+from ..calibration import Calibration, Covariance, DeviceNoise, Part, Thermal, polynomials
+from ..imu import Triad
+from ..magnetometer import MagModel
+from ._noise import stored_noise
+from ._options import UNITS, Options, Product, finite, number
 
-HEADER = "quantity,axis,value,low,high,unit,kind"
+_HEADER = "quantity,axis,value,low,high,unit,kind"
 #: term of the noise -> its kind
-TERMS = {"Q": "quantisation", "N": "density", "B": "bias_instability", "K": "random_walk", "R": "ramp"}
-AXES = "xyz"
+_TERMS = {"Q": "quantisation", "N": "density", "B": "bias_instability", "K": "random_walk", "R": "ramp"}
+_AXES = "xyz"
+_RANGE = ("reference", "minimum", "maximum")
+#: quantity, axis, value, low, high, unit, kind
 Row = tuple[str, str, float, float, float, str, str]
+#: (quantity, kind) -> axis -> value, low, high
+Cells = dict[tuple[str, str], dict[str, AnyArray]]
 
 
 def table(calibration: Calibration, options: Options) -> Product:
     """Forward models, as in the JSON file; low and high are limits of the confidence interval where one is known."""
-    rows = [*_noise(calibration.noise), *_imu(calibration), *_mag(calibration), *_temperature(calibration)]
+    rows = [*_noise(calibration.noise), *_models(calibration), *_temperature(calibration.temperature)]
     if not rows:
         raise ExportError("the calibration holds no numbers")
     warnings = []
@@ -28,7 +39,7 @@ def table(calibration: Calibration, options: Options) -> Product:
         warnings.append("thermal models with jumps, splines or hysteresis have no place in a table; the JSON file holds them")
     if calibration.device:
         warnings.append("the name and ids of the device are not in the table")
-    lines = [HEADER]
+    lines = [_HEADER]
     for quantity, axis, value, low, high, unit, kind in rows:
         limits = ",".join("" if np.isnan(limit) else number(limit) for limit in (low, high))
         lines.append(f"{quantity},{axis},{number(value)},{limits},{unit},{kind}")
@@ -39,65 +50,122 @@ def _noise(noise: DeviceNoise | None) -> Iterator[Row]:
     if noise is None:
         return
     yield ("noise", "", noise.rate, np.nan, np.nan, "Hz", "rate")
-    for sensor in ("gyro", "accel", "mag"):
+    for sensor, (term, kind) in itertools.product(("gyro", "accel", "mag"), _TERMS.items()):
         held = getattr(noise, sensor)
-        if held is None:
+        values = getattr(held, term, None)
+        if values is None:
             continue
-        for term, kind in TERMS.items():
-            values = getattr(held, term)
-            low, high = ((limits or {}).get(term, np.full(3, np.nan)) for limits in (held.low, held.high))
-            unit = UNITS.get(kind, {}).get(sensor, noise_units(term, sensor)[-1])
-            for i, axis in enumerate(AXES):
-                if values is not None and np.isfinite(values[i]):
-                    least, most = (float(limit) if np.isfinite(limit) else np.nan for limit in (low[i], high[i]))
-                    yield (sensor, axis, float(values[i]), least, most, unit, kind)
+        low, high = ((limits or {}).get(term, np.full(3, np.nan)) for limits in (held.low, held.high))
+        unit = UNITS.get(kind, {}).get(sensor, noise_units(term, sensor)[-1])
+        for i in np.flatnonzero(np.isfinite(values)):
+            least, most = (float(limit) if np.isfinite(limit) else np.nan for limit in (low[i], high[i]))
+            yield (sensor, _AXES[i], float(values[i]), least, most, unit, kind)
 
 
-def _imu(calibration: Calibration) -> Iterator[Row]:
+def _models(calibration: Calibration) -> Iterator[Row]:
     for sensor, part in ({} if calibration.imu is None else calibration.imu.parts).items():
-        spread, model = _errors(part.covariance), part.model
-        unit = si_unit(sensor)
-        for i, j in np.ndindex(3, 3):
-            yield _row(sensor, AXES[i] + AXES[j], model.matrix[i, j], spread.get(f"matrix[{i},{j}]"), "1", "matrix")
-        for i in range(3):
-            yield _row(sensor, AXES[i], model.bias[i], spread.get(f"bias[{i}]"), unit, "bias")
+        errors, model = _errors(part.covariance), part.model
+        yield from _rows(sensor, "matrix", "1", model.matrix, errors)
+        yield from _rows(sensor, "bias", si_unit(sensor), model.bias, errors)
         if sensor == "gyro":
-            for i, j in np.ndindex(3, 3):
-                value = model.g_sensitivity[i, j]
-                yield _row(sensor, AXES[i] + AXES[j], value, spread.get(f"g_sensitivity[{i},{j}]"), "(rad/s)/(m/s^2)", "g_sensitivity")
-
-
-def _mag(calibration: Calibration) -> Iterator[Row]:
+            yield from _rows(sensor, "g_sensitivity", "(rad/s)/(m/s^2)", model.g_sensitivity, errors)
     mag = calibration.magnetometer
-    if mag is None:
-        return
-    spread = _errors(mag.covariance)
-    for i, j in np.ndindex(3, 3):
-        yield _row("mag", AXES[i] + AXES[j], mag.model.soft_iron[i, j], None, "1", "matrix")
-    for i in range(3):
-        yield _row("mag", AXES[i], mag.model.hard_iron[i], spread.get(f"b_{AXES[i]}"), "T", "bias")
-    if mag.field is not None and np.isfinite(mag.field):
-        yield _row("mag", "", mag.field, None, "T", "field")
+    if mag is not None:
+        errors = _errors(mag.covariance)
+        yield from _rows("mag", "matrix", "1", mag.model.soft_iron)
+        yield from _rows(
+            "mag", "bias", "T", mag.model.hard_iron, {f"bias[{i}]": errors.get(f"b_{axis}", 0.0) for i, axis in enumerate(_AXES)}
+        )
+        if mag.field is not None and np.isfinite(mag.field):
+            yield from _rows("mag", "field", "T", mag.field)
 
 
-def _temperature(calibration: Calibration) -> Iterator[Row]:
-    section = calibration.temperature
+def _temperature(section: Thermal | None) -> Iterator[Row]:
     if section is None:
         return
-    for key in ("reference", "minimum", "maximum"):
-        yield _row("temperature", "", getattr(section, key), None, "degC", key)
+    for key in _RANGE:
+        yield from _rows("temperature", key, "degC", getattr(section, key))
     for sensor in ("accel", "gyro"):
-        for i, row in enumerate(() if (rows := section.powers(sensor)) is None else rows):
-            for power, value in enumerate(row, 1):
-                yield _row(sensor, AXES[i], value, None, f"{si_unit(sensor)}/degC^{power}", f"bias_temperature_{power}")
+        powers = section.powers(sensor)
+        for (i, k), value in () if powers is None else np.ndenumerate(powers):
+            yield (sensor, _AXES[i], float(value), np.nan, np.nan, f"{si_unit(sensor)}/degC^{k + 1}", f"bias_temperature_{k + 1}")
 
 
-def _row(quantity: str, axis: str, value: float, error: float | None, unit: str, kind: str) -> Row:
-    half = np.nan if error is None or not np.isfinite(error) or error == 0 else NORMAL95 * error
-    return (quantity, axis, float(value), float(value - half), float(value + half), unit, kind)
+def _rows(quantity: str, kind: str, unit: str, values: Any, errors: dict[str, float] | None = None) -> Iterator[Row]:
+    """A number, a vector or a matrix; `errors` by name, such as "bias[2]"."""
+    values = np.asarray(values, dtype=float)
+    for index in np.ndindex(values.shape):
+        error = (errors or {}).get(f"{kind}[{','.join(map(str, index))}]", 0.0)
+        half = NORMAL95 * error if 0 < error < np.inf else np.nan
+        value = float(values[index])
+        yield (quantity, "".join(_AXES[i] for i in index), value, value - half, value + half, unit, kind)
 
 
 def _errors(covariance: Covariance | None) -> dict[str, float]:
     if covariance is None:
         return {}
     return dict(zip(covariance.parameters, np.sqrt(np.maximum(np.diag(covariance.values), 0.0)).tolist(), strict=True))
+
+
+def read_table(text: str, options: dict[str, Any]) -> Calibration:
+    """The table of `write`: forward models and noise; covariances and the limits of matrices are not in it."""
+    rows = list(csv.reader(io.StringIO(text)))
+    if not rows or ",".join(rows[0]) != _HEADER:
+        raise DataError(f"the first line is not {_HEADER}")
+    found: Cells = {}
+    for row in rows[1:]:
+        if len(row) != 7:
+            raise DataError(f"the row {','.join(row)!r:.80} has {len(row)} cells; expected 7")
+        values = [np.nan if i > 0 and not cell else finite(cell, f"a number of {row[0]} ({row[6]})") for i, cell in enumerate(row[2:5])]
+        found.setdefault((row[0], row[6]), {})[row[1]] = np.array(values)
+    imu = {}
+    for sensor in ("accel", "gyro"):
+        if (sensor, "matrix") in found:
+            felt = [_values(found, sensor, "g_sensitivity", 2)] if sensor == "gyro" else []
+            imu[sensor] = Triad(_values(found, sensor, "matrix", 2), _values(found, sensor, "bias", 1), *felt)
+    mag = None
+    if ("mag", "matrix") in found:
+        model = MagModel(_values(found, "mag", "matrix", 2), _values(found, "mag", "bias", 1))
+        field = found.get(("mag", "field"), {}).get("")
+        mag = Part(model, si_unit("mag"), None if field is None else float(field[0]))
+    return Calibration(noise=_read_noise(found), imu=imu or None, magnetometer=mag, temperature=_read_temperature(found))
+
+
+def _read_noise(found: Cells) -> dict[str, Any] | None:
+    if ("noise", "rate") not in found:
+        return None
+    noise: dict[str, Any] = {"rate": float(found["noise", "rate"].get("", [np.nan])[0])}
+    for sensor in ("gyro", "accel", "mag"):
+        cells = {term: found[sensor, kind] for term, kind in _TERMS.items() if (sensor, kind) in found}
+        if not cells:
+            continue
+        rows = {term: np.array([values.get(axis, np.full(3, np.nan)) for axis in _AXES]).T for term, values in cells.items()}
+        noise[sensor] = stored_noise(sensor, **{term: value for term, (value, _, _) in rows.items()})
+        for i, name in enumerate(("low", "high"), 1):
+            limits = {term: row[i] for term, row in rows.items() if np.isfinite(row[i]).any()}
+            noise[sensor] |= {name: limits} if limits else {}
+    return noise
+
+
+def _read_temperature(found: Cells) -> Thermal | None:
+    if ("temperature", "reference") not in found:
+        return None
+    limits = (float(_values(found, "temperature", key, 0)) for key in _RANGE)
+    sensors = {}
+    for sensor in ("accel", "gyro"):
+        powers: list[AnyArray] = []
+        while (sensor, kind := f"bias_temperature_{len(powers) + 1}") in found:
+            powers.append(_values(found, sensor, kind, 1))
+        if powers:
+            sensors[sensor] = np.stack(powers, axis=1)
+    return polynomials(*limits, **sensors)
+
+
+def _values(found: Cells, quantity: str, kind: str, rank: int) -> AnyArray:
+    """A number, a vector or a matrix."""
+    cells = found.get((quantity, kind), {})
+    axes = ["".join(axes) for axes in itertools.product(_AXES, repeat=rank)]
+    for axis in axes:
+        if axis not in cells:
+            raise DataError(f"the row of {quantity}, axis {axis or '(none)'}, kind {kind} is missing")
+    return np.array([cells[axis][0] for axis in axes]).reshape((3,) * rank)

@@ -1,17 +1,19 @@
 """imu_tk's `.calib` files: T (3, 3), K (3, 3) and B (3), applied as T K (raw - B)."""
 
+from typing import Any
+
 import numpy as np
 
-from .._errors import ExportError
+from .._errors import DataError, ExportError
 from .._types import AnyArray
 from ..calibration import Calibration
 from ..imu import Triad
-from ._matrices import correction, dropped_g_sensitivity, triads
-from ._options import Options, Product
-from ._text import plain
+from ._models import correction, dropped_g_sensitivity, inverse, triads
+from ._options import Options, Product, finite, plain
 
 _DIGITS = 12
 _DECIMALS = 13  # of T, whose diagonal is 1; what is beyond is rounding
+_NUMBERS = 21  # T, K and B
 #: sensor -> end of the name of its file
 SUFFIXES = {"accel": "_acc", "gyro": "_gyro"}
 
@@ -23,6 +25,19 @@ def imu_tk(calibration: Calibration, options: Options) -> Product:
         raise ExportError("the calibration holds no imu, of which imu_tk's files could be made")
     warnings = dropped_g_sensitivity(calibration)
     return Product({SUFFIXES[name]: _text(part) for name, part in parts.items()}, tuple(warnings))
+
+
+def read_imu_tk(texts: dict[str, str], options: dict[str, Any]) -> Calibration:
+    """One or both of the files, by sensor."""
+    imu = {}
+    for sensor, text in texts.items():
+        words = text.split()
+        if len(words) != _NUMBERS:
+            raise DataError(f"the file of the {sensor} has {len(words)} numbers; expected {_NUMBERS}: T, K and B")
+        values = np.array([finite(word, f"a number of the {sensor}") for word in words])
+        matrix = inverse(values[:9].reshape(3, 3) @ values[9:18].reshape(3, 3))
+        imu[sensor] = Triad(matrix, values[18:])
+    return Calibration(imu=imu)
 
 
 def _text(part: Triad) -> str:

@@ -1,17 +1,19 @@
 """MotionCal's calibration packet, as the program sends it to a sensor: 68 bytes."""
 
 import struct
+from typing import Any
 
 import numpy as np
 
-from .._errors import ExportError
-from ..calibration import Calibration
-from ._matrices import symmetric
-from ._options import Options, Product
-from ._text import plain
+from .._errors import DataError, ExportError
+from .._units import si_unit
+from ..calibration import Calibration, Part
+from ..magnetometer import MagModel
+from ._models import inverse, symmetric, symmetric_of, upper_of
+from ._options import Options, Product, plain
 
-MICROTESLA = 1e-6
-SIGNATURE = b"\x75\x54"
+_MICROTESLA = 1e-6
+_SIGNATURE = b"\x75\x54"
 #: of a determinant that float32 cannot tell from 1
 _UNIT = 3e-7
 
@@ -27,26 +29,36 @@ def motioncal(calibration: Calibration, options: Options) -> Product:
     scale = 1.0 if abs(determinant - 1) < _UNIT else np.cbrt(determinant)
     shape, field = shape / scale, np.nan if mag.field is None else mag.field / scale
     if not np.isfinite(field):
-        field = 50 * MICROTESLA
+        field = 50 * _MICROTESLA
         warnings.append("magnetometer: 50 uT are written for the field's strength, which is not known")
     if calibration.imu is not None:
         warnings.append("the packet's offsets of accelerometer and gyroscope are zero; MotionCal does not know their units")
-    values = [0.0] * 6 + [*mag.model.hard_iron / MICROTESLA, field / MICROTESLA, *shape.diagonal(), shape[0, 1], shape[0, 2], shape[1, 2]]
+    values = [0.0] * 6 + [*mag.model.hard_iron / _MICROTESLA, field / _MICROTESLA, *shape.diagonal(), *upper_of(shape)]
     for value in values:
         plain(float(value))  # float32 holds it
-    body = SIGNATURE + struct.pack("<16f", *values)
-    return Product(body + struct.pack("<H", checksum(body)), tuple(warnings))
+    body = _SIGNATURE + struct.pack("<16f", *values)
+    return Product(body + struct.pack("<H", _checksum(body)), tuple(warnings))
 
 
-def checksum(data: bytes) -> int:
-    """CRC-16, reflected polynomial 0xA001, from 0xFFFF.
+def read_motioncal(data: bytes, options: dict[str, Any]) -> Calibration:
+    """A packet of 68 bytes, or of 52 as older programs sent it, in which the field's strength is not known."""
+    if data[:2] != _SIGNATURE or len(data) not in (52, 68):
+        raise DataError(f"the file has {len(data)} bytes and begins with {data[:2].hex(' ')}; expected 68 or 52 that begin with 75 54")
+    sent, found = struct.unpack("<H", data[-2:])[0], _checksum(data[:-2])
+    if sent != found:
+        raise DataError(f"the checksum of the packet is {sent:04x}, and its bytes give {found:04x}; receive it again")
+    values = np.array(struct.unpack(f"<{(len(data) - 4) // 4}f", data[2:-2]), dtype=np.float64)
+    if not np.isfinite(values).all():
+        raise DataError("the packet holds numbers that are not finite")
+    if len(data) == 52:
+        hard, correction, field = values[:3], values[3:].reshape(3, 3), None
+    else:
+        hard, field, correction = values[6:9], float(values[9]) * _MICROTESLA, symmetric_of(values[10:13], values[13:])
+    return Calibration(magnetometer=Part(MagModel(inverse(correction), hard * _MICROTESLA), si_unit("mag"), field))
 
-    Examples
-    --------
-    >>> from jaxcal.export._motioncal import checksum
-    >>> hex(checksum(b"123456789"))
-    '0x4b37'
-    """
+
+def _checksum(data: bytes) -> int:
+    """CRC-16, reflected polynomial 0xA001, from 0xFFFF."""
     found = 0xFFFF
     for byte in data:
         found ^= byte

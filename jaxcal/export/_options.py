@@ -1,12 +1,13 @@
-"""What a user may choose about a file."""
+"""What the formats share: what a user may choose about a file, what a writer makes, and numbers as they are written and read."""
 
 import dataclasses
 import math
 from typing import Any
 
 import equinox as eqx
+import numpy as np
 
-from .._errors import ExportError
+from .._errors import DataError, ExportError
 from .._units import STANDARD_GRAVITY
 
 #: what filters call a term of the noise -> sensor -> its SI unit there
@@ -14,7 +15,7 @@ UNITS = {
     "density": {"gyro": "rad/s/sqrt(Hz)", "accel": "m/s^2/sqrt(Hz)"},
     "random_walk": {"gyro": "rad/s^2/sqrt(Hz)", "accel": "m/s^3/sqrt(Hz)"},
 }
-SENSORS = ("gyro", "accel")
+SENSORS = {"gyro": "gyroscope", "accel": "accelerometer"}
 _CHOICES = {
     "axis": {"worst": "the largest of the three axes", "rms": "their root mean square"},
     "convention": {"midpoint": "N sqrt(2 rate)", "per_sample": "N sqrt(rate)"},
@@ -25,6 +26,9 @@ _CHOICES = {
         "madgwick": "imu_filter_madgwick",
     },
 }  # fmt: skip
+INSTANCE = "the number of the sensor on its vehicle, from 0"
+_LARGEST = 3e38  # of float32
+LARGEST_READ = 1e15  # a number above this is damage
 
 
 class Options(eqx.Module):
@@ -48,20 +52,12 @@ class Options(eqx.Module):
 
     def __check_init__(self):
         for name, known in _CHOICES.items():
-            value = getattr(self, name)
-            if value not in known:
-                words = " or ".join(f'"{key}" ({text})' for key, text in known.items())
-                raise ExportError(f"{name}={value!r}: expected {words}")
-        if not is_positive(self.inflate):
-            raise ExportError(f"inflate={self.inflate!r}: expected a number above 0 by which the noise is multiplied")
-        if self.rate is not None and not is_positive(self.rate):
-            raise ExportError(f"rate={self.rate!r}: expected the true sampling rate of the sensor in Hz")
-        if not is_positive(self.gravity):
-            raise ExportError(f"gravity={self.gravity!r}: expected the local gravity in m/s^2")
-        if isinstance(self.instance, bool) or not 0 <= self.instance <= 4:
-            raise ExportError(f"instance={self.instance!r}: expected the number of the sensor on its vehicle, from 0")
-        if not (self.prefix.isascii() and self.prefix.isidentifier()):
-            raise ExportError(f'prefix={self.prefix!r}: expected the beginning of a name in C, such as "JAXCAL_"')
+            self._check(name, getattr(self, name) in known, " or ".join(f'"{key}" ({text})' for key, text in known.items()))
+        self._check("inflate", is_positive(self.inflate), "a number above 0 by which the noise is multiplied")
+        self._check("rate", self.rate is None or is_positive(self.rate), "the true sampling rate of the sensor in Hz")
+        self._check("gravity", is_positive(self.gravity), "the local gravity in m/s^2")
+        self._check("instance", is_instance(self.instance), INSTANCE)
+        self._check("prefix", self.prefix.isascii() and self.prefix.isidentifier(), 'the beginning of a name in C, such as "JAXCAL_"')
         for quantity in UNITS:
             asked = getattr(self, quantity)
             for sensor, value in (asked if isinstance(asked, dict) else dict.fromkeys(SENSORS, asked)).items():
@@ -72,6 +68,10 @@ class Options(eqx.Module):
                         f'{quantity}={value!r}: expected "upper_limit", a number above 0, or one of these for each sensor as '
                         '{"gyro": ..., "accel": ...}'
                     )
+
+    def _check(self, name: str, right: bool, expected: str) -> None:
+        if not right:
+            raise ExportError(f"{name}={getattr(self, name)!r}: expected {expected}")
 
     def chosen(self) -> list[str]:
         """Names of the options that differ from their defaults."""
@@ -89,3 +89,52 @@ class Product(eqx.Module):
 def is_positive(value: Any) -> bool:
     """Whether a value is a finite number above 0."""
     return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value) and value > 0
+
+
+def is_instance(value: Any) -> bool:
+    """Whether a value can be the number of a sensor on its vehicle."""
+    return not isinstance(value, bool) and 0 <= value <= 4
+
+
+def plain(value: float | int, digits: int = 9) -> str:
+    """Nine digits, exact for float32, and no negative zero; an error where float32 does not hold the value."""
+    if isinstance(value, int):
+        return str(value)
+    if not (math.isfinite(value) and abs(value) < _LARGEST):
+        raise ExportError(f"{value} cannot be written: the tool reads it as a 32-bit number; look at the calibration it comes from")
+    return f"{value + 0.0:.{digits}g}"
+
+
+def number(value: float | int) -> str:
+    """Nine digits, exact for float32, with a point: "4.0e-06", for YAML readers take `4e-06` for a word."""
+    text = plain(float(value))
+    if "." in text:
+        return text
+    mantissa, exponent, power = text.partition("e")
+    return f"{mantissa}.0{exponent}{power}"
+
+
+def numbers(values: Any) -> str:
+    """Numbers of a vector or matrix, row by row, separated by commas."""
+    return ", ".join(number(float(value)) for value in np.ravel(values))
+
+
+def listed(values: Any) -> str:
+    """Numbers as a list in YAML and Python."""
+    return f"[{numbers(values)}]"
+
+
+def comment(text: str, mark: str = "#") -> str:
+    """One line of comment, whatever the text holds."""
+    return f"{mark} {' '.join(text.split())}"
+
+
+def finite(text: str, what: str) -> float:
+    """The number that a text is; an error where it is none, or none that a calibration can have. `what` says where it stands."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not abs(value) < LARGEST_READ:
+        raise DataError(f"{what} is {text!r:.80}; expected a number")
+    return value

@@ -2,27 +2,13 @@
 
 import os
 import pathlib
-from collections.abc import Callable
-from typing import Any
 
 from .._errors import DataError
 from ..calibration import Calibration
-from . import _read_filters, _read_others, _read_params
-from ._formats import files_of
+from ._formats import FORMATS, files_of
 from ._imu_tk import SUFFIXES
-from ._options import is_positive
+from ._options import INSTANCE, is_instance, is_positive
 
-_TEXTS: dict[str, Callable[[str, dict[str, Any]], Calibration]] = {
-    "kalibr": _read_filters.kalibr,
-    "openvins": _read_filters.openvins,
-    "vins": _read_filters.vins,
-    "orbslam3": _read_filters.orbslam3,
-    "px4": _read_params.px4,
-    "ardupilot": _read_params.ardupilot,
-    "ros": _read_filters.ros,
-    "csv": lambda text, options: _read_others.table(text),
-}
-READABLE = (*_TEXTS, "imu_tk", "motioncal")
 _LARGEST = 16 * 2**20  # bytes
 
 
@@ -67,20 +53,18 @@ def read(
     ...     print(jaxcal.export.read(path, format="csv").magnetometer.model.hard_iron)
     [1.e-05 0.e+00 0.e+00]
     """
-    if format not in READABLE:
-        raise DataError(f"format={format!r} cannot be read back; expected one of {', '.join(READABLE)}")
+    reader = FORMATS[format].read if format in FORMATS else None
+    if reader is None:
+        readable = ", ".join(name for name, one in FORMATS.items() if one.read is not None)
+        raise DataError(f"format={format!r} cannot be read back; expected one of {readable}")
     if rate is not None and not is_positive(rate):
         raise DataError(f"rate={rate!r}: expected a number of Hz above 0")
-    if isinstance(instance, bool) or not 0 <= instance <= 4:
-        raise DataError(f"instance={instance!r}: expected the number of the sensor on its vehicle, from 0")
+    if not is_instance(instance):
+        raise DataError(f"instance={instance!r}: expected {INSTANCE}")
     path = pathlib.Path(path)
     try:
-        if format == "imu_tk":
-            return _read_others.imu_tk(_imu_tk_texts(path))
-        data = _bytes(path)
-        if format == "motioncal":
-            return _read_others.motioncal(data)
-        return _TEXTS[format](_text(data), {"rate": rate, "convention": convention, "instance": instance})
+        content = {"imu_tk": _imu_tk_texts, "motioncal": _bytes}.get(format, _text)(path)
+        return reader(content, {"rate": rate, "convention": convention, "instance": instance})
     except DataError as error:
         raise DataError(f"{path}: {error}") from error
 
@@ -88,12 +72,19 @@ def read(
 def _imu_tk_texts(path: pathlib.Path) -> dict[str, str]:
     for sensor, suffix in SUFFIXES.items():
         if path.stem.endswith(suffix) and path.is_file():
-            return {sensor: _text(_bytes(path))}
+            return {sensor: _text(path)}
     files = files_of(path, "imu_tk")
-    found = {sensor: _text(_bytes(files[suffix])) for sensor, suffix in SUFFIXES.items() if files[suffix].is_file()}
+    found = {sensor: _text(files[suffix]) for sensor, suffix in SUFFIXES.items() if files[suffix].is_file()}
     if not found:
         raise DataError(f"neither {' nor '.join(str(file) for file in files.values())} is there")
     return found
+
+
+def _text(path: pathlib.Path) -> str:
+    try:
+        return _bytes(path).decode()
+    except UnicodeDecodeError as error:
+        raise DataError("the file is no text") from error
 
 
 def _bytes(path: pathlib.Path) -> bytes:
@@ -103,10 +94,3 @@ def _bytes(path: pathlib.Path) -> bytes:
         return path.read_bytes()
     except OSError as error:
         raise DataError(f"cannot be read: {(error.strerror or str(error)).lower()}") from error
-
-
-def _text(data: bytes) -> str:
-    try:
-        return data.decode()
-    except UnicodeDecodeError as error:
-        raise DataError("the file is no text") from error

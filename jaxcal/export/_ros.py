@@ -1,14 +1,23 @@
 """Calibrations as YAML for ROS nodes; there is no standard, so that a flavour is chosen."""
 
+from typing import Any
+
 import numpy as np
 
-from .._errors import ExportError
+from .._errors import DataError, ExportError
+from .._types import AnyArray
 from ..calibration import Calibration
-from ._isotropic import rate_of
-from ._matrices import correction, dropped_g_sensitivity, dropped_of_gyro, triads, unknown_field
-from ._options import Options, Product
-from ._text import listed, number
-from ._thermal import gyro_bias
+from ..imu import Triad
+from ..magnetometer import MagModel
+from ._models import correction, dropped_g_sensitivity, dropped_of_gyro, gyro_bias, inverse, triads, unknown_field
+from ._noise import rate_of, stored_noise
+from ._options import Options, Product, listed, number
+from ._yaml import mapping, numbers_of, parse, stated
+
+#: sensor -> key of its covariance, and unit
+_COVARIANCES = {
+    "gyro": ("angular_velocity_covariance", "(rad/s)^2 per sample"), "accel": ("linear_acceleration_covariance", "(m/s^2)^2 per sample"),
+}  # fmt: skip
 
 
 def ros(calibration: Calibration, options: Options) -> Product:
@@ -21,19 +30,18 @@ def ros(calibration: Calibration, options: Options) -> Product:
 
 
 def _ros2(calibration: Calibration, options: Options) -> tuple[list[str], list[str]]:
-    parts, warnings, lines = triads(calibration), [], []
-    remark = "   # row-major; x = accel_matrix (y - accel_bias)"
+    parts, mag = triads(calibration), calibration.magnetometer
+    lines, warnings = [], []
     if "accel" in parts:
-        lines += [f"accel_matrix: {_flat(correction(parts['accel'].matrix))}{remark}"]
+        lines += [f"accel_matrix: {listed(correction(parts['accel'].matrix))}   # row-major; x = accel_matrix (y - accel_bias)"]
         lines += [f"accel_bias: {listed(parts['accel'].bias)}   # m/s^2"]
     if "gyro" in parts:
         gyro = parts["gyro"]
-        lines += [f"gyro_matrix: {_flat(correction(gyro.matrix))}", f"gyro_bias: {listed(gyro.bias)}   # rad/s"]
-        lines += [f"gyro_g_sensitivity: {_flat(gyro.g_sensitivity)}   # (rad/s)/(m/s^2)"]
-    if calibration.magnetometer is not None:
+        lines += [f"gyro_matrix: {listed(correction(gyro.matrix))}", f"gyro_bias: {listed(gyro.bias)}   # rad/s"]
+        lines += [f"gyro_g_sensitivity: {listed(gyro.g_sensitivity)}   # (rad/s)/(m/s^2)"]
+    if mag is not None:
         unknown_field(calibration, warnings)
-        mag = calibration.magnetometer
-        lines += [f"mag_matrix: {_flat(correction(mag.model.soft_iron))}", f"mag_bias: {listed(mag.model.hard_iron)}   # T"]
+        lines += [f"mag_matrix: {listed(correction(mag.model.soft_iron))}", f"mag_bias: {listed(mag.model.hard_iron)}   # T"]
     lines += _covariances(calibration, options, warnings)
     if not lines:
         raise ExportError("the calibration holds no imu, magnetometer or noise, of which parameters could be made")
@@ -45,16 +53,14 @@ def _covariances(calibration: Calibration, options: Options, warnings: list[str]
     if noise is None:
         return []
     rate, said = rate_of(noise, calibration, options, "the covariances are per sample at this rate")
-    for sensor, name, unit, at in (
-        ("gyro", "angular_velocity_covariance", "(rad/s)^2 per sample", f" at {number(rate)} Hz"),
-        ("accel", "linear_acceleration_covariance", "(m/s^2)^2 per sample", ""),
-    ):
+    for sensor, (name, unit) in _COVARIANCES.items():
         held = getattr(noise, sensor)
         if held is None or held.N is None or not np.all(np.isfinite(held.N) & (held.N > 0)):
             if held is not None:
                 warnings.append(f"{name} is not written: no N was found on some axis of {sensor}")
             continue
-        lines.append(f"{name}: {_flat(np.diag((held.N * options.inflate) ** 2 * rate))}   # {unit}{at if not lines else ''}")
+        at = f" at {number(rate)} Hz" if sensor == "gyro" else ""
+        lines.append(f"{name}: {listed(np.diag((held.N * options.inflate) ** 2 * rate))}   # {unit}{at}")
         if any(values is not None and np.any(values > 0) for values in (held.K, held.B)):
             warnings.append(f"{name}: K and B are not written; a covariance holds white noise alone")
     if options.inflate != 1 and lines:
@@ -64,19 +70,13 @@ def _covariances(calibration: Calibration, options: Options, warnings: list[str]
 
 
 def _imu_calib(calibration: Calibration, options: Options) -> tuple[list[str], list[str]]:
-    parts = triads(calibration)
-    if "accel" not in parts:
-        raise ExportError("the calibration holds no accelerometer, for which alone imu_calib has a place")
-    matrix = correction(parts["accel"].matrix)
+    matrix, bias = _before_bias(calibration, ", for which alone imu_calib has a place")
     warnings = _left_out(calibration, "imu_calib", ("gyro", "magnetometer", "noise"))
-    return [f"SM: {_flat(matrix)}", f"bias: {listed(matrix @ parts['accel'].bias)}"], warnings
+    return [f"SM: {listed(matrix)}", f"bias: {listed(bias)}"], warnings
 
 
 def _dlio(calibration: Calibration, options: Options) -> tuple[list[str], list[str]]:
-    parts = triads(calibration)
-    if "accel" not in parts:
-        raise ExportError("the calibration holds no accelerometer; DLIO reads its intrinsics together with the gyroscope's")
-    matrix = correction(parts["accel"].matrix)
+    matrix, accel_bias = _before_bias(calibration, "; DLIO reads its intrinsics together with the gyroscope's")
     bias, warnings = gyro_bias(calibration), dropped_of_gyro(calibration)
     if bias is None:
         bias = np.zeros(3)
@@ -87,12 +87,21 @@ def _dlio(calibration: Calibration, options: Options) -> tuple[list[str], list[s
         "    calibration: false   # true ignores the values below",
         "    intrinsics:",
         "      accel:",
-        f"        bias: {listed(matrix @ parts['accel'].bias)}   # m/s^2, subtracted after sm",
-        f"        sm: {_flat(matrix)}   # row-major",
+        f"        bias: {listed(accel_bias)}   # m/s^2, subtracted after sm",
+        f"        sm: {listed(matrix)}   # row-major",
         "      gyro:",
         f"        bias: {listed(bias)}   # rad/s",
     ]
     return lines, warnings + _left_out(calibration, "DLIO", ("magnetometer", "noise"))
+
+
+def _before_bias(calibration: Calibration, why: str) -> tuple[AnyArray, AnyArray]:
+    """Matrix of the accelerometer's correction, and the bias that is subtracted after it."""
+    accel = triads(calibration).get("accel")
+    if accel is None:
+        raise ExportError(f"the calibration holds no accelerometer{why}")
+    matrix = correction(accel.matrix)
+    return matrix, matrix @ accel.bias
 
 
 def _madgwick(calibration: Calibration, options: Options) -> tuple[list[str], list[str]]:
@@ -112,5 +121,39 @@ def _left_out(calibration: Calibration, tool: str, names: tuple[str, ...]) -> li
     return said + (dropped_g_sensitivity(calibration) if "gyro" in missing else [])
 
 
-def _flat(matrix) -> str:
-    return listed(np.ravel(matrix))
+def read_ros(text: str, options: dict[str, Any]) -> Calibration:
+    """Any of the flavours that `write` knows, told apart by their keys."""
+    document = parse(text)
+    if "SM" in document:
+        return Calibration(imu={"accel": _after_matrix(document, "SM")})
+    if "dlio" in document:
+        inner = mapping(document, "dlio", "imu", "intrinsics")
+        gyro = mapping(inner, "gyro")
+        return Calibration(
+            imu={"accel": _after_matrix(mapping(inner, "accel"), "sm"), "gyro": Triad(np.eye(3), numbers_of(gyro, "bias", 3))}
+        )
+    if "mag_bias_x" in document:
+        return Calibration(magnetometer=MagModel(np.eye(3), np.array([numbers_of(document, f"mag_bias_{axis}") for axis in "xyz"])))
+    if "/**" not in document:
+        raise DataError("the file has none of the keys SM, dlio, mag_bias_x and /**, by which a calibration for ROS is known")
+    found = mapping(document, "/**", "ros__parameters")
+
+    def held(name: str) -> tuple[AnyArray, AnyArray]:
+        return inverse(numbers_of(found, f"{name}_matrix", 3, 3)), numbers_of(found, f"{name}_bias", 3)
+
+    imu = {"accel": Triad(*held("accel"))} if "accel_matrix" in found else {}
+    if "gyro_matrix" in found:
+        imu["gyro"] = Triad(*held("gyro"), numbers_of(found, "gyro_g_sensitivity", 3, 3))
+    mag = MagModel(*held("mag")) if "mag_matrix" in found else None
+    noise: dict[str, Any] = {}
+    for sensor, (key, _) in _COVARIANCES.items():
+        if key in found:
+            rate = stated(text, r"per sample at ([-+.eE\d]+) Hz", options, "the covariances")
+            noise |= {"rate": rate, sensor: stored_noise(sensor, N=np.sqrt(np.abs(np.diag(numbers_of(found, key, 3, 3))) / rate))}
+    return Calibration(imu=imu or None, magnetometer=mag, noise=noise or None)
+
+
+def _after_matrix(found: dict[str, Any], key: str) -> Triad:
+    """An accelerometer whose bias is subtracted after the matrix."""
+    matrix = inverse(numbers_of(found, key, 3, 3))
+    return Triad(matrix, matrix @ numbers_of(found, "bias", 3))

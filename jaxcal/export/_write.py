@@ -10,9 +10,8 @@ from .._errors import ExportError
 from .._files import write_atomically
 from .._units import STANDARD_GRAVITY
 from ..calibration import Calibration
-from ._formats import FORMATS, Format, check_options, files_of, format_of
-from ._options import Options
-from ._text import comment
+from ._formats import FORMATS, Format, check_options, files_of
+from ._options import Options, comment
 
 
 def write(
@@ -93,13 +92,12 @@ def write(
     ...     print(path.read_text().splitlines()[-1])
     update_rate: 200.0   # Hz
     """
-    kind = format_of(format)
     options = Options(
         topic=topic, axis=axis, inflate=inflate, density=density, random_walk=random_walk, rate=rate, gravity=gravity,
         convention=convention, model=model, frame=frame, flavour=flavour, instance=instance, gyro_bias=gyro_bias, prefix=prefix,
         accumulator=accumulator,
     )  # fmt: skip
-    check_options(format, options)
+    kind = check_options(format, options)
     devices = _devices(calibration, kind, format)
     warnings = [sentence for device in devices for sentence in (*_doubts(device, kind, force), *_left_out(device, kind, format))]
     made = kind.make(devices if kind.many else devices[0], options)

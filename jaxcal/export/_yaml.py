@@ -1,26 +1,21 @@
-"""YAML as calibrations are written in it, read by PyYAML."""
+"""YAML as calibrations are written in it, read by PyYAML, and the numbers in it."""
 
+import math
+import re
 from typing import Any
 
+import numpy as np
+
 from .._errors import DataError
+from .._types import AnyArray
+from ._options import LARGEST_READ
 
 _LARGEST = 2**20  # characters
+_AGAIN = "give rate= (Hz), the rate of the sensor"
 
 
 def parse(text: str) -> dict[str, Any]:
-    r"""The mapping that a text holds. Tags of OpenCV are passed over.
-
-    Raises
-    ------
-    DataError
-        If it is not such a text, a key stands in it twice, or PyYAML is not installed; the message names the line.
-
-    Examples
-    --------
-    >>> from jaxcal.export._yaml import parse
-    >>> parse("%YAML:1.0\na: 1.0  # Hz\nb:\n  c: !!opencv-matrix\n    d: [1, 2]")
-    {'a': 1.0, 'b': {'c': {'d': [1, 2]}}}
-    """
+    """The mapping that a text holds, in which no key stands twice. OpenCV's directive and tags are passed over."""
     try:
         import yaml
     except ImportError as error:
@@ -54,3 +49,48 @@ def parse(text: str) -> dict[str, Any]:
     if not isinstance(found, dict):
         raise DataError("the file holds no keys")
     return found
+
+
+def mapping(found: dict[str, Any], *keys: str) -> dict[str, Any]:
+    """The mapping below a key, below that key the next, and so on."""
+    for key in keys:
+        value = found.get(key)
+        if not isinstance(value, dict):
+            raise DataError(f"{key} is {'missing' if value is None else 'no mapping'}; expected keys below it")
+        found = value
+    return found
+
+
+def numbers_of(found: dict[str, Any], key: str, *shape: int) -> AnyArray:
+    """The number, vector or matrix at a key."""
+    value, size = found.get(key), math.prod(shape)
+    rows = value if isinstance(value, list) else [value]
+    flat: list[Any] = [item for row in rows for item in (row if isinstance(row, list) else [row])]
+    try:
+        # YAML takes 1e-3, without a point, for a word
+        values = np.array([float("nan") if isinstance(item, bool) else float(item) for item in flat])
+    except (TypeError, ValueError, OverflowError):
+        values = np.array([])
+    if len(values) != size or not np.all(np.abs(values) < LARGEST_READ):
+        expected = f"{size} numbers" if size > 1 else "a number"
+        raise DataError(f"{key} is {'missing' if value is None else repr(value)[:80]}; expected {expected}")
+    return values.reshape(shape)
+
+
+def read_rate(found: dict[str, Any], key: str, options: dict[str, Any]) -> float:
+    """The rate that the user gave, or else the one at a key."""
+    if options["rate"] is None and key not in found:
+        raise DataError(f"the file does not say the rate; {_AGAIN}")
+    return float(options["rate"] or numbers_of(found, key))
+
+
+def stated(text: str, pattern: str, options: dict[str, Any], what: str) -> float:
+    """The rate of values per sample (`what`) that the user gave, or else the one that a comment states."""
+    found = re.search(pattern, text)
+    try:
+        value = float(options["rate"] or (found[1] if found else 0.0))
+    except ValueError:
+        value = 0.0
+    if not 0 < value < np.inf:
+        raise DataError(f"{what} are per sample, and the file does not say of which rate; {_AGAIN}")
+    return value

@@ -1,31 +1,38 @@
-"""Matrices as other tools hold them: full, triangular, symmetric, diagonal, or not at all; with what is lost."""
+"""Models as other tools hold them, with what is lost: matrices full, triangular, symmetric or diagonal; thermal models as cubics."""
 
 from typing import Any
 
 import numpy as np
 from scipy.linalg import polar
 
-from .._errors import ExportError
+from .._errors import DataError, ExportError
 from .._types import AnyArray
-from .._units import STANDARD_GRAVITY
+from .._units import STANDARD_GRAVITY, si_unit
 from ..calibration import Calibration
+from ..calibration._thermal import AXES, cubic
 from ..imu import Triad
+from ._options import SENSORS
 
 _DECIMALS = 14  # below the largest entry; what is smaller is rounding of the inverse
+_DEGREE = 3
+_NARROW = 10.0  # degC
+_ROUNDING = 1e-13  # of the largest term; what is smaller is left by the change of the reference
 
 
 def correction(matrix: AnyArray) -> AnyArray:
-    """Inverse of a forward matrix, its zeros exact.
-
-    Raises
-    ------
-    ExportError
-        If the matrix has no inverse.
-    """
+    """Inverse of a forward matrix, its zeros exact."""
     try:
         return rounded(np.linalg.inv(matrix))
     except np.linalg.LinAlgError:
         raise ExportError("a matrix of the calibration has no inverse; calibrate again") from None
+
+
+def inverse(matrix: AnyArray) -> AnyArray:
+    """Forward matrix of the correction that a file holds."""
+    try:
+        return np.linalg.inv(matrix)
+    except np.linalg.LinAlgError:
+        raise DataError("a matrix of the file has no inverse") from None
 
 
 def rounded(values: AnyArray) -> AnyArray:
@@ -39,13 +46,7 @@ def rounded(values: AnyArray) -> AnyArray:
 
 
 def factored(matrix: AnyArray, shape: str) -> tuple[AnyArray, AnyArray]:
-    """A triangular matrix with positive diagonal and a rotation whose product is `matrix`; `shape` "lower" or "upper".
-
-    Raises
-    ------
-    ExportError
-        If the matrix turns right-handed axes into left-handed ones, or has no inverse.
-    """
+    """A triangular matrix with positive diagonal and a rotation whose product is `matrix`; `shape` "lower" or "upper"."""
     if not np.linalg.det(matrix) > 0:
         raise ExportError("a matrix of the calibration mirrors the axes, which no rotation can hold; exchange or negate an axis of the log")
     if shape == "lower":
@@ -95,6 +96,17 @@ def symmetric(calibration: Calibration, mounting: str, warnings: list[str]) -> A
     return rounded((shape + shape.T) / 2)
 
 
+def upper_of(matrix: AnyArray) -> tuple[Any, Any, Any]:
+    """The entries xy, xz and yz, as all tools order them."""
+    return matrix[0, 1], matrix[0, 2], matrix[1, 2]
+
+
+def symmetric_of(diagonal: AnyArray, upper: AnyArray) -> AnyArray:
+    """A symmetric matrix from its diagonal and xy, xz, yz."""
+    (xx, yy, zz), (xy, xz, yz) = diagonal, upper
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
 def unknown_field(calibration: Calibration, warnings: list[str]) -> None:
     """Say that the scale of the magnetometer is arbitrary, where it is."""
     mag: Any = calibration.magnetometer
@@ -124,3 +136,49 @@ def dropped_g_sensitivity(calibration: Calibration) -> list[str]:
         f"gyroscope: g-sensitivity not written, for there is no place for it: {size:.4g} rad/s per m/s^2 "
         f"({size * STANDARD_GRAVITY:.4g} rad/s at 1 g)"
     ]
+
+
+def gyro_bias(calibration: Calibration) -> AnyArray | None:
+    """Bias of the gyroscope at the reference temperature, rad/s: of the imu section, or else of the thermal model."""
+    parts, section = triads(calibration), calibration.temperature
+    if "gyro" in parts:
+        return parts["gyro"].bias
+    if section is None or len(section.of("gyro")) < len(AXES) or section.powers("gyro") is not None:
+        return None
+    return np.array([section.constant(f"gyro_{axis}") for axis in AXES])
+
+
+def cubics(calibration: Calibration, sensor: str, reference: float | None, warnings: list[str]) -> AnyArray | None:
+    """Thermal model of a sensor: (3, 3) coefficients of d, d^2 and d^3 for each axis, d = T - `reference` (None: that of the model).
+
+    None where there is no model.
+    """
+    section = calibration.temperature
+    if section is None:
+        return None
+    about = section.reference if reference is None else reference
+    found = cubic(section, sensor, _DEGREE, about)
+    if found is None:
+        return None
+    coefficients, _, lost = found
+    name, models = SENSORS[sensor], section.of(sensor)
+    for axis, departure in zip(AXES, lost, strict=True):
+        if departure > 0:
+            jumps = ", ".join(f"{centre:.2f}" for centre in getattr(models[axis].curve, "centre", ()))
+            what = f"; the jump at {jumps} degC is smeared out" if jumps else ""
+            warnings.append(
+                f"{name} {axis}: the cubic that the format knows departs from the model by up to {departure:.3g} {si_unit(sensor)}{what}"
+            )
+        if axis in models and (models[axis].lag > 0 or models[axis].play > 0):
+            warnings.append(f"{name} {axis}: lag and play not written, for there is no place for them; heating and cooling will differ")
+    width = section.maximum - section.minimum
+    if width < _NARROW:
+        warnings.append(f"{name}: the thermal model covers {width:.3g} degC; outside it the flight controller keeps the value at the end")
+    if not section.minimum <= section.reference <= section.maximum:
+        warnings.append(
+            f"{name}: {section.reference:g} degC, at which the bias holds, is outside the thermal model ({section.minimum:g} to "
+            f"{section.maximum:g} degC)"
+        )
+    reach = np.abs(np.array([section.minimum, section.maximum]) - about).max() ** np.arange(1, _DEGREE + 1)
+    share = np.abs(coefficients) * reach
+    return np.where(share > _ROUNDING * share.max(initial=0.0), coefficients, 0.0)

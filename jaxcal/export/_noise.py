@@ -7,24 +7,41 @@ import numpy as np
 
 from .._errors import ExportError
 from .._types import AnyArray
+from .._units import si_unit
 from ..calibration import Calibration, DeviceNoise, SensorNoise
-from ._options import UNITS, Options, is_positive
-from ._text import number, numbers
+from ._options import SENSORS, UNITS, Options, is_positive, number, numbers
 
-_NAMES = {"gyro": "gyroscope", "accel": "accelerometer"}
-_AXES = "xyz"
 #: what filters call it -> term of the noise model, and words
 _QUANTITIES = {"density": ("N", "noise density"), "random_walk": ("K", "random walk")}
 _DROPPED = {"Q": "quantisation", "B": "bias instability", "R": "ramp", "markov": "Gauss-Markov", "sinusoid": "sinusoid"}
 
 
 class Isotropic(eqx.Module):
-    """Noise of one sensor as one number a quantity: `density` (N) and `random_walk` (K), SI per sqrt(Hz), after `inflate`."""
+    """Noise as most filters take it: one density (N) and one random walk (K) for each sensor, SI per sqrt(Hz), after `inflate`."""
 
-    density: float
-    random_walk: float
-    about: str  # how the two numbers came about
+    values: dict[tuple[str, str], float]  # (quantity, sensor) -> number
+    rate: float
+    facts: tuple[str, ...]  # how they came about; the accelerometer first, also in the warnings
     warnings: tuple[str, ...]
+
+
+def isotropic(calibration: Calibration, options: Options, why: str) -> Isotropic:
+    """Density and random walk of both sensors, and the rate, on which `why` says what depends; an error where one is not known."""
+    noise = noise_of(calibration)
+    combine = np.max if options.axis == "worst" else lambda values: np.sqrt(np.mean(values**2))
+    values, facts, warnings = {}, [], []
+    for sensor, name in SENSORS.items():
+        n, k, how, said = per_axis(noise, sensor, options)
+        values |= {("density", sensor): float(combine(n)), ("random_walk", sensor): float(combine(k))}
+        facts = [f"{name}: {options.axis} axis; {how}", *facts]
+        warnings = [*said, *warnings]
+    rate, said = rate_of(noise, calibration, options, why)
+    return Isotropic(values, rate, tuple(facts), (*warnings, *said))
+
+
+def stored_noise(sensor: str, **terms: Any) -> dict[str, Any]:
+    """Noise of a sensor with these terms, as `Calibration` takes it."""
+    return {"unit": si_unit(sensor), **dict.fromkeys("QNBKR"), **terms}
 
 
 def noise_of(calibration: Calibration) -> DeviceNoise:
@@ -32,20 +49,6 @@ def noise_of(calibration: Calibration) -> DeviceNoise:
     if calibration.noise is None:
         raise ExportError("the calibration holds no noise; characterise a static log and keep the result as Calibration(noise=...)")
     return calibration.noise
-
-
-def isotropic(noise: DeviceNoise, sensor: str, options: Options) -> Isotropic:
-    """Density and random walk of one sensor.
-
-    Raises
-    ------
-    ExportError
-        If the noise of the sensor is not known, or if its density or random walk was not found on an axis and the options do not
-        say what to write instead.
-    """
-    n, k, about, warnings = per_axis(noise, sensor, options)
-    combine = np.max if options.axis == "worst" else lambda values: np.sqrt(np.mean(values**2))
-    return Isotropic(float(combine(n)), float(combine(k)), f"{options.axis} axis; {about}", warnings)
 
 
 def per_axis(noise: DeviceNoise, sensor: str, options: Options) -> tuple[AnyArray, AnyArray, str, tuple[str, ...]]:
@@ -70,7 +73,7 @@ def rate_of(noise: DeviceNoise, calibration: Calibration, options: Options, why:
 def _measured(noise: DeviceNoise, sensor: str) -> SensorNoise:
     found = getattr(noise, sensor)
     if found is None:
-        raise ExportError(f"the calibration holds no {_NAMES[sensor]} noise; characterise a static log that has {sensor} readings")
+        raise ExportError(f"the calibration holds no {SENSORS[sensor]} noise; characterise a static log that has {sensor} readings")
     return found
 
 
@@ -84,12 +87,12 @@ def _axes(device: DeviceNoise, sensor: str, quantity: str, options: Options) -> 
     elif is_positive(asked):
         asked = _for_one_sensor(device, asked, sensor, quantity)
     if is_positive(asked):
-        warning = f"the {name} of the {_NAMES[sensor]} is the value given: {asked:g} {UNITS[quantity][sensor]}"
+        warning = f"the {name} of the {SENSORS[sensor]} is the value given: {asked:g} {UNITS[quantity][sensor]}"
         return np.full(3, float(asked)), " (given, not measured)", [warning]
     values = np.full(3, np.nan) if getattr(noise, term) is None else np.array(getattr(noise, term))
     if not missing:
         return values, "", []
-    names = ", ".join(f"{sensor}_{_AXES[i]}" for i in missing)
+    names = ", ".join(f"{sensor}_{'xyz'[i]}" for i in missing)
     if asked is None:
         flicker = "" if term == "N" else ". Bias instability B is not a random walk and is not written as one"
         raise ExportError(
@@ -116,7 +119,7 @@ def _not_found(noise: SensorNoise, term: str) -> list[int]:
 def _for_one_sensor(device: DeviceNoise, value: float | int, sensor: str, quantity: str) -> float | int | None:
     """A lone number is for the one sensor that lacks the quantity; the units of the two differ."""
     term, name = _QUANTITIES[quantity]
-    lacking = [other for other in _NAMES if _not_found(_measured(device, other), term)]
+    lacking = [other for other in SENSORS if _not_found(_measured(device, other), term)]
     if len(lacking) != 1:
         state = f"both sensors lack a {name}" if lacking else f"both sensors have a {name} of their own"
         raise ExportError(f'{quantity}={value!r}: {state}; say for which it is, as {{"gyro": ...}} or {{"accel": ...}}')
@@ -128,12 +131,9 @@ def _dropped(noise: SensorNoise, sensor: str) -> list[str]:
     for name, words in _DROPPED.items():
         values = getattr(noise, name)
         verdict = (noise.verdict or {}).get(name, ("present",) * 3)
-        if name in ("markov", "sinusoid"):
-            there = values is not None
-        else:
-            there = values is not None and any(v > 0 and kind != "not detected" for v, kind in zip(values, verdict, strict=True))
-        if there:
+        known = () if values is None or name in ("markov", "sinusoid") else zip(values, verdict, strict=True)
+        if any(v > 0 and kind != "not detected" for v, kind in known) or (values is not None and len(name) > 1):
             found.append(f"{words} {name}" if len(name) == 1 else words)
     if not found:
         return []
-    return [f"{_NAMES[sensor]}: {', '.join(found)} not written, for there is no place for it; a larger inflate can cover it"]
+    return [f"{SENSORS[sensor]}: {', '.join(found)} not written, for there is no place for it; a larger inflate can cover it"]
