@@ -20,9 +20,8 @@ import numpy as np
 
 import jaxcal
 from jaxcal.imu import MEMS_NOISE, ImuTk, Triad, multi_position
-from jaxcal.imu._poses import padded, turns_of
-from jaxcal.imu._recording import recording
-from jaxcal.imu._tedaldi import gyro_fit
+from jaxcal.imu._fits import gyro_fit
+from jaxcal.imu._recording import padded, recording, turns_of
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests" / "imu"))

@@ -2,16 +2,13 @@
 
 from ._conversions import ArduPilot as ArduPilot, ImuTk as ImuTk, Kalibr as Kalibr, OpenVins as OpenVins, Px4 as Px4
 from ._estimate import Estimate as Estimate, estimate as estimate
-from ._frames import in_convention as in_convention, turned_to as turned_to
-from ._gravity import gravity as gravity
 from ._integrate import attitude as attitude
-from ._known import rate_table as rate_table, six_position as six_position
-from ._linear import TriadFit as TriadFit
-from ._model import Imu as Imu
+from ._known import TriadFit as TriadFit, rate_table as rate_table, six_position as six_position
+from ._model import Imu as Imu, Triad as Triad, gravity as gravity, in_convention as in_convention, turned_to as turned_to
 from ._multi import multi_position as multi_position
-from ._observe import Observability as Observability, observability as observability
+from ._recording import StillIntervals as StillIntervals, static_intervals as static_intervals, windowed_variance as windowed_variance
 from ._residuals import Poses as Poses, Turns as Turns, Weighted as Weighted, residuals as residuals, weighted as weighted
-from ._result import ImuFit as ImuFit
+from ._result import ImuFit as ImuFit, Observability as Observability, observability as observability
 from ._simulate import (
     MEMS as MEMS,
     MEMS_NOISE as MEMS_NOISE,
@@ -19,5 +16,3 @@ from ._simulate import (
     simulate as simulate,
     simulate_positions as simulate_positions,
 )
-from ._static import StillIntervals as StillIntervals, static_intervals as static_intervals, windowed_variance as windowed_variance
-from ._triad import Triad as Triad

@@ -8,10 +8,7 @@ import numpy as np
 
 from .._errors import DataError
 from .._precision import host_float64
-from .._types import AnyArray
-from ._frames import in_convention, lower_times_rotation
-from ._model import Imu
-from ._triad import Triad
+from ._model import Imu, Triad, in_convention, inverse, turned_to
 
 
 class ImuTk(eqx.Module):
@@ -72,18 +69,16 @@ class Kalibr(eqx.Module):
     def of(cls, accel: Triad, gyro: Triad) -> "Kalibr":
         """Turns the frame so that the accelerometer's matrix becomes lower triangular, then parts the gyroscope's into M C."""
         turned = in_convention(Imu(accel, gyro), "lower")
-        lower, rotation = lower_times_rotation(jnp.asarray(turned.gyro.matrix))
-        sensitivity = jnp.asarray(turned.gyro.g_sensitivity) @ rotation.T
-        return cls(turned.accel.matrix, lower, rotation, sensitivity, jnp.asarray(accel.bias), jnp.asarray(gyro.bias))
+        correction = turned_to(inverse(turned.gyro.matrix), "lower")
+        rotation = correction @ turned.gyro.matrix
+        sensitivity = turned.gyro.g_sensitivity @ rotation.T
+        return cls(turned.accel.matrix, inverse(correction), rotation, sensitivity, jnp.asarray(accel.bias), jnp.asarray(gyro.bias))
 
     @host_float64
     def triads(self) -> tuple[Triad, Triad]:
         """Accelerometer and gyroscope, in Kalibr's frame."""
-        rotation = jnp.asarray(self.rotation)
-        return (
-            Triad(jnp.asarray(self.accel_matrix), jnp.asarray(self.accel_bias)),
-            Triad(jnp.asarray(self.gyro_matrix) @ rotation, jnp.asarray(self.gyro_bias), jnp.asarray(self.g_sensitivity) @ rotation),
-        )
+        matrix, cross = (jnp.asarray(part) @ jnp.asarray(self.rotation) for part in (self.gyro_matrix, self.g_sensitivity))
+        return Triad(jnp.asarray(self.accel_matrix), jnp.asarray(self.accel_bias)), Triad(matrix, jnp.asarray(self.gyro_bias), cross)
 
 
 class OpenVins(eqx.Module):
@@ -106,46 +101,28 @@ class OpenVins(eqx.Module):
     model: str = eqx.field(static=True)
 
     @classmethod
+    @host_float64
     def of(cls, accel: Triad, gyro: Triad, model: str = "kalibr") -> "OpenVins":
         """Of both triads, for one of the two models."""
         if model not in ("kalibr", "rpng"):
             raise DataError(f"There is no OpenVINS model {model!r}; known are 'kalibr' and 'rpng'.")
-        first, second, third, fourth, sensitivity, accel_bias, gyro_bias = _openvins(accel, gyro, model == "kalibr")
-        return cls(first, second, third, fourth, sensitivity, accel_bias, gyro_bias, model)
+        convention = "lower" if model == "kalibr" else "upper"
+        first, second = (inverse(jnp.asarray(sensor.matrix)) for sensor in (accel, gyro))
+        one, two = turned_to(first, convention), turned_to(second, convention)
+        # the frame in which the leading triad needs no rotation
+        frame = one @ inverse(first) if model == "kalibr" else two @ inverse(second)
+        return cls(
+            one, two, frame @ first @ inverse(one), frame @ second @ inverse(two), jnp.asarray(gyro.g_sensitivity) @ frame.T,
+            jnp.asarray(accel.bias), jnp.asarray(gyro.bias), model,
+        )  # fmt: skip
 
     @host_float64
     def triads(self) -> tuple[Triad, Triad]:
         """Accelerometer and gyroscope, in the frame of the model."""
-        matrices = [
-            jnp.linalg.inv(jnp.asarray(correction)) @ jnp.asarray(rotation).T
-            for correction, rotation in ((self.accel_correction, self.accel_rotation), (self.gyro_correction, self.gyro_rotation))
-        ]
-        return (
-            Triad(matrices[0], jnp.asarray(self.accel_bias)),
-            Triad(matrices[1], jnp.asarray(self.gyro_bias), jnp.asarray(self.g_sensitivity)),
-        )
-
-
-@host_float64
-def _openvins(accel: Triad, gyro: Triad, kalibr: bool) -> tuple[AnyArray, ...]:
-    first, second = jnp.linalg.inv(jnp.asarray(accel.matrix)), jnp.linalg.inv(jnp.asarray(gyro.matrix))
-    leading = first if kalibr else second
-    flip = slice(None, None, -1) if kalibr else slice(None)
-
-    def triangular(matrix):
-        """T with T'T = D'D: lower for kalibr, upper for rpng."""
-        return jnp.linalg.cholesky((matrix.T @ matrix)[flip, flip]).T[flip, flip]
-
-    # the frame in which the leading triad needs no rotation: Q = T D^-1
-    frame = triangular(leading) @ jnp.linalg.inv(leading)
-    found = []
-    for matrix in (first, second):
-        factor = triangular(matrix)
-        found.append((factor, frame @ matrix @ jnp.linalg.inv(factor)))
-    return (
-        found[0][0], found[1][0], found[0][1], found[1][1], jnp.asarray(gyro.g_sensitivity) @ frame.T, jnp.asarray(accel.bias),
-        jnp.asarray(gyro.bias),
-    )  # fmt: skip
+        accel = inverse(jnp.asarray(self.accel_correction)) @ jnp.asarray(self.accel_rotation).T
+        gyro = inverse(jnp.asarray(self.gyro_correction)) @ jnp.asarray(self.gyro_rotation).T
+        cross = jnp.asarray(self.g_sensitivity)
+        return Triad(accel, jnp.asarray(self.accel_bias)), Triad(gyro, jnp.asarray(self.gyro_bias), cross)
 
 
 class Px4(eqx.Module):

@@ -11,10 +11,8 @@ from .._errors import DataError
 from .._precision import array_module, host_float64
 from .._types import AnyArray
 from ..fitting import AbstractLoss, Fit, covariance, solve
-from ._frames import CONVENTIONS, in_convention
-from ._model import Imu, entries, freed, replaced, values
+from ._model import CONVENTIONS, Imu, Triad, entries, freed, in_convention, replaced, values
 from ._residuals import Poses, Turns, Weighted, arrays, residuals, reweighted
-from ._triad import Triad
 
 #: step to go, of the statistical uncertainty, at which a fit is done
 RTOL = 1e-4

@@ -34,13 +34,9 @@ class Step(eqx.Module):
 
 
 def closed_form(first: Array, second: Array, dt: Array) -> Step:
-    """Step whose rotation vector is the mean rate times dt, with the coning term of a rate that is linear in time.
+    """Step (rates in rad/s, dt (..., 1) in s) whose rotation vector is the mean rate times dt, with the coning term of a linear rate.
 
     P. G. Savage, J. Guid. Control Dyn. 21 (1998) 19; the error of a step is of fifth order in dt.
-
-    Parameters
-    ----------
-    first, second : (..., 3) rad/s. dt : (..., 1) s, zero for padding.
     """
     a, b, h = skew(first), skew(second), dt[..., None]
     one = jnp.broadcast_to(jnp.eye(3, dtype=first.dtype), a.shape)

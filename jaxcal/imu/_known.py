@@ -1,19 +1,48 @@
-"""`six_position` and `rate_table`: calibrations whose inputs are known."""
+"""`six_position` and `rate_table`: a triad from known inputs by linear least squares, one axis beside the other (host, NumPy)."""
 
 import dataclasses
 from typing import Any
 
+import equinox as eqx
 import numpy as np
+import scipy.stats
 
 from .._errors import DataError
 from .._precision import host_float64
-from ._gravity import EARTH_RATE
-from ._linear import TriadFit, dependent, readings_of, triad_of
+from .._types import AnyArray
+from ..fitting import information
+from ._model import EARTH_RATE, Triad
 
 #: upward axis of each of the six positions
 SIX = np.kron(np.eye(3), np.array([[1.0], [-1.0]]))
 _FORCE = ("rate about x", "rate about y", "rate about z", "bias", "g-sensitivity along x", "g-sensitivity along y", "g-sensitivity along z")
 _UP = ("specific force along x", "specific force along y", "specific force along z", "bias")
+_RANK = 1e-8
+
+
+class TriadFit(eqx.Module):
+    """A triad from known inputs.
+
+    Attributes
+    ----------
+    triad : `Triad`.
+    covariance : (p, p) of the parameters named by `names`, in the units of the readings per SI.
+    interval : (p, 2) limits of the intervals of 95 %, in the order of `names`.
+    residual : (k, 3) readings less the fitted ones.
+    sigma : (3,) standard deviation of a mean reading, as given or from the residuals.
+    degrees_of_freedom : of the residuals of one axis.
+    names : of the parameters: matrix by rows, bias, g-sensitivity by rows where it was fitted.
+    warnings : sentences.
+    """
+
+    triad: Triad
+    covariance: AnyArray
+    interval: AnyArray
+    residual: AnyArray
+    sigma: AnyArray
+    degrees_of_freedom: int
+    names: tuple[str, ...] = eqx.field(static=True)
+    warnings: tuple[str, ...] = eqx.field(static=True)
 
 
 def checked_gravity(gravity: Any) -> float:
@@ -26,12 +55,64 @@ def checked_gravity(gravity: Any) -> float:
     return value
 
 
-def _refuse_dependent(x: np.ndarray, words: tuple[str, ...], advice: str) -> None:
-    share = dependent(x)
-    if not np.any(share > 1e-3):
-        return
-    open_ = ", ".join(word for word, part in zip(words, share, strict=True) if part > 0.1)
-    raise DataError(f"{len(x)} positions do not determine every parameter: {open_} cannot be told apart. {advice}")
+def _triad_of(
+    x: np.ndarray, y: np.ndarray, sigma: Any, words: tuple[str, ...], advice: str, warnings: tuple[str, ...] = (), servo: float = 0.0
+) -> TriadFit:
+    """Fit of columns [input, 1] or [input, 1, specific force]; `sigma` of a mean reading, or None to take it from the residuals."""
+    known = information(x, tolerance=_RANK)
+    share = np.sqrt(np.sum(known.vectors[known.singular_values == 0] ** 2, axis=0))
+    if np.any(share > 1e-3):
+        open_ = ", ".join(word for word, part in zip(words, share, strict=False) if part > 0.1)
+        raise DataError(f"{len(x)} positions do not determine every parameter: {open_} cannot be told apart. {advice}")
+    unit, columns = known.covariance, x.shape[1]
+    beta, freedom = unit @ (x.T @ y), len(x) - columns
+    residual = y - x @ beta
+    if sigma is None:
+        if freedom < 1:
+            raise DataError(
+                f"{len(x)} readings leave nothing to tell their noise from; give sigma=, the standard deviation of a mean reading"
+            )
+        # one noise for the three axes of a triad: three times the degrees of freedom
+        sigma = np.full(3, np.sqrt(np.sum(residual**2) / (3 * freedom)))
+        quantile = scipy.stats.t.ppf(0.975, 3 * freedom)
+    else:
+        sigma = np.broadcast_to(np.asarray(sigma, dtype=float), (3,))
+        if not (np.isfinite(sigma).all() and (sigma > 0).all()):
+            raise DataError(f"sigma={sigma.tolist()} must be positive, in the unit of the readings")
+        quantile = scipy.stats.norm.ppf(0.975)
+        noise = np.sqrt(np.sum(residual**2, axis=0) / max(freedom, 1))
+        limit = np.sqrt(scipy.stats.chi2.ppf(0.999, max(freedom, 1)) / max(freedom, 1))
+        if freedom > 0 and np.any(noise > limit * sigma):
+            warnings = (
+                *warnings,
+                f"The readings scatter by {np.max(noise / sigma):.2g} times the noise given: levelling, repeatability or the model. The "
+                "intervals are too narrow; leave out sigma= to take it from the scatter.",
+            )
+    # the axes are fitted one beside the other, but named field by field: name -> (axis, column)
+    fields = {"matrix[{},{}]": range(3), "bias[{}]": (3,), "g_sensitivity[{},{}]": range(4, columns)}
+    names = {name.format(axis, i): (axis, column) for name, part in fields.items() for axis in range(3) for i, column in enumerate(part)}
+    axis, column = np.array(list(names.values())).T
+    value = beta[column, axis]
+    scale = np.where(column < 3, value, 0.0)
+    covariance = np.kron(np.diag(sigma**2), unit)[np.ix_(columns * axis + column, columns * axis + column)]
+    covariance = covariance + servo**2 * np.outer(scale, scale)
+    half = quantile * np.sqrt(np.diag(covariance))
+    triad = Triad(beta[:3].T, beta[3], beta[4:].T if columns == 7 else np.zeros((3, 3)))
+    interval = np.stack([value - half, value + half], axis=1)
+    return TriadFit(triad, covariance, interval, residual, np.asarray(sigma), freedom, tuple(names), warnings)
+
+
+def _readings_of(values: Any, name: str) -> np.ndarray:
+    """(k, 3) finite numbers."""
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise DataError(f"{name} does not hold numbers; give an array of shape (k, 3)") from error
+    if array.ndim != 2 or array.shape[1] != 3 or not len(array):
+        raise DataError(f"{name} has shape {array.shape}; expected (k, 3), one row a position")
+    if not np.isfinite(array).all():
+        raise DataError(f"{name} holds {np.sum(~np.isfinite(array))} values that are not finite; leave those positions out")
+    return array
 
 
 @host_float64
@@ -73,29 +154,24 @@ def six_position(readings: Any, gravity: float | int, *, up: Any = None, sigma: 
     ----------
     IEEE Std 1293 (multipoint tumble test); the thesis, equation (5.1).
     """
-    y, size = readings_of(readings, "readings"), checked_gravity(gravity)
+    y, size = _readings_of(readings, "readings"), checked_gravity(gravity)
     if up is None:
         if len(y) != 6:
             raise DataError(
                 f"{len(y)} readings were given; the six positions are x up, x down, y up, y down, z up, z down. Give up= for others"
             )
         up = SIX
-    up = readings_of(up, "up")
+    up = _readings_of(up, "up")
     if up.shape != y.shape:
         raise DataError(f"up has shape {up.shape}, the readings {y.shape}; give one direction for each reading")
     length = np.linalg.norm(up, axis=1, keepdims=True)
     if np.any(length < 1e-6):
         raise DataError("up holds a vector of length zero; give the direction of the vertical in body axes")
-    x = np.concatenate([size * up / length, np.ones((len(y), 1))], axis=1)
+    force = size * up / length
     if len(y) < 4:
         raise DataError(f"{len(y)} positions cannot give a matrix and a bias; record four that are not in a plane, better the six faces")
-    _refuse_dependent(x, _UP, "Turn the block so that the vertical passes through each face.")
-    found = triad_of(x, y, sigma)
-    return _judged(found, x[:, :3])
-
-
-def _judged(found: TriadFit, force: np.ndarray) -> TriadFit:
-    """With a warning where the readings are not those of the given directions."""
+    x, advice = np.concatenate([force, np.ones((len(y), 1))], axis=1), "Turn the block so that the vertical passes through each face."
+    found = _triad_of(x, y, sigma, _UP, advice)
     fitted = found.triad.measure(force)
     if np.linalg.norm(found.residual) > 0.2 * np.linalg.norm(fitted - found.triad.bias):
         raise DataError(
@@ -153,8 +229,8 @@ def rate_table(
     ----------
     IEEE Std 952 (scale factor test); the thesis, equation (5.2).
     """
-    y, w = readings_of(readings, "readings"), readings_of(rates, "rates")
-    f = None if accel is None else readings_of(accel, "accel")
+    y, w = _readings_of(readings, "readings"), _readings_of(rates, "rates")
+    f = None if accel is None else _readings_of(accel, "accel")
     for name, other in (("rates", w), ("accel", f)):
         if other is not None and other.shape != y.shape:
             raise DataError(f"{name} has shape {other.shape}, the readings {y.shape}; give one row for each reading")
@@ -171,9 +247,8 @@ def rate_table(
         raise DataError("latitude= needs accel=, which tells where up is")
     if np.abs(w).max() > 100:
         warnings = (f"The largest rate is {np.abs(w).max():.3g} rad/s; rates in deg/s must be multiplied by pi/180.",)
-    columns = [w, np.ones((len(y), 1))] + ([] if f is None else [f])
-    x = np.concatenate(columns, axis=1)
+    x = np.concatenate([w, np.ones((len(y), 1))] + ([] if f is None else [f]), axis=1)
     if len(y) < x.shape[1]:
         raise DataError(f"{len(y)} positions cannot give {x.shape[1]} parameters an axis; record both signs of the rate about each axis")
-    _refuse_dependent(x, _FORCE[: x.shape[1]], "Turn about each axis with both signs of the rate, each of the six faces up.")
-    return triad_of(x, y, sigma, warnings, float(servo))
+    advice = "Turn about each axis with both signs of the rate, each of the six faces up."
+    return _triad_of(x, y, sigma, _FORCE, advice, warnings, float(servo))

@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
 import equinox as eqx
 import jax
@@ -11,25 +11,15 @@ import numpy as np
 
 from .._errors import DataError
 from .._precision import host_float64, is_traced
-from ..fitting import AbstractLoss, Fit, Huber
+from ..fitting import AbstractLoss, Fit, Huber, leverage
+from . import _fits, _recording
 from ._estimate import described, framed, placed, sandwich, solved, started
-from ._frames import CONVENTIONS
-from ._gravity import EARTH_RATE
-from ._joint import Joint, Options, described as described_pieces, held_out as left_out, joint_fit, rest_start
+from ._fits import Joint, Options
 from ._known import checked_gravity
-from ._model import Imu, freed, values
-from ._observe import SINGULAR, Observability, observability
-from ._poses import Rests, padded, rests_of, turns_of
-from ._recording import Recording, not_still, pinned, recording, stuck, wrong_units
+from ._model import CONVENTIONS, EARTH_RATE, Imu, Triad, freed
+from ._recording import Ends, Recording, Rests, StillIntervals, padded
 from ._residuals import Weighted, pieces
-from ._result import ImuFit, intervals
-from ._scales import coefficients, excess
-from ._start import explanation, nominal_start, scanned_scale
-from ._static import StillIntervals, static_intervals, windowed_variance
-from ._tedaldi import tedaldi
-from ._threshold import Choice, chosen, norms
-from ._triad import Triad
-from ._verdict import Judgement, judge
+from ._result import SINGULAR, ImuFit, finished, observability
 
 METHODS = ("joint", "imu_tk")
 MODELS = ("full", "diagonal")
@@ -111,9 +101,13 @@ def multi_position(
     D. Tedaldi, A. Pretto and E. Menegatti, ICRA 2014 (the protocol and the two costs); the thesis, equations (5.1) to (5.5).
     """
     options = _checked(log, gravity, convention, method, model, g_sensitivity, loss, latitude, noise)
-    record = recording(log, time)
-    if not raw and (wrong := wrong_units(record.accel, options.gravity)):
-        return _refusal(record, options, method, wrong)
+    record = _recording.recording(log, time)
+    empty = ImuFit(
+        rate=record.rate, gravity=options.gravity, temperature=record.temperature, verdict="refused", reason="", convention=convention,
+        method=method,
+    )  # fmt: skip
+    if not raw and (wrong := _recording.wrong_units(record.accel, options.gravity)):
+        return dataclasses.replace(empty, reason=wrong)
     if method == "imu_tk":
         if record.gyro is None:
             raise DataError("method='imu_tk' needs a gyroscope; leave it out for an accelerometer alone")
@@ -121,52 +115,101 @@ def multi_position(
             raise DataError("method='imu_tk' has none of model, latitude and noise; leave them out, or take method='joint'")
     start = started(None if isinstance(model, str) else model, record.gyro is not None, latitude is not None)
     needed = _count(freed(Imu(start.accel), convention, options.misalignment))
-    still = static_intervals(record.accel, record.rate, threshold=threshold, window=window, initial=initial, least=least)
-    variance = windowed_variance(record.accel, 2 * max(round(float(window) * record.rate / 2), 1) + 1)
-    if initial is not None and (moved := not_still(still, variance)):
-        return _refusal(record, options, method, moved, still)
-    choice = chosen(record, still, variance, start.accel, needed, options, threshold, window, least, raw, all_samples=method == "imu_tk")
-    if choice is None:
+    still, tried, variance = _recording.still_tried(record.accel, record.rate, threshold, window, initial, least)
+    empty = dataclasses.replace(empty, still=still, warnings=still.warnings)
+    if initial is not None and (moved := _recording.not_still(still, variance)):
+        return dataclasses.replace(empty, reason=moved)
+    shortest = max(round(float(least) * record.rate), 2)
+    usable = {k: ends for k, ends in tried.items() if len(ends[0]) >= needed}
+    if not usable:
         most = max(len(still), *still.counts.values())
         name = model if isinstance(model, str) else type(start.accel).__name__
-        return _refusal(
-            record, options, method,
-            f"There are {most} still intervals; the {name} model needs {needed} at least, 18 to 24 are advised: hold it still "
-            f"for {max(2.0, 2 * float(least)):g} s on each face and edge, and some corners.", still,
-        )  # fmt: skip
+        reason = (
+            f"There are {most} still intervals; the {name} model needs {needed} at least, 18 to 24 are advised: hold it still for "
+            f"{max(2.0, 2 * float(least)):g} s on each face and edge, and some corners."
+        )
+        return dataclasses.replace(empty, reason=reason)
+    chosen, fit = _chosen(record, empty, usable, start.accel, options, raw, shortest)
     if method == "imu_tk":
-        return tedaldi(record, choice, options, least, raw, initial, held_out)
-    return _joint(record, choice, start, needed, options, raw, held_out)
+        return _fits.tedaldi(record, chosen, fit, options, shortest, raw, initial, held_out)
+    return _joint(record, chosen, start, needed, options, raw, held_out)
+
+
+def _chosen(
+    record: Recording, empty: ImuFit, usable: dict[float, Ends], model: Triad, options: Options, raw: bool, shortest: int
+) -> tuple[ImuFit, Fit]:
+    """The multiple of the initial variance to use, judged by what it leaves of the calibration, and the fit of its norms.
+
+    For imu_tk its own rule: the first samples of every interval, one residual each, and the smallest total cost. Else the most intervals
+    among the multiples whose leave-one-out rms is within a standard error of the least: a total cost favours fewer poses.
+    """
+    by_cost, still = options.method == "imu_tk", cast(StillIntervals, empty.still)
+    slots = _recording.power_of_two(max(len(start) for start, _ in usable.values()) + 1, 32)
+    fits, table = {}, []
+    for k, (start, stop) in usable.items():
+        if by_cost:
+            reading = np.concatenate([record.accel[i : i + shortest] for i in start])
+        else:
+            reading = _recording.means(record.accel, start, stop)
+        count, each = len(start), len(reading) // len(start)
+        start_at = _fits.nominal_start(model, reading.reshape(count, each, 3).mean(axis=1), options.gravity) if raw else model
+        data = _recording.norms(reading, slots * each, options.gravity)
+        fit = solved(Imu(start_at), data, options.convention, options.misalignment, rtol=None)
+        # residual of every pose under the fit without it, to first order
+        without = np.asarray(fit.residuals) / (1 - np.minimum(leverage(fit), 1 - 1e-6))
+        rest = without[: count * each].reshape(count, each).mean(axis=1)
+        fits[k] = fit
+        table.append((k, count, float(fit.cost), np.sqrt(np.mean(rest**2)), np.std(rest**2) / np.sqrt(count)))
+    rows = np.array(table)
+    multiples, counts, cost, rms, error = rows.T
+    cheapest, least = int(np.argmin(cost)), int(np.argmin(rms))
+    close = rms**2 <= rms[least] ** 2 + error[least]
+    best = cheapest if by_cost else int(np.argmax(np.where(close, counts, 0)))
+    warnings = empty.warnings
+    if not close[cheapest]:
+        warnings += (
+            f"The smallest total cost is at {multiples[cheapest]:g} times the initial variance, where poses left out fit worse than at "
+            f"{multiples[least]:g} times: a total cost favours fewer intervals.",
+        )
+    k = float(multiples[best])
+    start, stop = usable[k]
+    still = dataclasses.replace(still, start=start, stop=stop, multiple=k, threshold=k * still.initial_variance)
+    return dataclasses.replace(empty, still=still, thresholds=rows[:, :4], warnings=warnings), fits[k]
 
 
 def _count(free: Any) -> int:
     return int(sum(np.sum(leaf) for leaf in jax.tree.leaves(free)))
 
 
-def _joint(record: Recording, choice: Choice, model: Imu, needed: int, options: Options, raw: bool, held_out: bool) -> ImuFit:
-    clipped = stuck(record.accel, choice.still.start, choice.still.stop)
-    notes = list(choice.warnings)
-    start, stop = choice.still.start[~clipped], choice.still.stop[~clipped]
+def _joint(record: Recording, base: ImuFit, model: Imu, needed: int, options: Options, raw: bool, held_out: bool) -> ImuFit:
+    still, notes = cast(StillIntervals, base.still), list(base.warnings)
+    clipped = _recording.stuck(record.accel, still.start, still.stop)
+    start, stop = still.start[~clipped], still.stop[~clipped]
     if clipped.any():
         notes.append(f"{clipped.sum()} poses were left out: an axis of the accelerometer is at the end of its range (saturated).")
     if len(start) < needed:
         reason = f"{len(start)} of {len(clipped)} still intervals are left, {needed} are needed: an axis of the accelerometer saturates."
-        return _refusal(record, options, "joint", reason, choice.still)
-    rests = rests_of(record, start, stop)
-    begin = Imu(nominal_start(model.accel, rests.accel, options.gravity) if raw else model.accel)
-    data = norms(rests.accel, rests.slots, options.gravity)
+        return dataclasses.replace(base, reason=reason)
+    rests = _recording.rests_of(record, start, stop)
+    begin = Imu(_fits.nominal_start(model.accel, rests.accel, options.gravity) if raw else model.accel)
+    data = _recording.norms(rests.accel, rests.slots, options.gravity)
     fit = solved(begin, data, options.convention, options.misalignment, rtol=None)
     at_rest = pieces(fit.model, data)
-    up, size = np.asarray(at_rest.vertical)[: len(start)], options.gravity - np.asarray(at_rest.norm)[: len(start)]
-    accel, force = jax.tree.map(np.asarray, fit.model.accel), size[:, None] * up
-    seen = observability(up, not options.misalignment)
+    vertical, size = at_rest.vertical[: len(start)], options.gravity - at_rest.norm[: len(start)]
+    accel, force = jax.tree.map(np.asarray, fit.model.accel), size[:, None] * vertical
+    seen = observability(vertical, not options.misalignment)
+    base = dataclasses.replace(base, observability=seen)
     if not seen.condition <= SINGULAR:
-        return _refusal(record, options, "joint", seen.sentence, choice.still, seen)
+        return dataclasses.replace(base, reason=seen.sentence)
     if record.gyro is None:
-        alone = _accel_only(rests, fit, needed, options)
-        return _result(record, choice, alone, rests, needed, seen, options, notes, np.full(2, np.nan), lambda: None)
-    turns = turns_of(record, start, stop, rests.slots)
-    over, valid = pinned(record.gyro), np.isfinite(turns.sigma)
+        size = float(np.sqrt(_fits.excess(at_rest.norm[: len(start)], np.zeros(len(start)), needed)))
+        data = _recording.norms(rests.accel, rests.slots, options.gravity, size)
+        if options.loss is not None:
+            fit = solved(fit.model, data, options.convention, options.misalignment, loss=options.loss, rtol=None)
+        alone = Joint(fit, data, pieces(fit.model, data), np.array([size, np.nan, np.nan]))
+        return _result(base, alone, rests, needed, options, notes, lambda: None)
+    turns = _recording.turns_of(record, start, stop, rests.slots)
+    over, valid = _recording.pinned(record.gyro), np.isfinite(turns.sigma)
     bad = np.zeros(len(valid), dtype=bool)
     bad[: len(start) - 1] = [over[i:j].any() for i, j in zip(stop[:-1] - 1, start[1:], strict=True)]
     if lost := len(start) - 1 - int(valid.sum()):
@@ -175,84 +218,55 @@ def _joint(record: Recording, choice: Choice, model: Imu, needed: int, options: 
         notes.append(f"{bad.sum()} turns were left out: the gyroscope saturates in them. Turn more slowly.")
         turns = dataclasses.replace(turns, sigma=np.where(bad, np.inf, turns.sigma))
     if (kept := int(np.isfinite(turns.sigma).sum())) < 6:
-        why = " ".join(notes[len(choice.warnings) :]) or "There are too few poses."
-        return _refusal(record, options, "joint", f"{kept} turns are left, 6 are needed for a gyroscope. {why}", choice.still, seen)
-    vertical = padded(up, rests.slots)
-    bias, cross, drift = rest_start(rests, force, options.g_sensitivity, np.zeros(3))
-    scale = scanned_scale(bias, vertical, turns) if raw else 1.0
+        why = " ".join(notes[len(base.warnings) :]) or "There are too few poses."
+        return dataclasses.replace(base, reason=f"{kept} turns are left, 6 are needed for a gyroscope. {why}")
+    up = padded(vertical, rests.slots)
+    bias, cross, drift = _fits.rest_start(rests, force, options.g_sensitivity, np.zeros(3))
+    scale = _fits.scanned_scale(bias, up, turns) if raw else 1.0
     if options.latitude is not None:
-        earth = EARTH_RATE * np.sin(options.latitude) * up / scale
-        bias, cross, drift = rest_start(rests, force, options.g_sensitivity, earth)
+        earth = EARTH_RATE * np.sin(options.latitude) * vertical / scale
+        bias, cross, drift = _fits.rest_start(rests, force, options.g_sensitivity, earth)
     matrix = np.eye(3) / scale if raw else model.gyro.matrix
     gyro = eqx.tree_at(lambda t: (t.matrix, t.bias, t.g_sensitivity), model.gyro, (matrix, bias, cross))
-    one = np.ones(len(start))
-    data = Weighted(rests.poses(one, np.ones((len(start), 3))), turns, np.asarray(options.gravity), options.latitude)
-    found = joint_fit(Imu(accel, gyro, np.zeros(3) if drift else None, model.north), data, rests, options, needed)
-    outside = left_out(found, options) if held_out else np.full(2, np.nan)
+    one = np.ones((len(start), 3))
+    data = Weighted(rests.poses(one[:, 0], one), turns, np.asarray(options.gravity), options.latitude)
+    found = _fits.joint_fit(Imu(accel, gyro, np.zeros(3) if drift else None, model.north), data, rests, options, needed)
+    if held_out:
+        base = dataclasses.replace(base, held_out=_fits.held_out(found, options))
     if drift:
         notes.append("The gyroscope's bias drifts during the record (F test, 1 %); a linear drift is part of the fit. Let it warm up.")
-    explain = partial(explanation, bias, vertical, turns, scale)
-    return _result(record, choice, found, rests, needed, seen, options, notes, outside, explain)
+    return _result(base, found, rests, needed, options, notes, partial(_fits.explanation, bias, up, turns, scale))
 
 
 def _result(
-    record: Recording, choice: Choice, joint: Joint, rests: Rests, needed: int, seen: Observability, options: Options, notes: list[str],
-    outside: np.ndarray, explain: Callable[[], str | None],
-) -> ImuFit:  # fmt: skip
+    base: ImuFit, joint: Joint, rests: Rests, needed: int, options: Options, notes: list[str], explain: Callable[[], str | None]
+) -> ImuFit:
     """The result of a fit with or without a gyroscope, judged."""
     fit, found, slots, count = joint.fit, joint.found, rests.slots, len(rests.accel)
     blocks = np.concatenate([np.arange(slots), np.repeat(slots + np.arange(slots - 1), 2), np.repeat(np.arange(slots), 3), [-1, -1]])
-    weight, gyro = np.asarray(fit.weights), fit.model.gyro
-    turned, rest, pairs, turns, own = np.zeros((0, 3)), np.zeros((0, 3)), np.ones((0, 2)), 0, 0
+    weight, gyro, drift = np.asarray(fit.weights), fit.model.gyro, np.zeros(3)
+    turned, rest, pairs, own = np.zeros((0, 3)), np.zeros((0, 3)), np.ones((0, 2)), 0
     if gyro is not None and joint.data.turns is not None:
         valid = np.isfinite(joint.data.turns.sigma)
-        turned, pairs, turns = np.asarray(found.turned)[valid], weight[slots : 3 * slots - 2].reshape(-1, 2)[valid], int(valid.sum())
-        rest = np.asarray(found.rest)[:count] @ np.linalg.inv(gyro.matrix).T
+        turned, pairs = found.turned[valid], weight[slots : 3 * slots - 2].reshape(-1, 2)[valid]
+        rest = found.rest[:count] @ np.linalg.inv(gyro.matrix).T
         own = _count(freed(Imu(None, gyro), options.convention, g_sensitivity=False)) - 3
-    angle = np.linalg.norm(turned, axis=1)
-    low = (np.flatnonzero(weight[:count] < 0.5), np.flatnonzero(np.min(pairs, axis=1, initial=1) < 0.5))
-
+        drift = drift if fit.model.drift is None else np.linalg.solve(gyro.matrix, fit.model.drift)
     made = described(fit, joint.data, options.convention)
     robust = framed(fit.model, options.convention, placed(fit.names, sandwich(fit, blocks[: len(weight)]), made.names))[1][0]
-    model, plain, robust = jax.tree.map(np.asarray, (made.model, made.covariance, robust))
-    at = values(model)
-    judged = judge(fit, at, plain, seen, count, turns, angle, low, joint.sigma, options, gyro is not None, list(notes))
-    if judged.verdict == "refused" and (why := explain()):
-        judged = Judgement(judged.verdict, f"{judged.reason} {why}", judged.warnings)
-    result = ImuFit(
-        accel=model.accel, gyro=model.gyro, residual_norm=found.norm[:count], residual_turn=angle, residual_rest=rest, sigma=joint.sigma,
-        down_weighted=low, cost=0.5 * np.array([np.sum(found.norm[:count] ** 2), np.sum(turned**2) if turns else np.nan]), held_out=outside,
-        still=choice.still, thresholds=choice.table, observability=seen,
-        drift=np.zeros(3) if fit.model.drift is None else np.linalg.solve(fit.model.gyro.matrix, fit.model.drift), rate=record.rate,
-        gravity=options.gravity, temperature=record.temperature, verdict=judged.verdict, reason=judged.reason, warnings=judged.warnings,
-        convention=options.convention, method="joint",
+    model = jax.tree.map(np.asarray, made.model)
+    result = dataclasses.replace(
+        base, accel=model.accel, gyro=model.gyro, residual_norm=found.norm[:count], residual_turn=np.linalg.norm(turned, axis=1),
+        residual_rest=rest, sigma=joint.sigma, drift=drift,
+        down_weighted=(np.flatnonzero(weight[:count] < 0.5), np.flatnonzero(np.min(pairs, axis=1, initial=1) < 0.5)),
+        cost=0.5 * np.array([np.sum(found.norm[:count] ** 2), np.sum(turned**2) if len(turned) else np.nan]),
     )  # fmt: skip
-    still = 3 * (count - 1 - 3 * options.g_sensitivity) if turns else 0
-    by_field = {"accel": count - needed, "gyro": 2 * turns - own, "gyro.bias": still, "gyro.g_sensitivity": still}
+    still = 3 * (count - 1 - 3 * options.g_sensitivity) if len(turned) else 0
+    by_field = {"accel": count - needed, "gyro": 2 * len(turned) - own, "gyro.bias": still, "gyro.g_sensitivity": still}
     freedom = np.array([by_field.get(name.split("[")[0], by_field[name.split(".")[0]]) for name in result.names], dtype=float)
-    plain, robust = (np.asarray(placed(made.names, matrix, result.names)) for matrix in (plain, robust))
-    return dataclasses.replace(
-        result, covariance=plain, robust_covariance=robust, degrees_of_freedom=freedom, interval=intervals(result.values, plain, freedom)
-    )
-
-
-def _accel_only(rests: Rests, fit: Fit, needed: int, options: Options) -> Joint:
-    """The norms alone, with the size of their errors."""
-    size = float(np.sqrt(excess(np.asarray(fit.residuals)[: len(rests.accel)], np.zeros(len(rests.accel)), needed)))
-    data = norms(rests.accel, rests.slots, options.gravity, size)
-    if options.loss is not None:
-        fit = solved(fit.model, data, options.convention, options.misalignment, loss=options.loss, rtol=None)
-    return Joint(fit, data, described_pieces(fit.model, data), np.array([size, np.nan, np.nan]))
-
-
-def _refusal(
-    record: Recording, options: Options, method: str, reason: str, still: StillIntervals | None = None, seen: Observability | None = None
-) -> ImuFit:
-    """A fit without triads."""
-    return ImuFit(
-        still=still, observability=seen, rate=record.rate, gravity=options.gravity, temperature=record.temperature, verdict="refused",
-        reason=reason, warnings=() if still is None else still.warnings, convention=options.convention, method=method,
-    )  # fmt: skip
+    plain, robust = (np.asarray(placed(made.names, np.asarray(matrix), result.names)) for matrix in (made.covariance, robust))
+    result = dataclasses.replace(result, covariance=plain, robust_covariance=robust, degrees_of_freedom=freedom)
+    return finished(result, fit, options, notes, explain)
 
 
 def _checked(log, gravity, convention, method, model, g_sensitivity, loss, latitude, noise) -> Options:
@@ -270,6 +284,6 @@ def _checked(log, gravity, convention, method, model, g_sensitivity, loss, latit
     if latitude is not None and not abs(float(latitude)) <= np.pi / 2:
         raise DataError(f"latitude={latitude:g} rad lies beyond a pole; degrees must be multiplied by pi/180")
     return Options(
-        checked_gravity(gravity), convention, bool(g_sensitivity), model != "diagonal", loss, coefficients(noise, "accel"),
-        coefficients(noise, "gyro"), None if latitude is None else float(latitude),
+        checked_gravity(gravity), convention, method, bool(g_sensitivity), model != "diagonal", loss, _fits.coefficients(noise, "accel"),
+        _fits.coefficients(noise, "gyro"), None if latitude is None else float(latitude),
     )  # fmt: skip

@@ -5,14 +5,13 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from .._compile import filter_jit
-from .._precision import host_float64
+from .._precision import host_float64, is_traced
 from .._types import Array
-from ._gravity import EARTH_RATE
 from ._integrate import attitude, closed_form
-from ._model import Imu
-from ._triad import inverse
+from ._model import EARTH_RATE, Imu, inverse
 
 
 class Poses(eqx.Module):
@@ -201,8 +200,7 @@ def residuals(model: Imu, data: Weighted) -> Array:
 def whitening(sigma: Array, turn: Array, gravity: Array, tangent: Array, rotation: Array) -> Array:
     """Inverse Cholesky factor (2s, 2s) of the covariance of the turns' residuals, zero for turns that are left out.
 
-    The vertical of a pose closes one turn and opens the next, so that neighbours share its error. `sigma` is that of the poses, `turn`
-    that of the turns.
+    The vertical of a pose, with `sigma`, closes one turn and opens the next: neighbours share its error.
     """
     count, valid, known = len(turn), jnp.isfinite(turn), jnp.isfinite(sigma)
     # rows left out get a variance of one; the double where keeps infinities from the derivative
@@ -260,5 +258,6 @@ def reweighted(model: Imu, data: Weighted, found: Pieces | None = None) -> Weigh
 
 
 def pieces(model: Imu, data: Weighted) -> Pieces:
-    """Residuals of norms, turns and still rates before they are weighted."""
-    return _pieces(*arrays((model, data.poses, data.turns, data.gravity, data.latitude)))
+    """Residuals of norms, turns and still rates before they are weighted; arrays of NumPy outside of a trace."""
+    found = _pieces(*arrays((model, data.poses, data.turns, data.gravity, data.latitude)))
+    return found if is_traced(found) else jax.tree.map(np.asarray, found)

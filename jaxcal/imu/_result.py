@@ -1,5 +1,8 @@
-"""`ImuFit`: both triads with what is known about them."""
+"""`ImuFit`: both triads with what is known about them; how well still poses determine an accelerometer; the verdict."""
 
+import dataclasses
+import itertools
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -11,12 +14,121 @@ import scipy.stats
 from .._precision import host_float64
 from .._results import Result, Row
 from .._types import AnyArray
-from ._model import Imu, entries, replaced, values
-from ._observe import Observability
-from ._static import StillIntervals
-from ._triad import Triad
+from ..fitting import Fit, Outcome, identifiability
+from ._model import Imu, Triad, entries, replaced, values
+from ._recording import StillIntervals
 
+PLACES = np.array([p for p in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(p)])
+_UP = PLACES / np.linalg.norm(PLACES, axis=1, keepdims=True)
+_WORDS = (
+    "scale along x", "scale along y", "scale along z", "misalignment of x and y", "misalignment of x and z", "misalignment of y and z",
+    "bias along x", "bias along y", "bias along z",
+)  # fmt: skip
+_DIAGONAL = [0, 1, 2, 6, 7, 8]
+#: condition numbers of the natural information: 18 even poses have 3 to 4; from here on poses are missing, or nothing is known
+_ENOUGH, _ILL, SINGULAR = 12.0, 60.0, 300.0
+_NEAR = np.cos(np.deg2rad(25.0))
+_ALIKE = 20.0  # degrees
+_FEW_POSES, _FEW_TURNS = 12, 10
+_TURN = np.deg2rad(5.0)
+_UNKNOWN, _POOR = 0.1, 0.01
+_ROTATION = np.deg2rad(0.03)
 _UNITS = {"matrix": "1", "g_sensitivity": "rad/s per m/s^2"}
+
+
+class Observability(eqx.Module):
+    """How well the attitudes of the still poses determine the accelerometer.
+
+    Attributes
+    ----------
+    condition : ratio of the largest to the smallest singular value for errors of natural size.
+    missing : (m, 3) directions that should point up in further poses, in body axes, the most useful first.
+    sentence : what the poses determine, and which are missing.
+    """
+
+    condition: float
+    missing: AnyArray
+    sentence: str = eqx.field(static=True)
+
+
+def _rows_of(up: np.ndarray) -> np.ndarray:
+    """Change of |f|/g for a change E of the correction and c of the bias: u'Eu + u'c, E symmetric."""
+    x, y, z = up.T
+    return np.stack([x * x, y * y, z * z, 2 * x * y, 2 * x * z, 2 * y * z, x, y, z], axis=1)
+
+
+def _condition(information: np.ndarray) -> tuple[float, np.ndarray]:
+    """Condition number of the residuals' Jacobian, and how much each parameter shares in what it determines least."""
+    values, vectors = np.linalg.eigh(information)
+    least = max(float(values[0]), 0.0)
+    weak = values <= max(values[-1] / SINGULAR**2, 1.5 * least)
+    condition = float(np.sqrt(values[-1] / least)) if least > 1e-12 * values[-1] else np.inf
+    return condition, np.sqrt(np.sum(vectors[:, weak] ** 2, axis=1))
+
+
+def _name(direction: np.ndarray) -> str:
+    """A direction in words: the nearest face, edge or corner of the case."""
+    place = PLACES[np.argmax(_UP @ direction)]
+    axes = [f"{'+' if sign > 0 else '-'}{axis}" for sign, axis in zip(place, "xyz", strict=True) if sign]
+    return " and ".join([", ".join(axes[:-1]), axes[-1]] if len(axes) > 1 else axes) + " up"
+
+
+def observability(up: np.ndarray, diagonal: bool = False) -> Observability:
+    """How well the attitudes of still poses determine an accelerometer, before or after they are recorded.
+
+    Parameters
+    ----------
+    up : (k, 3) unit vectors, the upward direction in body axes of each pose.
+    diagonal : leave misalignment out: three scales and three biases.
+
+    Returns
+    -------
+    Observability
+        Condition number, the directions that are missing, and a sentence.
+
+    Examples
+    --------
+    The six faces show scale and bias, but no misalignment:
+
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> faces = np.concatenate([np.eye(3), -np.eye(3)])
+    >>> jaxcal.imu.observability(faces).condition
+    inf
+    >>> jaxcal.imu.observability(faces, diagonal=True).sentence[:33]
+    'The 6 poses determine every param'
+
+    References
+    ----------
+    The singular values of the norm residuals' derivative, D. Tedaldi, A. Pretto and E. Menegatti, ICRA 2014, equation (10), for errors
+    of equal size.
+    """
+    chosen = _DIAGONAL if diagonal else list(range(9))
+    told = _rows_of(up)[:, chosen]
+    information = told.T @ told / len(up)
+    condition, share = _condition(information)
+    words = ", ".join(_WORDS[chosen[i]] for i in range(len(chosen)) if share[i] > 0.5 * share.max())
+    if condition <= _ENOUGH:
+        return Observability(condition, np.zeros((0, 3)), f"The {len(up)} poses determine every parameter; least certain: {words}.")
+    extra = _rows_of(_UP)[:, chosen] / len(up)
+    free = np.all(_UP @ up.T < _NEAR, axis=1)
+    picked: list[np.ndarray] = []
+    grown = information + 1e-6 * np.eye(len(chosen))
+    while free.any() and len(picked) < 9 and _condition(grown)[0] > _ENOUGH / 2:
+        # the pose that takes most off the variance, as if it were held three times
+        gain = np.array([np.linalg.slogdet(grown + 3 * len(up) * np.outer(row, row))[1] for row in extra])
+        best = int(np.argmax(np.where(free, gain, -np.inf)))
+        picked.append(_UP[best])
+        grown = grown + 3 * len(up) * np.outer(extra[best], extra[best])
+        free &= _UP @ _UP[best] < _NEAR
+    middle = up.mean(axis=0)
+    apart = np.rad2deg(np.arccos(np.clip(np.min(up @ middle) / max(np.linalg.norm(middle), 1e-12), -1, 1)))
+    if apart < _ALIKE:
+        words = f"the accelerometer: they are all alike, within {max(apart, 1):.0f} degrees of one attitude"
+    degree = "do not determine" if condition > SINGULAR else "hardly determine" if condition > _ILL else "leave uncertain"
+    advice = "; ".join(_name(direction) for direction in picked)
+    sentence = f"The {len(up)} poses {degree} {words} (condition number {condition:.3g})."
+    return Observability(condition, np.array(picked).reshape(-1, 3), sentence + (f" Add poses with {advice}." if picked else ""))
 
 
 def _unknown(*shape: int, fill: float = np.nan) -> Any:
@@ -83,8 +195,12 @@ class ImuFit(Result):
     @property
     def model(self) -> Imu:
         """Both sensors; a sensor that is missing is a `Triad` of NaN."""
-        missing = Triad(np.full((3, 3), np.nan), np.full(3, np.nan), np.full((3, 3), np.nan))
-        return Imu(*(missing if sensor is None else sensor for sensor in (self.accel, self.gyro)))
+        return self._both(np.nan)
+
+    def _both(self, missing: float) -> Imu:
+        """Both sensors, with the unit triad times a number for one that is missing."""
+        unit = Triad(missing * np.eye(3), missing * np.zeros(3), missing * np.zeros((3, 3)))
+        return Imu(*(unit if sensor is None else sensor for sensor in (self.accel, self.gyro)))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -119,8 +235,7 @@ class ImuFit(Result):
         -------
         Its value, and the covariance of its entries in the order of `ravel`.
         """
-        unit = Triad(np.eye(3), np.zeros(3))
-        model = Imu(*(unit if sensor is None else sensor for sensor in (self.accel, self.gyro)))
+        model = self._both(1.0)
 
         def of(x: AnyArray) -> AnyArray:
             moved = replaced(model, x)
@@ -130,7 +245,65 @@ class ImuFit(Result):
         return value, np.asarray(slope) @ self.covariance @ np.asarray(slope).T
 
 
-def intervals(values: np.ndarray, covariance: np.ndarray, freedom: np.ndarray) -> np.ndarray:
-    """(p, 2) limits of 95 % by Student's t."""
-    half = scipy.stats.t.ppf(0.975, np.maximum(freedom, 1)) * np.sqrt(np.maximum(np.diag(covariance), 0))
-    return np.stack([values - half, values + half], axis=1)
+def finished(result: ImuFit, fit: Fit, options: Any, notes: list[str], explain: Callable[[], str | None]) -> ImuFit:
+    """The result with intervals of 95 % by Student's t, and a verdict with the sentences that lead to it, the gravest first.
+
+    `explain` may know another unit or other axes that would mend a refused fit.
+    """
+    half = scipy.stats.t.ppf(0.975, np.maximum(result.degrees_of_freedom, 1)) * result.standard_error
+    interval = np.stack([result.values - half, result.values + half], axis=1)
+    seen: Any = result.observability
+    gyro, poses, turns = result.gyro is not None, len(result.residual_norm), len(result.residual_turn)
+    force = _relative_error(result, 0)
+    rate = _relative_error(result, 12) if gyro else 0.0
+    rms = float(np.sqrt(np.mean(result.residual_turn**2))) if turns else 0.0
+    refused, weak = [], []
+    if not bool(fit.usable) and fit.outcome != Outcome.unidentifiable:
+        refused.append(f"The fit failed: {fit.message}")
+    if rms > _TURN:
+        refused.append(
+            f"After a turn the gyroscope's vertical is {np.rad2deg(rms):.1f} degrees (rms) off the accelerometer's: wrong axes or unit."
+        )
+    if gyro and not refused and not rate <= _UNKNOWN:
+        refused.append(
+            "The turns do not determine the gyroscope: turn by 45 to 180 degrees about several horizontal axes. A rotation about "
+            "the vertical tells nothing."
+        )
+    if fit.outcome == Outcome.unidentifiable and not refused and seen.condition <= SINGULAR:
+        refused.append(identifiability(fit).sentence)
+    elif not force <= _UNKNOWN:
+        refused.append(seen.sentence)
+    if poses < _FEW_POSES and options.misalignment:
+        weak.append(f"There are {poses} poses, 18 to 24 are advised.")
+    if seen.condition > _ILL:
+        weak.append(seen.sentence)
+    if gyro and turns < _FEW_TURNS:
+        weak.append(f"There are {turns} turns, 10 or more are advised.")
+    if gyro and _POOR < rate <= _UNKNOWN:
+        weak.append(f"The gyroscope's matrix is known to {100 * rate:.2g} % only; add turns of 45 to 180 degrees about other axes.")
+    if _POOR < force <= _UNKNOWN:
+        weak.append(f"The accelerometer's matrix is known to {100 * force:.2g} % only. {seen.sentence}")
+    for kind, which, count in zip(("poses", "turns"), result.down_weighted, (poses, turns), strict=True):
+        if len(which) > max(2, 0.2 * count):
+            weak.append(f"{len(which)} of {count} {kind} do not agree with the others: the sensor moved, or was bumped.")
+    if result.sigma[0] > 0.02 * options.gravity:
+        weak.append(f"The norms scatter by {result.sigma[0]:.2g} m/s^2: the sensor moved while it should rest, or is not linear.")
+    if gyro and options.latitude is None and 0 < rms < _ROTATION:
+        notes.append("The turns agree so well that the Earth's rate matters: give latitude=.")
+    verdict, sentences = "refused" if refused else "weak" if weak else "good", [*refused, *weak]
+    if refused and (why := explain()):
+        sentences.append(why)
+    if verdict == "good":
+        second = f", gyroscope {_parts(rate)}" if gyro else ""
+        sentences = [f"Standard errors: accelerometer {_parts(force)}{second} in scale and misalignment."]
+    return dataclasses.replace(result, interval=interval, verdict=verdict, reason=" ".join(sentences), warnings=tuple(notes))
+
+
+def _relative_error(result: ImuFit, first: int) -> float:
+    """Largest standard error of the entries of a matrix, over its scale."""
+    errors, matrix = (x[first : first + 9].reshape(3, 3) for x in (result.standard_error, result.values))
+    return float(np.max(errors / np.abs(np.diag(matrix))[:, None]))
+
+
+def _parts(value: float) -> str:
+    return f"{100 * value:.2g} %" if value >= 1e-4 else f"{1e6 * value:.2g} ppm"

@@ -9,11 +9,9 @@ from .._errors import DataError
 from .._log import Log
 from .._precision import host_float64
 from .._types import AnyArray
-from ._gravity import EARTH_RATE
 from ._known import SIX, checked_gravity
-from ._model import Imu
-from ._observe import _PLACES
-from ._triad import Triad
+from ._model import EARTH_RATE, Imu, Triad
+from ._result import PLACES
 
 #: a MEMS unit of the common kind, and its white noise in m/s/sqrt(s) and rad/sqrt(s)
 MEMS = Imu(
@@ -46,7 +44,7 @@ def attitudes(poses: int = 24, seed: Any = 0) -> np.ndarray:
     True
     """
     rng = np.random.default_rng(seed)
-    places = _PLACES[np.argsort(np.abs(_PLACES).sum(axis=1), kind="stable")]
+    places = PLACES[np.argsort(np.abs(PLACES).sum(axis=1), kind="stable")]
     chosen = places[np.arange(poses) % len(places)]
     chosen = chosen / np.linalg.norm(chosen, axis=1, keepdims=True) + 0.12 * rng.normal(size=(poses, 3))
     return rng.permutation(chosen / np.linalg.norm(chosen, axis=1, keepdims=True))

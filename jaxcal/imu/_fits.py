@@ -1,0 +1,325 @@
+"""Both fits of a recording (host): jointly, in rounds that find the sizes of the errors; and in two steps, as imu_tk does it."""
+
+import dataclasses
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy.optimize
+import scipy.stats
+from scipy.spatial.transform import Rotation
+
+from .._compile import filter_jit
+from .._errors import DataError
+from .._types import Array
+from ..fitting import AbstractLoss, Fit, covariance, leverage, solve
+from ._estimate import framed, placed, sandwich, solved
+from ._integrate import attitude
+from ._model import Imu, Triad, entries, freed, inverse
+from ._recording import Recording, Rests, means, norms, padded, turns_of
+from ._residuals import Pieces, Turns, Weighted, arrays, pieces, reweighted
+from ._result import ImuFit, finished, observability
+
+_FIRST_TURN = 0.02  # rad, before the turns have told their own size
+_ROUNDS = 3
+_DRIFT_LEVEL = 0.01
+_CLIP = 2.5
+_KEPT = float(scipy.stats.chi2.cdf(_CLIP**2, 3) + _CLIP**2 * scipy.stats.chi2.sf(_CLIP**2, 1))
+_SCALES = 80
+_STEPS = 64
+_RADIANS = {"rad/s": 1.0, "deg/s": np.pi / 180}
+#: the 24 rotations that carry axes into axes
+_AXES = np.round(Rotation.create_group("O").as_matrix())
+
+
+class Options(eqx.Module):
+    """What the fit may do; noise as (N, B) of both sensors in SI."""
+
+    gravity: float
+    convention: str
+    method: str
+    g_sensitivity: bool
+    misalignment: bool
+    loss: AbstractLoss | None
+    accel_noise: tuple[float, float]
+    gyro_noise: tuple[float, float]
+    latitude: float | None
+
+
+def excess(residual: np.ndarray, base: np.ndarray, parameters: Any) -> float:
+    """Variance to add to `base` so that the residuals, those beyond 2.5 standard deviations cut, have the size it says.
+
+    Each of n residuals counts for 1 - p/n, because the fit took p of them.
+    """
+    residual, base = np.ravel(residual), np.ravel(base)
+    freedom = max(len(residual) - parameters, 1.0)
+
+    def surplus(extra: float) -> float:
+        return float(np.sum(np.minimum(residual**2 / (base + extra), _CLIP**2)) / _KEPT - freedom)
+
+    top = float(np.sum(residual**2))
+    floor = 1e-16 * top + 1e-300
+    if surplus(floor) <= 0:
+        return floor if not np.all(base > 0) else 0.0
+    return float(scipy.optimize.brentq(surplus, floor, max(2 * top, 2 * floor), xtol=1e-18 * top, rtol=1e-10))  # type: ignore[arg-type]
+
+
+def coefficients(noise: Any, sensor: str) -> tuple[float, float]:
+    """White noise N and flicker B of a sensor, largest axis, in SI; zero where nothing is known."""
+
+    def part(whole: Any, name: str) -> Any:
+        return whole.get(name) if hasattr(whole, "get") else getattr(whole, name, None)
+
+    if not (noise is None or hasattr(noise, "get") or hasattr(noise, sensor)):
+        raise DataError('noise must be {"accel": ..., "gyro": ...} with a Noise, or a dictionary of N and B, for each sensor')
+    sizes = []
+    for term in ("N", "B"):
+        value = part(part(noise, sensor), term)
+        sizes.append(0.0 if value is None else float(np.max(np.nan_to_num(np.asarray(value, dtype=float)))))
+        if not (np.isfinite(sizes[-1]) and sizes[-1] >= 0):
+            raise DataError(f"noise of {sensor}: {term} is {value!r}; expected a number that is not negative")
+    return sizes[0], sizes[1]
+
+
+def mean_variance(noise: tuple[float, float], duration: np.ndarray) -> np.ndarray:
+    """Variance of a mean over so many seconds: N^2/t, and the flat part of the Allan variance."""
+    white, flicker = noise
+    return white**2 / duration + 2 * np.log(2) / np.pi * flicker**2
+
+
+def nominal_start(model: Triad, mean: np.ndarray, gravity: float) -> Triad:
+    """The model with scale and bias from the extremes of the means, without misalignment, for an accelerometer of unknown unit."""
+    low, high = mean.min(axis=0), mean.max(axis=0)
+    half = np.maximum((high - low) / 2, 1e-3 * np.abs(high - low).max())
+    # the axis that was never vertical shows less than its range; the others tell what it would be
+    half = np.maximum(half, 0.7 * half.max())
+    return eqx.tree_at(lambda t: (t.matrix, t.bias), model, (np.diag(half / gravity), (low + high) / 2))
+
+
+def turn_costs(matrices: np.ndarray, bias: np.ndarray, vertical: np.ndarray, turns: Turns) -> np.ndarray:
+    """Mean square of the turns' residuals for a few matrices from readings to rad/s: coarse, in 64 steps of constant rate a turn."""
+    middle = (turns.gyro[:, :-1] + turns.gyro[:, 1:]) / 2 - bias
+    steps = (middle * turns.dt[..., None]).reshape(len(middle), _STEPS, -1, 3).sum(axis=2)
+    valid = np.isfinite(turns.sigma)
+    costs = []
+    for matrix in matrices:
+        turn = Rotation.from_rotvec((steps @ matrix.T).reshape(-1, 3)).as_matrix().reshape(-1, _STEPS, 3, 3)
+        while turn.shape[1] > 1:
+            turn = turn[:, ::2] @ turn[:, 1::2]
+        predicted = np.einsum("sji,sj->si", turn[:, 0], vertical[:-1])
+        costs.append(np.mean(np.sum((predicted - vertical[1:])[valid] ** 2, axis=1)))
+    return np.array(costs)
+
+
+def scanned_scale(bias: np.ndarray, vertical: np.ndarray, turns: Turns) -> float:
+    """Scale (rad/s per reading) at which the turns fit best, of a grid from slow turns to quick ones."""
+    valid = np.isfinite(turns.sigma)
+    fast = float(np.quantile(np.linalg.norm(turns.gyro[valid] - bias, axis=2), 0.9))
+    grid = np.geomspace(0.1, 10.0, _SCALES) / fast
+    return float(grid[np.argmin(turn_costs(grid[:, None, None] * np.eye(3), bias, vertical, turns))])
+
+
+def explanation(bias: np.ndarray, vertical: np.ndarray, turns: Turns, scale: float) -> str | None:
+    """Another unit or another order of the gyroscope's axes that would fit at least ten times better than what was taken."""
+    tried = [(unit, factor, turn) for unit, factor in _RADIANS.items() for turn in _AXES]
+    matrices = np.array([scale * factor * turn for _, factor, turn in tried])
+    costs = turn_costs(matrices, bias, vertical, turns)
+    here = turn_costs(scale * np.eye(3)[None], bias, vertical, turns)[0]
+    unit, _, turn = tried[int(np.argmin(costs))]
+    if not costs.min() < 0.1 * here:
+        return None
+    rows = ["".join(f"{'+' if s > 0 else '-'}{a}" for s, a in zip(row, "xyz", strict=True) if s) for row in turn]
+    said = []
+    if unit != "rad/s":
+        said.append(f"are in {unit} (read the log with units gyro={unit})")
+    if not np.array_equal(turn, np.eye(3)):
+        said.append(f"have other axes than the accelerometer (x, y, z should be {', '.join(rows)} of the gyroscope)")
+    return f"The turns fit if the gyroscope's readings {' and '.join(said)}."
+
+
+class Joint(eqx.Module):
+    """A joint fit, its data, residuals in physical units, and the sizes of its errors: norm (m/s^2), turn (rad), rest (rad/s)."""
+
+    fit: Fit
+    data: Weighted
+    found: Pieces
+    sigma: np.ndarray
+
+
+def rest_start(rests: Rests, force: np.ndarray, with_force: bool, earth: np.ndarray) -> tuple[np.ndarray, np.ndarray, bool]:
+    """Bias and g-sensitivity by least squares on the still rates, and whether the bias drifts (F test at 1 %)."""
+    x, y = np.concatenate([np.ones((len(force), 1)), force[:, : 3 * with_force]], axis=1), rests.gyro - earth
+    beta, more = np.linalg.lstsq(x, y)[:2]
+    less = np.linalg.lstsq(np.concatenate([x, rests.time[:, None]], axis=1), y)[1].sum()
+    freedom = 3 * (len(x) - x.shape[1] - 1)
+    drifts = freedom > 6 and less > 0 and scipy.stats.f.sf((more.sum() - less) / 3 / (less / freedom), 3, freedom) < _DRIFT_LEVEL
+    return beta[0], beta[1:].T if with_force else np.zeros((3, 3)), bool(drifts)
+
+
+def _sized(data: Weighted, found: Pieces, rests: Rests, options: Options, gyro: Triad, paid: np.ndarray) -> tuple[Weighted, np.ndarray]:
+    """The same data with errors as large as the residuals say, and these sizes; norms, turns and rests (3) took `paid` parameters each."""
+    turns: Any = data.turns
+    count, valid = len(rests.accel), np.isfinite(turns.sigma)
+    base = mean_variance(options.accel_noise, rests.duration)
+    variance = base + excess(found.norm[:count], base, paid[0])
+
+    scale = np.abs(np.diag(gyro.matrix))
+    still = mean_variance(options.gyro_noise, rests.duration)[:, None] * scale**2
+    rest: Any = found.rest
+    still = still + np.array([excess(rest[:count, axis], still[:, axis], paid[2 + axis]) for axis in range(3)])
+
+    across = np.einsum("sij,si->sj", data.tangent, found.turned)[valid]
+    white = options.gyro_noise[0] ** 2 * turns.dt.sum(axis=1)[valid]
+    upright = np.concatenate([variance, np.zeros(rests.slots - count)]) / options.gravity**2
+    around = (upright[:-1] + upright[1:])[valid]
+    # a turn without an error of its own would make the covariance singular where poses are shared
+    turn = np.maximum(white + excess(across, np.repeat((white + around)[:, None], 2, axis=1), paid[1]), 1e-3 * around)
+    sigma = np.full(len(valid), np.inf)
+    sigma[valid] = np.sqrt(turn)
+    sizes = np.sqrt([np.mean(variance), np.mean(turn + around), np.mean(still / scale**2)])
+    return dataclasses.replace(
+        data, poses=rests.poses(np.sqrt(variance), np.sqrt(still)), turns=dataclasses.replace(turns, sigma=sigma)
+    ), sizes
+
+
+def refitted(start: Imu, data: Weighted, options: Options) -> Fit:
+    """One fit with the errors as they stand in the data."""
+    return solved(start, data, options.convention, options.misalignment, options.g_sensitivity, options.loss)
+
+
+def joint_fit(start: Imu, data: Weighted, rests: Rests, options: Options, paid: int) -> Joint:
+    """Fit, find the sizes of the errors, and fit again; `paid` is the number of parameters of the accelerometer."""
+    found, sizes, slots = pieces(start, data), np.zeros(3), rests.slots
+    data = dataclasses.replace(data, tangent=found.tangent)
+    # still rates and norms are in order from the start; turns are not
+    per_axis = 1 + 3 * options.g_sensitivity + (start.drift is not None)
+    turns: Any = data.turns
+    data = _sized(data, found, rests, options, start.gyro, np.array([paid, 9, per_axis, per_axis, per_axis]))[0]
+    data = dataclasses.replace(data, whiten=np.diag(np.repeat(np.isfinite(turns.sigma), 2) / _FIRST_TURN))
+    fit = refitted(start, data, options)
+    for _ in range(_ROUNDS - 1):
+        # every kind of residual pays for as many parameters as its part of the hat matrix has trace
+        norm, turned, rest = np.split(np.asarray(leverage(fit))[: 6 * slots - 2], [slots, 3 * slots - 2])
+        traces = np.array([norm.sum(), turned.sum(), *rest.reshape(-1, 3).sum(axis=0)])
+        found = pieces(fit.model, data)
+        data, sizes = _sized(data, found, rests, options, fit.model.gyro, traces)
+        data = jax.tree.map(np.asarray, reweighted(fit.model, data, found))
+        fit = refitted(fit.model, data, options)
+    return Joint(fit, data, pieces(fit.model, data), sizes)
+
+
+def halves(slots: int, outside: Callable[[np.ndarray], Any]) -> np.ndarray:
+    """Rms of norms and of turns' components that a fit did not see; `outside` fits some poses, and returns both at the others or None."""
+    even = np.arange(slots) % 2 == 0
+    parts = [outside(even), outside(~even)]
+    if any(part is None for part in parts):
+        return np.full(2, np.nan)
+    return np.array([np.sqrt(np.mean(np.concatenate(kind) ** 2)) for kind in zip(*parts, strict=True)])
+
+
+def held_out(joint: Joint, options: Options) -> np.ndarray:
+    """`halves` of a joint fit."""
+    data, turns = joint.data, joint.data.turns
+    assert turns is not None
+    known, valid, whiten = np.isfinite(data.poses.sigma), np.isfinite(turns.sigma), np.asarray(data.whiten)
+
+    def outside(inside: np.ndarray) -> Any:
+        if np.sum(known[inside]) < 9 or np.sum(valid[inside[:-1]]) < 6:
+            return None
+        keep = np.repeat(inside[:-1], 2)
+        sigma = np.where(inside, data.poses.sigma, np.inf)
+        still = np.where(inside[:, None], data.poses.gyro_sigma, np.inf)
+        half = dataclasses.replace(
+            data, poses=dataclasses.replace(data.poses, sigma=sigma, gyro_sigma=still),
+            whiten=np.where(keep[:, None] & keep[None, :], whiten, 0.0),
+        )  # fmt: skip
+        found = pieces(refitted(joint.fit.model, half, options).model, data)
+        return found.norm[~inside & known], found.turned[~inside[:-1] & valid]
+
+    return halves(len(known), outside)
+
+
+@filter_jit
+def turn_residuals(model: Imu, data: tuple[Turns, Any]) -> Array:
+    """R' u_before - u_after, three components for every turn, by Runge-Kutta steps: the residual of imu_tk; u (k, 3) is held."""
+    gyro, (turns, vertical) = model.gyro, data
+    matrix = inverse(gyro.matrix)
+    column = jnp.concatenate([turns.gyro, jnp.ones_like(turns.gyro[..., :1])], axis=-1)
+    rotation = attitude(jnp.concatenate([matrix, -(matrix @ gyro.bias)[:, None]], axis=1), column, turns.dt, "runge_kutta")
+    return (jnp.einsum("sji,sj->si", rotation, vertical[:-1]) - vertical[1:]) / turns.sigma[:, None]
+
+
+def gyro_fit(gyro: Triad, turns: Turns, vertical: np.ndarray) -> Fit:
+    """The gyroscope's matrix, its bias held."""
+    model = Imu(None, gyro)
+    free = eqx.tree_at(lambda m: m.gyro.bias, freed(model, "upper", g_sensitivity=False), np.zeros(3, dtype=bool))
+    return solve(turn_residuals, model, (turns, vertical), free=free)
+
+
+def tedaldi(record: Recording, base: ImuFit, fit: Fit, options: Options, each: int, raw: bool, initial: Any, held_out: bool) -> ImuFit:
+    """Norms of the first `each` samples of every interval, as fitted, then the turns by Runge-Kutta steps, verticals and bias fixed."""
+    still: Any = base.still
+    rates: Any = record.gyro
+    count, slots = len(still), len(np.asarray(fit.residuals)) // each
+    vertical = _verticals(fit, means(record.accel, still.start, still.stop))
+    last = still.stop[0] if initial is None else round(float(initial) * record.rate) + 1
+    bias = rates[:last].mean(axis=0)
+    turns, up = turns_of(record, still.start, still.stop, slots), padded(vertical, slots)
+    scale = scanned_scale(bias, up, turns) if raw else 1.0
+    gyro = gyro_fit(Triad(np.eye(3) / scale, bias), turns, up)
+    valid = np.isfinite(turns.sigma)
+    if held_out:
+        base = dataclasses.replace(base, held_out=_held_out(record, still.start, each, slots, fit.model, gyro.model.gyro, turns, options))
+
+    model = Imu(fit.model.accel, gyro.model.gyro)
+    names = entries(model)[0]
+    by_sample = np.concatenate([np.repeat(np.arange(count), each), np.full((slots - count) * each, -1)])
+    plain, robust = np.zeros((33, 33)), np.zeros((33, 33))
+    for part, clusters in ((fit, by_sample), (gyro, np.repeat(np.arange(slots - 1), 3))):
+        plain = plain + np.asarray(placed(part.names, covariance(part, scaled=True), names))
+        robust = robust + placed(part.names, sandwich(part, clusters), names)
+    model, (plain, robust) = framed(model, options.convention, plain, robust)
+    model, plain, robust = jax.tree.map(np.asarray, (model, plain, robust))
+    turned = np.asarray(gyro.residuals).reshape(-1, 3)[valid]
+    left = 2 * len(turned) - 9
+    variance = 2 * np.array([float(fit.cost) / (count * each - 9), float(gyro.cost) / max(left, 1), np.nan])
+    result = dataclasses.replace(
+        base, accel=model.accel, gyro=model.gyro, covariance=plain, robust_covariance=robust,
+        degrees_of_freedom=np.repeat([count - 9.0, left], [12, 21]),
+        residual_norm=np.asarray(fit.residuals)[: count * each].reshape(count, each).mean(axis=1),
+        residual_turn=np.linalg.norm(turned, axis=1), sigma=np.sqrt(variance), cost=np.array([fit.cost, gyro.cost], dtype=float),
+        observability=observability(vertical, not options.misalignment),
+    )  # fmt: skip
+    return finished(result, gyro, options, list(base.warnings), partial(explanation, bias, up, turns, scale))
+
+
+def _verticals(fit: Fit, reading: np.ndarray) -> np.ndarray:
+    """Directions of corrected mean specific forces."""
+    force = jax.tree.map(np.asarray, fit.model.accel).correct(reading)
+    return force / np.linalg.norm(force, axis=1, keepdims=True)
+
+
+def _held_out(
+    record: Recording, start: np.ndarray, each: int, slots: int, model: Imu, gyro: Triad, turns: Turns, options: Options
+) -> np.ndarray:
+    """`halves` of both fits."""
+    count, valid = len(start), np.isfinite(turns.sigma)
+    data = norms(np.concatenate([record.accel[i : i + each] for i in start]), slots * each, options.gravity)
+    mean = means(record.accel, start, start + each)
+
+    def outside(inside: np.ndarray) -> Any:
+        if inside[:count].sum() < 9:
+            return None
+        sigma = np.where(np.repeat(inside, each), data.poses.sigma, np.inf)
+        fit = solved(model, eqx.tree_at(lambda d: d.poses.sigma, data, sigma), rtol=None)
+        size = np.linalg.norm(jax.tree.map(np.asarray, fit.model.accel).correct(mean), axis=1)
+        up = padded(_verticals(fit, mean), slots)
+        part = eqx.tree_at(lambda t: t.sigma, turns, np.where(inside[:-1], turns.sigma, np.inf))
+        turned = np.asarray(turn_residuals(*arrays((gyro_fit(gyro, part, up).model, (turns, up)))))
+        return (options.gravity - size)[~inside[:count]], turned[~inside[:-1] & valid]
+
+    return halves(slots, outside)
