@@ -35,6 +35,14 @@ def integrate(values, out, parts: int, run: Callable = map) -> bool:
     The mean comes off first, so that the sum stays small: the statistics do not see it, and its digits are not lost. `run`
     maps a function over `parts` stretches of the record, in threads if it is a pool's.
     """
+    if len(values) < IN_CACHE:  # no copies, and no blocks
+        rest = out[1:]
+        shift = np.add.reduce(np.subtract(values, values[0], out=rest)) / len(values)
+        if not np.isfinite(shift):
+            return False
+        out[0] = 0.0
+        np.cumsum(np.subtract(values, values[0] + shift, out=rest), out=rest)
+        return True
     edges = [len(values) * i // parts for i in range(parts + 1)]
     spans = list(itertools.pairwise(edges))
     centre = values[0]

@@ -69,10 +69,9 @@ def sums_in_cache(theta, sizes, number, kind: Kind):
     kind : the statistic.
     """
     with jax.enable_x64(True):  # thread-local
-        part = jax.device_put(theta, may_alias=True)
-        parts = running_sum_of_phase(part) if kind.modified else (part,)
-        rows = filled(sizes, number, MANY)
-        return cached_sums(parts, *rows, np.int64(len(sizes)), order=kind.difference, strided=not kind.overlapped)
+        # a compiled function reads an aligned array where it lies, and `device_put` would take longer than the call
+        parts = running_sum_of_phase(theta) if kind.modified else (theta,)
+        return cached_sums(parts, *filled(sizes, number, MANY), np.int64(len(sizes)), order=kind.difference, strided=not kind.overlapped)
 
 
 def _by_blocks(parts, missing, sizes, number, less, kind: Kind, rule: str, workers: int, run) -> tuple[np.ndarray, np.ndarray]:

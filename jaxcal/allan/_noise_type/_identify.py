@@ -6,12 +6,14 @@ integrated process has r1/(1+r1) = delta; differencing until it is stationary gi
 
 import functools
 from types import ModuleType
+from typing import NamedTuple
 
 import numpy as np
 
+from ..._types import Int
 from .._kinds import Kind
 from ._b1_ratio import bounds_of_ratios, carried_on, fewest_averages, thinned_sums
-from ._lag_one import lag_one, moments_of, moments_of_rows
+from ._lag_one import lag_one, moments_of
 from ._segments import Segments, followed, steps
 
 FEWEST = 30  # averaged points that the lag-1 autocorrelation needs; with fewer, the ratios decide
@@ -51,7 +53,7 @@ def _without_polynomial(z, weight, series: Segments, degree: int, xp: ModuleType
 
 def _lag_one(z, weight, series: Segments, xp: ModuleType):
     """Lag-1 autocorrelation of each series over pairs of valid points; z is 0 at the others, and loses its mean."""
-    one_less = series.shorter()
+    one_less = series.shorter
     if weight is None:
         total, pairs = series.points.astype(z.dtype), one_less.points.astype(z.dtype)
         z -= series.spread(series.sums(z) / total)
@@ -85,67 +87,68 @@ def _alpha_of(z, weight, series: Segments, degree: int, highest: int, xp: Module
         settled = settled | (rho < _STATIONARY)
         if xp is np and settled.all():
             break
-        z, series = steps(z, xp), series.shorter()
+        z, series = steps(z, xp), series.shorter
         if weight is not None:
             weight = followed(weight, xp)
             z = z * weight
     return alpha
 
 
-def _types_of_rate(theta, sizes, kind: Kind) -> np.ndarray:
-    """`identify` for a rate record without gaps at ascending cluster sizes, from few passes over the record."""
-    samples = len(theta) - 1
+class _Plan(NamedTuple):
+    """Where the phase points of each cluster size lie, in the record and in the array that holds them end to end."""
+
+    points: Int[np.ndarray, " clusters"]
+    spans: list[slice]
+    series: Segments
+    decided: int  # cluster sizes with points enough for an autocorrelation; the ratios take those beyond
+    few: Segments
+
+
+@functools.lru_cache(maxsize=256)
+def _planned(held: bytes, samples: int, kind: Kind) -> _Plan:
+    """The plan at ascending cluster sizes: many records of one length make it once."""
+    sizes = np.frombuffer(held, np.int64)
     points = samples // sizes + 1
-    decided, told = np.count_nonzero(points > FEWEST), np.count_nonzero(points > fewest_averages(kind))
-    low = high = known = np.zeros(0)
-    if decided:
-        known = _by_autocorrelation(theta, sizes[:decided], np.minimum(points[:decided], _MOST), kind)
-    if told > decided:
-        few = sizes[decided:told]
-        averages, series = _averages(theta, few, points[decided:told])
-        sums = functools.cache(functools.partial(thinned_sums, theta, None, "rate", np))
-        averages /= np.repeat(few, series.lengths)
-        low, high = bounds_of_ratios(averages, None, series, few, kind, samples, lambda _: sums(), np)
-    beyond = np.full(len(sizes) - told, np.inf)
-    return carried_on(np.concatenate([known, low, -beyond]), np.concatenate([known, high, beyond]), 0.0, np)
+    told = np.count_nonzero(points > fewest_averages(kind))
+    points = np.minimum(points[:told], _MOST)
+    decided = np.count_nonzero(points > FEWEST)
+    spans = _spans(samples + 1, sizes[:told], points)
+    return _Plan(points, spans, Segments(points, np), int(decided), Segments(points[decided:], np).shorter)
 
 
-def _by_autocorrelation(theta, sizes, points, kind: Kind) -> np.ndarray:
-    """Noise types at ascending cluster sizes, each of which has points enough.
+def _types_of_rate(theta, sizes, kind: Kind) -> np.ndarray:
+    """`identify` for a rate record without gaps at ascending cluster sizes.
 
-    From the moments of the averages. The averages less their line are formed only where the moments do not suffice.
+    The autocorrelations follow from moments of the averages. The averages less their line are formed only where the moments
+    do not suffice.
     """
-    many, moments = np.count_nonzero(points == _MOST), []
-    if many:  # series of one length, a row each
-        z = np.empty((many, _MOST - 1))
-        for row, size in zip(z, sizes[:many].tolist(), strict=True):
-            start = _first(len(theta), size, _MOST)
-            held = theta[start : start + (_MOST - 1) * size + 1 : size]
-            np.subtract(held[1:], held[:-1], out=row)
-        moments.append(moments_of_rows(z))
-    if many < len(sizes):
-        moments.append(moments_of(*_averages(theta, sizes[many:], points[many:])))
-    r1, lost = lag_one(np.concatenate(moments), points - 1)
+    points, spans, series, decided, short = _planned(sizes.tobytes(), len(theta) - 1, kind)
+    types = np.zeros(len(sizes))  # nothing is known of a record that is too short
+    if not spans:
+        return types
+    z, moments = moments_of([theta[span] for span in spans], series)
+    r1, lost = lag_one(moments[:, :decided], points[:decided] - 1)
     rho = _order(r1, np)
-    alpha, further = _type(rho, np), lost | (rho >= _STATIONARY)
+    known, further = _type(rho, np), lost | (rho >= _STATIONARY)
     if further.any():
-        averages, series = _averages(theta, sizes[further], points[further])
-        alpha[further] = _alpha_of(averages, None, series, 1, kind.order, np)
-    return np.clip(alpha, -2 if kind.order == 2 else -4, 2)
+        chosen = np.flatnonzero(further)
+        averages = np.concatenate([z[series.starts[i] : series.stops[i]] for i in chosen.tolist()])
+        known[chosen] = _alpha_of(averages, None, Segments(points[chosen], np).shorter, 1, kind.order, np)
+    low = high = np.minimum(np.maximum(known, -2 if kind.order == 2 else -4), 2)
+    told = len(spans)
+    if decided < told:
+        thinned, few = functools.partial(thinned_sums, theta, None, "rate", np), sizes[decided:told]
+        bounds = bounds_of_ratios(z[series.starts[decided] :], None, short, few, kind, len(theta) - 1, thinned, np)
+        low, high = (np.concatenate([low, bound]) for bound in bounds)
+    types[:told] = carried_on(low, high, 0.0, np)
+    types[told:] = types[told - 1]
+    return types
 
 
-def _averages(theta, sizes, points) -> tuple[np.ndarray, Segments]:
-    """Sums of the rate over each cluster, of one cluster size after another."""
-    parts = []
-    for size, count in zip(sizes.tolist(), points.tolist(), strict=True):
-        start = _first(len(theta), size, count)
-        parts.append(theta[start : start + (count - 1) * size + 1 : size])
-    return steps(np.concatenate(parts), np), Segments(points, np).shorter()
-
-
-def _first(length: int, size: int, points: int) -> int:
-    """Where `points` points `size` apart begin, so that they lie in the middle of the record."""
-    return ((length - 1) // size + 1 - points) // 2 * size
+def _spans(length: int, sizes, points) -> list[slice]:
+    """For each cluster size `points` phase points that far apart, in the middle of the record."""
+    first = ((length - 1) // sizes + 1 - points) // 2 * sizes
+    return [slice(*span) for span in zip(first.tolist(), (first + (points - 1) * sizes + 1).tolist(), sizes.tolist(), strict=True)]
 
 
 def identify(theta, missing, m: np.ndarray, kind: Kind, samples: int, data: str, xp: ModuleType = np):
@@ -176,11 +179,11 @@ def identify(theta, missing, m: np.ndarray, kind: Kind, samples: int, data: str,
     if told > decided:
         z, weight, series = _series(theta, missing, sizes[decided:told], points[decided:told], data, xp)
         if data == "phase":
-            z, series = steps(z, xp), series.shorter()
+            z, series = steps(z, xp), series.shorter
             weight = None if weight is None else followed(weight, xp)
         z = z / np.repeat(sizes[decided:told], series.lengths).astype(z.dtype)
-        sums = functools.cache(functools.partial(thinned_sums, theta, missing, data, xp))
-        bounds.insert(0, bounds_of_ratios(z, weight, series, sizes[decided:told], kind, samples, lambda _: sums(), xp))
+        thinned = functools.partial(thinned_sums, theta, missing, data, xp)
+        bounds.insert(0, bounds_of_ratios(z, weight, series, sizes[decided:told], kind, samples, thinned, xp))
     if decided:
         z, weight, series = _series(theta, missing, sizes[:decided], np.minimum(points[:decided], _MOST), data, xp)
         enough = None
@@ -227,10 +230,8 @@ def types_for_intervals(alpha, m: np.ndarray, samples, data: str, xp: ModuleType
     decided = np.asarray(samples) // m[:, None] + (1 if data == "phase" else 0) >= FEWEST
     if decided.all() or not decided.any():
         return alpha
-    decided = np.broadcast_to(decided, alpha.shape)
-    channels = np.arange(alpha.shape[1])
-    last = alpha[np.argmax(np.where(decided, m[:, None], 0), axis=0), channels]
-    last = xp.where(decided.any(axis=0), last, xp.full_like(last, 2))
+    last = alpha[np.argmax(decided * m[:, None], axis=0), np.arange(alpha.shape[1])]
+    last = xp.where(decided.any(axis=0), last, 2.0).astype(alpha.dtype)
     return xp.where(decided, alpha, xp.minimum(alpha, last[None, :]))
 
 
@@ -239,9 +240,7 @@ def _series(theta, missing, sizes, points, data: str, xp: ModuleType):
 
     The series, 1 where they are valid and 0 elsewhere (None: everywhere), and where they lie in the array.
     """
-    first = (theta.shape[0] - 1) // sizes + 1 - points
-    first = first // 2 * sizes
-    spans = [slice(a, b, s) for a, b, s in zip(first.tolist(), (first + (points - 1) * sizes + 1).tolist(), sizes.tolist(), strict=True)]
+    spans = _spans(theta.shape[0], sizes, points)
 
     def taken(array):
         return xp.concatenate([array[span] for span in spans])
@@ -250,4 +249,4 @@ def _series(theta, missing, sizes, points, data: str, xp: ModuleType):
     lost = None if missing is None else taken(missing)
     if data == "phase":
         return z, None if lost is None else (lost == 0).astype(z.dtype), series
-    return steps(z, xp), None if lost is None else (steps(lost, xp) == 0).astype(z.dtype), series.shorter()
+    return steps(z, xp), None if lost is None else (steps(lost, xp) == 0).astype(z.dtype), series.shorter

@@ -8,37 +8,38 @@ squares, the digits are lost and the residuals have to be formed.
 import numpy as np
 
 from ..._types import Any, Float
-from ._segments import Segments, followed
+from ._segments import Segments
 
 _LOST = 1e-6  # share of the squares that must be left, for nine digits of r1
 
 
-def moments_of(z: Float[np.ndarray, " points"], series: Segments) -> Float[np.ndarray, "series 6"]:
-    """Sums of z, of t z, of z^2, of neighbours' products, and the first and last z, of each series."""
-    index = np.arange(float(len(z)))
-    middle = series.starts + (series.points - 1) / 2.0
-    sums = series.sums(z)
-    products = series.shorter().sums(followed(z, np))
-    ends = z[series.starts], z[series.starts + series.points - 1]
-    return np.stack([sums, series.sums(index * z) - middle * sums, series.sums(z * z), products, *ends], axis=1)
+def moments_of(parts: list[np.ndarray], series: Segments) -> tuple[np.ndarray, Float[np.ndarray, "6 series"]]:
+    """The differences z of each series of phase points, and sums of z, of t z, of z^2, of neighbours' products, first and last z.
+
+    After the last z of a series stands a 0, so that the series of z lie as those of the points. The first two sums telescope.
+    """
+    held = np.empty((4, series.stops[-1]))
+    points, square, product, z = held
+    np.concatenate(parts, out=points)
+    np.subtract(points[1:], points[:-1], out=z[:-1])
+    z[series.stops - 1] = product[-1] = 0.0
+    np.multiply(z, z, out=square)
+    np.multiply(z[1:], z[:-1], out=product[:-1])
+    first, last = points[series.starts], points[series.stops - 1]
+    total, square, product = np.add.reduceat(held[:3], series.starts, axis=1)
+    slope = series.points / 2.0 * (first + last) - total
+    return z, np.array([last - first, slope, square, product, z[series.starts], z[series.stops - 2]])
 
 
-def moments_of_rows(z: Float[np.ndarray, "series points"]) -> Float[np.ndarray, "series 6"]:
-    """The same of series of one length, a row each."""
-    time = np.arange(float(z.shape[1])) - (z.shape[1] - 1) / 2.0
-    return np.stack([z.sum(axis=1), z @ time, np.vecdot(z, z), np.vecdot(z[:, 1:], z[:, :-1]), z[:, 0], z[:, -1]], axis=1)
-
-
-def lag_one(moments: Float[np.ndarray, "series 6"], count: Any) -> tuple[np.ndarray, np.ndarray]:
+def lag_one(moments: Float[np.ndarray, "6 series"], count: Any) -> tuple[np.ndarray, np.ndarray]:
     """The autocorrelation of each series of `count` points, and where it has lost its digits."""
-    total, slope, square, product, first, last = moments.T
+    total, slope, square, product, first, last = moments
     n = count.astype(np.float64)
-    spread = n * (n**2 - 1.0) / 12.0
-    a, b = total / n, slope / spread
-    low, high = a - b * (n - 1.0) / 2.0, a + b * (n - 1.0) / 2.0  # the line at both ends
-    line = n * a**2 + b**2 * spread
+    a, b = total / n, slope / (n * (n * n - 1.0) / 12.0)
+    rise = b * ((n - 1.0) / 2.0)
+    low, high = a - rise, a + rise  # the line at both ends
+    line = a * total + b * slope
     left = square - line
-    crossed = 2.0 * (a * total + b * slope) - last * (high + b) - first * (low - b)
-    pairs = product - crossed + line - high**2 + b * (n * a - high)
+    pairs = product - line + b * total + (last - high) * (high + b) + first * (low - b)
     lost = ~(left > _LOST * square)
     return pairs * (n / (n - 1.0)) / np.where(lost, 1.0, left), lost

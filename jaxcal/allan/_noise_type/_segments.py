@@ -25,9 +25,10 @@ class Segments:
         """Points used of each series."""
         return self.lengths - self.less
 
-    def shorter(self, by: int = 1) -> "Segments":
+    @functools.cached_property
+    def shorter(self) -> "Segments":
         """The same series without their last points."""
-        return Segments(self.lengths, self._xp, self.less + by)
+        return Segments(self.lengths, self._xp, self.less + 1)
 
     def sums(self, values: Any) -> Any:
         """Sum over each series, (series,)."""
