@@ -16,27 +16,8 @@ _WIDTH = 100  # a list with words in it is broken into lines beyond this
 def write_atomically(path: str | os.PathLike[str], data: str | bytes) -> None:
     """Write a file in one step: a reader sees the old content or the new one, never a part.
 
-    The data go to a temporary file in the same folder, are flushed to the disk, and take the name `path` by a rename. If
-    anything fails, the temporary file is removed and a file already at `path` is left as it was.
-
-    Parameters
-    ----------
-    path : file to write; an existing one is replaced. A pipe or a device such as /dev/stdout is written to.
-    data : text (written as UTF-8, line ends as given) or bytes.
-
-    Raises
-    ------
-    ExportError
-        If the folder does not exist or cannot be written, or `path` is a folder.
-
-    Examples
-    --------
-    >>> import pathlib, tempfile
-    >>> from jaxcal._files import write_atomically
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     write_atomically(pathlib.Path(folder, "a.txt"), "one line")
-    ...     pathlib.Path(folder, "a.txt").read_text()
-    'one line'
+    The data (text in UTF-8, line ends as given, or bytes) go to a temporary file in the same folder, are flushed to the disk, and take
+    the name `path` by a rename. If anything fails, the temporary file is removed and a file already at `path` is left as it was.
     """
     path = pathlib.Path(path)
     folder = path.parent

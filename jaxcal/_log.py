@@ -1,5 +1,6 @@
 """`Log`: one recording in SI on a uniform time grid."""
 
+import copy
 import dataclasses
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -8,7 +9,7 @@ import equinox as eqx
 import numpy as np
 
 from ._errors import DataError
-from ._quality import all_finite, inspect, mark_missing
+from ._quality import all_finite, checked_rate, inspect, mark_missing
 from ._timebase import place, span
 from ._types import AnyArray
 from ._units import si_unit
@@ -105,17 +106,16 @@ class Log(eqx.Module):
         given = {"gyro": gyro, "accel": accel, "mag": mag, "temperature": temperature}
         sensors = {name: _columns(name, values) for name, values in given.items() if values is not None}
         stamps, epoch = _stamps(time)
-        n = _common_length(stamps, sensors)
-        rate = _checked_rate(rate)
+        size = _common_length(stamps, sensors)
+        rate = None if rate is None else checked_rate(rate)
         for name, values in sensors.items():
             sensors[name] = mark_missing(name, _channel_names(name, values), values, warnings)
 
         if stamps is None:
             if rate is None:
                 raise DataError("no time stamps: give rate= (Hz), or the time column")
-            if n < 2:
-                raise DataError(f"{n} sample: a recording needs at least 2")
-            size = n
+            if size < 2:
+                raise DataError(f"{size} sample: a recording needs at least 2")
         else:
 
             def equal(i: np.ndarray, j: np.ndarray) -> np.ndarray:
@@ -131,8 +131,7 @@ class Log(eqx.Module):
         for name, values in sensors.items():
             sensors[name] = inspect(name, _channel_names(name, values), values, rate, notes, warnings)
         self.time = np.arange(size) / rate
-        self.gyro, self.accel, self.mag = (sensors.get(name) for name in ("gyro", "accel", "mag"))
-        self.temperature = sensors["temperature"][:, 0] if "temperature" in sensors else None
+        self.gyro, self.accel, self.mag, self.temperature = _fields(sensors).values()
         self.rate = rate
         self.gaps = _gaps(sensors, rate, warnings)
         self.notes, self.warnings = tuple(notes), tuple(warnings)
@@ -188,28 +187,13 @@ class Log(eqx.Module):
         sensors = {name: values[first:last] for name, values in self._sensors().items()}
         for name, values in sensors.items():
             mark_missing(name, _channel_names(name, values), values, [])
-        part = object.__new__(Log)
-        parent = self.provenance
-        offset = parent.get("selected", (0.0, 0.0))[0]
-        fields = {
-            "time": self.time[: last - first],
-            "gyro": sensors.get("gyro"),
-            "accel": sensors.get("accel"),
-            "mag": sensors.get("mag"),
-            "temperature": sensors["temperature"][:, 0] if "temperature" in sensors else None,
-            "rate": self.rate,
-            "gaps": _gaps(sensors, self.rate, []),
-            "notes": self.notes,
-            "warnings": self.warnings,
-            "provenance": parent
-            | {
-                "selected": (offset + first / self.rate, offset + last / self.rate),
-                "epoch_ns": parent["epoch_ns"] + round(first / self.rate * 1e9),
-            },
+        offset = self.provenance.get("selected", (0.0, 0.0))[0]
+        provenance = self.provenance | {
+            "selected": (offset + first / self.rate, offset + last / self.rate),
+            "epoch_ns": self.provenance["epoch_ns"] + round(first / self.rate * 1e9),
         }
-        for name, value in fields.items():
-            object.__setattr__(part, name, value)
-        return part
+        time, gaps = self.time[: last - first], _gaps(sensors, self.rate, [])
+        return self._replaced(time=time, gaps=gaps, provenance=provenance, **_fields(sensors))
 
     def summary(self) -> str:
         """A few readable lines: length, rate, gaps, and mean and standard deviation of every channel.
@@ -237,6 +221,21 @@ class Log(eqx.Module):
         """The recorded sensors as (n, channels) arrays."""
         present = {name: getattr(self, name) for name in _AXES if getattr(self, name) is not None}
         return {name: values.reshape(len(values), -1) for name, values in present.items()}
+
+    def _replaced(self, **changes: Any) -> "Log":
+        """A copy with other fields; nothing is looked at again."""
+        log = copy.copy(self)
+        for name, value in changes.items():
+            object.__setattr__(log, name, value)
+        return log
+
+
+def _fields(sensors: dict[str, np.ndarray]) -> dict[str, np.ndarray | None]:
+    """The sensors as a log holds them."""
+    fields = {name: sensors.get(name) for name in _AXES}
+    if (temperature := sensors.get("temperature")) is not None:
+        fields["temperature"] = temperature[:, 0]
+    return fields
 
 
 def _channel_names(sensor: str, values: np.ndarray) -> list[str]:
@@ -285,14 +284,6 @@ def _common_length(stamps: np.ndarray | None, sensors: dict[str, np.ndarray]) ->
     if len(set(lengths.values())) > 1:
         raise DataError("all arrays need one row per sample, but " + ", ".join(f"{name} has {n}" for name, n in lengths.items()))
     return next(iter(lengths.values()))
-
-
-def _checked_rate(rate: float | int | None) -> float | None:
-    if rate is None:
-        return None
-    if not (np.isfinite(rate) and rate > 0):
-        raise DataError(f"rate={rate} is not a sampling rate; give a positive number of Hz")
-    return float(rate)
 
 
 def _on_grid(values: np.ndarray, grid: Any) -> np.ndarray:

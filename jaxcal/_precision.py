@@ -21,15 +21,7 @@ _untraced: Any = None
 
 
 def is_traced(*trees: Any) -> bool:
-    """Whether any leaf is a tracer, or a trace is in progress.
-
-    Examples
-    --------
-    >>> import jax.numpy as jnp
-    >>> from jaxcal._precision import is_traced
-    >>> is_traced(jnp.ones(3))
-    False
-    """
+    """Whether any leaf is a tracer, or a trace is in progress."""
     if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(trees)):
         return True
     global _untraced
@@ -47,29 +39,12 @@ def array_module(*trees: Any) -> ModuleType:
 
     A closed form over a few hundred values is done in NumPy in less than JAX takes to look up its first operation, and each
     new shape would cost JAX a compilation per operation.
-
-    Examples
-    --------
-    >>> import jax
-    >>> import jax.numpy as jnp
-    >>> from jaxcal._precision import array_module
-    >>> array_module(jnp.ones(3), 2.0).__name__
-    'numpy'
-    >>> print(jax.jit(lambda x: array_module(x).cos(x))(0.0))
-    1.0
     """
     return jnp if is_traced(*trees) else np
 
 
 def map_ordered(function: Callable[..., Any], tree: Any, *rest: Any) -> Any:
-    """`jax.tree.map`, which sorts dictionaries by key, with their order kept.
-
-    Examples
-    --------
-    >>> from jaxcal._precision import map_ordered
-    >>> map_ordered(abs, {"N": -1, "B": -2})
-    {'N': 1, 'B': 2}
-    """
+    """`jax.tree.map`, which sorts dictionaries by key, with their order kept."""
 
     def one(leaf: Any, *others: Any) -> Any:
         if type(leaf) is dict:
@@ -130,16 +105,3 @@ def host_float64(function: F) -> F:
             return map_ordered(_to_numpy, result) if any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(result)) else result
 
     return driver  # type: ignore[return-value]
-
-
-def tolerance(dtype: Any) -> float:
-    """Relative step at which an iterative fit in `dtype` has converged.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from jaxcal._precision import tolerance
-    >>> tolerance(np.float64) < 1e-9 < tolerance(np.float32)
-    True
-    """
-    return float(jnp.finfo(dtype).eps) ** 0.625

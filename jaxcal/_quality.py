@@ -1,8 +1,12 @@
-"""What is wrong with, or worth knowing about, the values of one sensor: missing, frozen, clipped, coarse, not yet warm."""
+"""What a record and its rate must be, and what is worth knowing of its values: missing, frozen, clipped, coarse, not yet warm."""
 
+from typing import Any
+
+import jax.numpy as jnp
 import numpy as np
 
 from ._errors import DataError
+from ._precision import is_traced
 from ._units import si_unit
 
 #: this many equal vectors in a row are a frozen sensor
@@ -12,6 +16,30 @@ _LOOK = 100_000
 _WARM_UP = 60.0
 
 
+def checked_rate(rate: Any) -> float:
+    """The sampling rate as a positive number, in Hz."""
+    try:
+        value = float(rate)
+    except (TypeError, ValueError):
+        raise DataError(f"rate must be a number in Hz; got {rate!r}") from None
+    if not (np.isfinite(value) and value > 0):
+        raise DataError(f"rate must be positive and finite, in Hz; got {value!r}")
+    return value
+
+
+def checked_record(y: Any) -> Any:
+    """Samples (n,) or (n, channels), NaN and infinity left to the caller: a JAX array where traced, else NumPy in float64."""
+    traced = is_traced(y)
+    y = jnp.asarray(y) if traced else np.asarray(y)
+    if not traced and y.dtype.kind not in "fiu":
+        raise DataError(f"y must hold real numbers; got dtype {y.dtype}")
+    if y.ndim not in (1, 2) or 0 in y.shape:
+        raise DataError(f"y must be (n,) or (n, channels), time first, and not empty; got shape {y.shape}")
+    if not traced and y.ndim == 2 and y.shape[1] > 16 * y.shape[0]:
+        raise DataError(f"y has {y.shape[1]} channels of {y.shape[0]} samples; time is the first axis, so transpose it (y.T)")
+    return y if traced else y.astype(np.float64, copy=False)
+
+
 def all_finite(values: np.ndarray) -> bool:
     """Whether every value is finite, by a sum where that decides it: a quarter of the time of looking at each."""
     with np.errstate(over="ignore", invalid="ignore"):
@@ -19,13 +47,7 @@ def all_finite(values: np.ndarray) -> bool:
 
 
 def mark_missing(sensor: str, names: list[str], values: np.ndarray, warnings: list[str]) -> np.ndarray:
-    """Turn infinite values into missing ones (NaN), and refuse a channel that holds nothing.
-
-    Raises
-    ------
-    DataError
-        If a channel has no finite value at all; the message names it.
-    """
+    """Turn infinite values into missing ones (NaN), and refuse a channel that has no finite value at all."""
     if all_finite(values):
         return values
     infinite = np.isinf(values)
@@ -41,15 +63,7 @@ def mark_missing(sensor: str, names: list[str], values: np.ndarray, warnings: li
 
 
 def inspect(sensor: str, names: list[str], values: np.ndarray, rate: float, notes: list[str], warnings: list[str]) -> np.ndarray:
-    """Look at the values of one sensor on the grid, add sentences, and return them with frozen stretches as NaN.
-
-    Parameters
-    ----------
-    sensor : "gyro", "accel", "mag" or "temperature".
-    names : names of its channels.
-    values : (n, channels), SI.
-    rate : Hz.
-    """
+    """Look at the values (n, channels) of one sensor on the grid, add sentences, and return them with frozen stretches as NaN."""
     unit = si_unit(sensor)
     low, high = np.fmin.reduce(values, axis=0), np.fmax.reduce(values, axis=0)
     constant = [f"{name} ({value:.6g})" for name, value, top in zip(names, low, high, strict=True) if value == top]
@@ -57,7 +71,7 @@ def inspect(sensor: str, names: list[str], values: np.ndarray, rate: float, note
         warnings.append(f"constant in every sample, so nothing can be said about its noise: {', '.join(constant)} {unit}")
     if sensor != "temperature":
         if len(constant) < len(names):
-            values = _thaw(sensor, values, rate, warnings)
+            values = _without_frozen(sensor, values, rate, warnings)
         for name, column, bottom, top in zip(names, values.T, low, high, strict=True):
             _clipping(name, column, float(bottom), float(top), unit, warnings)
     _resolution(sensor, names, values, notes)
@@ -65,7 +79,7 @@ def inspect(sensor: str, names: list[str], values: np.ndarray, rate: float, note
     return values
 
 
-def _thaw(sensor: str, values: np.ndarray, rate: float, warnings: list[str]) -> np.ndarray:
+def _without_frozen(sensor: str, values: np.ndarray, rate: float, warnings: list[str]) -> np.ndarray:
     # a run of more than 50 covers two neighbouring samples of every 25th
     coarse = values[:: _FROZEN // 2]
     if not (coarse[1:] == coarse[:-1]).all(axis=1).any():
@@ -133,13 +147,13 @@ def _transient(sensor: str, values: np.ndarray, rate: float, notes: list[str]) -
     if block < 1 or len(values) < 10 * block:
         return
     blocks = values[: len(values) // block * block].reshape(-1, block, values.shape[1])
-    present = np.isfinite(blocks) if np.isnan(blocks.sum()) else None
-    if present is None:
-        means = blocks.mean(axis=1)
-    else:
-        count = present.sum(axis=1)
-        means = np.where(count > 0, np.where(present, blocks, 0.0).sum(axis=1) / np.maximum(count, 1), np.nan)
+    if np.isnan(blocks.sum()):
+        present = np.isfinite(blocks)
+        with np.errstate(invalid="ignore"):
+            means = np.where(present, blocks, 0.0).sum(axis=1) / present.sum(axis=1)
         means = means[np.isfinite(means).all(axis=1)]
+    else:
+        means = blocks.mean(axis=1)
     if len(means) < 10:
         return
     settled = np.median(means[1:], axis=0)

@@ -37,29 +37,17 @@ class Placement:
 
 
 def place(stamps: np.ndarray, rate: float | None, equal: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> Placement:
-    """Place samples with the given stamps (s) on a uniform grid.
+    """Place samples with the given stamps (s, in any order) on a uniform grid.
 
-    Parameters
-    ----------
-    stamps : (n,) s, in any order.
-    rate : Hz, or None; checked against the stamps, and kept where it agrees.
-    equal : ``equal(i, j)`` says for which pairs of rows all sensors have the same values.
-
-    Raises
-    ------
-    DataError
-        If there is no regular recording behind the stamps, or `rate` contradicts them.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from jaxcal._timebase import place
-    >>> grid = place(np.array([0.0, 0.01, 0.02, 0.05, 0.06]), None, lambda i, j: i == j)
-    >>> grid.slot.tolist(), grid.rate
-    ([0, 1, 2, 5, 6], 100.0)
+    `rate` is checked against the stamps, and kept where it agrees; ``equal(i, j)`` says for which pairs of rows all sensors have the
+    same values.
     """
     warnings: list[str] = []
-    stamps, source = _finite(stamps, warnings)
+    source = None
+    if not all_finite(stamps):
+        source = np.flatnonzero(np.isfinite(stamps))
+        warnings.append(f"samples without a time stamp, left out: {len(stamps) - len(source)}")
+        stamps = stamps[source]
     if len(stamps) < 2:
         count = f"{len(stamps)} sample{'s' * (len(stamps) != 1)}"
         raise DataError(f"{count}: a recording needs at least 2; check the file, or the columns that are read")
@@ -98,14 +86,6 @@ def place(stamps: np.ndarray, rate: float | None, equal: Callable[[np.ndarray, n
         slot = np.concatenate([[0], np.cumsum(increments)])
         size = int(slot[-1]) + 1
     return Placement(source, slot, size, chosen, float(stamps[0]), tuple(notes), tuple(warnings))
-
-
-def _finite(stamps: np.ndarray, warnings: list[str]) -> tuple[np.ndarray, np.ndarray | None]:
-    if all_finite(stamps):
-        return stamps, None
-    good = np.flatnonzero(np.isfinite(stamps))
-    warnings.append(f"samples without a time stamp, left out: {len(stamps) - len(good)}")
-    return stamps[good], good
 
 
 def _unwrap(stamps: np.ndarray, warnings: list[str]) -> np.ndarray:
@@ -177,7 +157,7 @@ def _period(stamps: np.ndarray, steps: np.ndarray) -> tuple[float, bool]:
     if not near.any():
         _refuse_irregular(stamps, steps, typical)
         return typical, False
-    return (float(np.mean(steps)) if near.all() else float(np.mean(steps[near]))), True
+    return float(np.mean(steps if near.all() else steps[near])), True
 
 
 def _period_of_lossy(stamps: np.ndarray, steps: np.ndarray) -> float | None:
@@ -186,7 +166,7 @@ def _period_of_lossy(stamps: np.ndarray, steps: np.ndarray) -> float | None:
     period = float(np.mean(steps[steps <= _GAP * shortest]))
     ratio = steps / period if period > 0 else np.zeros(1)
     whole = (np.abs(ratio - np.round(ratio)) < 0.2) & (ratio > 0.5)
-    return period if np.mean(whole) > 0.98 and _astray(stamps, 512) > 0.75 * period else None
+    return period if np.mean(whole) > 0.98 and _clock_deviation(stamps, 512) > 0.75 * period else None
 
 
 def _refuse_irregular(stamps: np.ndarray, steps: np.ndarray, period: float) -> None:
@@ -195,14 +175,14 @@ def _refuse_irregular(stamps: np.ndarray, steps: np.ndarray, period: float) -> N
         raise DataError(f"most of the {len(stamps)} time stamps equal their neighbours; {ADVICE}")
     long = steps[steps > _GAP * period]
     wait, burst = (float(np.median(long)), len(steps) // len(long)) if len(long) else (period, 1)
-    astray = _astray(stamps, max(512, 4 * burst))
-    if astray > 1.5 * wait:
+    deviation = _clock_deviation(stamps, max(512, 4 * burst))
+    if deviation > 1.5 * wait:
         raise DataError(
-            f"the time stamps are not those of a regular recording: they stray {astray / period:.3g} steps from an even clock; {ADVICE}"
+            f"the time stamps are not those of a regular recording: they stray {deviation / period:.3g} steps from an even clock; {ADVICE}"
         )
 
 
-def _astray(stamps: np.ndarray, length: int) -> float:
+def _clock_deviation(stamps: np.ndarray, length: int) -> float:
     """Largest distance from a line through (index, stamp), typical of blocks of `length` samples."""
     length = min(length, len(stamps))
     blocks = stamps[: len(stamps) // length * length].reshape(-1, length)
@@ -236,22 +216,16 @@ def _gaps(steps: np.ndarray, period: float, even: bool) -> tuple[np.ndarray, np.
     else:
         missing = least_after - minimum_filter1d(lag, window, mode="nearest", origin=(window - 1) // 2)[long]
     real = lost > 0.5 * period
-    missing = np.maximum(np.round(missing[real] / period), 1.0)
-    _refuse_absurd(missing, long[real], steps)
-    return missing.astype(np.int64), long[real]
-
-
-def _refuse_absurd(missing: np.ndarray, at: np.ndarray, steps: np.ndarray) -> None:
-    if not len(at):
-        return
-    n, total, longest = len(steps) + 1, float(missing.sum()), float(steps[at].max())
+    missing, at = np.maximum(np.round(missing[real] / period), 1.0), long[real]
+    n, total = len(steps) + 1, float(missing.sum())
     if total > max(n, 1_000_000, min(10 * n, 20_000_000)):
         raise DataError(
-            f"the recording of {n} samples has {total:.3g} missing ones ({len(at)} gaps, the longest {span(longest)}); split it at the "
-            f"long gaps and read the parts one by one, or, if the time unit is wrong, give it with units={{'time': ...}}"
+            f"the recording of {n} samples has {total:.3g} missing ones ({len(at)} gaps, the longest {span(float(steps[at].max()))}); "
+            "split it at the long gaps and read the parts one by one, or, if the time unit is wrong, give it with units={'time': ...}"
         )
     if len(at) > 0.6 * len(steps):
         raise DataError(f"{len(at)} of {len(steps)} steps in time are gaps: these are not the stamps of a regular recording; {ADVICE}")
+    return missing.astype(np.int64), at
 
 
 def _describe(stamps, steps, rate: float, jitter: float, even: bool, warnings: list[str]) -> list[str]:
@@ -293,14 +267,7 @@ def _agreed_rate(rate: float | None, estimate: float, notes: list[str]) -> float
 
 
 def span(seconds: float) -> str:
-    """Length of time in words.
-
-    Examples
-    --------
-    >>> from jaxcal._timebase import span
-    >>> span(10000.0), span(0.25), span(4e8)
-    ('2 h 46 min 40 s', '0.25 s', '12.7 years')
-    """
+    """Length of time in words, such as 2 h 46 min 40 s."""
     if seconds >= 2 * 365.25 * 86400:
         return f"{seconds / (365.25 * 86400):.1f} years"
     if seconds >= 2 * 86400:

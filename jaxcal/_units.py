@@ -2,7 +2,7 @@
 
 SI inside, always: rad/s, m/s^2, T, s, degC. The factors of the noise coefficients are those of IEEE Std 952 and of
 inertial data sheets. A random walk coefficient N is two-sided; a data-sheet "noise density" is one-sided and
-sqrt(2) larger (`density_from_random_walk`).
+sqrt(2) larger.
 """
 
 import math
@@ -16,32 +16,16 @@ _DEG = math.pi / 180.0
 #: quantity -> (SI unit, {unit: factor to SI})
 _QUANTITIES: dict[str, tuple[str, dict[str, float]]] = {
     "time": ("s", {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0, "mjd": 86400.0}),
-    "gyro": (
-        "rad/s",
-        {
-            "rad/s": 1.0,
-            "mrad/s": 1e-3,
-            "deg/s": _DEG,
-            "mdeg/s": _DEG * 1e-3,
-            "deg/h": _DEG / 3600.0,
-            "rpm": 2.0 * math.pi / 60.0,
-        },
-    ),
-    "accel": (
-        "m/s^2",
-        {
-            "m/s^2": 1.0,
-            "mm/s^2": 1e-3,
-            "cm/s^2": 1e-2,
-            "g": STANDARD_GRAVITY,
-            "mg": STANDARD_GRAVITY * 1e-3,
-            "ug": STANDARD_GRAVITY * 1e-6,
-            "ft/s^2": 0.3048,
-        },
-    ),
+    "gyro": ("rad/s", {
+        "rad/s": 1.0, "mrad/s": 1e-3, "deg/s": _DEG, "mdeg/s": _DEG * 1e-3, "deg/h": _DEG / 3600.0, "rpm": 2.0 * math.pi / 60.0,
+    }),
+    "accel": ("m/s^2", {
+        "m/s^2": 1.0, "mm/s^2": 1e-3, "cm/s^2": 1e-2, "g": STANDARD_GRAVITY, "mg": STANDARD_GRAVITY * 1e-3,
+        "ug": STANDARD_GRAVITY * 1e-6, "ft/s^2": 0.3048,
+    }),
     "mag": ("T", {"T": 1.0, "mT": 1e-3, "uT": 1e-6, "nT": 1e-9, "G": 1e-4, "mG": 1e-7}),
     "temperature": ("degC", {"degC": 1.0, "K": 1.0, "degF": 5.0 / 9.0}),
-}
+}  # fmt: skip
 #: the Modified Julian Date counts from 1858-11-17, 40587 days before 1970
 _OFFSETS = {"K": -273.15, "degF": -160.0 / 9.0, "mjd": -40587.0 * 86400.0}
 
@@ -68,14 +52,7 @@ def quantities() -> tuple[str, ...]:
 
 
 def si_unit(quantity: str) -> str:
-    """SI unit string of a quantity.
-
-    Examples
-    --------
-    >>> from jaxcal._units import si_unit
-    >>> si_unit("accel")
-    'm/s^2'
-    """
+    """SI unit of a quantity, as text."""
     return _QUANTITIES[quantity][0]
 
 
@@ -99,21 +76,7 @@ def find_unit(text: str, quantity: str) -> str | None:
 
 
 def factor(unit: str, quantity: str) -> float:
-    """SI value of one `unit` of `quantity` (temperature: of one degree; see `to_si` for the offset).
-
-    Raises
-    ------
-    UnitError
-        If the quantity or the unit is unknown.
-
-    Examples
-    --------
-    >>> from jaxcal._units import factor
-    >>> factor("g", "accel")
-    9.80665
-    """
-    if quantity not in _QUANTITIES:
-        raise UnitError(f"unknown quantity {quantity!r}; expected one of {', '.join(_QUANTITIES)}")
+    """SI value of one `unit` of `quantity` (temperature: of one degree; see `to_si` for the offset)."""
     found = find_unit(unit, quantity)
     if found is None:
         known = ", ".join(_QUANTITIES[quantity][1])
@@ -122,14 +85,7 @@ def factor(unit: str, quantity: str) -> float:
 
 
 def to_si(values, unit: str, quantity: str):
-    """Convert values of `quantity` from `unit` to SI (rad/s, m/s^2, T, s, degC).
-
-    Examples
-    --------
-    >>> from jaxcal._units import to_si
-    >>> round(to_si(300.0, "K", "temperature"), 2)
-    26.85
-    """
+    """Convert values of `quantity` from `unit` to SI (rad/s, m/s^2, T, s, degC)."""
     scale = factor(unit, quantity)
     offset = _OFFSETS.get(find_unit(unit, quantity) or "", 0.0) if quantity in ("temperature", "time") else 0.0
     return values if scale == 1.0 and offset == 0.0 else values * scale + offset
@@ -141,27 +97,17 @@ _NOISE: dict[tuple[str, str], dict[str, float]] = {
     ("N", "gyro"): {"deg/sqrt(h)": _DEG / 60, "deg/sqrt(s)": _DEG, "deg/s/sqrt(Hz)": _DEG, "rad/sqrt(s)": 1.0},
     ("B", "gyro"): {"deg/h": _DEG / 3600, "deg/s": _DEG, "rad/s": 1.0},
     ("K", "gyro"): {
-        "deg/h/sqrt(s)": _DEG / 3600,
-        "deg/h/sqrt(h)": _DEG * 3600**-1.5,
-        "deg/h^(3/2)": _DEG * 3600**-1.5,
-        "deg/s/sqrt(s)": _DEG,
+        "deg/h/sqrt(s)": _DEG / 3600, "deg/h/sqrt(h)": _DEG * 3600**-1.5, "deg/h^(3/2)": _DEG * 3600**-1.5, "deg/s/sqrt(s)": _DEG,
         "rad/s/sqrt(s)": 1.0,
     },
     ("R", "gyro"): {"deg/h^2": _DEG / 3600**2, "deg/h/s": _DEG / 3600, "rad/s^2": 1.0},
     ("Q", "accel"): {"m/s": 1.0},
     ("N", "accel"): {
-        "m/s/sqrt(h)": 1 / 60,
-        "ug/sqrt(Hz)": STANDARD_GRAVITY * 1e-6,
-        "mg/sqrt(Hz)": STANDARD_GRAVITY * 1e-3,
-        "m/s/sqrt(s)": 1.0,
+        "m/s/sqrt(h)": 1 / 60, "ug/sqrt(Hz)": STANDARD_GRAVITY * 1e-6, "mg/sqrt(Hz)": STANDARD_GRAVITY * 1e-3, "m/s/sqrt(s)": 1.0,
         "m/s^2/sqrt(Hz)": 1.0,
     },
     ("B", "accel"): {"mg": STANDARD_GRAVITY * 1e-3, "ug": STANDARD_GRAVITY * 1e-6, "m/s^2": 1.0},
-    ("K", "accel"): {
-        "m/s/h^(3/2)": 3600**-1.5,
-        "mg/sqrt(s)": STANDARD_GRAVITY * 1e-3,
-        "m/s^2/sqrt(s)": 1.0,
-    },
+    ("K", "accel"): {"m/s/h^(3/2)": 3600**-1.5, "mg/sqrt(s)": STANDARD_GRAVITY * 1e-3, "m/s^2/sqrt(s)": 1.0},
     ("R", "accel"): {"mg/h": STANDARD_GRAVITY * 1e-3 / 3600, "m/s^3": 1.0},
     ("Q", "mag"): {"uT s": 1e-6, "T s": 1.0},
     ("N", "mag"): {"nT/sqrt(Hz)": 1e-9, "T/sqrt(Hz)": 1.0},
@@ -172,25 +118,12 @@ _NOISE: dict[tuple[str, str], dict[str, float]] = {
 
 
 def noise_units(term: str, sensor: str) -> tuple[str, ...]:
-    """Units in which a noise coefficient is quoted: the printed one first, the SI one last. A term of one's own has "SI" alone.
-
-    Examples
-    --------
-    >>> from jaxcal._units import noise_units
-    >>> noise_units("B", "gyro")
-    ('deg/h', 'deg/s', 'rad/s')
-    """
+    """Units in which a noise coefficient is quoted: the printed one first, the SI one last. A term of one's own has "SI" alone."""
     return tuple(_noise_table(term, sensor))
 
 
 def noise_factor(term: str, sensor: str, unit: str) -> float:
-    """SI value of one `unit` of a noise coefficient.
-
-    Parameters
-    ----------
-    term : "Q", "N", "B", "K" or "R", or the name of a term of one's own.
-    sensor : "gyro", "accel" or "mag".
-    unit : as listed by `noise_units`.
+    """SI value of one `unit`, as listed by `noise_units`, of the coefficient of a term.
 
     Examples
     --------
@@ -204,11 +137,6 @@ def noise_factor(term: str, sensor: str, unit: str) -> float:
     if unit not in table:
         raise UnitError(f"{unit!r} is not a unit of {term} of a {sensor}; use one of {', '.join(table)}")
     return table[unit]
-
-
-def density_from_random_walk(n: float) -> float:
-    """One-sided data-sheet noise density ND = sqrt(2) N of a two-sided random walk coefficient N."""
-    return math.sqrt(2.0) * n
 
 
 def _noise_table(term: str, sensor: str) -> dict[str, float]:

@@ -252,7 +252,7 @@ def test_a_given_rate_that_contradicts_the_stamps_is_refused():
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, np.nan, np.inf])
 def test_a_rate_is_a_positive_number(rate):
-    with pytest.raises(DataError, match="is not a sampling rate; give a positive number of Hz"):
+    with pytest.raises(DataError, match="rate must be positive and finite, in Hz; got"):
         Log(None, noise(), rate=rate)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from .._errors import DataError
 from .._precision import host_float64
-from .._record import checked_rate, checked_record
+from .._quality import checked_rate, checked_record
 from .._types import Any, Int
 from ._kernels._contiguous import effective_sizes, measure_whole, refuse_traced
 from ._kernels._difference_sums import direct_sums

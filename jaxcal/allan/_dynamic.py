@@ -12,7 +12,7 @@ from jax import lax
 
 from .._errors import DataError
 from .._precision import host_float64, is_traced
-from .._record import checked_rate, checked_record
+from .._quality import checked_rate, checked_record
 from .._types import AnyArray, Array, Float, Int
 from ._kernels._phase import integrate, padded_length, running_sum_of_phase
 from ._kinds import Kind, cluster_sizes, find_kind

@@ -14,7 +14,7 @@ import jax
 import numpy as np
 
 from .._errors import DataError
-from .._record import checked_rate, checked_record
+from .._quality import checked_rate, checked_record
 from ..allan import Accumulator, Deviation, deviation as _deviation
 from ..allan._deviation import begin, checked_confidence
 from ..allan._kernels._phase import IN_CACHE, padded_length

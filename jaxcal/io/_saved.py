@@ -55,10 +55,8 @@ class Saved:
 
         `where` is the converted file, which `provenance` names beside the original.
         """
-        log = Log(None, **sensors, rate=self.rate, provenance=self.provenance)
-        for name, value in (("notes", self.notes), ("warnings", self.warnings), ("provenance", self.provenance | {"converted": where})):
-            object.__setattr__(log, name, value)
-        return log
+        log = Log(None, **sensors, rate=self.rate)
+        return log._replaced(notes=self.notes, warnings=self.warnings, provenance=self.provenance | {"converted": where})
 
 
 def parse_saved(text: str) -> Saved:

@@ -8,7 +8,7 @@ import numpy as np
 from .._errors import DataError
 from .._log import Log
 from .._precision import host_float64, is_traced
-from .._record import checked_rate
+from .._quality import checked_rate
 from .._types import Any
 from ..allan import deviation
 from ._checks import find_jumps, refuse_extremes, resolution, sentences_of_checks

@@ -4,10 +4,9 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from .. import _record as record
+from .. import _quality as quality
 from .._errors import DataError
 from .._precision import is_traced
-from .._quality import all_finite
 from .._types import Any
 from ._average import GROUPS
 
@@ -29,7 +28,7 @@ def check_options(method: Any, sided: Any, average: Any, confidence: Any) -> Non
 
 def checked_record(y: Any, rate: float) -> Any:
     """Samples (n,) or (n, channels) without gaps; a traced record is looked at when it runs."""
-    y = record.checked_record(y)
+    y = quality.checked_record(y)
     if y.shape[0] < _FEWEST:
         raise DataError(f"a spectrum needs at least {_FEWEST} samples; got {y.shape[0]}")
     if is_traced(y):
@@ -38,7 +37,7 @@ def checked_record(y: Any, rate: float) -> Any:
     columns = y if y.ndim == 2 else y[:, None]
     for index, column in enumerate(columns.T):
         name = "y" if y.ndim == 1 else f"channel {index}"
-        if not all_finite(column):
+        if not quality.all_finite(column):
             _refuse_gaps(columns, column, name, rate)
         if column.min() == column.max():
             raise DataError(

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._precision import host_float64
-from .._record import checked_rate
+from .._quality import checked_rate
 from .._types import Any
 from . import _edf, _ordinates
 from ._average import GROUPS, Groups, average as average_over

@@ -7,7 +7,7 @@ import numpy as np
 
 from .._errors import DataError
 from .._precision import is_traced
-from .._record import checked_rate
+from .._quality import checked_rate
 from .._types import AnyArray
 from ._checks import check_options, checked_segment
 from ._density import spectrum_of

@@ -151,16 +151,17 @@ def test_rotations_are_those_of_scipy_and_have_derivatives_at_the_identity(angle
     v = jnp.asarray(angle * axis)
     q = _rotation.exponential(v)
     np.testing.assert_allclose(_rotation.matrix(q), Rotation.from_rotvec(angle * axis).as_matrix(), atol=1e-14)
-    np.testing.assert_allclose(_rotation.logarithm(q), v, atol=1e-12)
-    slope = jax.jit(jax.jacfwd(lambda v: _rotation.logarithm(_rotation.exponential(v))))(v)
-    np.testing.assert_allclose(slope, np.eye(3), atol=1e-7)
+    slope = jax.jit(jax.jacfwd(lambda rest: _rotation.exponential(v + rest)))(jnp.zeros(3))
+    np.testing.assert_allclose(
+        slope.T @ slope, np.outer(axis, axis) / 4 + np.sinc(angle / 2 / np.pi) ** 2 / 4 * (np.eye(3) - np.outer(axis, axis)), atol=1e-7
+    )
     second = jax.jit(jax.hessian(lambda v: _rotation.exponential(v)[0]))(v)
     assert np.isfinite(second).all()
     if angle == 0:
         np.testing.assert_allclose(second, -np.eye(3) / 4, atol=1e-12)
     other = _rotation.exponential(jnp.array([0.1, -0.2, 0.3]))
     np.testing.assert_allclose(_rotation.matrix(_rotation.product(q, other)), _rotation.matrix(q) @ _rotation.matrix(other), atol=1e-14)
-    turned = _rotation.rotate(_rotation.conjugate(_rotation.normalised(3 * q)), jnp.array([1.0, 2.0, 3.0]))
+    turned = _rotation.matrix(_rotation.conjugate(_rotation.normalised(3 * q))) @ jnp.array([1.0, 2.0, 3.0])
     np.testing.assert_allclose(turned, Rotation.from_rotvec(-angle * axis).apply([1.0, 2.0, 3.0]), atol=1e-13)
 
 

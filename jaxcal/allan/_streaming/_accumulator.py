@@ -12,7 +12,7 @@ import numpy as np
 
 from ..._errors import DataError
 from ..._precision import is_traced
-from ..._record import checked_rate
+from ..._quality import checked_rate
 from .._kinds import Kind, find_kind, whole_sizes
 from .._noise_type._b1_ratio import fewest_averages, noise_type_of_ratios
 from .._noise_type._identify import FEWEST, identify, types_for_intervals
