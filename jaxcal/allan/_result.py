@@ -4,7 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from .._results import Row, Unjudged, rows_of
+from .._results import Row, Unjudged, channel_of, rows_of
 from .._types import AnyArray
 
 
@@ -64,8 +64,4 @@ class Deviation(Unjudged):
 
     def channel(self, index: int) -> "Deviation":
         """The same result for one channel of a record with several."""
-        if self.deviation.ndim == 1:
-            raise IndexError("this deviation is of a single channel; there is nothing to pick")
-        names = ("deviation", "lower", "upper", "edf", "count", "alpha", "skipped", "bias")
-        pick = {name: getattr(self, name)[:, index] for name in names}
-        return Deviation(tau=self.tau, m=self.m, kind=self.kind, rate=self.rate, confidence=self.confidence, warnings=self.warnings, **pick)
+        return channel_of(self, "deviation", index)

@@ -14,7 +14,7 @@ from ..._errors import DataError
 from ..._precision import is_traced
 from ..._record import checked_rate
 from .._kinds import Kind, find_kind, whole_sizes
-from .._noise_type._b1_ratio import fewest_averages, noise_type_of_ratios
+from .._noise_type._b1_ratio import fewest_averages, noise_type_of_ratio
 from .._noise_type._identify import FEWEST, identify, types_for_intervals
 from .._result import Deviation
 from .._uncertainty._edf import degrees_of_freedom, interval_factors
@@ -329,10 +329,8 @@ class Accumulator(eqx.Module):
                 phase, lost = marks[:, c], marks[:, self.channels + c].astype(np.int64)
                 gaps = lost if lost[-1] > lost[0] else None
                 if averages < FEWEST:
-                    valid = None if gaps is None else lost[1:] == lost[:-1]
-                    carried[c] = noise_type_of_ratios(
-                        np.diff(phase) / size, valid, None, size, kind, taken.samples, carried[c], np
-                    )  # fmt: skip
+                    weight = None if gaps is None else (lost[1:] == lost[:-1]).astype(np.float64)
+                    carried[c] = noise_type_of_ratio(np.diff(phase), weight, size, kind, taken.samples, carried[c])
                 elif np.count_nonzero(lost[1:] == lost[:-1]) >= FEWEST:
                     carried[c] = identify(phase, gaps, np.ones(1, np.int64), kind, averages, "rate")[0]
             found.append(carried)
