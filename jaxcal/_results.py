@@ -127,6 +127,14 @@ def channel_of(result: Any, name: str, index: int, axes: int = 2) -> Any:
     return jax.tree.map(lambda leaf: leaf[..., index] if leaf.ndim == axes else leaf, result)
 
 
+def replaced(module: Any, **fields: Any) -> Any:
+    """A frozen module with other values in some of its fields, made without its `__init__`."""
+    new = object.__new__(type(module))
+    for field in dataclasses.fields(module):
+        object.__setattr__(new, field.name, fields.get(field.name, getattr(module, field.name)))
+    return new
+
+
 def by_channel(sentences: Mapping[str, Any]) -> list[str]:
     """Sentences of several channels, each once with the channels it is true of.
 

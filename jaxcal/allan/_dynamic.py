@@ -12,7 +12,7 @@ from jax import lax
 
 from .._errors import DataError
 from .._precision import host_float64, is_traced
-from .._record import checked_rate, checked_record
+from .._record import checked_confidence, checked_rate, checked_record, refuse_infinite
 from .._results import channel_of
 from .._types import AnyArray, Array, Float, Int
 from ._kernels._phase import double_add, integrate, padded_length, running_sum_of_phase
@@ -120,9 +120,7 @@ def dynamic(y, rate, *, window, step: Any = None, m: Any = "log", kind="oadev", 
         raise DataError(f"the windows of a dynamic {kind} have no differences in common; use {', '.join(_KINDS)}")
     if is_traced(y):
         raise DataError("dynamic takes a record at hand, not a traced one; use jaxcal.allan.deviation inside jit or grad")
-    if not 0.0 < confidence < 1.0:
-        raise DataError(f"confidence must lie between 0 and 1; got {confidence!r} (0.95 is 95 %)")
-    y = checked_record(y)
+    confidence, y = checked_confidence(confidence), checked_record(y)
     width = _in_samples("window", window, rate)
     stride = max(width // 2, 1) if step is None else _in_samples("step", step, rate)
     if width > len(y):
@@ -180,9 +178,7 @@ def _in_samples(name: str, seconds, rate: float) -> int:
 def _one_channel(column, name: str, starts, width: int, sizes, statistic: Kind):
     """Sums of squares, counts and noise types of one channel, (windows, clusters)."""
     samples, gone = len(column), np.isnan(column)
-    infinite = np.flatnonzero(np.isinf(column))
-    if len(infinite):
-        raise DataError(f"{name} has {len(infinite)} infinite values, the first at sample {infinite[0]}; replace them by NaN to mark a gap")
+    refuse_infinite(column, name)
     if gone.all():
         none = np.zeros((len(starts), len(sizes)), np.int64)
         return none.astype(np.float64), none, none
