@@ -27,6 +27,27 @@ def checked_rate(rate: Any) -> float:
     return value
 
 
+def checked_confidence(confidence: Any) -> Any:
+    """The level of an interval."""
+    if not 0.0 < confidence < 1.0:
+        raise DataError(f"confidence must lie between 0 and 1; got {confidence!r} (0.95 is 95 %)")
+    return confidence
+
+
+def checked_whole(name: str, value: Any, least: int) -> int:
+    """An option that counts something."""
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
+        raise DataError(f"{name} must be a whole number, at least {least}; got {value!r}")
+    return int(value)
+
+
+def refuse_infinite(column: np.ndarray, name: str, cure: str = "replace them by NaN to mark a gap") -> None:
+    """Infinite samples are neither values nor gaps."""
+    infinite = np.flatnonzero(np.isinf(column))
+    if len(infinite):
+        raise DataError(f"{name} has {len(infinite)} infinite values, the first at sample {infinite[0]}; {cure}")
+
+
 def checked_record(y: Any) -> Any:
     """Samples (n,) or (n, channels), NaN and infinity left to the caller: a JAX array where traced, else NumPy in float64."""
     traced = is_traced(y)

@@ -120,6 +120,21 @@ def rows_of(curve: Any, field: str, name: Callable[[int], str], unit: str) -> li
     return [Row(name(i) + text, values[i, k], low[i, k], high[i, k], unit) for k, text in enumerate(channels) for i in picked]
 
 
+def channel_of(result: Any, name: str, index: int, axes: int = 2) -> Any:
+    """A result for one of several channels, which are the last of the `axes` axes of its array `name` and of others with as many."""
+    if getattr(result, name).ndim < axes:
+        raise IndexError(f"this {name} is of a single channel; there is nothing to pick")
+    return jax.tree.map(lambda leaf: leaf[..., index] if leaf.ndim == axes else leaf, result)
+
+
+def replaced(module: Any, **fields: Any) -> Any:
+    """A frozen module with other values in some of its fields, made without its `__init__`."""
+    new = object.__new__(type(module))
+    for field in dataclasses.fields(module):
+        object.__setattr__(new, field.name, fields.get(field.name, getattr(module, field.name)))
+    return new
+
+
 def by_channel(sentences: Mapping[str, Any]) -> list[str]:
     """Sentences of several channels, each once with the channels it is true of.
 

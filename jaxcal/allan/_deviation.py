@@ -14,7 +14,7 @@ import numpy as np
 
 from .._errors import DataError
 from .._precision import host_float64
-from .._quality import checked_rate, checked_record
+from .._quality import checked_confidence, checked_rate, checked_record, refuse_infinite
 from .._types import Any, Int
 from ._kernels._contiguous import effective_sizes, measure_whole, refuse_traced
 from ._kernels._difference_sums import direct_sums
@@ -25,7 +25,7 @@ from ._kernels._route import MANY, record_sums, sums_in_cache
 from ._kernels._total import traced_total_sums
 from ._kinds import Kind, cluster_sizes, find_kind
 from ._noise_type._identify import identify, noise_types, types_for_intervals
-from ._result import Deviation
+from ._result import Deviation, assembled
 from ._uncertainty._bias import bias_factors
 from ._uncertainty._edf import interval_factors, known_uncertainty, tabulated_factors
 from ._uncertainty._edf_total import degrees_of_freedom
@@ -193,31 +193,9 @@ def _finished(y, columns, rate, statistic: Kind, sizes, confidence, samples: int
         bias = _by_noise_type(factors, sizes, noise, statistic, xp)
     scale = statistic.scale(sizes, rate)[:, None].astype(low.dtype)
     result = xp.sqrt(sums()[kept] / count * scale / bias)
-    arrays = {"deviation": result, "lower": result * low, "upper": result * high, "edf": edf, "count": count, "bias": bias}
-    arrays |= {"alpha": noise.astype(np.int64) if xp is np else noise, "skipped": expected - count}
-    if y.ndim == 1:
-        arrays = {name: value[:, 0] for name, value in arrays.items()}
-    arrays |= {"tau": statistic.tau(sizes, rate), "m": sizes}
-    return jax.tree.unflatten(_layout(statistic.name, rate, confidence, warnings), [arrays[name] for name in _ARRAYS])
-
-
-#: fields of a result that hold arrays, in their order
-_ARRAYS = [field.name for field in dataclasses.fields(Deviation) if not field.metadata.get("static")]
-
-
-@functools.lru_cache(maxsize=256)
-def _layout(kind: str, rate: float, confidence: float, warnings: tuple[str, ...]) -> Any:
-    """The structure of a result: a tenth of the time of making one, which is a large part of a call with a short record."""
-    return jax.tree.structure(
-        Deviation(**dict.fromkeys(_ARRAYS, np.zeros(0)), kind=kind, rate=rate, confidence=confidence, warnings=warnings)
-    )
-
-
-def checked_confidence(confidence) -> float:
-    """The level of an interval."""
-    if not 0.0 < confidence < 1.0:
-        raise DataError(f"confidence must lie between 0 and 1; got {confidence!r} (0.95 is 95 %)")
-    return confidence
+    alpha = noise.astype(np.int64) if xp is np else noise
+    factors, skipped = (edf, low, high), expected - count
+    return assembled(statistic, rate, sizes, result, factors, count, alpha, skipped, bias, confidence, warnings, y.ndim == 1)
 
 
 def empty_channels(y):
@@ -243,10 +221,7 @@ def _with_empty(found: Deviation, empty, warnings: tuple[str, ...]) -> Deviation
 
 def _missing(column, name: str):
     """Where a column that is not finite throughout is NaN; refuses infinite values and columns without any sample."""
-    infinite = np.flatnonzero(np.isinf(column))
-    if len(infinite):
-        where = f"{name} has {len(infinite)} infinite values, the first at sample {infinite[0]}"
-        raise DataError(f"{where}; replace them by NaN to mark a gap")
+    refuse_infinite(column, name)
     gone = np.isnan(column)
     if gone.all():
         raise DataError(f"{name} holds nothing but NaN; leave it out")

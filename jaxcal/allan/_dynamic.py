@@ -12,9 +12,10 @@ from jax import lax
 
 from .._errors import DataError
 from .._precision import host_float64, is_traced
-from .._quality import checked_rate, checked_record
+from .._quality import checked_confidence, checked_rate, checked_record, refuse_infinite
+from .._results import channel_of
 from .._types import AnyArray, Array, Float, Int
-from ._kernels._phase import integrate, padded_length, running_sum_of_phase
+from ._kernels._phase import double_add, integrate, padded_length, running_sum_of_phase
 from ._kinds import Kind, cluster_sizes, find_kind
 from ._noise_type._identify import identify, types_for_intervals
 from ._uncertainty._edf import degrees_of_freedom, interval_factors
@@ -62,10 +63,7 @@ class DynamicDeviation(eqx.Module):
 
     def channel(self, index: int) -> "DynamicDeviation":
         """The same result for one channel of a record with several."""
-        if self.deviation.ndim == 2:
-            raise IndexError("this deviation is of a single channel; there is nothing to pick")
-        names = ("deviation", "lower", "upper", "edf", "count", "alpha")
-        return eqx.tree_at(lambda d: [getattr(d, n) for n in names], self, [getattr(self, n)[:, :, index] for n in names])
+        return channel_of(self, "deviation", index, axes=3)
 
 
 @host_float64
@@ -122,9 +120,7 @@ def dynamic(y, rate, *, window, step: Any = None, m: Any = "log", kind="oadev", 
         raise DataError(f"the windows of a dynamic {kind} have no differences in common; use {', '.join(_KINDS)}")
     if is_traced(y):
         raise DataError("dynamic takes a record at hand, not a traced one; use jaxcal.allan.deviation inside jit or grad")
-    if not 0.0 < confidence < 1.0:
-        raise DataError(f"confidence must lie between 0 and 1; got {confidence!r} (0.95 is 95 %)")
-    y = checked_record(y)
+    confidence, y = checked_confidence(confidence), checked_record(y)
     width = _in_samples("window", window, rate)
     stride = max(width // 2, 1) if step is None else _in_samples("step", step, rate)
     if width > len(y):
@@ -182,9 +178,7 @@ def _in_samples(name: str, seconds, rate: float) -> int:
 def _one_channel(column, name: str, starts, width: int, sizes, statistic: Kind):
     """Sums of squares, counts and noise types of one channel, (windows, clusters)."""
     samples, gone = len(column), np.isnan(column)
-    infinite = np.flatnonzero(np.isinf(column))
-    if len(infinite):
-        raise DataError(f"{name} has {len(infinite)} infinite values, the first at sample {infinite[0]}; replace them by NaN to mark a gap")
+    refuse_infinite(column, name)
     if gone.all():
         none = np.zeros((len(starts), len(sizes)), np.int64)
         return none.astype(np.float64), none, none
@@ -260,7 +254,7 @@ def _between(squares, begin, end):
     """Sums of squares[begin:end]."""
     rows = squares.reshape(-1, _ROW)
     inside = jnp.cumsum(rows, axis=1)
-    high, low = lax.associative_scan(_add, (inside[:, -1], jnp.zeros_like(inside[:, -1])))
+    high, low = lax.associative_scan(double_add, (inside[:, -1], jnp.zeros_like(inside[:, -1])))
 
     def prefix(k):
         row, place = k // _ROW, k % _ROW
@@ -270,15 +264,6 @@ def _between(squares, begin, end):
 
     first, last = prefix(begin), prefix(end)
     return (last[0] - first[0]) + ((last[1] - first[1]) + (last[2] - first[2]))
-
-
-def _add(x, y):
-    """Sum of two unevaluated sums of two numbers (Knuth, TAOCP 2, 4.2.2)."""
-    total = x[0] + y[0]
-    shadow = total - x[0]
-    rest = (x[0] - (total - shadow)) + (y[0] - shadow) + (x[1] + y[1])
-    high = total + rest
-    return high, rest - (high - total)
 
 
 def _noise_types(theta, missing, starts, width: int, sizes, statistic: Kind) -> np.ndarray:

@@ -14,9 +14,9 @@ import jax
 import numpy as np
 
 from .._errors import DataError
-from .._quality import checked_rate, checked_record
+from .._quality import checked_confidence, checked_rate, checked_record
 from ..allan import Accumulator, Deviation, deviation as _deviation
-from ..allan._deviation import begin, checked_confidence
+from ..allan._deviation import begin
 from ..allan._kernels._phase import IN_CACHE, padded_length
 from ..allan._kernels._route import MANY
 from ..allan._kinds import Kind, cluster_sizes, find_kind

@@ -22,8 +22,7 @@ def check_options(method: Any, sided: Any, average: Any, confidence: Any) -> Non
         raise DataError(f"sided must be 2 (half of the power at negative frequencies) or 1 (all of it at positive ones); got {sided!r}")
     if not (average is None or isinstance(average, str)) or average not in GROUPS:
         raise DataError(f'unknown average {average!r}; expected "octave", "log" or None')
-    if not 0.0 < confidence < 1.0:
-        raise DataError(f"confidence must lie between 0 and 1; got {confidence!r} (0.95 is 95 %)")
+    record.checked_confidence(confidence)
 
 
 def checked_record(y: Any, rate: float) -> Any:
@@ -63,10 +62,7 @@ def checked_segment(segment: Any, overlap: Any, method: str, samples: int) -> tu
 
 
 def _refuse_gaps(columns: np.ndarray, column: np.ndarray, name: str, rate: float) -> None:
-    infinite = np.flatnonzero(np.isinf(column))
-    if len(infinite):
-        where = f"{name} has {len(infinite)} infinite values, the first at sample {infinite[0]}"
-        raise DataError(f"{where}; mend them, or take a stretch without them")
+    record.refuse_infinite(column, name, "mend them, or take a stretch without them")
     gone = np.isnan(column)
     if gone.all():
         raise DataError(f"{name} holds nothing but NaN; leave it out")

@@ -2,7 +2,7 @@
 
 import equinox as eqx
 
-from .._results import Row, Unjudged, rows_of
+from .._results import Row, Unjudged, channel_of, rows_of
 from .._types import AnyArray
 
 
@@ -44,10 +44,4 @@ class Spectrum(Unjudged):
 
     def channel(self, index: int) -> "Spectrum":
         """The same result for one channel of a record with several."""
-        if self.density.ndim == 1:
-            raise IndexError("this spectrum is of a single channel; there is nothing to pick")
-        return Spectrum(
-            frequency=self.frequency, density=self.density[:, index], lower=self.lower[:, index], upper=self.upper[:, index],
-            count=self.count, edf=self.edf, method=self.method, sided=self.sided, average=self.average, rate=self.rate,
-            confidence=self.confidence, warnings=self.warnings,
-        )  # fmt: skip
+        return channel_of(self, "density", index)

@@ -7,7 +7,8 @@ import numpy as np
 
 from .._errors import DataError
 from .._precision import is_traced
-from .._quality import checked_rate
+from .._quality import checked_rate, checked_whole
+from .._results import replaced
 from .._types import AnyArray
 from ._checks import check_options, checked_segment
 from ._density import spectrum_of
@@ -69,10 +70,7 @@ class Segments(eqx.Module):
         self.rate = checked_rate(rate)
         length = segment if isinstance(segment, int | np.integer) else 0
         self.segment, self.step = checked_segment(segment, overlap, "welch", max(int(length), 4))
-        for name, value, least in (("channels", channels, 1), ("start", start, 0)):
-            if value is not None and (isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least):
-                raise DataError(f"{name} must be a whole number, at least {least}; got {value!r}")
-        self.channels, self.start = int(channels), None if start is None else int(start)
+        self.channels, self.start = checked_whole("channels", channels, 1), None if start is None else checked_whole("start", start, 0)
         self.samples = self.count = 0
         self._sums = np.zeros((self.channels, self.segment // 2))
         self._head = self._tail = np.zeros((0, self.channels))
@@ -102,7 +100,8 @@ class Segments(eqx.Module):
         begun = x[max(self._next - end, 0) :] if self._next > end else np.concatenate([self._tail, x])
         sums, count = self._transformed(begun, None)
         head = np.concatenate([self._head, x[: self.segment - 1 - len(self._head)]])
-        return self._with(self.start, self.samples + len(x), self.count + count, self._sums + sums, head, begun[count * self.step :].copy())
+        tail = begun[count * self.step :].copy()
+        return replaced(self, samples=self.samples + len(x), count=self.count + count, _sums=self._sums + sums, _head=head, _tail=tail)
 
     def merge(self, other: "Segments") -> "Segments":
         """For the record of this one followed, without a sample between, by that of another.
@@ -133,8 +132,8 @@ class Segments(eqx.Module):
         # a short second part may end before all of them
         tail = other._tail if count == across else bridge[count * self.step :].copy()
         head = np.concatenate([self._head, other._head[: self.segment - 1 - len(self._head)]])
-        total = self._sums + sums + other._sums
-        return self._with(self.start, self.samples + other.samples, self.count + count + other.count, total, head, tail)
+        count, total = self.count + count + other.count, self._sums + sums + other._sums
+        return replaced(self, samples=self.samples + other.samples, count=count, _sums=total, _head=head, _tail=tail)
 
     def result(self, *, sided: int = 2, average: Any = "octave", confidence: float = 0.95, keep_tail: bool = False) -> Spectrum:
         """The spectrum so far; the options are those of `density`.
@@ -174,11 +173,3 @@ class Segments(eqx.Module):
             stretch = x[first * self.step : (first + number - 1) * self.step + self.segment]
             total += number * welch(np.ascontiguousarray(stretch.T), 1.0 / self.rate, self.segment, self.step)
         return total, count
-
-    def _with(self, start: int | None, samples: int, count: int, sums: AnyArray, head: AnyArray, tail: AnyArray) -> "Segments":
-        new = object.__new__(Segments)
-        known = {"rate": self.rate, "segment": self.segment, "step": self.step, "channels": self.channels, "start": start}
-        known |= {"samples": samples, "count": count, "_sums": sums, "_head": head, "_tail": tail}
-        for name, value in known.items():
-            object.__setattr__(new, name, value)
-        return new

@@ -10,7 +10,7 @@ import pytest
 
 from jaxcal import DataError
 from jaxcal.allan import Accumulator, deviation
-from jaxcal.allan._streaming import _accumulator, _phase_stream as _stream
+from jaxcal.allan._streaming import _phase_stream
 from jaxcal.noise import Noise
 
 KINDS = ("adev", "oadev", "mdev", "tdev", "hdev", "ohdev")
@@ -20,8 +20,7 @@ M = [1, 2, 3, 5, 8, 13, 21, 34]
 @pytest.fixture
 def short_pieces(monkeypatch):
     """Pieces of 64 samples instead of a million, so that short records span many."""
-    for module in (_stream, _accumulator):
-        monkeypatch.setattr(module, "PIECE", 64)
+    monkeypatch.setattr(_phase_stream, "PIECE", 64)
 
 
 def record(length, seed, gaps, offset):
@@ -134,9 +133,8 @@ def test_strides_are_the_plain_definition_however_chunked_and_merged(short_piece
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_channels_threads_and_float32(monkeypatch, kind):
-    for module in (_stream, _accumulator):
-        monkeypatch.setattr(module, "PIECE", 1 << 16)
-    monkeypatch.setattr(_accumulator, "_PARALLEL_FROM", 1)
+    monkeypatch.setattr(_phase_stream, "PIECE", 1 << 16)
+    monkeypatch.setattr(_phase_stream, "PARALLEL_FROM", 1)
     y = (np.random.default_rng(1).standard_normal((300_000, 2)) + np.array([9.81, -2.0])).astype(np.float32)
     y[150_000:150_010, 1] = np.nan
     m = [1, 4, 50, 700, 5_000]

@@ -6,9 +6,9 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from ..._errors import DataError
+from ..._types import Float, Int
 from .._kinds import Kind
 from .._noise_type._identify import identify
-from ._mtie import ranges
 from ._phase import integrate
 from ._theo1 import theo1_sum
 from ._total import reflected_record, total_sum, window_sum
@@ -17,15 +17,8 @@ from ._total import reflected_record, total_sum, window_sum
 def measure_whole(columns, missing: list, sizes, statistic: Kind, rate: float, data: str, alpha):
     """Sums, counts and noise types, (clusters, channels), and a sentence for every channel of which a part was used.
 
-    Parameters
-    ----------
-    columns : (points, channels) samples of rate or of phase.
-    missing : for every channel where it is NaN, or None where it has no gap.
-    sizes : cluster sizes.
-    statistic : the statistic.
-    rate : sampling rate in Hz.
-    data : "rate" or "phase".
-    alpha : noise type, instead of the one identified.
+    `columns` are (points, channels) samples of rate or of phase; `missing` says for every channel where it is NaN, or is None without a
+    gap; `alpha` is the noise type, instead of the one identified.
     """
     order = np.argsort(sizes, kind="stable")
     ascending, channels = sizes[order], columns.shape[1]
@@ -105,9 +98,37 @@ def _extremes(column, gone, sizes, statistic: Kind, rate: float, data: str, iden
         filled = np.where(gone, np.mean(column[~gone]), column) if data == "rate" else np.where(gone, column[~gone][0], column)
         column = filled
     theta, _ = _phase_and_rate(column, rate, data, statistic)
-    greatest, count = ranges(theta, sizes, lost, 0 if data == "rate" else 1)
+    greatest, count = _ranges(theta, sizes, lost, 0 if data == "rate" else 1)
     noise = identify(theta, marks, sizes, statistic.plain, len(theta) - 1, data) if identified else np.zeros(len(sizes))
     return greatest**2 * count, count, noise, ""
+
+
+def _ranges(
+    theta: Float[np.ndarray, " points"], m: Int[np.ndarray, " clusters"], lost: Int[np.ndarray, " reach"] | None, less: int
+) -> tuple[Float[np.ndarray, " clusters"], Int[np.ndarray, " clusters"]]:
+    """Greatest range of m + 1 successive phase points, and the number of windows free of gaps, at ascending cluster sizes.
+
+    ITU-T G.810, 1996, section II.5; S. Bregni, IEEE Trans. Instrum. Meas. 45, 1996. The extremes of a window of any length are those of
+    two overlapping windows whose length is a power of two; the tables of these are doubled on the way through the cluster sizes.
+    `lost` is the running number of missing samples (None without gaps): where it counts phase points and not rate samples, a window
+    reaches further by `less`, 1.
+    """
+    low = high = theta
+    length = 1  # points that an entry of the tables spans
+    greatest, counts = np.zeros(len(m)), np.zeros(len(m), dtype=np.int64)
+    for i, size in enumerate(int(size) for size in m):
+        while 2 * length <= size + 1:
+            low, high = np.minimum(low[:-length], low[length:]), np.maximum(high[:-length], high[length:])
+            length *= 2
+        windows, back = len(theta) - size, size + 1 - length
+        spread = np.maximum(high[:windows], high[back : back + windows])
+        spread -= np.minimum(low[:windows], low[back : back + windows])
+        if lost is not None:
+            whole = lost[size + less : size + less + windows] == lost[:windows]
+            spread = spread[whole]
+        counts[i] = len(spread)
+        greatest[i] = spread.max(initial=0.0)
+    return greatest, counts
 
 
 def refuse_traced(statistic: Kind) -> None:

@@ -2,7 +2,7 @@
 
 A sum of squared differences over K starting points is a combination of sums of x_k x_{k+m}, x_k x_{k+2m}, ... . Over a window
 these are one correlation, less the products that fall off its two ends: sums over ranges that grow with m, which
-`half_range` finds for all m at once. A record of n samples then takes O(n log^2 n) for all n/2 cluster sizes, not O(n^2).
+`_half_range` finds for all m at once. A record of n samples then takes O(n log^2 n) for all n/2 cluster sizes, not O(n^2).
 
 The products are as large as x^2, the result may be far smaller. So x is cut into windows in proportion to m, and each loses
 the polynomial that the difference does not see: its line, or, for the running sum of phase, its parabola. What rounding can
@@ -14,9 +14,10 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
+import scipy.fft
 
+from ..._types import Any
 from .._kinds import Kind
-from ._half_range import at_lags, fast_length, half_range, products, size_above, size_below
 
 _STEP = 2  # doublings from the smallest to the largest cluster size of a range that shares its windows
 _RATIO = 4  # starting points of a window over the largest cluster size
@@ -29,10 +30,72 @@ LARGEST_ERROR = 1e-8
 _ROUNDING = {2: 400.0, 3: 1600.0}
 _ROUNDING_OF_REMOVAL = 100.0  # over its standard deviation
 
-# weights of the squared difference at lags 0, m, 2m, 3m, and of the products at the two ends as (weight, a, c) of `half_range`
+#: sizes of the triangles that are summed directly; with factors 2, 3 and 5 only, even
+_BASES = (32, 36, 40, 48, 54, 60, 64)
+# weights of the squared difference at lags 0, m, 2m, 3m, and of the products at the two ends as (weight, a, c) of `_half_range`
 _LAGS = {2: (-8.0, 2.0), 3: (-30.0, 12.0, -2.0)}
 _SQUARES = {2: (1.0, 4.0, 1.0), 3: (1.0, 9.0, 9.0, 1.0)}
 _ENDS = {2: ((4.0, 1, 1),), 3: ((18.0, 1, 1), (6.0, 2, 1), (-6.0, 1, 2))}
+
+
+def _size_below(limit: int) -> tuple[int, int]:
+    """Largest base * 2**doublings that is at most `limit` (32 or more), as that pair."""
+    doublings = (limit // _BASES[0]).bit_length() - 1
+    return max(b for b in _BASES if b << doublings <= limit), doublings
+
+
+def _size_above(limit: int) -> tuple[int, int]:
+    """Least base * 2**doublings that is at least `limit`, as that pair."""
+    doublings = max((limit // _BASES[-1]).bit_length() - 1, 0)
+    while _BASES[-1] << doublings < limit:
+        doublings += 1
+    return min(b for b in _BASES if b << doublings >= limit), doublings
+
+
+def _products(first, second, length: int) -> np.ndarray:
+    """Spectrum of the _products of two arrays at every lag, along the last axis, circular over `length`."""
+    spectrum = np.asarray(scipy.fft.rfft(first, length))
+    np.conj(spectrum, out=spectrum)
+    spectrum *= np.conj(spectrum) if second is first else np.asarray(scipy.fft.rfft(second, length))
+    return spectrum
+
+
+def _at_lags(spectrum, length: int) -> np.ndarray:
+    """The _products of such a spectrum, lag by lag; the spectrum is spoilt."""
+    return np.asarray(scipy.fft.irfft(spectrum, length, overwrite_x=True))
+
+
+def _fast_length(least: int) -> int:
+    """Length of `least` or a little more whose real FFT is quick."""
+    length: Any = scipy.fft.next_fast_len(least, real=True)
+    return int(length)
+
+
+def _half_range(z: np.ndarray, a: int, c: int, base: int, doublings: int) -> np.ndarray:
+    """G(m) = sum_{i < a m} z_i z_{i + c m} for m = 0 .. M-1, M = base * 2**doublings, (windows, M).
+
+    The pairs (m, i) fill a triangle: a rectangle of half its height, which is one correlation, and two triangles of half its
+    size. All rectangles of a size are one batch of FFTs; the triangles left at the end, of size `base`, are summed as they stand.
+    z is (windows, (a + c) M or more); c is 1, or 2 with a = 1.
+    """
+    windows, size = z.shape[0], base << doublings
+    out = np.zeros((windows, size))
+    near, far = (np.ascontiguousarray(z[:, : reach * size]) for reach in (a, a + c))
+    half = size // 2
+    while half >= base:
+        # block j: m = 2 half j + half + q, i from 2 a half j on; every c-th lag is kept, so every c-th point is a series of its own
+        split = (windows, size // (2 * half), -1, c)
+        first = near.reshape(split)[:, :, : a * half // c]
+        second = far.reshape(split)[:, :, half : half + (a + c) * half // c]
+        length = _fast_length((a + c) * half // c)
+        spectrum = sum(_products(first[..., phase], second[..., phase], length) for phase in range(c))
+        out.reshape(windows, split[1], 2 * half)[:, :, half:] += _at_lags(spectrum, length)[..., :half]
+        half //= 2
+    first, second = near.reshape(-1, a * base), far.reshape(-1, (a + c) * base)
+    rest = out.reshape(-1, base)
+    for q in range(1, base):
+        rest[:, q] += np.einsum("ij,ij->i", first[:, : a * q], second[:, c * q : (a + c) * q])
+    return out
 
 
 def _detrended(theta, starts, points: int, kind: Kind) -> tuple[np.ndarray, float]:
@@ -79,7 +142,7 @@ def _ends(z, order: int, base: int, doublings: int) -> np.ndarray:
         z = np.pad(z, ((0, 0), (0, reach - z.shape[1])))
     total = np.zeros((len(z), base << doublings))
     for weight, a, c in _ENDS[order]:
-        total += weight * half_range(z, a, c, base, doublings)
+        total += weight * _half_range(z, a, c, base, doublings)
     return total
 
 
@@ -87,8 +150,8 @@ def _window_sums(z, order: int, base: int, doublings: int, low: int) -> tuple[np
     """Sums over the first _RATIO M starting points of every window, for m = low .. M-1, and the sum of squares of the windows."""
     size = base << doublings
     starts, m = _RATIO * size, np.arange(low, size)
-    length = fast_length(z.shape[1])
-    lagged = at_lags(products(z[:, :starts], z, length), length).sum(axis=0)
+    length = _fast_length(z.shape[1])
+    lagged = _at_lags(_products(z[:, :starts], z, length), length).sum(axis=0)
     total = (_ends(z, order, base, doublings) - _ends(z[:, starts:], order, base, doublings))[:, low:].sum(axis=0)
     squares = _running_sum(z * z)
     inside = (squares[:, starts:] - squares[:, : z.shape[1] + 1 - starts]).sum(axis=0)
@@ -104,9 +167,9 @@ def _record_sums(z, rounded: float, order: int, largest: int, low: int) -> list[
     points, m = z.shape[1], np.arange(low, largest + 1)
 
     def middle():
-        length = fast_length(points + order * largest)
+        length = _fast_length(points + order * largest)
         row = z[0]
-        lagged = at_lags(products(row, row, length), length)
+        lagged = _at_lags(_products(row, row, length), length)
         squares = _running_sum(z * z)[0]
         total = np.zeros(len(m))
         for lag, weight in enumerate(_SQUARES[order]):
@@ -116,7 +179,7 @@ def _record_sums(z, rounded: float, order: int, largest: int, low: int) -> list[
         return total, float(squares[-1]), rounded
 
     def end(z):
-        return _ends(z, order, *size_above(largest + 1))[0, low : largest + 1], 0.0, 0.0
+        return _ends(z, order, *_size_above(largest + 1))[0, low : largest + 1], 0.0, 0.0
 
     return [middle, lambda: end(z), lambda: end(z[:, ::-1])]
 
@@ -125,25 +188,18 @@ def correlation_sums(theta, m, kind: Kind, workers: int = 1) -> tuple[np.ndarray
     """Sums of squared differences at ascending cluster sizes m, (clusters,), and bounds on their relative errors.
 
     The bound is infinite where the sum is not formed here: the smallest cluster sizes, and those with few differences.
-
-    Parameters
-    ----------
-    theta : (points,) phase, without gaps.
-    m : ascending cluster sizes.
-    kind : an overlapped statistic.
-    workers : threads.
     """
     order, points = kind.difference, len(theta) + (1 if kind.modified else 0)
     largest = int(m[-1])
     edges = [_FEWEST]
     widest = points // (2 * (_RATIO + order))  # from here on a window would be more than half the record
     if widest >= _FEWEST:
-        base, doublings = size_below(widest)
+        base, doublings = _size_below(widest)
         edges = [base << k for k in range(doublings % _STEP, doublings + 1, _STEP)]
 
     def window(low, size, starts):
         z, rounded = _detrended(theta, starts, (_RATIO + order) * size, kind)
-        return *_window_sums(z, order, *size_below(size), low), rounded
+        return *_window_sums(z, order, *_size_below(size), low), rounded
 
     def tail(low, size, start):
         calls = _record_sums(*_detrended(theta[start:], [0], points - start, kind), order, size - 1, low)

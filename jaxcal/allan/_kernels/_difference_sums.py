@@ -56,70 +56,11 @@ def block_sums(
 
     Every cluster size visits a block of starting points before the next block is loaded. `m` is ascending, `count` (number of
     differences of the whole record) descending: the cluster sizes for which a block is full come first, then those for
-    which it is cut by the end of the record. Both are data: nothing here depends on the length of the record.
-
-    Parameters
-    ----------
-    parts : arrays whose sum is differenced (phase, or high and low part of its running sum).
-    missing : for rule "span" the number of missing samples before each point, for "points" 1 where a point is missing.
-    m, count : cluster sizes and number of differences.
-    first, last : range of blocks.
-    less : for rule "span": by how many samples the reach is shorter than order * m.
-    order : order of the difference.
-    strided : starting points 0, m, 2m, ... instead of all.
-    rule : "none", "span" or "points".
+    which it is cut by the end of the record. Both are data: nothing here depends on the length of the record. The differences are
+    those of the sum of `parts` (phase, or high and low part of its running sum), from all starting points or, `strided`, from
+    0, m, 2m, ... For rule "span" `missing` is the number of missing samples before each point, and the reach is by `less` shorter than
+    order * m; for "points" it is 1 where a point is missing.
     """
-    return _sums_of_blocks(parts, missing, m, count, first, last, less, order, strided, rule)
-
-
-@functools.partial(jax.jit, static_argnames=("order", "strided"), compiler_options=_WIDE)
-def cached_sums(
-    parts: Parts,
-    m: Int[Array, " rows"],
-    count: Int[Array, " rows"],
-    clusters: Int[Array, ""],
-    *,
-    order: int,
-    strided: bool,
-) -> Float[Array, " rows"]:
-    """`block_sums` of a record without gaps that stays in the cache as a whole, at the first `clusters` of the cluster sizes.
-
-    The record is read once for each cluster size. One row of sums then takes the place of one row for every cluster size, which
-    would not stay in the cache. The number of cluster sizes is data too: rows beyond it cost nothing.
-    """
-
-    def cluster(row, sums):
-        size, number = m[row], count[row]
-
-        def differences(start):
-            def take(array, shift):
-                if strided:
-                    return array[(start + jnp.arange(_LANE) + shift) * size]
-                return lax.dynamic_slice(array, (start + shift * size,), (_LANE,))
-
-            return _difference(parts, take, order)
-
-        def summed(start, lanes):
-            pieces = [differences(start + q * _LANE) for q in range(lanes)]
-            return functools.reduce(operator.add, [d * d for d in pieces])
-
-        blocks, last = number // BLOCK, number // _LANE * _LANE
-
-        def rest(lanes):
-            """What is left beyond the whole blocks: so many lanes, and the one in which the record ends."""
-            d = jnp.where(last + jnp.arange(_LANE) < number, differences(last), 0.0)
-            return d * d + summed(blocks * BLOCK, lanes) if lanes else d * d
-
-        total = lax.switch((last - blocks * BLOCK) // _LANE, [functools.partial(rest, lanes) for lanes in range(BLOCK // _LANE)])
-        total = lax.fori_loop(0, blocks, lambda block, total: total + summed(block * BLOCK, BLOCK // _LANE), total)
-        while len(total) > _ENDS:  # a plain sum waits for every addition
-            total = total[: len(total) // 2] + total[len(total) // 2 :]
-        return sums.at[row].set(jnp.sum(total))
-
-    return lax.fori_loop(0, clusters, cluster, jnp.zeros(m.shape, parts[0].dtype))
-
-
-def _sums_of_blocks(parts: Parts, missing, m, count, first, last, less, order: int, strided: bool, rule: str):
     clusters = m.shape[0]
 
     def lane(start, j, limit):
@@ -178,6 +119,53 @@ def _sums_of_blocks(parts: Parts, missing, m, count, first, last, less, order: i
     if rule == "none":
         valid = jnp.clip(count - first * BLOCK, 0, (last - first) * BLOCK).astype(count.dtype)
     return jnp.sum(squares, axis=1), valid
+
+
+@functools.partial(jax.jit, static_argnames=("order", "strided"), compiler_options=_WIDE)
+def cached_sums(
+    parts: Parts,
+    m: Int[Array, " rows"],
+    count: Int[Array, " rows"],
+    clusters: Int[Array, ""],
+    *,
+    order: int,
+    strided: bool,
+) -> Float[Array, " rows"]:
+    """`block_sums` of a record without gaps that stays in the cache as a whole, at the first `clusters` of the cluster sizes.
+
+    The record is read once for each cluster size. One row of sums then takes the place of one row for every cluster size, which
+    would not stay in the cache. The number of cluster sizes is data too: rows beyond it cost nothing.
+    """
+
+    def cluster(row, sums):
+        size, number = m[row], count[row]
+
+        def differences(start):
+            def take(array, shift):
+                if strided:
+                    return array[(start + jnp.arange(_LANE) + shift) * size]
+                return lax.dynamic_slice(array, (start + shift * size,), (_LANE,))
+
+            return _difference(parts, take, order)
+
+        def summed(start, lanes):
+            pieces = [differences(start + q * _LANE) for q in range(lanes)]
+            return functools.reduce(operator.add, [d * d for d in pieces])
+
+        blocks, last = number // BLOCK, number // _LANE * _LANE
+
+        def rest(lanes):
+            """What is left beyond the whole blocks: so many lanes, and the one in which the record ends."""
+            d = jnp.where(last + jnp.arange(_LANE) < number, differences(last), 0.0)
+            return d * d + summed(blocks * BLOCK, lanes) if lanes else d * d
+
+        total = lax.switch((last - blocks * BLOCK) // _LANE, [functools.partial(rest, lanes) for lanes in range(BLOCK // _LANE)])
+        total = lax.fori_loop(0, blocks, lambda block, total: total + summed(block * BLOCK, BLOCK // _LANE), total)
+        while len(total) > _ENDS:  # a plain sum waits for every addition
+            total = total[: len(total) // 2] + total[len(total) // 2 :]
+        return sums.at[row].set(jnp.sum(total))
+
+    return lax.fori_loop(0, clusters, cluster, jnp.zeros(m.shape, parts[0].dtype))
 
 
 @functools.partial(jax.jit, static_argnames=("less", "order", "strided", "rule"))

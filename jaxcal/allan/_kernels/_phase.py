@@ -100,7 +100,8 @@ def _two_product(a, b):
     return product, ((a_hi * b_hi - product) + a_hi * b_lo + a_lo * b_hi) + a_lo * b_lo
 
 
-def _double_add(x, y):
+def double_add(x, y):
+    """Sum of two unevaluated sums of two numbers."""
     hi, lo = _two_sum(x[0], y[0])
     return _two_sum(hi, lo + x[1] + y[1])
 
@@ -118,13 +119,13 @@ def running_sum_of_phase(theta: Float[Array, " padded"]) -> tuple[Float[Array, "
     local = rows - first
     inside = jnp.cumsum(local, axis=1)
     width = jnp.asarray(float(_ROW), theta.dtype)
-    total = _double_add(_two_product(jnp.broadcast_to(width, first[:, 0].shape), first[:, 0]), (inside[:, -1], jnp.zeros_like(first[:, 0])))
-    sums = lax.associative_scan(_double_add, total)
+    total = double_add(_two_product(jnp.broadcast_to(width, first[:, 0].shape), first[:, 0]), (inside[:, -1], jnp.zeros_like(first[:, 0])))
+    sums = lax.associative_scan(double_add, total)
     start = tuple(jnp.concatenate([jnp.zeros(1, theta.dtype), part[:-1]])[:, None] for part in sums)
     index = jnp.broadcast_to(jnp.arange(_ROW).astype(theta.dtype)[None, :], rows.shape)
     line = _two_product(index, jnp.broadcast_to(first, rows.shape))
     before = jnp.concatenate([jnp.zeros_like(first), inside[:, :-1]], axis=1)
-    hi, lo = _double_add(start, _double_add(line, (before, jnp.zeros_like(before))))
+    hi, lo = double_add(start, double_add(line, (before, jnp.zeros_like(before))))
     return hi.reshape(-1), lo.reshape(-1)
 
 

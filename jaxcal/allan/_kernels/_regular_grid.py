@@ -8,14 +8,8 @@ from ..._errors import DataError
 def on_grid(y, time, rate: float) -> tuple[np.ndarray, tuple[str, ...]]:
     """The record in steps of 1/rate: each step the mean of the samples nearest to it, NaN where there are none.
 
-    Nothing is interpolated: an empty step is a gap, whose differences are left out. For a regular recording whose stamps jitter
-    `jaxcal.Log` is better: it counts samples.
-
-    Parameters
-    ----------
-    y : (n,) or (n, channels) samples.
-    time : (n,) stamps in s, ascending.
-    rate : Hz.
+    Nothing is interpolated: an empty step is a gap, whose differences are left out. `time` holds (n,) ascending stamps in s. For a
+    regular recording whose stamps jitter `jaxcal.Log` is better: it counts samples.
     """
     y, time = np.asarray(y, dtype=np.float64), np.asarray(time)
     if time.dtype.kind not in "fiu" or time.shape != y.shape[:1]:

@@ -54,14 +54,7 @@ def refuse_robust(kind: Kind, robust: bool) -> None:
 def robust_squares(theta, missing, m: Int[np.ndarray, " clusters"], kind: Kind, samples: int, data: str) -> tuple:
     """Robust mean square of the differences at each cluster size, and how many differences are free of gaps.
 
-    Parameters
-    ----------
-    theta : (points,) phase in samples.
-    missing : (points,) running number of missing samples ("rate"), or 1 at missing points ("phase"); None without gaps.
-    m : cluster sizes.
-    kind : adev, oadev, hdev or ohdev.
-    samples : number of rate samples.
-    data : "rate" or "phase".
+    `missing` is the running number of missing samples (data "rate"), or 1 at missing points ("phase"); None without gaps.
     """
     squares, counts = np.zeros(len(m)), np.zeros(len(m), dtype=np.int64)
     for i, (size, number) in enumerate(zip(m.tolist(), kind.count(samples, m).tolist(), strict=True)):

@@ -30,13 +30,8 @@ def record_sums(prepared, sizes, number, kind: Kind, workers: int, run: Callable
        The smallest cluster sizes, those with few differences, and those whose relative error could exceed 1e-8 take the block kernel.
     4. Otherwise the block kernel; refused from 5e11 differences on.
 
-    Parameters
-    ----------
-    prepared : parts, phase, marks, missing, rule and reach of one channel, as `_prepare` gives them.
-    sizes, number : ascending cluster sizes, and the differences each has without gaps.
-    kind : the statistic.
-    workers : threads.
-    run : maps a function over stretches of the record, in threads if it is a pool's.
+    `prepared` is what `_prepare` gives for one channel, `number` the differences that each cluster size has without gaps; `run` maps a
+    function over stretches of the record, in threads if it is a pool's.
     """
     parts, theta, marks, missing, rule, less = prepared
 
@@ -60,13 +55,7 @@ def record_sums(prepared, sizes, number, kind: Kind, workers: int, run: Callable
 def sums_in_cache(theta, sizes, number, kind: Kind):
     """The same of a record without gaps that stays in the cache, at no more than 512 cluster sizes: an array still being computed.
 
-    One program serves every length and every number of cluster sizes, since both are data.
-
-    Parameters
-    ----------
-    theta : (padded,) phase.
-    sizes, number : ascending cluster sizes, and the differences each has.
-    kind : the statistic.
+    One program serves every length and every number of cluster sizes, since both are data. theta is the padded phase.
     """
     with jax.enable_x64(True):  # thread-local
         # a compiled function reads an aligned array where it lies, and `device_put` would take longer than the call

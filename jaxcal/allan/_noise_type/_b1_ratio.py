@@ -22,10 +22,7 @@ _POINTS = 1000  # points that R(n) is taken from
 
 
 def fewest_averages(kind: Kind) -> int:
-    """Averages below which the ratios decide nothing: overlapped statistics go two octaves nearer to the end of the record.
-
-    Read off the tables that Stable32 prints for PHASE.DAT, where the type is carried on from T/tau of 8 and of 10.
-    """
+    """Averages below which the ratios decide nothing: T/tau from which Stable32 carries on the type in its tables of PHASE.DAT."""
     return 8 if kind.overlapped else 10
 
 
@@ -56,8 +53,7 @@ def _phase_boundary(m: np.ndarray) -> np.ndarray:
 def thinned_sums(theta, missing, data: str, xp: ModuleType):
     """Phase at every s-th point, its sum up to there, the number of missing points up to there (or None), and s.
 
-    With about a thousand points left, R(n) of the cluster sizes that have few averages is the same to a per cent or two, where
-    white and flicker phase noise lie factors apart; one pass over the record serves them all.
+    About a thousand points leave R(n) the same to 1 or 2 %; white and flicker phase noise lie factors apart.
     """
     step = max((theta.shape[0] - 1) // _POINTS, 1)
     blocks = theta.shape[0] // step
@@ -103,18 +99,10 @@ def carried_on(low, high, carried, xp: ModuleType):
 def bounds_of_ratios(averages, weight, series: Segments, m, kind: Kind, samples: Any, thinned: Callable[[], Any] | None, xp: ModuleType):
     """Noise types from B1 and, where that cannot tell, R(n), as bounds on the type of the next smaller cluster size.
 
-    They are equal where the type is found, and infinite where it cannot be.
-
-    Parameters
-    ----------
-    averages : the averages of the rate over m samples, of one cluster size after another.
-    weight : 1 where they are free of gaps, 0 elsewhere; None where all are.
-    series : which averages belong to which cluster size.
-    m : (clusters,) cluster sizes.
-    kind, samples : statistic, number of rate samples (one, or for each cluster size that of its record).
-    thinned : gives what `thinned_sums` returns for the record; called only where it is needed. None: not known; phase noise is
-        then taken as flicker phase noise, unless the type before is white phase noise.
-    xp : numpy, or jax.numpy where the averages are traced.
+    They are equal where the type is found, and infinite where it cannot be. `averages` of the rate follow one another as `series` says;
+    `weight` is 1 where they are free of gaps, 0 elsewhere, None where all are. `thinned` gives what `thinned_sums` returns for the
+    record, and is called only where it is needed; None: phase noise is taken as flicker phase noise, unless the type before is white
+    phase noise.
     """
     points, one_less = series.points.astype(averages.dtype), series.shorter
     terms = (samples - 2 * m + 1 if kind.overlapped else series.points - 1).astype(averages.dtype)
@@ -152,12 +140,7 @@ def bounds_of_ratios(averages, weight, series: Segments, m, kind: Kind, samples:
     return xp.where(some, low, -np.inf).astype(dtype), xp.where(some, high, np.inf).astype(dtype)
 
 
-def noise_type_of_ratios(averages, valid, thinned: Callable[[], Any] | None, m: int, kind: Kind, samples: int, carried, xp: ModuleType):
-    """Noise type at one cluster size from B1 and R(n); `carried`, that of the next smaller one, where neither can be formed.
-
-    `averages` and `valid` (or None) are (points,); the rest as for `bounds_of_ratios`.
-    """
-    weight = None if valid is None else valid.astype(averages.dtype)
-    series = Segments(np.array([averages.shape[0]]), xp)
-    low, high = bounds_of_ratios(averages, weight, series, np.array([m]), kind, samples, thinned, xp)
-    return carried_on(low, high, carried, xp)[0]
+def noise_type_of_ratio(averages, weight, m: int, kind: Kind, samples: int, carried: float) -> float:
+    """Noise type at one cluster size from B1; `carried`, that of the next smaller one, where it cannot be formed."""
+    series = Segments(np.array([len(averages)]), np)
+    return carried_on(*bounds_of_ratios(averages, weight, series, np.array([m]), kind, samples, None, np), carried, np)[0]

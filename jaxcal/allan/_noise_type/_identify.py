@@ -10,11 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..._types import Int
 from .._kinds import Kind
 from ._b1_ratio import bounds_of_ratios, carried_on, fewest_averages, thinned_sums
-from ._lag_one import lag_one, moments_of
-from ._segments import Segments, followed, steps
+from ._segments import Segments, followed, lag_one, moments_of, steps
 
 FEWEST = 30  # averaged points that the lag-1 autocorrelation needs; with fewer, the ratios decide
 _STATIONARY = 0.25
@@ -97,120 +95,90 @@ def _alpha_of(z, weight, series: Segments, degree: int, highest: int, xp: Module
 class _Plan(NamedTuple):
     """Where the phase points of each cluster size lie, in the record and in the array that holds them end to end."""
 
-    points: Int[np.ndarray, " clusters"]
     spans: list[slice]
     series: Segments
     decided: int  # cluster sizes with points enough for an autocorrelation; the ratios take those beyond
+    long: Segments
     few: Segments
 
 
 @functools.lru_cache(maxsize=256)
-def _planned(held: bytes, samples: int, kind: Kind) -> _Plan:
-    """The plan at ascending cluster sizes: many records of one length make it once."""
+def _planned(held: bytes, samples: int, kind: Kind, data: str, xp: ModuleType) -> _Plan:
+    """The plan at ascending cluster sizes, of points in the middle of the record: many records of one length make it once."""
     sizes = np.frombuffer(held, np.int64)
-    points = samples // sizes + 1
-    told = np.count_nonzero(points > fewest_averages(kind))
-    points = np.minimum(points[:told], _MOST)
-    decided = np.count_nonzero(points > FEWEST)
-    spans = _spans(samples + 1, sizes[:told], points)
-    return _Plan(points, spans, Segments(points, np), int(decided), Segments(points[decided:], np).shorter)
-
-
-def _types_of_rate(theta, sizes, kind: Kind) -> np.ndarray:
-    """`identify` for a rate record without gaps at ascending cluster sizes.
-
-    The autocorrelations follow from moments of the averages. The averages less their line are formed only where the moments
-    do not suffice.
-    """
-    points, spans, series, decided, short = _planned(sizes.tobytes(), len(theta) - 1, kind)
-    types = np.zeros(len(sizes))  # nothing is known of a record that is too short
-    if not spans:
-        return types
-    z, moments = moments_of([theta[span] for span in spans], series)
-    r1, lost = lag_one(moments[:, :decided], points[:decided] - 1)
-    rho = _order(r1, np)
-    known, further = _type(rho, np), lost | (rho >= _STATIONARY)
-    if further.any():
-        chosen = np.flatnonzero(further)
-        averages = np.concatenate([z[series.starts[i] : series.stops[i]] for i in chosen.tolist()])
-        known[chosen] = _alpha_of(averages, None, Segments(points[chosen], np).shorter, 1, kind.order, np)
-    low = high = np.minimum(np.maximum(known, -2 if kind.order == 2 else -4), 2)
-    told = len(spans)
-    if decided < told:
-        thinned, few = functools.partial(thinned_sums, theta, None, "rate", np), sizes[decided:told]
-        bounds = bounds_of_ratios(z[series.starts[decided] :], None, short, few, kind, len(theta) - 1, thinned, np)
-        low, high = (np.concatenate([low, bound]) for bound in bounds)
-    types[:told] = carried_on(low, high, 0.0, np)
-    types[told:] = types[told - 1]
-    return types
-
-
-def _spans(length: int, sizes, points) -> list[slice]:
-    """For each cluster size `points` phase points that far apart, in the middle of the record."""
-    first = ((length - 1) // sizes + 1 - points) // 2 * sizes
-    return [slice(*span) for span in zip(first.tolist(), (first + (points - 1) * sizes + 1).tolist(), sizes.tolist(), strict=True)]
+    every = samples // sizes + 1
+    told = np.count_nonzero(every > fewest_averages(kind))
+    decided = int(np.count_nonzero(every - (1 if data == "rate" else 0) >= FEWEST))
+    points = np.concatenate([np.minimum(every[:decided], _MOST), every[decided:told]])
+    first = (every[:told] - points) // 2 * sizes[:told]
+    ends = first + (points - 1) * sizes[:told] + 1
+    spans = [slice(*span) for span in zip(first.tolist(), ends.tolist(), sizes.tolist(), strict=False)]
+    return _Plan(spans, Segments(points, xp), decided, Segments(points[:decided], xp), Segments(points[decided:], xp))
 
 
 def identify(theta, missing, m: np.ndarray, kind: Kind, samples: int, data: str, xp: ModuleType = np):
-    """Noise types at the cluster sizes m, (clusters,).
-
-    The series of all cluster sizes stand in one array, end to end.
+    """Noise types at the cluster sizes m, (clusters,); the series of all cluster sizes stand in one array, end to end.
 
     Parameters
     ----------
     theta : (points,) phase in samples.
     missing : (points,) running number of missing samples ("rate"), or 1 at missing points ("phase"); None without gaps.
-    m : cluster sizes.
     kind : the statistic; it sets how often the series may be differenced and the range of alpha.
-    samples : number of rate samples.
-    data : "rate" or "phase", what was recorded.
     xp : numpy, or jax.numpy where theta is traced.
     """
     order = np.argsort(m, kind="stable")
-    sizes = m[order]
+    sizes, back = m[order], np.argsort(order, kind="stable")
+    spans, series, decided, long, few = _planned(sizes.tobytes(), samples, kind, data, xp)
+    told, beyond = len(spans), long.lengths.sum()
+    if not told:  # nothing is known of a record that is too short
+        return xp.zeros(len(m), dtype=theta.dtype)
+    taken, weight, enough = [theta[span] for span in spans], None, None
     if missing is None and data == "rate" and xp is np:
-        return _types_of_rate(theta, sizes, kind)[np.argsort(order, kind="stable")]
-    points = samples // sizes + 1
-    decided = int(np.count_nonzero(points - (1 if data == "rate" else 0) >= FEWEST))
-    told = int(np.count_nonzero(points > fewest_averages(kind)))
-    # a type is that of the next smaller cluster size, held between two bounds: equal where it is identified, infinite where nothing is
-    beyond = xp.full(len(sizes) - told, np.inf, dtype=theta.dtype)
-    bounds = [(-beyond, beyond)]
-    if told > decided:
-        z, weight, series = _series(theta, missing, sizes[decided:told], points[decided:told], data, xp)
-        if data == "phase":
-            z, series = steps(z, xp), series.shorter
-            weight = None if weight is None else followed(weight, xp)
-        z = z / np.repeat(sizes[decided:told], series.lengths).astype(z.dtype)
-        thinned = functools.partial(thinned_sums, theta, missing, data, xp)
-        bounds.insert(0, bounds_of_ratios(z, weight, series, sizes[decided:told], kind, samples, thinned, xp))
-    if decided:
-        z, weight, series = _series(theta, missing, sizes[:decided], np.minimum(points[:decided], _MOST), data, xp)
-        enough = None
-        if weight is not None:
-            enough = series.sums(weight) >= FEWEST
+        averages, alpha = _from_moments(taken, series, long, kind)
+    else:
+        phase = xp.concatenate(taken)
+        z = averages = steps(phase, xp)
+        if missing is not None:
+            lost = xp.concatenate([missing[span] for span in spans])
+            there = ((steps(lost, xp) if data == "rate" else lost) == 0).astype(z.dtype)
+            weight = (there if data == "rate" else followed(there, xp))[beyond:]
+        long, z = (long.shorter, z) if data == "rate" else (long, phase)
+        z, held = z[:beyond], None
+        if missing is not None and decided:
+            enough = long.sums(there[:beyond]) >= FEWEST
             # ones keep the algebra finite where there are too few; not used then
-            weight = xp.maximum(weight, 1.0 - series.spread(enough.astype(z.dtype)))
-            z = z * weight
-        alpha = xp.clip(_alpha_of(z, weight, series, 1 if data == "rate" else 2, kind.order, xp), -2 if kind.order == 2 else -4, 2)
-        low, high = (alpha, alpha) if enough is None else (xp.where(enough, alpha, -np.inf), xp.where(enough, alpha, np.inf))
-        bounds.insert(0, (low, high))
-    low, high = (xp.concatenate(values) for values in zip(*bounds, strict=True))
-    return carried_on(low, high, 0.0, xp)[np.argsort(order, kind="stable")]
+            held = xp.maximum(there[:beyond], 1.0 - long.spread(enough.astype(z.dtype)))
+            z = z * held
+        alpha = _alpha_of(z, held, long, 1 if data == "rate" else 2, kind.order, xp) if decided else z
+    low = high = xp.clip(alpha, -2 if kind.order == 2 else -4, 2)
+    # a type is that of the next smaller cluster size, held between two bounds: equal where it is identified, infinite where nothing is
+    if enough is not None:
+        low, high = xp.where(enough, low, -np.inf), xp.where(enough, high, np.inf)
+    if decided < told:
+        thinned = functools.partial(thinned_sums, theta, missing, data, xp)
+        bounds = bounds_of_ratios(averages[beyond:], weight, few.shorter, sizes[decided:told], kind, samples, thinned, xp)
+        low, high = (xp.concatenate(pair) for pair in zip((low, high), bounds, strict=True))
+    found = carried_on(low, high, 0.0, xp)
+    return found[np.minimum(back, told - 1)]
+
+
+def _from_moments(taken: list[np.ndarray], series: Segments, long: Segments, kind: Kind) -> tuple[np.ndarray, np.ndarray]:
+    """The averages, and the types of the long series from moments; the averages less their line are formed only where it must be."""
+    averages, moments = moments_of(taken, series)
+    r1, lost = lag_one(moments[:, : len(long.lengths)], long.lengths - 1)
+    rho = _order(r1, np)
+    alpha, further = _type(rho, np), np.flatnonzero(lost | (rho >= _STATIONARY))
+    if len(further):
+        chosen = np.concatenate([averages[series.starts[i] : series.stops[i]] for i in further.tolist()])
+        alpha[further] = _alpha_of(chosen, None, Segments(long.lengths[further], np).shorter, 1, kind.order, np)
+    return averages, alpha
 
 
 def noise_types(theta, marks, sizes, kind: Kind, samples: int, data: str) -> np.ndarray:
     """Noise types at ascending cluster sizes, (clusters,), as `identify` finds them.
 
     Of more than 512 cluster sizes 512, spaced evenly in their logarithm, are identified; each of the others has the type of the
-    next smaller one identified.
-
-    Parameters
-    ----------
-    theta : (points,) phase in samples.
-    marks : what `identify` takes as missing.
-    sizes : ascending cluster sizes.
-    kind, samples, data : as for `identify`.
+    next smaller one identified. The arguments are those of `identify`.
     """
     if len(sizes) <= _MOST_SIZES:
         return identify(theta, marks, sizes, kind, samples, data)
@@ -233,20 +201,3 @@ def types_for_intervals(alpha, m: np.ndarray, samples, data: str, xp: ModuleType
     last = alpha[np.argmax(decided * m[:, None], axis=0), np.arange(alpha.shape[1])]
     last = xp.where(decided.any(axis=0), last, 2.0).astype(alpha.dtype)
     return xp.where(decided, alpha, xp.minimum(alpha, last[None, :]))
-
-
-def _series(theta, missing, sizes, points, data: str, xp: ModuleType):
-    """For each cluster size `points` phase points that far apart, from the middle of the record ("rate": their differences).
-
-    The series, 1 where they are valid and 0 elsewhere (None: everywhere), and where they lie in the array.
-    """
-    spans = _spans(theta.shape[0], sizes, points)
-
-    def taken(array):
-        return xp.concatenate([array[span] for span in spans])
-
-    z, series = taken(theta), Segments(points, xp)
-    lost = None if missing is None else taken(missing)
-    if data == "phase":
-        return z, None if lost is None else (lost == 0).astype(z.dtype), series
-    return steps(z, xp), None if lost is None else (steps(lost, xp) == 0).astype(z.dtype), series.shorter

@@ -1,6 +1,7 @@
 """`Accumulator`: the deviation of a record that comes chunk by chunk, or that does not fit into memory."""
 
 import itertools
+import mmap
 import os
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -12,19 +13,19 @@ import numpy as np
 
 from ..._errors import DataError
 from ..._precision import is_traced
-from ..._quality import checked_rate
+from ..._quality import checked_confidence, checked_rate, checked_whole
+from ..._results import replaced
 from .._kinds import Kind, find_kind, whole_sizes
-from .._noise_type._b1_ratio import fewest_averages, noise_type_of_ratios
+from .._noise_type._b1_ratio import fewest_averages, noise_type_of_ratio
 from .._noise_type._identify import FEWEST, identify, types_for_intervals
-from .._result import Deviation
+from .._result import Deviation, assembled
 from .._uncertainty._edf import degrees_of_freedom, interval_factors
-from ._join import side_by_side
-from ._phase_stream import PIECE, Plan, Stretch, lengthened, let_go, make_plan, new_stretch, pieces_of
+from . import _phase_stream
+from ._phase_stream import Plan, Stretch, lengthened, make_plan, new_stretch, side_by_side
 
 _KINDS = ("adev", "oadev", "mdev", "tdev", "hdev", "ohdev")
 _FOLLOWED = 10**10  # largest cluster size of a named grid
 _SMALLER = 1 << 17  # samples taken in at a time where no cluster size has every starting point
-_PARALLEL_FROM = 4_000_000  # differences; below, a second thread costs more than it brings
 
 
 class Accumulator(eqx.Module):
@@ -108,12 +109,10 @@ class Accumulator(eqx.Module):
         if kind not in _KINDS:
             raise DataError(f"unknown kind {kind!r} for a stream; expected one of {', '.join(_KINDS)}")
         statistic = find_kind(kind)
-        self.rate, self.channels = checked_rate(rate), _whole("channels", channels, 1)
-        self.exact, place = _whole("exact", exact, 1), None if start is None else _whole("start", start, 0)
-        if not 0.0 < confidence < 1.0:
-            raise DataError(f"confidence must lie between 0 and 1; got {confidence!r} (0.95 is 95 %)")
+        self.rate, self.channels = checked_rate(rate), checked_whole("channels", channels, 1)
+        self.exact, place = checked_whole("exact", exact, 1), None if start is None else checked_whole("start", start, 0)
         sizes = _sizes(m, statistic, self.exact)
-        self.m, self.kind, self.confidence, self.alpha = tuple(sizes.tolist()), kind, float(confidence), alpha
+        self.m, self.kind, self.confidence, self.alpha = tuple(sizes.tolist()), kind, float(checked_confidence(confidence)), alpha
         self._named, self._waiting, self._dropped = isinstance(m, str), (), ()
         self._plan = make_plan(np.unique(sizes), statistic, self.exact)
         self._taken = new_stretch(self._plan, self.channels, place)
@@ -151,16 +150,19 @@ class Accumulator(eqx.Module):
         """
         given, chunk = chunk, self._checked(chunk)
         length = len(chunk) + sum(len(piece) for piece in self._waiting)
-        if length < PIECE:
+        if length < _phase_stream.PIECE:
             waiting, last = list(self._waiting), np.array(chunk, dtype=np.float64)
             if np.isinf(last).any():
                 raise DataError("the chunk has infinite values; replace them by NaN to mark a gap")
             # pieces at least halve in length from one to the next: short chunks are not copied each time
             while waiting and len(waiting[-1]) <= len(last):
                 last = np.concatenate([waiting.pop(), last])
-            return self._with(self._taken, (*waiting, last))
-        pieces, rest = pieces_of(self._waiting, chunk, length)
-        return self._with(self._advanced(pieces, given), (rest,) if len(rest) else ())
+            return replaced(self, _waiting=(*waiting, last))
+        piece = _phase_stream.PIECE
+        edges = np.arange(piece - length + len(chunk), len(chunk) + 1, piece).tolist()
+        first, rest = np.concatenate([*self._waiting, chunk[: edges[0]]]), np.array(chunk[edges[-1] :], dtype=np.float64)
+        pieces = itertools.chain([first], (chunk[a:b] for a, b in itertools.pairwise(edges)))
+        return replaced(self, _taken=self._advanced(pieces, given), _waiting=(rest,) if len(rest) else ())
 
     def merge(self, other: "Accumulator") -> "Accumulator":
         """A new accumulator for the record of this one followed, without a sample between, by that of another.
@@ -207,8 +209,7 @@ class Accumulator(eqx.Module):
         if other._taken.start is None:
             dropped |= self._astray(other.samples, border)
         joined = side_by_side(self._plan, self._flushed(), other._flushed())
-        merged = self._with(joined, ())
-        return eqx.tree_at(lambda a: a._dropped, merged, tuple(sorted(dropped)), is_leaf=lambda x: x is merged._dropped)
+        return replaced(self, _taken=joined, _waiting=(), _dropped=tuple(sorted(dropped)))
 
     def result(self) -> Deviation:
         """The deviation so far.
@@ -257,23 +258,10 @@ class Accumulator(eqx.Module):
         types = types_for_intervals(noise, m, samples, "rate")
         edf = np.maximum(degrees_of_freedom(m[:, None], types, statistic, samples) * (count / expected), 1.0)
         edf = np.where(alive, edf, np.nan)
-        low, high = interval_factors(edf, self.confidence)
-        arrays = {"deviation": deviation, "lower": deviation * low, "upper": deviation * high, "edf": edf, "count": count}
-        arrays |= {"alpha": noise.astype(np.int64), "skipped": expected - count}
-        if self.channels == 1:
-            arrays = {name: value[:, 0] for name, value in arrays.items()}
-        warnings = tuple(self._sentences(begun, kept, alive))
-        return Deviation(
-            tau=m / self.rate, m=m, kind=self.kind, rate=self.rate, confidence=self.confidence, warnings=warnings, **arrays
-        )  # fmt: skip
-
-    def _with(self, taken: Stretch, waiting: tuple[np.ndarray, ...]) -> "Accumulator":
-        new = object.__new__(Accumulator)
-        for name in self.__dataclass_fields__:
-            object.__setattr__(new, name, getattr(self, name))
-        object.__setattr__(new, "_taken", taken)
-        object.__setattr__(new, "_waiting", waiting)
-        return new
+        factors, warnings = (edf, *interval_factors(edf, self.confidence)), tuple(self._sentences(begun, kept, alive))
+        skipped, bias, flat = expected - count, np.ones_like(deviation), self.channels == 1
+        noise = noise.astype(np.int64)
+        return assembled(statistic, self.rate, m, deviation, factors, count, noise, skipped, bias, self.confidence, warnings, flat)
 
     def _checked(self, chunk):
         if is_traced(chunk):
@@ -295,10 +283,10 @@ class Accumulator(eqx.Module):
             # points far apart are picked out by NumPy, whose temporary arrays want a smaller cache
             parts_of = (lambda piece: [piece]) if self._plan.dense else (lambda piece: np.array_split(piece, -(-len(piece) // _SMALLER)))
             for piece in itertools.chain.from_iterable(map(parts_of, pieces)):
-                busy = workers > 1 and len(piece) * max(self._plan.dense, 1) * self.channels >= _PARALLEL_FROM
+                busy = workers > 1 and len(piece) * max(self._plan.dense, 1) * self.channels >= _phase_stream.PARALLEL_FROM
                 parts = max(workers // self.channels, 1) if busy else 1
                 taken = lengthened(self._plan, taken, piece, pool.map if busy else map, parts)
-                let_go(source)
+                _let_go(source)
         return taken
 
     def _flushed(self) -> Stretch:
@@ -329,10 +317,8 @@ class Accumulator(eqx.Module):
                 phase, lost = marks[:, c], marks[:, self.channels + c].astype(np.int64)
                 gaps = lost if lost[-1] > lost[0] else None
                 if averages < FEWEST:
-                    valid = None if gaps is None else lost[1:] == lost[:-1]
-                    carried[c] = noise_type_of_ratios(
-                        np.diff(phase) / size, valid, None, size, kind, taken.samples, carried[c], np
-                    )  # fmt: skip
+                    weight = None if gaps is None else (lost[1:] == lost[:-1]).astype(np.float64)
+                    carried[c] = noise_type_of_ratio(np.diff(phase), weight, size, kind, taken.samples, carried[c])
                 elif np.count_nonzero(lost[1:] == lost[:-1]) >= FEWEST:
                     carried[c] = identify(phase, gaps, np.ones(1, np.int64), kind, averages, "rate")[0]
             found.append(carried)
@@ -355,10 +341,12 @@ class Accumulator(eqx.Module):
             yield f"channel {c} holds nothing but NaN: no deviation"
 
 
-def _whole(name: str, value, least: int) -> int:
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
-        raise DataError(f"{name} must be a whole number, at least {least}; got {value!r}")
-    return int(value)
+def _let_go(source: Any) -> None:
+    """Gives back the pages of a memory map that have been read: they count as memory of the process until the system wants them."""
+    pages = getattr(source, "_mmap", None)
+    # of a copy-on-write map the user's changes would be lost
+    if isinstance(pages, mmap.mmap) and getattr(source, "mode", "c") in ("r", "r+") and hasattr(mmap, "MADV_DONTNEED"):
+        pages.madvise(mmap.MADV_DONTNEED)
 
 
 def _sizes(m, kind: Kind, exact: int) -> np.ndarray:

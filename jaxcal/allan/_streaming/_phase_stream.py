@@ -1,16 +1,16 @@
-"""Sums of squared differences of a stretch of samples that comes piece by piece.
+"""Sums of squared differences of a stretch of samples that comes piece by piece, and of two neighbouring stretches as one.
 
 Differences of the phase do not see a line in it. So the phase is kept relative to the mean of the latest piece, as far back as the
 cluster sizes reach: it stays small, and its digits are not lost, however long the stream and wherever its mean wanders.
 
 A stretch has two frames. In the first the phase is zero at its first point and the level is the mean of its first piece: `head`,
 `marks` and the leading points of `tracks` are kept there, for a stretch that comes before. The second moves on with each piece.
+Where two stretches meet, the differences across their border are formed, and both ends carried into common frames.
 """
 
 import itertools
-import mmap
-from collections.abc import Callable, Iterator
-from typing import Any
+from collections.abc import Callable
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -21,10 +21,12 @@ from ..._errors import DataError
 from .._kernels._difference_sums import block_sums
 from .._kernels._phase import BLOCK, aligned, running_sum_of_phase
 from .._kinds import Kind
-from ._tracks import NEVER, Piece, Tracks, extended, new_tracks
+from ._tracks import NEVER, Piece, Tracks, at_the_beginning, extended, joined, new_tracks
 
 #: samples that are taken in at a time
 PIECE = 1 << 20
+#: differences from which a second thread brings more than it costs
+PARALLEL_FROM = 4_000_000
 #: points per cluster size between starting points, at least, where not all are taken
 PER_CLUSTER = 128
 #: averages kept for the noise type, at each cluster size
@@ -61,42 +63,42 @@ def make_plan(m: np.ndarray, kind: Kind, exact: int) -> Plan:
     return Plan(kind=kind, m=m, stride=stride, dense=dense)
 
 
+class End(NamedTuple):
+    """Phase at the points of one end of a stretch, and the number of missing samples between the end and each; None without any."""
+
+    phase: np.ndarray
+    lost: np.ndarray | None
+
+    @property
+    def counted(self) -> np.ndarray:
+        """The numbers of missing samples where there are none, too."""
+        return _counted(self.lost, len(self.phase))
+
+    def followed(self, phase: np.ndarray, lost: np.ndarray, reach: int) -> "End":
+        """The end with further points, `reach` in all at most."""
+        counted = np.concatenate([self.counted, lost])[:reach]
+        return End(np.concatenate([self.phase, phase])[:reach], counted if counted.any() else None)
+
+
 class Stretch(eqx.Module):
-    """Everything that is kept of a stretch of samples; channels first, but in tables by cluster size.
+    """Everything that is kept of a stretch of samples; channels first, but in tables by cluster size."""
 
-    Attributes
-    ----------
-    start : position of its first sample, None if not known.
-    samples : number of samples.
-    present : (channels,) samples that are not missing.
-    first_level, level : (channels,) levels of the two frames.
-    here : (channels,) phase at the last point in the second frame: rounding errors.
-    net : (channels,) phase at the last point in the first frame.
-    head, tail : phase at the first points, and at the last, latest first, of each channel.
-    head_lost, tail_lost : number of missing samples between the first point and each, and between each and the last.
-    squares, count : (dense, channels) sums of squares, and differences that touch no gap.
-    tracks : the cluster sizes beyond.
-    marks : for each cluster size phase (first frame) and missing samples at points m apart, side by side: (points, 2 channels). The
-        first is at the first sample, or, where `start` is known, at the first multiple of m in the record.
-    mark_due : (sizes,) where the next such point is, counted from the first sample.
-    """
-
-    start: int | None
+    start: int | None  # position of its first sample, None if not known
     samples: int
-    present: np.ndarray
-    first_level: np.ndarray
+    present: np.ndarray  # (channels,) samples that are not missing
+    first_level: np.ndarray  # (channels,) levels of the two frames
     level: np.ndarray
-    here: np.ndarray
-    net: np.ndarray
-    head: tuple[np.ndarray, ...]
-    tail: tuple[np.ndarray, ...]
-    head_lost: tuple[np.ndarray | None, ...]
-    tail_lost: tuple[np.ndarray | None, ...]
-    squares: np.ndarray
-    count: np.ndarray
-    tracks: Tracks
+    here: np.ndarray  # (channels,) phase at the last point in the second frame: rounding errors
+    net: np.ndarray  # (channels,) phase at the last point in the first frame
+    head: tuple[End, ...]  # the first points of each channel
+    tail: tuple[End, ...]  # the last points, latest first
+    squares: np.ndarray  # (dense, channels) sums of squares
+    count: np.ndarray  # (dense, channels) differences that touch no gap
+    tracks: Tracks  # the cluster sizes beyond
+    #: for each cluster size phase (first frame) and missing samples at points m apart, side by side: (points, 2 channels). The
+    #: first is at the first sample, or, where `start` is known, at the first multiple of m in the record
     marks: tuple[np.ndarray, ...]
-    mark_due: np.ndarray
+    mark_due: np.ndarray  # (sizes,) where the next such point is, counted from the first sample
 
     @property
     def origin(self) -> int:
@@ -112,7 +114,7 @@ def new_stretch(plan: Plan, channels: int, start: int | None) -> Stretch:
     marks = tuple(np.zeros((int(m == first), 2 * channels)) for m, first in zip(plan.m, due, strict=True))
     return Stretch(
         start=start, samples=0, present=np.zeros(channels, np.int64), first_level=zero, level=zero, here=zero, net=zero,
-        head=(np.zeros(1),) * channels, tail=(np.zeros(1),) * channels, head_lost=(None,) * channels, tail_lost=(None,) * channels,
+        head=(End(np.zeros(1), None),) * channels, tail=(End(np.zeros(1), None),) * channels,
         squares=np.zeros((plan.dense, channels)), count=np.zeros((plan.dense, channels), np.int64),
         tracks=new_tracks(plan.m[plan.dense :], plan.stride[plan.dense :], plan.kind.order, channels, start),
         marks=marks, mark_due=due.copy(),
@@ -120,13 +122,7 @@ def new_stretch(plan: Plan, channels: int, start: int | None) -> Stretch:
 
 
 def lengthened(plan: Plan, old: Stretch, samples: np.ndarray, run: Callable, parts: int) -> Stretch:
-    """The stretch with up to PIECE more samples, (w, channels).
-
-    Parameters
-    ----------
-    run : `map`, or that of a pool of threads.
-    parts : into how many the work on one channel is shared.
-    """
+    """The stretch with up to PIECE more samples, (w, channels); `run` maps, and `parts` share the work on one channel."""
     width, channels = samples.shape
     phase, lost, level, gone = zip(*run(lambda c: _integrated(samples[:, c], old, c), range(channels)), strict=True)
     level, gone = np.array(level), np.array(gone)
@@ -134,23 +130,17 @@ def lengthened(plan: Plan, old: Stretch, samples: np.ndarray, run: Callable, par
     tilt, drift = old.level - level, level - first_level
     lost_before = old.samples - old.present
     here = np.array([p[-1] for p in phase])
-    squares, count, sums, new = old.squares.copy(), old.count.copy(), (), {}
+    squares, count, sums, head, tail = old.squares.copy(), old.count.copy(), (), old.head, old.tail
     if plan.dense:
-        buffers = list(run(lambda c: _laid_out(plan, old, c, phase[c], lost[c], float(tilt[c])), range(channels)))
+        buffers = list(run(lambda c: _laid_out(plan, old.tail[c], phase[c], lost[c], float(tilt[c])), range(channels)))
         sums = _dense_sums(plan, buffers, old.samples, width, run, parts)
         kept = min(plan.reach, old.samples + width + 1)
-        new["tail"] = tuple(b[0][:kept].copy() for b in buffers)
-        new["tail_lost"] = tuple(None if b[1] is None or not b[1][:kept].any() else b[1][:kept].copy() for b in buffers)
-        need = plan.reach - len(old.head[0])
+        tail = tuple(End(b[:kept].copy(), None if g is None or not g[:kept].any() else g[:kept].copy()) for b, g in buffers)
+        need = min(plan.reach - len(old.head[0].phase), width)
         if need > 0:
-            slopes = drift[:, None] * np.arange(1, min(need, width) + 1)
-            ends = old.net - old.here
-            new["head"] = tuple(
-                np.concatenate([old.head[c], phase[c][1 : need + 1] + ends[c] + slopes[c]]) for c in range(channels)
-            )  # fmt: skip
-            new["head_lost"] = tuple(
-                _more_lost(old.head_lost[c], lost[c], len(old.head[c]), min(need, width), int(lost_before[c])) for c in range(channels)
-            )
+            first, slopes, ends = slice(1, need + 1), drift[:, None] * np.arange(1, need + 1), old.net - old.here
+            more = [(phase[c][first] + ends[c] + slopes[c], _counted(lost[c], width + 1)[first] + lost_before[c]) for c in range(channels)]
+            head = tuple(end.followed(*points, plan.reach) for end, points in zip(old.head, more, strict=True))
     piece = Piece(now=old.origin + old.samples, phase=phase, lost=lost, lost_before=lost_before)
     tracks = extended(old.tracks, piece, tilt, (old.net - old.here, drift))
     marks, mark_due = _more_marks(plan, old, Piece(now=old.samples, phase=phase, lost=lost, lost_before=lost_before), drift)
@@ -159,8 +149,8 @@ def lengthened(plan: Plan, old: Stretch, samples: np.ndarray, run: Callable, par
         count[:, c] += valid[: plan.dense]
     return Stretch(
         start=old.start, samples=old.samples + width, present=old.present + width - gone, first_level=first_level, level=level, here=here,
-        net=old.net + (here - old.here) + drift * width, squares=squares, count=count, tracks=tracks, marks=marks, mark_due=mark_due,
-        **({name: getattr(old, name) for name in ("head", "tail", "head_lost", "tail_lost")} | new),
+        net=old.net + (here - old.here) + drift * width, head=head, tail=tail,
+        squares=squares, count=count, tracks=tracks, marks=marks, mark_due=mark_due,
     )  # fmt: skip
 
 
@@ -188,20 +178,18 @@ def _integrated(samples: np.ndarray, old: Stretch, c: int):
     return phase, lost, level, gone
 
 
-def _laid_out(plan: Plan, old: Stretch, c: int, phase, lost, tilt: float):
+def _laid_out(plan: Plan, tail: End, phase, lost, tilt: float):
     """Phase in reverse order of time, the new points first, as the block kernel wants its starting points; and missing samples."""
-    width, tail = len(phase) - 1, old.tail[c]
+    width, length = len(phase) - 1, len(tail.phase)
     buffer = aligned(plan.padded)  # what lies beyond the points stays arbitrary
     buffer[:width] = phase[:0:-1]
-    np.multiply(np.arange(len(tail)), -tilt, out=buffer[width : width + len(tail)])
-    buffer[width : width + len(tail)] += tail
-    tail_lost = old.tail_lost[c]
-    if lost is None and tail_lost is None:
+    np.multiply(np.arange(length), -tilt, out=buffer[width : width + length])
+    buffer[width : width + length] += tail.phase
+    if lost is None and tail.lost is None:
         return buffer, None
-    counted = np.zeros(plan.padded, np.int32)
-    gone = 0 if lost is None else int(lost[-1])
-    counted[:width] = 0 if lost is None else gone - lost[:0:-1]
-    counted[width : width + len(tail)] = gone if tail_lost is None else gone + tail_lost
+    counted, lost = np.zeros(plan.padded, np.int32), _counted(lost, width + 1)
+    counted[:width] = lost[-1] - lost[:0:-1]
+    counted[width : width + length] = lost[-1] + tail.counted
     return buffer, counted
 
 
@@ -221,7 +209,7 @@ def _dense_sums(plan: Plan, buffers, before: int, width: int, run: Callable, par
         with jax.enable_x64(True):  # thread-local
             held, missing = ready[c]
             sums = block_sums(
-                held, missing, *(jnp.asarray(v) for v in (sizes, number, np.int64(first), np.int64(last), np.int64(kind.modified))),
+                held, missing, sizes, number, np.int64(first), np.int64(last), np.int64(kind.modified),
                 order=kind.difference, strided=False, rule="none" if missing is None else "span",
             )  # fmt: skip
             return c, *(np.asarray(s) for s in sums)
@@ -236,13 +224,8 @@ def _on_device(plan: Plan, buffer: np.ndarray, counted: np.ndarray | None):
         return parts, None if counted is None else jnp.asarray(counted)
 
 
-def _more_lost(old, lost, length: int, number: int, before: int):
-    """Missing samples before each point of the head, with those of the piece."""
-    if old is None and lost is None and before == 0:
-        return None
-    old = np.zeros(length, np.int64) if old is None else old
-    fresh = np.full(number, before, np.int64)
-    return np.concatenate([old, fresh if lost is None else fresh + lost[1 : number + 1]])
+def _counted(lost: np.ndarray | None, length: int) -> np.ndarray:
+    return np.zeros(length, np.int64) if lost is None else lost
 
 
 def _more_marks(plan: Plan, old: Stretch, piece: Piece, drift: np.ndarray):
@@ -259,17 +242,92 @@ def _more_marks(plan: Plan, old: Stretch, piece: Piece, drift: np.ndarray):
     return tuple(marks), due
 
 
-def pieces_of(waiting: tuple[np.ndarray, ...], chunk: np.ndarray, length: int) -> tuple[Iterator[np.ndarray], np.ndarray]:
-    """What waited and the chunk, cut into whole pieces, and the rest."""
-    held = sum(len(piece) for piece in waiting)
-    edges = np.arange(PIECE - held, len(chunk) + 1, PIECE).tolist()
-    first = np.concatenate([*waiting, chunk[: edges[0]]])
-    return itertools.chain([first], (chunk[a:b] for a, b in itertools.pairwise(edges))), np.array(chunk[edges[-1] :], dtype=np.float64)
+def side_by_side(plan: Plan, a: Stretch, b: Stretch) -> Stretch:
+    """Two neighbouring stretches as one."""
+    kind, channels = plan.kind, len(a.level)
+    border = a.origin + a.samples
+    shift = border - b.origin  # zero where the second stretch knows its place
+    start, first_tracks = a.start, a.tracks
+    if start is None and b.start is not None:  # the place of the second says that the first begins the record
+        start, first_tracks = 0, at_the_beginning(a.tracks)
+    lost = a.samples - a.present
+    squares, count = a.squares + b.squares, a.count + b.count
+    rise, head, tail = a.level - b.first_level, a.head, a.tail
+    if plan.dense:
+        ends = []
+        for c in range(channels):
+            before, after = _before(a, c, rise[c]), b.head[c]
+            phase = np.concatenate([before.phase[:0:-1], after.phase])
+            gone = np.concatenate([-before.counted[:0:-1], after.counted])
+            found = [_across(phase, gone, len(before.phase) - 1, int(m), kind) for m in plan.m[: plan.dense]]
+            squares[:, c] += np.array([f[0] for f in found])
+            count[:, c] += np.array([f[1] for f in found])
+            ends.append((_head(plan, a, b, c), _tail(plan, b, c, before)))
+        head, tail = zip(*ends, strict=True)
+    on = b.first_level - b.level
+    frames = (
+        (-a.here, rise),
+        (a.net, b.first_level - a.first_level),
+        (b.here - b.net - on * b.samples, on),
+    )  # fmt: skip
+    marks, due = [], []
+    for i in range(len(plan.m)):
+        m = int(plan.m[i])
+        mine, more = a.marks[i], b.marks[i].copy()
+        first = 0 if b.start is None else -b.start % m
+        more[:, :channels] += a.net + (b.first_level - a.first_level) * (first + np.arange(len(more))[:, None] * m)
+        if b.start is None:
+            more[:, channels:] += lost + 1  # no average spans the border
+        else:
+            more[:, channels:] += lost
+            more = more[1 if first == 0 else 0 :]  # the border is the last point of the first stretch
+        marks.append(np.concatenate([mine, more])[: AVERAGES + 1])
+        due.append(NEVER if len(marks[-1]) > AVERAGES else a.samples + int(b.mark_due[i]))
+    return Stretch(
+        start=start, samples=a.samples + b.samples, present=a.present + b.present, first_level=a.first_level, level=b.level, here=b.here,
+        net=a.net + b.net + (b.first_level - a.first_level) * b.samples, head=head, tail=tail, squares=squares, count=count,
+        tracks=joined(first_tracks, b.tracks, border, shift, frames, lost), marks=tuple(marks), mark_due=np.array(due, np.int64),
+    )  # fmt: skip
 
 
-def let_go(source: Any) -> None:
-    """Gives back the pages of a memory map that have been read: they count as memory of the process until the system wants them."""
-    pages = getattr(source, "_mmap", None)
-    # of a copy-on-write map the user's changes would be lost
-    if isinstance(pages, mmap.mmap) and getattr(source, "mode", "c") in ("r", "r+") and hasattr(mmap, "MADV_DONTNEED"):
-        pages.madvise(mmap.MADV_DONTNEED)
+def _before(a: Stretch, c: int, rise: float) -> End:
+    """The last points of the first stretch, latest first, in the first frame of the second."""
+    phase, lost = a.tail[c]
+    return End(phase - a.here[c] - rise * np.arange(len(phase)), lost)
+
+
+def _head(plan: Plan, a: Stretch, b: Stretch, c: int) -> End:
+    """The head of both, with the points of the second where the first is too short."""
+    mine, more = a.head[c], b.head[c]
+    if len(mine.phase) <= a.samples:
+        return mine
+    phase = more.phase + a.net[c] + (b.first_level[c] - a.first_level[c]) * np.arange(len(more.phase))
+    return mine.followed(phase[1:], more.counted[1:] + a.samples - a.present[c], plan.reach)
+
+
+def _tail(plan: Plan, b: Stretch, c: int, before: End) -> End:
+    """The tail of both, with the points of the first that the second does not push out, in the second frame of the second."""
+    if len(b.tail[c].phase) <= b.samples:
+        return b.tail[c]
+    ago = np.arange(len(before.phase)) + b.samples
+    phase = before.phase - b.net[c] + b.here[c] - (b.first_level[c] - b.level[c]) * ago
+    return b.tail[c].followed(phase[1:], before.counted[1:] + b.samples - b.present[c], plan.reach)
+
+
+def _across(theta: np.ndarray, lost: np.ndarray, border: int, m: int, kind: Kind) -> tuple[float, int]:
+    """Sum of squares and count of the differences that start before and end after the border."""
+    span = kind.difference * m - (1 if kind.modified else 0)
+    low, high = max(border - span + 1, 0), min(border, len(theta) - span)  # starting points low .. high - 1
+    if high <= low:
+        return 0.0, 0
+    used = theta[low : high + span]
+    if kind.modified:
+        used = used - used.mean()
+        used = np.concatenate([[0.0], np.cumsum(used)])
+    d = used
+    for _ in range(kind.difference):
+        d = d[m:] - d[:-m]
+    valid = lost[low:high] == lost[low + span : high + span]
+    d = d[valid]
+    d *= d
+    return float(np.sum(d)), len(d)  # a dot product would start the linear algebra library's threads
