@@ -72,9 +72,9 @@ def warm(paths, folder):
 
 def single(module, threads=1):
     """Give one worker as many threads as each of two has."""
-    from jaxcal.batch._pool import OwnCrew
+    from jaxcal.batch._pool import WorkerPool
 
-    module.OwnCrew = lambda workers, _: OwnCrew(workers, threads)
+    module.WorkerPool = lambda workers, _: WorkerPool(workers, threads)
 
 
 def speed(paths, folder, _):
@@ -88,7 +88,7 @@ def speed(paths, folder, _):
     ):
         single(_run, threads)
         rows[name] = timed(paths, folder / f"speed-{workers}-{threads}", workers=workers, resume=False)
-    _run.OwnCrew = _pool.OwnCrew
+    _run.WorkerPool = _pool.WorkerPool
     print(f"\n{len(paths)} logs, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f} at the end (above 2: others were at work)")
     print(f"{'':40s} time s   sum of logs s   median log s   logs/s   processor s: workers, this process")
     for name, (wall, total, each, busy, mine) in rows.items():

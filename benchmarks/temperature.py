@@ -13,9 +13,8 @@ import warnings
 
 import numpy as np
 
-from jaxcal.temperature import binned, fit, reference_bias, simulate
-from jaxcal.temperature._curves import Chebyshev
-from jaxcal.temperature._linear import table_bins, table_curve
+from jaxcal.temperature import Chebyshev, binned, fit, reference_bias, simulate
+from jaxcal.temperature._linear import table_curve
 from jaxcal.temperature._smoothing import spline_curve
 
 MDEG = np.deg2rad(1e-3)
@@ -48,7 +47,7 @@ def jump_table(runs):
                 for model in MODELS:
                     kind, _, degree = model.partition(" ")
                     if model == "table 1 degC":
-                        curve = table_curve(table_bins(train.temperature, train.bias, 1.0))
+                        curve = table_curve(binned(train.temperature, train.bias, 1.0))
                         cells[model].append(errors(curve.value, -99, 99, test, jump))
                         continue
                     found = fit(train.temperature, train.bias, model=kind, degree=int(degree) if degree else None)

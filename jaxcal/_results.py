@@ -161,16 +161,16 @@ def plain(value: Any) -> Any:
     >>> plain({"low": np.array([1.0, np.inf]), 2: ("a", None)})
     {'low': [1.0, None], '2': ['a', None]}
     """
-    if isinstance(value, np.ndarray | np.generic | jax.Array):
+    if hasattr(value, "__array__"):
         value = np.asarray(value).tolist()
     if hasattr(value, "_enumeration"):  # an item of an Enumeration of Equinox, by its name
         names = value._enumeration._name_to_item.items()
         return next(name for name, item in names if int(item._value) == int(np.asarray(value._value)))
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        value = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+        value = {field.name: getattr(value, field.name) for field in dataclasses.fields(value) if not field.name.startswith("_")}
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
+    if isinstance(value, list | tuple | set | frozenset):
         return [plain(item) for item in value]
     if isinstance(value, float):
         return value if math.isfinite(value) else None

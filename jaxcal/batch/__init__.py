@@ -1,8 +1,12 @@
 """Many logs, and logs larger than memory."""
 
-from ._coefficients import Coefficient as Coefficient
-from ._deviation import deviation as deviation
-from ._fleet import Entry as Entry, Fleet as Fleet
-from ._merge import reduce as reduce
+from ._deviation import deviation as deviation, reduce as reduce
+from ._fleet import (
+    Coefficient as Coefficient,
+    Entry as Entry,
+    Fleet as Fleet,
+    Outlier as Outlier,
+    Spread as Spread,
+    Trend as Trend,
+)
 from ._run import run as run
-from ._spread import Outlier as Outlier, Spread as Spread, Trend as Trend

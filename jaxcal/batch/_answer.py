@@ -14,7 +14,6 @@ from .._files import json_text
 from ..io import read
 from ..io._find import find
 from ..io._read import fingerprint as fingerprint_of
-from ._coefficients import listed
 from ._tasks import identity, perform, reading_options
 
 SCHEMA = "jaxcal.batch/1"
@@ -39,30 +38,30 @@ def answer(path: str, task: Any, options: dict[str, Any], reading: dict[str, Any
             log = log.select(start, stop)
         result, coefficients, warnings = perform(task, log, options)
         document |= {"status": "done", "reason": None, "again": False, "warnings": warnings}
-        document |= {"coefficients": listed(coefficients), "result": result}
+        rows = {name: [one.value, one.low, one.high, one.unit] for name, one in coefficients.items()}
+        document |= {"coefficients": rows, "result": result}
         text = json_text(document)
     except (KeyboardInterrupt, GeneratorExit):
         raise
     except BaseException as fault:  # a panic of a reader is no Exception, and a task may end with SystemExit
-        text = json_text(_failed(_begun(path, task, options, reading), fault, document["log"], path))
+        text = json_text(_failed(_begun(path, task, options, reading) | {"log": document["log"]}, fault, path))
     return text, time.perf_counter() - begin
 
 
 def lost(path: str, task: Any, options: dict[str, Any], reading: dict[str, Any], reason: str) -> str:
     """The text of the result file of a log whose worker gave no answer."""
-    document = _begun(path, task, options, reading)
-    return json_text(_failed(document, _Changed(reason), document["log"], path))
+    return json_text(_failed(_begun(path, task, options, reading), _Changed(reason), path))
 
 
-def fingerprint(path: str | os.PathLike[str]) -> str | None:
-    """SHA-256 of a log as its result file has it; None where it cannot be read."""
+def fingerprint(path: str | os.PathLike[str]) -> tuple[int | None, str | None]:
+    """Size and SHA-256 of a log as its result file has them; None where it cannot be read."""
     sources = [pathlib.Path(path)]
     try:
         with contextlib.suppress(DataError):
             sources = find(sources[0])[1]  # what `read` takes of a folder
-        return fingerprint_of(sources)[1]
+        return fingerprint_of(sources)
     except OSError:
-        return None
+        return None, None
 
 
 class _Changed(DataError):
@@ -76,12 +75,13 @@ def _begun(path: str, task: Any, options: dict[str, Any], reading: dict[str, Any
     return {"schema": SCHEMA, "log": known, "task": identity(task, options, reading), "versions": versions}
 
 
-def _failed(document: dict[str, Any], fault: BaseException, known: dict[str, Any], path: str) -> dict[str, Any]:
+def _failed(document: dict[str, Any], fault: BaseException, path: str) -> dict[str, Any]:
+    known = document["log"]
     if known["sha256"] is None:
-        known = {**known, "sha256": fingerprint(path), "bytes": _size(path)}
+        known["bytes"], known["sha256"] = fingerprint(path)
     again = not isinstance(fault, JaxcalError) or isinstance(fault, _Changed) or known["sha256"] is None
     reason = str(fault).strip() if isinstance(fault, JaxcalError) else _sentence(fault)
-    document |= {"log": known, "status": "failed", "reason": reason, "again": again, "warnings": []}
+    document |= {"status": "failed", "reason": reason, "again": again, "warnings": []}
     if not isinstance(fault, JaxcalError | OSError | MemoryError):
         document["trace"] = traceback.format_exception(fault)[-12:]
     return document | {"coefficients": {}, "result": None}
@@ -105,13 +105,6 @@ def _stat(path: pathlib.Path) -> list[tuple[str, int, int]]:
         raise _Changed(f"{path.name}: there is no such file; check the path, or leave it out") from None
     except PermissionError:
         raise _Changed(f"{path.name}: no permission to read it; change its mode") from None
-
-
-def _size(path: str) -> int | None:
-    try:
-        return os.stat(path).st_size
-    except OSError:
-        return None
 
 
 def _date(provenance: dict[str, Any], files: list[tuple[str, int, int]]) -> list[str]:

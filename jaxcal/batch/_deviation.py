@@ -1,15 +1,13 @@
-"""`deviation`: of many logs, and of logs larger than memory."""
+"""`deviation`: of many logs, and of logs larger than memory; `reduce`: partial results of one record put together."""
 
 import dataclasses
 import itertools
 import os
 import pathlib
-from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
-from typing import Any
+from typing import Any, TypeVar
 
-import equinox as eqx
 import jax
 import numpy as np
 
@@ -21,7 +19,8 @@ from ..allan._kernels._phase import IN_CACHE, padded_length
 from ..allan._kernels._route import MANY
 from ..allan._kinds import Kind, cluster_sizes, find_kind
 from ..io._chunks import Chunks, array_chunks, open_chunks
-from ._merge import reduce
+
+T = TypeVar("T", bound=Any)
 
 
 def deviation(
@@ -110,7 +109,8 @@ def deviation(
     statistic, confidence = find_kind(kind), checked_confidence(confidence)
     found: dict[int, Deviation] = {}
 
-    def begun(i: int, sizes: np.ndarray) -> Callable[[], Deviation]:
+    def begun(i: int) -> Callable[[], Deviation]:
+        sizes = cluster_sizes(m, statistic, records[i].samples)
         y = checked_record(records[i].read(0, records[i].samples)[:, 0])
         return begin(y, rates[i], statistic, sizes, confidence, alpha)
 
@@ -118,15 +118,12 @@ def deviation(
     # Several threads at short NumPy steps would only wait for the interpreter and for one another.
     short = [i for i, record in enumerate(records) if record.flat and record.samples < min(chunk + 1, IN_CACHE) and _plain(m, statistic)]
     with jax.enable_x64(True):
-        pending = deque[tuple[int, Callable[[], Deviation]]]()
-        for i in short:
-            sizes = named(i, cluster_sizes, m, statistic, records[i].samples)
-            pending.append((i, named(i, begun, i, sizes)))
-            if len(pending) == 2:
-                first, wait = pending.popleft()
-                found[first] = named(first, wait)
-        for i, wait in pending:
-            found[i] = named(i, wait)
+        waits = [(i, named(i, begun, i)) for i in short[:1]]
+        for i in short[1:]:
+            waits.append((i, named(i, begun, i)))
+            last, wait = waits.pop(0)
+            found[last] = named(last, wait)
+        found |= {i: named(i, wait) for i, wait in waits}
 
     def alone(i: int) -> Deviation:
         return named(i, _one, records[i], rates[i], int(chunk), exact, options)
@@ -145,36 +142,25 @@ def _plain(m: Any, statistic: Kind) -> bool:
     return statistic.family == "difference" and (m != "all" if isinstance(m, str) else np.size(m) <= MANY)
 
 
-@dataclasses.dataclass(frozen=True)
-class _Shared:
-    """A record that workers open themselves."""
+def _shared(executor: Any, workers: int | None, source: Any, columns: Any) -> Callable[..., Accumulator] | None:
+    """How the workers of an executor pass a record that they open themselves: (make, samples, chunk) -> the whole accumulator."""
+    if executor is None:
+        return None
+    if not isinstance(executor, Executor):
+        raise DataError(f"executor must be a concurrent.futures.Executor; got {type(executor).__name__}")
+    parts = workers or getattr(executor, "_max_workers", None) or os.cpu_count() or 1
 
-    executor: Executor
-    parts: int
-    source: Any
-    columns: Any
-
-    def passed(self, make: Callable[[int], Accumulator], samples: int, chunk: int) -> Accumulator:
-        """The accumulator of the whole record, from those of its stretches."""
+    def passed(make: Callable[[int], Accumulator], samples: int, chunk: int) -> Accumulator:
         # whole chunks, so that what a worker holds is what one pass would
-        edges = sorted({min(-(-samples * i // self.parts // chunk) * chunk, samples) for i in range(self.parts + 1)})
-        futures = [
-            self.executor.submit(_stretch, make(start), self.source, self.columns, start, stop, chunk)
-            for start, stop in itertools.pairwise(edges)
-        ]
+        edges = sorted({min(-(-samples * i // parts // chunk) * chunk, samples) for i in range(parts + 1)})
+        futures = [executor.submit(_stretch, make(start), source, columns, start, stop, chunk) for start, stop in itertools.pairwise(edges)]
         try:
             return reduce([future.result() for future in futures])
         finally:
             for future in futures:
                 future.cancel()
 
-
-def _shared(executor: Any, workers: int | None, source: Any, columns: Any) -> _Shared | None:
-    if executor is None:
-        return None
-    if not isinstance(executor, Executor):
-        raise DataError(f"executor must be a concurrent.futures.Executor; got {type(executor).__name__}")
-    return _Shared(executor, workers or getattr(executor, "_max_workers", None) or os.cpu_count() or 1, source, columns)
+    return passed
 
 
 def _stretch(empty: Accumulator, source: Any, columns: Any, start: int, stop: int, chunk: int) -> Accumulator:
@@ -185,7 +171,7 @@ def _stretch(empty: Accumulator, source: Any, columns: Any, start: int, stop: in
     return found
 
 
-def _one(record: Chunks, rate: Any, chunk: int, exact: int, options: dict[str, Any], shared: _Shared | None = None) -> Deviation:
+def _one(record: Chunks, rate: Any, chunk: int, exact: int, options: dict[str, Any], shared: Any = None) -> Deviation:
     if record.samples <= chunk:
         y = record.read(0, record.samples)
         return _deviation(y[:, 0] if record.flat else y, rate, **options)
@@ -202,15 +188,15 @@ def _one(record: Chunks, rate: Any, chunk: int, exact: int, options: dict[str, A
         return Accumulator(rate, channels=record.channels, exact=exact, start=start, **{**options, "m": sizes})
 
     if shared is not None:
-        accumulator = shared.passed(make, record.samples, chunk)
+        accumulator = shared(make, record.samples, chunk)
     else:
         accumulator = make(0)
         for samples in record.of(chunk):
             accumulator = accumulator.update(samples)
     found = accumulator.result()
-    if record.channels == 1 and not record.flat:
-        found = eqx.tree_at(_tables, found, [table[:, None] for table in _tables(found)])
-    return dataclasses.replace(found, warnings=(*warnings, *found.warnings))
+    tables = ("deviation", "lower", "upper", "edf", "count", "alpha", "skipped") if record.channels == 1 and not record.flat else ()
+    columns = {name: getattr(found, name)[:, None] for name in tables}
+    return dataclasses.replace(found, warnings=(*warnings, *found.warnings), **columns)
 
 
 def _opened(source: Any, columns: Any) -> Chunks:
@@ -223,6 +209,43 @@ def _opened(source: Any, columns: Any) -> Chunks:
     return record
 
 
-def _tables(found: Deviation) -> list[Any]:
-    """The arrays that have the channels, if any, as their second axis."""
-    return [getattr(found, name) for name in ("deviation", "lower", "upper", "edf", "count", "alpha", "skipped")]
+def reduce(parts: Iterable[T]) -> T:
+    """Merge partial results of neighbouring stretches of one record, in a tree.
+
+    Each part is merged with its neighbour, then each pair with the next: of n parts none goes through more than log2(n) merges, so that
+    rounding errors do not grow with n, and merges of different pairs could run side by side.
+
+    Parameters
+    ----------
+    parts : partial results in the order of the record, each with a method `merge(other)`: `jaxcal.allan.Accumulator`,
+        `jaxcal.spectrum.Segments`, `jaxcal.magnetometer.Moments`.
+
+    Returns
+    -------
+    As if one of them had been given the whole record.
+
+    Raises
+    ------
+    DataError
+        If there are no parts, or they do not join.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> y = np.random.default_rng(0).standard_normal(1000)
+    >>> parts = [jaxcal.allan.Accumulator(100.0, [1, 10]).update(each) for each in np.array_split(y, 5)]
+    >>> jaxcal.batch.reduce(parts).samples
+    1000
+    """
+    level = list(parts)
+    if not level:
+        raise DataError("there are no parts to merge")
+    if missing := [type(part).__name__ for part in level if not hasattr(part, "merge")]:
+        raise DataError(
+            f"{missing[0]} cannot be merged; give parts such as jaxcal.allan.Accumulator, spectrum.Segments or magnetometer.Moments"
+        )
+    while len(level) > 1:
+        pairs = [level[i].merge(level[i + 1]) for i in range(0, len(level) - 1, 2)]
+        level = pairs + level[2 * len(pairs) :]
+    return level[0]

@@ -1,12 +1,41 @@
-"""`Fleet`: what a run found out about its logs."""
+"""`Fleet`: what a run found out about its logs, what they have in common, which stand out, and trends."""
 
 import dataclasses
+import datetime
+import functools
 import json
 import pathlib
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Sequence
 from typing import Any
 
-from ._coefficients import Coefficient
+import numpy as np
+import scipy.special
+import scipy.stats
+
+_FEWEST, _FEWEST_FOR_TRENDS = 5, 8
+_FALSE_ALARM = 0.05  # chance that a fleet of Gaussian coefficients has an outlier, or a trend, at all
+_GAUSS = 1.482602218505602  # standard deviation over median absolute deviation
+_MEAN_GAUSS = 1.2533141373155003  # and over mean absolute deviation
+#: tasks whose coefficients are sizes, which scatter by factors
+_SIZES = re.compile(r"\.(?:[QNBKR]|[a-z0-9]+dev\([^)]*\)|theo1\([^)]*\))$")
+
+
+@dataclasses.dataclass(frozen=True)
+class Coefficient:
+    """A number of one log.
+
+    Attributes
+    ----------
+    value : None where the log has none, as of a term not detected.
+    low, high : limits of its interval, or None. Of a term not detected `high` is the upper limit.
+    unit : its SI unit, "" if not known.
+    """
+
+    value: float | None
+    low: float | None = None
+    high: float | None = None
+    unit: str = ""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,19 +79,75 @@ class Entry:
 
 
 @dataclasses.dataclass(frozen=True)
+class Outlier:
+    """A log that stands out: its name, path, value, distance from the median in robust standard deviations, and the sentence on it."""
+
+    name: str
+    path: str
+    value: float
+    score: float
+    reason: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Trend:
+    """A coefficient that goes with `along` ("serial number", "place in the list" or "date"): slope per step or day, Kendall's tau, p.
+
+    `at` is where each log stands, in the order of `Spread.values`.
+    """
+
+    along: str
+    at: tuple[float, ...]
+    slope: float
+    tau: float
+    p: float
+    reason: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Spread:
+    """One coefficient over the fleet.
+
+    Attributes
+    ----------
+    unit : of it.
+    count : logs that have it.
+    median, sigma : middle and robust standard deviation (1.4826 times the median absolute deviation).
+    low, high : between which 90 % of the logs lie.
+    own : median of the standard errors of the single logs; NaN where they have none. A sigma that is not larger than this is the
+        scatter of the estimates, not of the sensors.
+    values : of each log, NaN where it has none, in the order of the run.
+    scores : distance of each from the median in robust standard deviations.
+    limit : score from which a log is an outlier; infinite for fewer than 5 logs.
+    outliers, trends : what stands out.
+    """
+
+    unit: str
+    count: int
+    median: float
+    sigma: float
+    low: float
+    high: float
+    own: float
+    values: tuple[float, ...]
+    scores: tuple[float, ...]
+    limit: float
+    outliers: tuple[Outlier, ...]
+    trends: tuple[Trend, ...]
+
+
+@dataclasses.dataclass(frozen=True)
 class Fleet:
     """The logs of a run, in natural order of their names.
 
     Attributes
     ----------
     entries : one `Entry` for each log.
-    spread : name of a coefficient -> `Spread` over the logs.
     out : folder of the results, or None.
     """
 
     entries: tuple[Entry, ...]
-    spread: dict[str, Any]
-    out: pathlib.Path | None
+    out: pathlib.Path | None = None
 
     def __len__(self) -> int:
         return len(self.entries)
@@ -79,3 +164,92 @@ class Fleet:
     def failed(self) -> tuple[Entry, ...]:
         """The logs that were not, each with its reason."""
         return tuple(entry for entry in self.entries if entry.status == "failed")
+
+    @functools.cached_property
+    def spread(self) -> dict[str, Spread]:
+        """Name of a coefficient -> its spread over the logs that were answered.
+
+        A log is an outlier where its distance from the median, over the root of the squares of the fleet's robust standard deviation and
+        the log's own standard error, is beyond what the largest of all distances in the fleet would reach by chance in 5 % of Gaussian
+        fleets. Noise coefficients and deviations are compared by their logarithms.
+        """
+        done = self.done
+        names = list(dict.fromkeys(name for entry in done for name in entry.coefficients))
+        compared = len({name for entry in done for name, one in entry.coefficients.items() if one.value is not None})
+        along = _along(done)
+        return {name: _one(name, done, compared, along) for name in names}
+
+
+def _one(name: str, done: Sequence[Entry], number: int, along: dict[str, np.ndarray]) -> Spread:
+    rows = [entry.coefficients.get(name) for entry in done]
+    values = np.array([np.nan if row is None or row.value is None else row.value for row in rows])
+    errors = np.array([np.nan if row is None or row.low is None or row.high is None else (row.high - row.low) / 3.92 for row in rows])
+    unit = next((row.unit for row in rows if row is not None), "")
+    here = np.isfinite(values)
+    n = int(here.sum())
+    if not n:
+        nothing = (np.nan,) * len(values)
+        return Spread(unit, 0, np.nan, np.nan, np.nan, np.nan, np.nan, nothing, nothing, np.inf, (), ())
+    by_factors = bool(_SIZES.search(name)) and bool(np.all(values[here] > 0))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        x = np.log(values) if by_factors else values
+        own = errors / np.abs(values) if by_factors else errors
+    middle = float(np.median(x[here]))
+    apart = np.abs(x[here] - middle)
+    sigma = _GAUSS * float(np.median(apart)) or _MEAN_GAUSS * float(np.mean(apart))  # more than half of them equal
+    total = np.sqrt(sigma**2 + np.where(np.isfinite(own), own, 0.0) ** 2)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        scores = np.where(np.abs(x - middle) > 0, (x - middle) / total, np.where(here, 0.0, np.nan))
+    # Student's t with half the degrees of freedom, for the median absolute deviation of few values is itself uncertain: against
+    # simulated Gaussian fleets of 5 to 300 logs the chance of a false alarm is 4 to 6 %
+    limit = np.inf if n < _FEWEST else float(scipy.special.stdtrit((n - 1) / 2, 1 - _FALSE_ALARM / (2 * n * number)))
+    median = float(np.median(values[here]))
+    low, high = (float(end) for end in np.quantile(values[here], [0.05, 0.95]))
+    found = []
+    for i in np.flatnonzero(here & (np.abs(scores) > limit)).tolist():
+        side = "above" if scores[i] > 0 else "below"
+        reason = (
+            f"{name} = {values[i]:.4g}{' ' * bool(unit)}{unit}, {abs(scores[i]):.1f} robust standard deviations {side} the "
+            f"median {median:.4g} of {n} logs (limit {limit:.1f})"
+        )
+        found.append(Outlier(done[i].path.name, str(done[i].path), float(values[i]), float(scores[i]), reason))
+    trends = [trend for what, at in along.items() if (trend := _trend(name, what, at, values, unit, number * len(along)))]
+    known = own[np.isfinite(own)] * (median if by_factors else 1.0)
+    return Spread(
+        unit=unit, count=n, median=median, sigma=sigma * (median if by_factors else 1.0), low=low, high=high,
+        own=float(np.median(known)) if known.size else np.nan, values=tuple(values.tolist()), scores=tuple(scores.tolist()),
+        limit=limit, outliers=tuple(found), trends=tuple(trends),
+    )  # fmt: skip
+
+
+def _trend(name: str, along: str, places: np.ndarray, all_values: np.ndarray, unit: str, number: int) -> Trend | None:
+    here = np.isfinite(all_values)
+    at, values = places[here], all_values[here]
+    if len(values) < _FEWEST_FOR_TRENDS or np.ptp(at) == 0 or np.ptp(values) == 0:
+        return None
+    tau, p = (float(value) for value in np.asarray(scipy.stats.kendalltau(at, values)))
+    if not p * number < _FALSE_ALARM:
+        return None
+    slope = float(np.asarray(scipy.stats.theilslopes(values, at))[0])
+    what = "day" if along == "date" else "step"
+    reason = (
+        f"{name} {'rises' if slope > 0 else 'falls'} with the {along}: {abs(slope):.3g}{' ' * bool(unit)}{unit} per {what}, "
+        f"{abs(slope) * float(np.ptp(at)):.3g} over the fleet (Kendall's tau {tau:.2f}, p = {p:.1g})"
+    )
+    return Trend(along, tuple(places.tolist()), slope, tau, p, reason)
+
+
+def _along(done: Sequence[Entry]) -> dict[str, np.ndarray]:
+    """What a trend may go along."""
+    found = {}
+    numbers = [re.findall(r"\d+", entry.path.stem) for entry in done]
+    serial = [int(each[-1]) for each in numbers if each and len(each[-1]) < 16]
+    if len(serial) == len(done) and len(set(serial)) == len(serial):
+        found["serial number"] = np.array(serial, dtype=float)
+    else:
+        found["place in the list"] = np.arange(len(done), dtype=float)
+    days = np.array([np.nan if entry.date is None else datetime.datetime.fromisoformat(entry.date).timestamp() / 86400 for entry in done])
+    # logs of one minute were written by one program
+    if len(days) and np.all(np.isfinite(days)) and np.ptp(days) > 1 / 1440:
+        found["date"] = days - days.min()
+    return found

@@ -19,23 +19,10 @@ _MAGIC = re.compile(r"[*?\[]")
 
 
 def find_logs(paths: Any, out: pathlib.Path | None = None) -> tuple[list[pathlib.Path], dict[pathlib.Path, str]]:
-    """The logs at `paths`, and the folders that cannot be listed with the reason.
+    """The logs at `paths`, each once and in natural order, and the folders that cannot be listed with the reason.
 
-    Parameters
-    ----------
-    paths : a path or a list of paths: files, folders (searched with the folders in them; a folder with a metadata.yaml is a ROS 2
-        recording) and patterns such as "logs/*.csv". A file that does not exist is kept: the run says what is wrong with it.
-    out : folder of results, in which no logs are looked for. Nor are they in a folder that holds a manifest of a run.
-
-    Returns
-    -------
-    logs : in natural order of their names (unit9 before unit10), each once.
-    unreadable : folder -> reason.
-
-    Raises
-    ------
-    DataError
-        If something is no path.
+    `paths` is a path or a list of files, of folders with all that is in them (one with a metadata.yaml is a ROS 2 recording), and of
+    patterns. A file that does not exist is kept: the run says what is wrong with it. Folders of results, `out` among them, are left out.
     """
     given = [paths] if isinstance(paths, str | os.PathLike) else list(paths) if isinstance(paths, Iterable) else [paths]
     if not all(isinstance(path, str | os.PathLike) for path in given):
@@ -52,15 +39,7 @@ def find_logs(paths: Any, out: pathlib.Path | None = None) -> tuple[list[pathlib
 
 
 def natural(path: pathlib.Path) -> list[Any]:
-    """Sorting key by which unit9 comes before unit10.
-
-    Examples
-    --------
-    >>> from pathlib import Path
-    >>> from jaxcal.batch._paths import natural
-    >>> [str(path) for path in sorted(map(Path, ["u10.csv", "u9.csv", "a/u1.csv"]), key=natural)]
-    ['a/u1.csv', 'u9.csv', 'u10.csv']
-    """
+    """Sorting key by which unit9 comes before unit10."""
     pieces = re.split(r"(\d+)", os.fspath(path))
     # numbers stand at odd places: like is compared with like
     return [(int(piece), piece) if i % 2 else piece.casefold() for i, piece in enumerate(pieces)]

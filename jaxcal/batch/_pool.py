@@ -16,38 +16,35 @@ _STARTS = 3  # workers that may be killed one after another before they have beg
 _starting = threading.Lock()
 
 
-class Worker(SpawnProcess):
+class _Process(SpawnProcess):
     """A fresh process whose libraries find their limits when they are loaded: later they no longer ask."""
 
     environment: dict[str, str]
 
     def start(self) -> None:
         with _starting:
-            kept = {name: os.environ.get(name) for name in self.environment}
+            kept = {name: os.environ[name] for name in self.environment if name in os.environ}
             os.environ.update(self.environment)
             try:
                 super().start()
             finally:
-                for name, value in kept.items():
-                    if value is None:
-                        del os.environ[name]
-                    else:
-                        os.environ[name] = value
+                for name in self.environment:
+                    del os.environ[name]
+                os.environ.update(kept)
 
 
-class Context(SpawnContext):
-    """Of workers with this environment."""
+class _Context(SpawnContext):
+    """Makes processes with this environment, and keeps the latest."""
 
     def __init__(self, environment: dict[str, str]) -> None:
         self.environment = environment
-        self.worker: Worker | None = None  # the latest
+        self.latest: _Process | None = None
 
-    def Process(self, *arguments: Any, **options: Any) -> Worker:
-        """As the class of that name, which an executor calls."""
-        worker = Worker(*arguments, **options)
-        worker.environment = self.environment
-        self.worker = worker
-        return worker
+    def Process(self, *arguments: Any, **options: Any) -> _Process:
+        """The class of that name, which an executor calls."""
+        self.latest = _Process(*arguments, **options)
+        self.latest.environment = self.environment
+        return self.latest
 
 
 def limits(threads: int) -> dict[str, str]:
@@ -59,11 +56,8 @@ def limits(threads: int) -> dict[str, str]:
     found |= {"PYTHON_CPU_COUNT": count, "XLA_PYTHON_CLIENT_PREALLOCATE": os.environ.get("XLA_PYTHON_CLIENT_PREALLOCATE", "false")}
     if threads == 1:
         found["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_multi_thread_eigen=false".strip()
-    for name in ("jax_compilation_cache_dir", "jax_persistent_cache_min_compile_time_secs", "jax_persistent_cache_min_entry_size_bytes"):
-        value = jax.config.values[name]
-        if value is not None:
-            found[name.upper()] = str(value)
-    return found
+    names = ("jax_compilation_cache_dir", "jax_persistent_cache_min_compile_time_secs", "jax_persistent_cache_min_entry_size_bytes")
+    return found | {name.upper(): str(value) for name in names if (value := jax.config.values[name]) is not None}
 
 
 def _begin() -> None:
@@ -81,15 +75,11 @@ def _begin() -> None:
     threading.Thread(target=follow, daemon=True).start()
 
 
-def _hello() -> int:
-    return os.getpid()
-
-
-class Lane:
+class Worker:
     """One process. When it dies no other is touched, and it is known whose log it was; the next log finds a fresh one."""
 
     def __init__(self, environment: dict[str, str]) -> None:
-        self.context = Context(environment)
+        self.context = _Context(environment)
         self.pool: ProcessPoolExecutor | None = None
         self.hello: Future | None = None
         self.began = 0.0
@@ -97,7 +87,7 @@ class Lane:
     def submit(self, function: Callable[..., Any], *arguments: Any) -> Future:
         if self.pool is None:
             self.pool = ProcessPoolExecutor(1, mp_context=self.context, initializer=_begin)
-            self.hello = self.pool.submit(_hello)
+            self.hello = self.pool.submit(os.getpid)
             self.hello.add_done_callback(self._clock)  # what a process takes to begin is not the log's
         self._clock()
         return self.pool.submit(function, *arguments)
@@ -113,30 +103,29 @@ class Lane:
     @property
     def refused(self) -> bool:
         """Whether the process ended by itself before it began, rather than by a signal."""
-        worker = self.context.worker
-        return not self.started and worker is not None and (worker.exitcode or 0) > 0
+        process = self.context.latest
+        return not self.started and process is not None and (process.exitcode or 0) > 0
 
     def kill(self) -> None:
         """End the process at once."""
-        if self.context.worker is not None:
-            self.context.worker.kill()
+        if self.context.latest is not None:
+            self.context.latest.kill()
 
     def close(self, *, at_once: bool) -> None:
-        if self.pool is None:
-            return
-        if at_once:
-            self.kill()
-        self.pool.shutdown(wait=True, cancel_futures=True)
-        self.pool = self.hello = None
+        if self.pool is not None:
+            if at_once:
+                self.kill()
+            self.pool.shutdown(wait=True, cancel_futures=True)
+            self.pool = self.hello = None
 
 
-class OwnCrew:
-    """Processes of our own."""
+class WorkerPool:
+    """Processes of our own, each with one log at a time."""
 
     def __init__(self, workers: int, threads: int) -> None:
         environment = limits(threads)
-        self._idle = [Lane(environment) for _ in range(workers)]
-        self._busy: dict[Future, Lane] = {}
+        self._idle = [Worker(environment) for _ in range(workers)]
+        self._busy: dict[Future, Worker] = {}
         self._failed_starts = 0
 
     @property
@@ -144,24 +133,24 @@ class OwnCrew:
         return bool(self._idle)
 
     def submit(self, function: Callable[..., Any], *arguments: Any) -> Future:
-        lane = self._idle.pop()
+        worker = self._idle.pop()
         try:
-            future = lane.submit(function, *arguments)
+            future = worker.submit(function, *arguments)
         except BrokenExecutor:  # it died between two logs
-            lane.close(at_once=False)
-            future = lane.submit(function, *arguments)
-        self._busy[future] = lane
+            worker.close(at_once=False)
+            future = worker.submit(function, *arguments)
+        self._busy[future] = worker
         return future
 
     def release(self, future: Future) -> bool:
         """The worker of a finished log is free again. Whether the worker died of the log."""
-        lane = self._busy.pop(future)
-        self._idle.append(lane)
+        worker = self._busy.pop(future)
+        self._idle.append(worker)
         if not isinstance(future.exception(), BrokenExecutor):
             self._failed_starts = 0
             return False
-        begun, refused = lane.started, lane.refused
-        lane.close(at_once=False)
+        begun, refused = worker.started, worker.refused
+        worker.close(at_once=False)
         self._failed_starts = 0 if begun else self._failed_starts + 1
         if refused or self._failed_starts >= _STARTS:
             raise DataError(
@@ -175,17 +164,18 @@ class OwnCrew:
 
     def overdue(self, seconds: float) -> list[Future]:
         """Kill the workers whose log takes longer; their futures."""
-        late = [future for future, lane in self._busy.items() if lane.started and time.monotonic() - lane.began > seconds]
+        now = time.monotonic()
+        late = [future for future, worker in self._busy.items() if worker.started and now - worker.began > seconds]
         for future in late:
             self._busy[future].kill()
         return late
 
     def close(self, *, at_once: bool) -> None:
-        for lane in [*self._idle, *self._busy.values()]:
-            lane.close(at_once=at_once)
+        for worker in [*self._idle, *self._busy.values()]:
+            worker.close(at_once=at_once)
 
 
-class GivenCrew:
+class GivenExecutor:
     """Somebody's executor: it is neither restarted nor shut down."""
 
     def __init__(self, executor: Executor, logs: int) -> None:
@@ -210,9 +200,6 @@ class GivenCrew:
         if self._question is not None:
             self._question.cancel()
         self._question = self._executor.submit(int)
-
-    def overdue(self, seconds: float) -> list[Future]:
-        return []
 
     def close(self, *, at_once: bool) -> None:
         for future in [*self._flying, *([] if self._question is None else [self._question])]:

@@ -2,6 +2,7 @@
 
 import collections
 import concurrent.futures
+import contextlib
 import dataclasses
 import json
 import os
@@ -15,13 +16,10 @@ from typing import Any
 from .._errors import DataError
 from .._files import write_atomically
 from ._answer import answer, fingerprint, lost
-from ._coefficients import of_list
-from ._fleet import Entry, Fleet
+from ._fleet import Coefficient, Entry, Fleet
 from ._paths import find_logs
-from ._pool import GivenCrew, OwnCrew
-from ._spread import spread_of
-from ._store import Store
-from ._summary import write_manifest, write_summary
+from ._pool import GivenExecutor, WorkerPool
+from ._store import Store, write_manifest, write_summary
 from ._tasks import check_task, identity, reading_options
 
 _TRIES = 2  # workers that a log may kill, or executors that may lose it
@@ -103,11 +101,10 @@ def run(
     logs, unreadable = find_logs(paths, None if store is None else store.folder)
     if not logs and not unreadable:
         raise DataError(f"no logs at {paths!r}; give files, folders or patterns such as 'logs/*.csv'")
-    job = _Run(logs, unreadable, task, options, reading, store, progress)
-    if store is None:
-        return job.finished(job.worked(executor, workers, timeout, resume=False))
-    with store.held():
-        return job.finished(job.worked(executor, workers, timeout, resume=bool(resume)))
+    job = _Run(logs, unreadable, (task, options, reading), store, progress or (lambda done, total, name: None))
+    with contextlib.nullcontext() if store is None else store.held():
+        job.work(executor, workers, timeout, resume=bool(resume))
+        return job.finished()
 
 
 def _check(task: Any, options: dict, reading: dict, executor: Any, workers: Any, timeout: Any) -> None:
@@ -140,92 +137,90 @@ class _Job:
 
 
 class _Run:
-    def __init__(self, logs: list, unreadable: dict, task: Any, options: dict, reading: dict, store: Store | None, progress: Any) -> None:
-        self.logs, self.unreadable, self.call, self.store = logs, unreadable, (task, options, reading), store
-        self.identity = json.loads(json.dumps(identity(*self.call)))
+    def __init__(self, logs: list, unreadable: dict, call: tuple[Any, dict, dict], store: Store | None, report: Any) -> None:
+        self.logs, self.unreadable, self.call, self.store, self.report = logs, unreadable, call, store, report
+        self.identity = json.loads(json.dumps(identity(*call)))
         self.entries: dict[pathlib.Path, Entry] = {}
-        self.report = progress or (lambda done, total, name: None)
         self.noted = time.monotonic()
 
-    def worked(self, executor: Executor | None, workers: int | None, timeout: float | None, *, resume: bool) -> None:
+    def work(self, executor: Executor | None, workers: int | None, timeout: float | None, *, resume: bool) -> None:
+        """Have every log computed that has no result yet."""
         for folder, reason in self.unreadable.items():
             text = lost(str(folder), *self.call, reason=f"the folder cannot be listed: {reason}")
             self._keep(folder, text)
-            self._settle(folder, text, None)
-        waiting = collections.deque(_Job(path) for path in (self._left() if resume else self.logs))
-        if waiting:
-            cores = os.cpu_count() or 1
-            number = workers or (getattr(executor, "_max_workers", None) if executor is not None else None) or cores
-            if executor is None:
-                number = min(number, len(waiting))
-                crew = OwnCrew(number, max(cores // number, 1))
-            else:
-                crew = GivenCrew(executor, 2 * number)
-            whole = False
-            try:
-                self._work(crew, waiting, timeout)
-                whole = True
-            finally:
-                crew.close(at_once=not whole)
-                if not whole:  # a full disk must not hide what went wrong
-                    self._note(suppressed=True)
+            self._enter(folder, text, None)
+        waiting = collections.deque(_Job(path) for path in (self._left(self.store) if resume and self.store else self.logs))
+        if not waiting:
+            return
+        cores = os.cpu_count() or 1
+        if executor is None:
+            number = min(workers or cores, len(waiting))
+            pool = WorkerPool(number, max(cores // number, 1))
+        else:
+            pool = GivenExecutor(executor, 2 * (workers or getattr(executor, "_max_workers", None) or cores))
+        whole = False
+        try:
+            self._hand_out(pool, waiting, timeout)
+            whole = True
+        finally:
+            pool.close(at_once=not whole)
+            if not whole:
+                with contextlib.suppress(OSError, ValueError):  # a full disk must not hide what went wrong
+                    self._note()
 
-    def _left(self) -> list[pathlib.Path]:
+    def _left(self, store: Store) -> list[pathlib.Path]:
         """The logs without a result that matches."""
-        store = self.store
-        assert store is not None
         with ThreadPoolExecutor(min(4, os.cpu_count() or 1)) as pool:  # hashing lets go of the interpreter
             known: dict[pathlib.Path, tuple[Entry, Future]] = {}
             for path in self.logs:
                 found = store.load(path)
-                if found is not None and self._matches(found):  # only a log with a result is worth the time
+                # only a log with a result of this task is worth the time
+                if found is not None and found.get("task") == self.identity and not found.get("again"):
                     known[path] = self._entry(path, found, None, None, kept=True), pool.submit(fingerprint, path)
-        self.entries |= {path: entry for path, (entry, sha256) in known.items() if sha256.result() == entry.sha256 is not None}
+        self.entries |= {path: entry for path, (entry, sha256) in known.items() if sha256.result()[1] == entry.sha256 is not None}
         return [path for path in self.logs if path not in self.entries]
 
-    def _matches(self, found: dict[str, Any]) -> bool:
-        return found.get("task") == self.identity and not found.get("again")
-
-    def _work(self, crew: Any, waiting: collections.deque, timeout: float | None) -> None:
+    def _hand_out(self, pool: Any, waiting: collections.deque, timeout: float | None) -> None:
+        """Give the logs to the pool as it has room, and keep what comes back."""
         flying: dict[Future, _Job] = {}
-        heard = time.monotonic()
+        answered = time.monotonic()
 
-        def hand_out() -> None:
-            while waiting and crew.room:
+        def fill() -> None:
+            while waiting and pool.room:
                 job = waiting.popleft()
-                try:
-                    flying[crew.submit(answer, str(job.path), *self.call)] = job
-                except Exception as error:  # every library has its own: BrokenExecutor, RuntimeError, Dask's ClosedClientError
-                    raise self._stopped(error) from error
+                flying[asked(pool.submit, answer, str(job.path), *self.call)] = job
+
+        def asked(function: Callable, *arguments: Any) -> Any:
+            try:
+                return function(*arguments)
+            except Exception as error:  # every library has its own: BrokenExecutor, RuntimeError, Dask's ClosedClientError
+                raise self._stopped(error) from error
 
         while waiting or flying:
-            hand_out()
+            fill()
             ready, _ = concurrent.futures.wait(flying, timeout=_LOOK, return_when=concurrent.futures.FIRST_COMPLETED)
             if ready:
-                heard = time.monotonic()
-            elif time.monotonic() - heard > _SILENCE:
-                heard = time.monotonic()
-                try:
-                    crew.ask()
-                except Exception as error:
-                    raise self._stopped(error) from error
-            for future in crew.overdue(timeout) if timeout is not None else ():
+                answered = time.monotonic()
+            elif time.monotonic() - answered > _SILENCE:
+                answered = time.monotonic()
+                asked(pool.ask)
+            for future in pool.overdue(timeout) if timeout is not None else ():
                 flying[future].late = True
             back = []
             for future in ready:
                 job = flying.pop(future)
-                back.append((job, *self._outcome(job, future, crew.release(future), timeout)))
+                back.append((job, *self._outcome(job, future, pool.release(future), timeout)))
             for job, text, _ in back:
                 if text is None:
                     waiting.appendleft(job)
                 else:
                     self._keep(job.path, text)  # before a worker is given the next: what is lost by a kill is what workers hold
             try:
-                hand_out()
+                fill()
             finally:  # what is on the disk is in the manifest too, where the executor takes no more
                 for job, text, seconds in back:
                     if text is not None:
-                        self._settle(job.path, text, seconds)
+                        self._enter(job.path, text, seconds)
 
     def _outcome(self, job: _Job, future: Future, killed: bool, timeout: float | None) -> tuple[str | None, float | None]:
         """Text of the result file, or None to try again; and seconds."""
@@ -259,55 +254,52 @@ class _Run:
         if self.store is not None:
             write_atomically(self.store.file_of(path), text)
 
-    def _settle(self, path: pathlib.Path, text: str, seconds: float | None) -> None:
-        """Enter a result that is kept."""
+    def _enter(self, path: pathlib.Path, text: str, seconds: float | None) -> None:
+        """Take up a result that is kept."""
         self.entries[path] = self._entry(path, json.loads(text), seconds, text if self.store is None else None)
         self.report(len(self.entries), len(self.logs) + len(self.unreadable), path.name)
-        if self.store is not None and time.monotonic() - self.noted > _MANIFEST_EVERY:
+        if time.monotonic() - self.noted > _MANIFEST_EVERY:
             self._note()
 
     def _entry(self, path: pathlib.Path, found: dict[str, Any], seconds: float | None, text: str | None, *, kept: bool = False) -> Entry:
         log, file = found["log"], None if self.store is None else self.store.file_of(path)
         return Entry(
             path=path, status=found["status"], reason=found["reason"], again=bool(found["again"]),
-            coefficients=of_list(found["coefficients"]), warnings=tuple(found["warnings"]), sha256=log["sha256"],
-            date=log["date"] and log["date"][0], seconds=seconds, file=file, kept=kept, _text=text,
+            coefficients={name: Coefficient(*row) for name, row in dict(found["coefficients"] or {}).items()},
+            warnings=tuple(found["warnings"]), sha256=log["sha256"], date=log["date"] and log["date"][0], seconds=seconds, file=file,
+            kept=kept, _text=text,
         )  # fmt: skip
 
-    def _note(self, *, suppressed: bool = False) -> None:
+    def _note(self) -> None:
+        """Write the manifest, where there is a folder."""
+        self.noted = time.monotonic()
         if self.store is not None:
-            self.noted = time.monotonic()
-            try:
-                write_manifest(self.store.folder, self._ordered(), self.identity, len(self.logs) + len(self.unreadable))
-            except (OSError, ValueError):
-                if not suppressed:
-                    raise
+            write_manifest(self.store.folder, self._ordered(), self.identity, len(self.logs) + len(self.unreadable))
 
     def _ordered(self) -> list[Entry]:
         return [self.entries[path] for path in [*self.unreadable, *self.logs] if path in self.entries]
 
-    def finished(self, _: None) -> Fleet:
-        entries = self._ordered()
-        spread = spread_of(entries)
-        if self.store is not None:
+    def finished(self) -> Fleet:
+        """The fleet, and the files about it."""
+        fleet = Fleet(tuple(self._ordered()), None if self.store is None else self.store.folder)
+        if fleet.out is not None:
             self._note()
-            write_summary(self.store.folder, entries)
+            write_summary(fleet.out, fleet.entries)
             from ..report._fleet import write_fleet
 
-            write_fleet(_overview(entries, spread, self.identity), self.store.folder / "overview.html")
-        return Fleet(entries=tuple(entries), spread=spread, out=None if self.store is None else self.store.folder)
+            write_fleet(_overview(fleet, self.identity), fleet.out / "overview.html")
+        return fleet
 
 
-def _overview(entries: list[Entry], spread: dict[str, Any], identity: dict[str, Any]) -> dict[str, Any]:
+def _overview(fleet: Fleet, identity: dict[str, Any]) -> dict[str, Any]:
     """What the page shows."""
-    done = [entry for entry in entries if entry.status == "done"]
     said: dict[str, list[str]] = {}
-    for entry in done:
+    for entry in fleet.done:
         for sentence in entry.warnings:
             said.setdefault(sentence, []).append(entry.path.name)
     return {
-        "task": identity, "logs": len(entries), "names": [entry.path.name for entry in done], "dates": [entry.date for entry in done],
-        "failed": [(entry.path.name, entry.reason) for entry in entries if entry.status == "failed"],
+        "task": identity, "logs": len(fleet), "names": [entry.path.name for entry in fleet.done],
+        "dates": [entry.date for entry in fleet.done], "failed": [(entry.path.name, entry.reason) for entry in fleet.failed],
         "warnings": sorted(said.items(), key=lambda item: -len(item[1])),
-        "spread": {name: dataclasses.asdict(one) for name, one in spread.items()},
+        "spread": {name: dataclasses.asdict(one) for name, one in fleet.spread.items()},
     }  # fmt: skip

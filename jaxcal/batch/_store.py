@@ -1,20 +1,29 @@
-"""The folder of a run: a lock, one result file per log, and what is already there."""
+"""The folder of a run: a lock, one result file per log, and the files about all of them."""
 
 import contextlib
+import csv
 import hashlib
+import importlib.metadata
+import io
 import json
 import os
 import pathlib
+import platform
 import re
+import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from .._errors import DataError, ExportError
+from .._files import json_text, write_atomically
 from ._answer import SCHEMA
+from ._fleet import Coefficient, Entry
 
 _HELD: set[str] = set()  # folders that this process writes to: a lock of the system does not tell its threads apart everywhere
 _GUARD = threading.Lock()
+#: the first columns of the table, and their types in Parquet
+_FIRST = dict.fromkeys(("log", "status", "reason", "date", "sha256"), "String") | {"seconds": "Float64", "warnings": "Int64"}
 
 
 class Store:
@@ -25,10 +34,7 @@ class Store:
         self.results = folder / "results"
 
     def file_of(self, log: str | os.PathLike[str]) -> pathlib.Path:
-        """The result file of a log: its name without anything that a file system could take amiss, and a part of its path's hash.
-
-        Two logs of one name in different folders have a file each.
-        """
+        """The result file of a log: its name in plain characters, and a part of its path's hash, for logs of one name in two folders."""
         path = os.path.abspath(log)
         name = re.sub(r"[^A-Za-z0-9_-]+", "_", os.path.basename(path).rsplit(".", 1)[0]).strip("_")[:80] or "log"
         return self.results / f"{name}-{hashlib.sha256(os.fsencode(path)).hexdigest()[:10]}.json"
@@ -39,21 +45,12 @@ class Store:
             document = json.loads(self.file_of(log).read_text(encoding="utf-8"))
         except (OSError, ValueError, RecursionError):
             return None
-        if not isinstance(document, dict) or document.get("schema") != SCHEMA or document.get("status") not in ("done", "failed"):
-            return None
-        return document
+        ours = isinstance(document, dict) and document.get("schema") == SCHEMA and document.get("status") in ("done", "failed")
+        return document if ours else None
 
     @contextlib.contextmanager
     def held(self) -> Iterator[None]:
-        """Make the folders, and keep other runs out until the block ends. The lock goes with the process, however that ends.
-
-        Raises
-        ------
-        DataError
-            If another run writes here.
-        ExportError
-            If the folder cannot be made or written to.
-        """
+        """Make the folders, and keep other runs out until the block ends: they get a `DataError`. The lock ends with the process."""
         try:
             self.results.mkdir(parents=True, exist_ok=True)
             handle = os.open(self.folder / ".lock", os.O_RDWR | os.O_CREAT, 0o644)
@@ -83,17 +80,76 @@ class Store:
 
 def _locked(handle: int) -> bool:
     try:
-        import fcntl
-    except ImportError:  # Windows
-        import msvcrt
+        if os.name == "nt":
+            import msvcrt
 
-        try:
             msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)  # pyright: ignore[reportAttributeAccessIssue]
-        except OSError:
-            return False
-        return True
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
+        else:
+            import fcntl
+
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except (BlockingIOError, PermissionError):  # what the two raise for a lock that another process holds
         return False
     return True
+
+
+def write_manifest(folder: pathlib.Path, entries: Sequence[Entry], identity: dict[str, Any], logs: int) -> None:
+    """What was run, with which versions, and every log with its status, reason and result file."""
+    rows = [
+        {
+            "log": _text(os.path.abspath(entry.path)), "status": entry.status, "reason": entry.reason, "again": entry.again,
+            "sha256": entry.sha256, "date": entry.date, "seconds": None if entry.seconds is None else round(entry.seconds, 3),
+            "result": None if entry.file is None else f"{entry.file.parent.name}/{entry.file.name}",
+        }
+        for entry in entries
+    ]  # fmt: skip
+    done = sum(entry.status == "done" for entry in entries)
+    packages = {name: importlib.metadata.version(name) for name in ("jaxcal", "jax", "jaxlib", "numpy", "scipy")}
+    count = {"logs": logs, "done": done, "failed": len(entries) - done, "left": logs - len(entries)}
+    document = {
+        "schema": "jaxcal.fleet/1", "task": identity, "count": count,
+        "versions": {**packages, "python": platform.python_version(), "platform": sys.platform}, "logs": rows,
+    }  # fmt: skip
+    write_atomically(folder / "manifest.json", json_text(document))
+
+
+def write_summary(folder: pathlib.Path, entries: Sequence[Entry]) -> None:
+    """`summary.csv`, and `summary.parquet` where polars is there: a row for each log, three columns for each coefficient."""
+    names = list(dict.fromkeys(name for entry in entries for name in entry.coefficients))
+    # an interval that no log has would be empty columns
+    bounded = {name for entry in entries for name, one in entry.coefficients.items() if one.low is not None or one.high is not None}
+    kinds = _FIRST | {column: "Float64" for name in names for column in _columns(name, name in bounded)}
+    rows = []
+    for entry in entries:
+        row = [_text(entry.path), entry.status, entry.reason, entry.date, entry.sha256, entry.seconds, len(entry.warnings)]
+        for name in names:
+            one = entry.coefficients.get(name, Coefficient(None))
+            row += [one.value, one.low, one.high] if name in bounded else [one.value]
+        rows.append(row)
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(kinds)
+    writer.writerows([_cell(value) for value in row] for row in rows)
+    write_atomically(folder / "summary.csv", text.getvalue())
+    try:
+        import polars as pl
+    except ImportError:
+        return
+    buffer = io.BytesIO()
+    pl.DataFrame(rows, {name: getattr(pl, kind) for name, kind in kinds.items()}, orient="row").write_parquet(buffer)
+    write_atomically(folder / "summary.parquet", buffer.getvalue())
+
+
+def _columns(name: str, bounded: bool) -> list[str]:
+    name = f"result.{name}" if name in _FIRST else name
+    return [name, f"{name}.low", f"{name}.high"] if bounded else [name]
+
+
+def _cell(value: Any) -> Any:
+    """What a spreadsheet cannot take for a formula."""
+    return f"'{value}" if isinstance(value, str) and value.startswith(("=", "+", "-", "@")) else value
+
+
+def _text(path: str | os.PathLike[str]) -> str:
+    """A path as text; the name of a file need not be."""
+    return os.fsencode(path).decode("utf-8", "backslashreplace")

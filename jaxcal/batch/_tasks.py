@@ -2,6 +2,7 @@
 
 import functools
 import hashlib
+import importlib
 import importlib.metadata
 import inspect
 import math
@@ -12,12 +13,19 @@ import numpy as np
 
 from .._errors import DataError, UnitError
 from .._log import Log
-from .._results import by_channel
+from .._results import by_channel, plain
 from .._units import STANDARD_GRAVITY, noise_units, si_unit
-from ._coefficients import Coefficient, as_json, number, numbers_of
+from ._fleet import Coefficient
 
 Answer = tuple[Any, dict[str, Coefficient], list[str]]
 _DECADES = 10.0 ** np.arange(-3, 6)
+_MOST = 400  # numbers taken from the result of a task of one's own
+
+
+def _coefficient(value: Any, low: Any = math.nan, high: Any = math.nan, unit: str = "") -> Coefficient:
+    """A coefficient whose numbers are None where they are not finite."""
+    known = (plain(float(x)) for x in (value, low, high))
+    return Coefficient(*known, unit=unit)
 
 
 def noise(log: Log, **options: Any) -> Answer:
@@ -28,14 +36,10 @@ def noise(log: Log, **options: Any) -> Answer:
     fits = characterise(log, **options)
     found: dict[str, Coefficient] = {}
     for channel, fit in fits.items():
-        sensor = channel.partition("_")[0]
         for term in fit.terms:
-            if fit.verdict[term] == "not detected":
-                one = Coefficient(None, None, number(fit.upper_limit[term]), noise_units(term, sensor)[-1])
-            else:
-                low, high = fit.interval[term]
-                one = Coefficient(number(fit.noise.coefficient(term)), number(low), number(high), noise_units(term, sensor)[-1])
-            found[f"{channel}.{term}"] = one
+            known = (fit.noise.coefficient(term), *fit.interval[term])
+            numbers = (math.nan, math.nan, fit.upper_limit[term]) if fit.verdict[term] == "not detected" else known
+            found[f"{channel}.{term}"] = _coefficient(*numbers, noise_units(term, channel.partition("_")[0])[-1])
     return document(fits, log), found, by_channel({channel: fit.warnings for channel, fit in fits.items()})
 
 
@@ -51,13 +55,13 @@ def mag(log: Log, **options: Any) -> Answer:
         raise DataError(f"the calibration is refused. {result.reason}")
     half = 1.96 * np.asarray(result.hard_iron_error)
     found = {
-        f"hard_iron_{axis}": Coefficient(number(b), number(b - s), number(b + s), "T")
+        f"hard_iron_{axis}": _coefficient(b, b - s, b + s, "T")
         for axis, b, s in zip("xyz", np.asarray(result.model.hard_iron), half, strict=True)
     }
     matrix = np.asarray(result.model.soft_iron)
-    found |= {f"soft_iron_{a}{b}": Coefficient(number(matrix[i, j])) for i, a in enumerate("xyz") for j, b in enumerate("xyz")}
-    found |= {"field": Coefficient(number(result.field), unit="T"), "noise": Coefficient(number(result.noise), unit="T")}
-    found["heading_error"] = Coefficient(number(result.heading_error[0]), unit="rad")
+    found |= {f"soft_iron_{a}{b}": _coefficient(matrix[i, j]) for i, a in enumerate("xyz") for j, b in enumerate("xyz")}
+    found |= {"field": _coefficient(result.field, unit="T"), "noise": _coefficient(result.noise, unit="T")}
+    found["heading_error"] = _coefficient(result.heading_error[0], unit="rad")
     return document(result, log), found, list(result.warnings)
 
 
@@ -70,10 +74,9 @@ def imu(log: Log, **options: Any) -> Answer:
     result = multi_position(log, **{"gravity": STANDARD_GRAVITY, **options})
     if result.verdict == "refused":
         raise DataError(f"the calibration is refused. {result.reason}")
-    limits = np.asarray(result.interval)
     found = {
-        name: Coefficient(number(value), number(low), number(high))
-        for name, value, (low, high) in zip(result.names, np.asarray(result.values), limits, strict=True)
+        name: _coefficient(value, low, high)
+        for name, value, (low, high) in zip(result.names, np.asarray(result.values), np.asarray(result.interval), strict=True)
         if high > low  # not fixed by the convention
     }
     return document(result, log), found, [*said, *result.warnings]
@@ -90,11 +93,10 @@ def temperature(log: Log, **options: Any) -> Answer:
         unit = si_unit(channel.partition("_")[0])
         middle = np.linspace(float(fit.model.low), float(fit.model.high), 101)
         bias = np.asarray(fit.model.curve.value(middle))
-        found[f"{channel}.bias"] = Coefficient(number(bias[50]), unit=unit)
-        found[f"{channel}.span"] = Coefficient(number(np.ptp(bias)), unit=unit)
-        found[f"{channel}.rms"] = Coefficient(number(fit.rms), unit=unit)
-        found[f"{channel}.jump"] = Coefficient(number(max((abs(s.height) for s in fit.steps), default=math.nan)), unit=unit)
-        found[f"{channel}.lag"] = Coefficient(number(fit.model.lag), unit="s")
+        jump = max((abs(step.height) for step in fit.steps), default=math.nan)
+        for name, value in (("bias", bias[50]), ("span", np.ptp(bias)), ("rms", fit.rms), ("jump", jump)):
+            found[f"{channel}.{name}"] = _coefficient(value, unit=unit)
+        found[f"{channel}.lag"] = _coefficient(fit.model.lag, unit="s")
     return document(fits, log), found, by_channel({channel: fit.warnings for channel, fit in fits.items()})
 
 
@@ -114,29 +116,22 @@ def allan(log: Log, **options: Any) -> Answer:
         for axis in range(result.deviation.shape[1]):
             one, channel = result.channel(axis), f"{sensor}_{'xyz'[axis]}"
             names = ("tau", "m", "deviation", "lower", "upper", "edf", "count", "alpha")
-            document["channels"][channel] = {name: as_json(getattr(one, name)) for name in names}
+            document["channels"][channel] = {name: plain(getattr(one, name)) for name in names}
             curves = [np.asarray(curve) for curve in (one.deviation, one.lower, one.upper)]
             for tau in _DECADES[(one.tau[0] * (1 - 1e-9) <= _DECADES) & (one.tau[-1] * (1 + 1e-9) >= _DECADES)]:
                 with np.errstate(divide="ignore"):
-                    at = [number(np.exp(np.interp(np.log(tau), np.log(one.tau), np.log(curve)))) for curve in curves]
-                found[f"{channel}.{result.kind}({tau:g} s)"] = Coefficient(*at, unit="" if result.unit_of_phase else si_unit(sensor))
+                    at = [np.exp(np.interp(np.log(tau), np.log(one.tau), np.log(curve))) for curve in curves]
+                found[f"{channel}.{result.kind}({tau:g} s)"] = _coefficient(*at, unit="" if result.unit_of_phase else si_unit(sensor))
     if not said:
         raise DataError("the log holds neither gyroscope, accelerometer nor magnetometer; name their columns with columns=")
     return document, found, by_channel(said)
 
 
-#: name of a task -> what it does
-TASKS: dict[str, Callable[..., Answer]] = {"noise": noise, "mag": mag, "imu": imu, "temperature": temperature, "allan": allan}
-
-
-def _driver(name: str) -> Callable[..., Any]:
-    """The function whose options a task takes."""
-    from .. import allan as allan_part, imu as imu_part, magnetometer, noise as noise_part, temperature as temperature_part
-
-    return {
-        "noise": noise_part.characterise, "mag": magnetometer.fit, "imu": imu_part.multi_position,
-        "temperature": temperature_part.fit, "allan": allan_part.deviation,
-    }[name]  # fmt: skip
+#: name of a task -> what it does, and the function whose options it takes
+TASKS: dict[str, tuple[Callable[..., Answer], str]] = {
+    "noise": (noise, "noise.characterise"), "mag": (mag, "magnetometer.fit"), "imu": (imu, "imu.multi_position"),
+    "temperature": (temperature, "temperature.fit"), "allan": (allan, "allan.deviation"),
+}  # fmt: skip
 
 
 def check_task(task: Any, options: dict[str, Any]) -> None:
@@ -147,7 +142,8 @@ def check_task(task: Any, options: dict[str, Any]) -> None:
         return
     if task not in TASKS:
         raise DataError(f"there is no task {task!r}; expected one of {', '.join(TASKS)}, or a function Log -> result")
-    parameters = inspect.signature(_driver(task)).parameters.values()
+    part, _, function = TASKS[task][1].partition(".")
+    parameters = inspect.signature(getattr(importlib.import_module(f"..{part}", __package__), function)).parameters.values()
     known = [each.name for each in parameters if each.kind is each.KEYWORD_ONLY and each.name not in ("progress", "time", "data")]
     unknown = [name for name in options if name not in known]
     if unknown:
@@ -157,11 +153,25 @@ def check_task(task: Any, options: dict[str, Any]) -> None:
 def perform(task: Any, log: Log, options: dict[str, Any]) -> Answer:
     """Do it: the result as JSON has it, coefficients, and warnings."""
     if isinstance(task, str):
-        document, found, said = TASKS[task](log, **options)
+        document, found, said = TASKS[task][0](log, **options)
     else:
-        document = as_json(task(log, **options))
-        found, said = numbers_of(document), []
+        document = plain(task(log, **options))
+        found, said = _numbers(document), []
     return document, found, list(dict.fromkeys([*log.warnings, *said]))
+
+
+def _numbers(result: Any, name: str = "") -> dict[str, Coefficient]:
+    """The first numbers in the result of a task of one's own: a.b for nested dictionaries, a[0] for short lists."""
+    if isinstance(result, bool) or not isinstance(result, int | float | dict | list):
+        return {}
+    if isinstance(result, int | float):
+        return {name or "value": _coefficient(result)}
+    if isinstance(result, dict):
+        items = [(f"{name}.{key}" if name else str(key), item) for key, item in result.items()]
+    else:
+        items = [(f"{name}[{i}]", item) for i, item in enumerate(result)] if len(result) <= 12 else []
+    found = [pair for key, item in items for pair in _numbers(item, key).items()]
+    return dict(found[:_MOST])
 
 
 def identity(task: Any, options: dict[str, Any], reading: dict[str, Any]) -> dict[str, Any]:
@@ -169,9 +179,7 @@ def identity(task: Any, options: dict[str, Any], reading: dict[str, Any]) -> dic
 
     A function of one's own is known by its name and its source, where Python has it.
     """
-    return {
-        **_named(task), "options": as_json(options), "reading": as_json(reading), "jaxcal": importlib.metadata.version("jaxcal"),
-    }  # fmt: skip
+    return {**_named(task), "options": plain(options), "reading": plain(reading), "jaxcal": importlib.metadata.version("jaxcal")}
 
 
 def _named(task: Any) -> dict[str, Any]:
@@ -179,7 +187,7 @@ def _named(task: Any) -> dict[str, Any]:
         return {"name": task}
     if isinstance(task, functools.partial):
         inner = _named(task.func)
-        return {**inner, "arguments": as_json([task.args, task.keywords])}
+        return {**inner, "arguments": plain([task.args, task.keywords])}
     function = task if hasattr(task, "__qualname__") else type(task)
     try:
         source = hashlib.sha256(inspect.getsource(function).encode()).hexdigest()[:16]
@@ -189,13 +197,7 @@ def _named(task: Any) -> dict[str, Any]:
 
 
 def reading_options(reading: dict[str, Any]) -> tuple[dict[str, Any], tuple[Any, Any]]:
-    """Options of `jaxcal.read`, and start and stop of the part that is taken.
-
-    Raises
-    ------
-    DataError
-        If there is no such option, or it has no meaning.
-    """
+    """Options of `jaxcal.read`, and start and stop of the part that is taken; a `DataError` for one that is unknown or has no meaning."""
     from ..io import read
     from ..io._columns import parse_columns, parse_topics, parse_units
 

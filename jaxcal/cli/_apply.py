@@ -4,6 +4,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
+from cyclopts import Parameter
+
 import jaxcal
 
 from ._options import CallError, Reading, Running, log_file, must_exist, read_log
@@ -13,23 +15,15 @@ from ._simulate import save_log
 
 
 def apply(
-    calibration: Path,
-    log: Path,
+    calibration: Annotated[Path, Parameter(help="Calibration as JSON, as the other commands write it.")],
+    log: Annotated[Path, Parameter(help="The log of the same device.")],
     /,
     *,
     out: Annotated[Path, log_file(help="File to write: FILE.csv or FILE.npz, in SI units; missing samples stay missing.")],
     reading: Reading = Reading(),
     running: Running = Running(),
 ) -> None:
-    """Correct a log with a calibration: temperature first, then bias, scale factor, misalignment, iron.
-
-    Parameters
-    ----------
-    calibration
-        Calibration as JSON, as the other commands write it.
-    log
-        The log of the same device.
-    """
+    """Correct a log with a calibration: temperature first, then bias, scale factor, misalignment, iron."""
     must_exist(calibration)
 
     def write(recording: Any, place: Path) -> Any:
@@ -41,22 +35,14 @@ def apply(
 
 
 def convert(
-    log: Path,
-    out: Path,
+    log: Annotated[Path, Parameter(help="Any log that can be read.")],
+    out: Annotated[Path, Parameter(help="File to write: FILE.npz or FILE.parquet.")],
     /,
     *,
     reading: Reading = Reading(),
     running: Running = Running(),
 ) -> None:
-    """Write a log as .npz or Parquet, in SI units, so that reading it again takes no time and no guess.
-
-    Parameters
-    ----------
-    log
-        Any log that can be read.
-    out
-        File to write: FILE.npz or FILE.parquet.
-    """
+    """Write a log as .npz or Parquet, in SI units, so that reading it again takes no time and no guess."""
     from ..io._saved import SUFFIXES, save
 
     if out.suffix not in SUFFIXES:

@@ -10,8 +10,10 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
+import jaxcal
+
 from ._cache import keep_compiled
-from ._options import RUNNING, CallError, Reading
+from ._options import RUNNING, CallError, Quiet, Reading, checked
 from ._screen import Screen, progress, show_written
 
 Task = Literal["noise", "mag", "imu", "temperature", "allan"]
@@ -21,68 +23,58 @@ _ROWS = 40  # of a printed table; the files hold all
 @Parameter(name="*", group=RUNNING)
 @dataclass(frozen=True, kw_only=True)
 class FleetRunning:
-    """How the command runs.
+    """How the command runs."""
 
-    Attributes
-    ----------
-    workers
-        Processes; by default one for each core. With --scheduler: logs at a time; by default one for each thread of the cluster.
-    scheduler
-        Address of a Dask scheduler, as tcp://host:8786, whose workers see the logs at the same paths. Needs the extra dask.
-    timeout
-        Seconds after which a log is given up. Not with --scheduler.
-    again
-        Compute every log anew, also those that are done.
-    quiet
-        Print nothing but errors.
-    config
-        TOML file with options: a table for each command, as [batch] units = ["gyro=deg/s"].
-    """
-
-    workers: int | None = None
-    scheduler: str | None = None
-    timeout: float | None = None
-    again: bool = False
-    quiet: bool = False
-    config: Path | None = None
+    workers: Annotated[
+        int | None,
+        checked(
+            "--workers", lambda workers: workers >= 1, "a whole number, at least 1",
+            "Processes; by default one for each core. With --scheduler: logs at a time; by default one for each thread of the cluster.",
+        ),
+    ] = None  # fmt: skip
+    scheduler: Annotated[
+        str | None,
+        Parameter(
+            help="Address of a Dask scheduler, as tcp://host:8786, whose workers see the logs at the same paths. Needs the extra dask."
+        ),
+    ] = None
+    timeout: Annotated[
+        float | None,
+        checked(
+            "--timeout", lambda timeout: timeout > 0, "a positive number of seconds",
+            "Seconds after which a log is given up. Not with --scheduler.",
+        ),
+    ] = None  # fmt: skip
+    again: Annotated[bool, Parameter(help="Compute every log anew, also those that are done.")] = False
+    quiet: Quiet = False
+    config: Annotated[
+        Path | None, Parameter(help='TOML file with options: a table for each command, as [batch] units = ["gyro=deg/s"].')
+    ] = None
 
 
 def batch(
-    *paths: Path,
-    task: Task = "noise",
-    out: Path,
-    option: Annotated[tuple[str, ...] | None, Parameter(name="--set")] = None,
+    *paths: Annotated[Path, Parameter(help='Logs, folders of logs, and patterns such as "logs/*.csv".')],
+    task: Annotated[Task, Parameter(help="What to do with each: noise, mag, imu, temperature or allan.")] = "noise",
+    out: Annotated[Path, Parameter(help="Folder for the results, made if it is missing.")],
+    option: Annotated[
+        tuple[str, ...] | None,
+        Parameter(name="--set", help="Option of the task, NAME=VALUE, as terms=QNBKR, gravity=9.8123 or kind=mdev. Repeatable."),
+    ] = None,
     reading: Reading = Reading(),
     running: FleetRunning = FleetRunning(),
 ) -> None:
-    """One task on many logs, side by side; killed, it goes on where it was.
+    """One task on many logs, side by side; interrupted, the same command resumes.
 
-    A log that fails is told, and costs no other. The folder --out gets a
-    result file for each log, manifest.json, summary.csv (and .parquet), and
-    overview.html: the spread of every coefficient, outliers and trends.
+    A log that fails is reported and does not stop the others. The folder --out
+    gets a result file for each log, manifest.json, summary.csv (and .parquet),
+    and overview.html: the spread of every coefficient, outliers and trends.
     The status is 1 only if no log at all could be answered.
-
-    Parameters
-    ----------
-    paths
-        Logs, folders of logs, and patterns such as "logs/*.csv".
-    task
-        What to do with each: noise, mag, imu, temperature or allan.
-    out
-        Folder for the results, made if it is missing.
-    option
-        Option of the task, NAME=VALUE, as terms=QNBKR, gravity=9.8123 or kind=mdev. Repeatable.
     """
-    import jaxcal
     from jaxcal.batch._paths import find_logs
     from jaxcal.batch._tasks import check_task, reading_options
 
     if not paths:
         raise CallError("batch needs logs: files, folders or patterns")
-    if running.workers is not None and running.workers < 1:
-        raise CallError(f"--workers {running.workers}: expected a whole number, at least 1")
-    if running.timeout is not None and not running.timeout > 0:
-        raise CallError(f"--timeout {running.timeout:g}: expected a positive number of seconds")
     if running.timeout is not None and running.scheduler is not None:
         raise CallError("--timeout and --scheduler exclude one another: the workers of a cluster cannot be stopped")
     if out.exists() and not out.is_dir():

@@ -3,6 +3,8 @@
 from pathlib import Path
 from typing import Annotated, Any
 
+from cyclopts import Parameter
+
 import jaxcal
 
 from .._files import json_text, write_atomically
@@ -12,31 +14,26 @@ from ._screen import Screen, show_written
 
 
 def diff(
-    first: Path,
-    second: Path,
+    first: Annotated[Path, Parameter(help="Calibration as JSON, as the other commands write it.")],
+    second: Annotated[Path, Parameter(help="Another one of the same device, from another recording.")],
     /,
     *,
     significance: Annotated[
-        float, checked("--significance", lambda chance: 0 < chance < 1, "a probability between 0 and 1, such as 0.01")
+        float,
+        checked(
+            "--significance",
+            lambda chance: 0 < chance < 1,
+            "a probability between 0 and 1, such as 0.01",
+            "Probability below which a change counts as one.",
+        ),
     ] = 0.01,
-    json: Path | None = None,
+    json: Annotated[Path | None, Parameter(help="File for the differences, in SI units.")] = None,
     running: Running = Running(),
 ) -> None:
     """Differences between two calibrations of one device, with their significance.
 
     A table for every part that both hold: the values, their difference and
     its standard error, and the chi-square of all differences together.
-
-    Parameters
-    ----------
-    first
-        Calibration as JSON, as the other commands write it.
-    second
-        Another one of the same device, from another recording.
-    significance
-        Probability below which a change counts as one.
-    json
-        File for the differences, in SI units.
     """
     must_exist(first, second)
     screen = Screen(running.quiet)

@@ -24,76 +24,59 @@ _IDS = {"px4": ("accel", "gyro", "mag"), "ardupilot": ("accel", "compass")}
 
 
 def export(
-    calibration: Annotated[list[Path], Parameter(consume_multiple=True)],
+    calibration: Annotated[
+        list[Path],
+        Parameter(
+            consume_multiple=True,
+            help="Calibration as JSON, as the other commands write it; for px4 and ardupilot several, one for each instance.",
+        ),
+    ],
     /,
     *,
-    to: Format,
-    out: Annotated[Path | None, Parameter(group=WRITING)] = None,
-    ids: str | None = None,
-    force: bool = False,
-    axis: Annotated[Literal["worst", "rms"], Parameter(group=_NOISE)] = "worst",
-    inflate: Annotated[float, Parameter(group=_NOISE)] = 1.0,
-    density: Annotated[str | None, Parameter(group=_NOISE)] = None,
-    random_walk: Annotated[str | None, Parameter(group=_NOISE)] = None,
-    rate: Annotated[float | None, Parameter(group=_NOISE)] = None,
-    topic: Annotated[str, Parameter(group=_FORMAT)] = "/imu0",
-    gravity: Annotated[float | None, Parameter(group=_FORMAT)] = None,
-    convention: Annotated[Literal["midpoint", "per_sample"], Parameter(group=_FORMAT)] = "midpoint",
-    model: Annotated[Literal["kalibr", "rpng"], Parameter(group=_FORMAT)] = "kalibr",
-    frame: Annotated[Literal["up", "down"], Parameter(group=_FORMAT)] = "up",
-    flavour: Annotated[Literal["ros2", "imu_calib", "dlio", "madgwick"], Parameter(group=_FORMAT)] = "ros2",
-    instance: Annotated[int, Parameter(group=_FORMAT)] = 0,
-    gyro_bias: Annotated[bool, Parameter(group=_FORMAT)] = False,
-    prefix: Annotated[str, Parameter(group=_FORMAT)] = "JAXCAL_",
-    accumulator: Annotated[bool, Parameter(group=_FORMAT)] = False,
+    to: Annotated[Format, Parameter(help="The tool.")],
+    out: Annotated[
+        Path | None,
+        Parameter(
+            group=WRITING, help="File to write; by default one with the usual name, here. imu_tk writes NAME_acc.calib and NAME_gyro.calib."
+        ),
+    ] = None,
+    ids: Annotated[
+        str | None,
+        Parameter(
+            help="Ids by which px4 or ardupilot finds the sensors: accel=1310988,gyro=1310988,mag=396825 or accel=2753028,compass=97539."
+        ),
+    ] = None,
+    force: Annotated[bool, Parameter(help="Write a calibration whose verdict is weak or refused too.")] = False,
+    axis: Annotated[
+        Literal["worst", "rms"], Parameter(group=_NOISE, help="One number for three axes: the worst, or their root mean square.")
+    ] = "worst",
+    inflate: Annotated[float, Parameter(group=_NOISE, help="Factor on the noise.")] = 1.0,
+    density: Annotated[
+        str | None, Parameter(group=_NOISE, help="What to write where no N was found: upper_limit, or gyro=VALUE,accel=VALUE in SI units.")
+    ] = None,
+    random_walk: Annotated[str | None, Parameter(group=_NOISE, help="The same for K.")] = None,
+    rate: Annotated[float | None, Parameter(group=_NOISE, help="True sampling rate in Hz; by default that of the log.")] = None,
+    topic: Annotated[str, Parameter(group=_FORMAT, help="ROS topic (kalibr, openvins, vins).")] = "/imu0",
+    gravity: Annotated[float | None, Parameter(group=_FORMAT, help="Local gravity in m/s^2 (vins, gtsam); by default 9.80665.")] = None,
+    convention: Annotated[
+        Literal["midpoint", "per_sample"], Parameter(group=_FORMAT, help="Reading of the noise of vins: N sqrt(2 rate), or N sqrt(rate).")
+    ] = "midpoint",
+    model: Annotated[
+        Literal["kalibr", "rpng"], Parameter(group=_FORMAT, help="Triangles of openvins: lower (kalibr) or upper (rpng).")
+    ] = "kalibr",
+    frame: Annotated[Literal["up", "down"], Parameter(group=_FORMAT, help="Direction of the z axis of gtsam.")] = "up",
+    flavour: Annotated[Literal["ros2", "imu_calib", "dlio", "madgwick"], Parameter(group=_FORMAT, help="The reader of ros.")] = "ros2",
+    instance: Annotated[int, Parameter(group=_FORMAT, help="Number of the sensors on the vehicle, from 0 (px4, ardupilot).")] = 0,
+    gyro_bias: Annotated[
+        bool, Parameter(group=_FORMAT, help="Write the gyroscope's bias too, which ardupilot learns at every start.")
+    ] = False,
+    prefix: Annotated[str, Parameter(group=_FORMAT, help="Of the names in c.")] = "JAXCAL_",
+    accumulator: Annotated[bool, Parameter(group=_FORMAT, help="With the sums for the next magnetometer calibration in c.")] = False,
     running: Running = Running(),
 ) -> None:
     """Write a calibration in the units, signs and order of another tool.
 
     What the tool cannot hold is said, with the error that it leaves.
-
-    Parameters
-    ----------
-    calibration
-        Calibration as JSON, as the other commands write it; for px4 and ardupilot several, one for each instance.
-    to
-        The tool.
-    out
-        File to write; by default one with the usual name, here. imu_tk writes NAME_acc.calib and NAME_gyro.calib.
-    ids
-        Ids by which px4 or ardupilot finds the sensors: accel=1310988,gyro=1310988,mag=396825 or accel=2753028,compass=97539.
-    force
-        Write a calibration whose verdict is weak or refused too.
-    axis
-        One number for three axes: the worst, or their root mean square.
-    inflate
-        Factor on the noise.
-    density
-        What to write where no N was found: upper_limit, or gyro=VALUE,accel=VALUE in SI units.
-    random_walk
-        The same for K.
-    rate
-        True sampling rate in Hz; by default that of the log.
-    topic
-        ROS topic (kalibr, openvins, vins).
-    gravity
-        Local gravity in m/s^2 (vins, gtsam); by default 9.80665.
-    convention
-        Reading of the noise of vins: N sqrt(2 rate), or N sqrt(rate).
-    model
-        Triangles of openvins: lower (kalibr) or upper (rpng).
-    frame
-        Direction of the z axis of gtsam.
-    flavour
-        The reader of ros.
-    instance
-        Number of the sensors on the vehicle, from 0 (px4, ardupilot).
-    gyro_bias
-        Write the gyroscope's bias too, which ardupilot learns at every start.
-    prefix
-        Of the names in c.
-    accumulator
-        With the sums for the next magnetometer calibration in c.
     """
     must_exist(*calibration)
     if ids is not None and to not in _IDS:

@@ -36,16 +36,18 @@ def imu(
     log: Log,
     /,
     *,
-    gravity: float | None = None,
-    latitude: Latitude | None = None,
-    height: float = 0.0,
-    convention: Literal["upper", "lower", "full"] = "upper",
-    method: Literal["joint", "imu_tk"] = "joint",
-    initial: float | None = None,
-    without_rest: bool = False,
-    raw: bool = False,
-    without_g_sensitivity: bool = False,
-    earth_rate: bool = False,
+    gravity: Annotated[
+        float | None, Parameter(help="Gravity at the place, in m/s^2; else from --latitude and --height, else standard gravity.")
+    ] = None,
+    latitude: Annotated[Latitude | None, Parameter(help="Latitude of the place, in degrees.")] = None,
+    height: Annotated[float, Parameter(help="Height of the place above sea level, in m.")] = 0.0,
+    convention: Annotated[Literal["upper", "lower", "full"], Parameter(help="Frame of the result: upper, lower or full.")] = "upper",
+    method: Annotated[Literal["joint", "imu_tk"], Parameter(help="joint, or imu_tk: the two steps of that program.")] = "joint",
+    initial: Annotated[float | None, Parameter(help="Length of the rest at the beginning, in s; 30 unless given.")] = None,
+    without_rest: Annotated[bool, Parameter(help="There is no rest at the beginning.")] = False,
+    raw: Annotated[bool, Parameter(help="The log holds counts; their scale is found from the data.")] = False,
+    without_g_sensitivity: Annotated[bool, Parameter(help="Leave out the gyroscope's sensitivity to acceleration.")] = False,
+    earth_rate: Annotated[bool, Parameter(help="Account for the Earth's rate, with --latitude; for tactical units.")] = False,
     reading: Reading = Reading(),
     writing: ImuWriting = ImuWriting(),
     running: Running = Running(),
@@ -55,29 +57,6 @@ def imu(
     The log begins with a rest of 30 s. Then hold the sensor still for 3 s
     or more on each face, each edge and some corners, 18 to 50 poses, and
     turn it smoothly from one to the next.
-
-    Parameters
-    ----------
-    gravity
-        Gravity at the place, in m/s^2; else from --latitude and --height, else standard gravity.
-    latitude
-        Latitude of the place, in degrees.
-    height
-        Height of the place above sea level, in m.
-    convention
-        Frame of the result: upper, lower or full.
-    method
-        joint, or imu_tk: the two steps of that program.
-    initial
-        Length of the rest at the beginning, in s; 30 unless given.
-    without_rest
-        There is no rest at the beginning.
-    raw
-        The log holds counts; their scale is found from the data.
-    without_g_sensitivity
-        Leave out the gyroscope's sensitivity to acceleration.
-    earth_rate
-        Account for the Earth's rate, with --latitude; for tactical units.
     """
     if earth_rate and latitude is None:
         raise CallError("--earth-rate needs --latitude")

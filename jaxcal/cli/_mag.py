@@ -40,18 +40,33 @@ def mag(
     log: Log,
     /,
     *,
-    method: Literal["ml", "consistent", "algebraic", "li_griffiths", "constrained", "radial", "axes", "minmax"] = "ml",
-    model: Literal["auto", "sphere", "diagonal", "symmetric", "planar"] = "auto",
-    field: Norm | None = None,
-    inclination: Dip | None = None,
-    field_error: float | None = None,
-    place: tuple[float, float] | None = None,
-    date: str | None = None,
-    loss: Literal["none", "huber", "cauchy", "tukey"] = "none",
-    penalty: float = 0.5,
-    align: Literal["none", "accel", "gyro"] = "none",
-    joint: bool = False,
-    force: bool = False,
+    method: Annotated[
+        Literal["ml", "consistent", "algebraic", "li_griffiths", "constrained", "radial", "axes", "minmax"],
+        Parameter(help="How to fit; ml is the maximum likelihood, the others are for comparison."),
+    ] = "ml",
+    model: Annotated[
+        Literal["auto", "sphere", "diagonal", "symmetric", "planar"],
+        Parameter(help="What to fit: sphere (hard iron), diagonal, symmetric (soft iron), or planar for turns about one axis."),
+    ] = "auto",
+    field: Annotated[Norm | None, Parameter(help="Norm of Earth's field there, in uT; by default the size of the readings stays.")] = None,
+    inclination: Annotated[Dip | None, Parameter(help="Dip of the field in degrees, for the heading error; by default 57.")] = None,
+    field_error: Annotated[
+        float | None, Parameter(help="Relative standard deviation of that norm in the log's unit, such as 0.02: the fit then uses it.")
+    ] = None,
+    place: Annotated[
+        tuple[float, float] | None, Parameter(help="Latitude and longitude in degrees: field and dip by the World Magnetic Model.")
+    ] = None,
+    date: Annotated[str | None, Parameter(help="Day of the log for --place, as 2026-05-31.")] = None,
+    loss: Annotated[Literal["none", "huber", "cauchy", "tukey"], Parameter(help="Robust loss for logs with outliers.")] = "none",
+    penalty: Annotated[float, Parameter(help="Weight of what keeps fits of few readings from running off; 0 for none.")] = 0.5,
+    align: Annotated[
+        Literal["none", "accel", "gyro"],
+        Parameter(help="Find the rotation that norms cannot see, from poses at rest (accel) or from rates (gyro)."),
+    ] = "none",
+    joint: Annotated[
+        bool, Parameter(help="Fit norms and the sensor of --align together; with little tilt far better than one after the other.")
+    ] = False,
+    force: Annotated[bool, Parameter(help="Write a refused fit too, to look at.")] = False,
     reading: Reading = Reading(),
     writing: Writing = Writing(),
     running: Running = Running(),
@@ -60,33 +75,6 @@ def mag(
 
     With their uncertainty, the heading error to expect, the directions that
     are still missing, and a verdict. A refused fit ends with status 1.
-
-    Parameters
-    ----------
-    method
-        How to fit; ml is the maximum likelihood, the others are for comparison.
-    model
-        What to fit: sphere (hard iron), diagonal, symmetric (soft iron), or planar for turns about one axis.
-    field
-        Norm of Earth's field there, in uT; by default the size of the readings stays.
-    field_error
-        Relative standard deviation of that norm in the log's unit, such as 0.02: the fit then uses it.
-    inclination
-        Dip of the field in degrees, for the heading error; by default 57.
-    place
-        Latitude and longitude in degrees: field and dip by the World Magnetic Model.
-    date
-        Day of the log for --place, as 2026-05-31.
-    loss
-        Robust loss for logs with outliers.
-    penalty
-        Weight of what keeps fits of few readings from running off; 0 for none.
-    align
-        Find the rotation that norms cannot see, from poses at rest (accel) or from rates (gyro).
-    joint
-        Fit norms and the sensor of --align together; with little tilt far better than one after the other.
-    force
-        Write a refused fit too, to look at.
     """
     if joint and (align == "none" or method != "ml" or model not in ("auto", "symmetric") or loss != "none"):
         raise CallError("--joint goes with --align accel or gyro, and with the full soft iron by --method ml without --loss")

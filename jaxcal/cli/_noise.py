@@ -38,11 +38,19 @@ def noise(
     log: Log,
     /,
     *,
-    terms: str = "QNBK",
+    terms: Annotated[str, Parameter(help="Terms to fit, as letters of QNBKRM; M is a Gauss-Markov process.")] = "QNBK",
     confidence: Annotated[Level, Parameter(help="Level of the intervals and limits.")] = 0.95,
-    band: tuple[float, float] | None = None,
-    method: Literal["whittle", "gls", "edf", "wavelet"] = "whittle",
-    calibration: Path | None = None,
+    band: Annotated[
+        tuple[float, float] | None,
+        Parameter(help="Shortest and longest cluster time to use, in s; by default those at which the model holds."),
+    ] = None,
+    method: Annotated[
+        Literal["whittle", "gls", "edf", "wavelet"], Parameter(help="How to fit: whittle, or on the Allan variance gls, edf or wavelet.")
+    ] = "whittle",
+    calibration: Annotated[
+        Path | None,
+        Parameter(help="Calibration of the device as JSON, from another recording: the log is corrected with it before the fit."),
+    ] = None,
     reading: Reading = Reading(),
     writing: Writing = Writing(),
     running: Running = Running(),
@@ -52,17 +60,6 @@ def noise(
     Q quantisation, N random walk (two-sided: a data-sheet density is
     sqrt(2) N), B bias instability, K rate random walk and, if asked for,
     R ramp: with intervals, and an upper limit where a term is not there.
-
-    Parameters
-    ----------
-    terms
-        Terms to fit, as letters of QNBKRM; M is a Gauss-Markov process.
-    band
-        Shortest and longest cluster time to use, in s; by default those at which the model holds.
-    method
-        How to fit: whittle, or on the Allan variance gls, edf or wavelet.
-    calibration
-        Calibration of the device as JSON, from another recording: the log is corrected with it before the fit.
     """
     must_exist(calibration)
     characterise(log, terms, confidence, band, reading, writing, running, method=method, calibration=calibration)

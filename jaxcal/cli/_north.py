@@ -40,17 +40,21 @@ class Writing:
 
 
 def north(
-    readings: Path,
+    readings: Annotated[Path, Parameter(help="The table.")],
     /,
     *,
-    latitude: Latitude | None = None,
-    gyro: str | None = None,
-    accel: str | None = None,
-    free: tuple[str, ...] | None = None,
-    prior: tuple[str, ...] | None = None,
-    hint: float | None = None,
-    hemisphere: str | None = None,
-    gravity: float = 9.80665,
+    latitude: Annotated[Latitude | None, Parameter(help="Latitude in degrees, north positive; without it, it is estimated.")] = None,
+    gyro: Annotated[
+        str | None, Parameter(help="Noise of the gyro, as N=0.01deg/sqrt(h); N and K count. Without it the residuals give the noise.")
+    ] = None,
+    accel: Annotated[str | None, Parameter(help="Noise of the accelerometer, as N=0.03m/s/sqrt(h).")] = None,
+    free: Annotated[tuple[str, ...] | None, Parameter(help="Parameters to estimate: phi,theta,psi,b_a,s_a,b_g,s_g,... Repeatable.")] = None,
+    prior: Annotated[
+        tuple[str, ...] | None, Parameter(help="Standard deviation of a parameter about zero, SI: s_a=1e-4. Repeatable.")
+    ] = None,
+    hint: Annotated[float | None, Parameter(help="Rough azimuth in degrees, where two fit.")] = None,
+    hemisphere: Annotated[str | None, Parameter(help="north or south, for a latitude that is estimated.")] = None,
+    gravity: Annotated[float, Parameter(help="Local gravity in m/s^2.")] = 9.80665,
     writing: Writing = Writing(),
     running: Running = Running(),
 ) -> None:
@@ -59,27 +63,6 @@ def north(
     The table is CSV with one row per position:
     angle [deg],mounting,dwell [s],accel [m/s^2],gyro [deg/h]
     Mountings are x (normal), z and -z (the same sensor remounted).
-
-    Parameters
-    ----------
-    readings
-        The table.
-    latitude
-        Latitude in degrees, north positive; without it, it is estimated.
-    gyro
-        Noise of the gyro, as N=0.01deg/sqrt(h); N and K count. Without it the residuals give the noise.
-    accel
-        Noise of the accelerometer, as N=0.03m/s/sqrt(h).
-    free
-        Parameters to estimate: phi,theta,psi,b_a,s_a,b_g,s_g,... Repeatable.
-    prior
-        Standard deviation of a parameter about zero, SI: s_a=1e-4. Repeatable.
-    hint
-        Rough azimuth in degrees, where two fit.
-    hemisphere
-        north or south, for a latitude that is estimated.
-    gravity
-        Local gravity in m/s^2.
     """
     priors = _priors(prior)
     files: list[File] = [

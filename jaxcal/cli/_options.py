@@ -37,6 +37,7 @@ def log_file(name: str = "--out", help: str = "File to write: FILE.csv or FILE.n
     return checked(name, lambda path: path.suffix in (".csv", ".npz"), "a name that ends in .csv or .npz", help)
 
 
+Quiet = Annotated[bool, Parameter(help="Print nothing but errors.")]
 Log = Annotated[Path, Parameter(help="The log: CSV, NPZ, Parquet, ROS bag.")]
 LogFile = Annotated[Path, log_file()]
 Level = Annotated[
@@ -104,21 +105,13 @@ class Reading:
 @Parameter(name="*", group=RUNNING)
 @dataclass(frozen=True, kw_only=True)
 class Running:
-    """How a command runs.
+    """How a command runs."""
 
-    Attributes
-    ----------
-    quiet
-        Print nothing but errors.
-    seed
-        Seed of everything random in the command; estimates draw nothing.
-    config
-        TOML file with options: a table for each command, as [noise] units = ["gyro=deg/s"].
-    """
-
-    quiet: bool = False
-    seed: int = 0
-    config: Path | None = None
+    quiet: Quiet = False
+    seed: Annotated[int, Parameter(help="Seed of what is simulated; estimates use no random numbers.")] = 0
+    config: Annotated[
+        Path | None, Parameter(help='TOML file with options: a table for each command, as [noise] units = ["gyro=deg/s"].')
+    ] = None
 
 
 def must_exist(*paths: Path | None) -> None:

@@ -6,6 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+from cyclopts import Parameter
+
 from .._units import STANDARD_GRAVITY, noise_factor, noise_units, si_unit
 from ._options import CallError, Latitude, LogFile, Running, checked
 from ._outputs import staged
@@ -19,27 +21,16 @@ _LARGEST = 500_000_000  # samples; more would not fit the memory of most machine
 def simulate_noise(
     *,
     out: LogFile,
-    rate: float = 100.0,
-    duration: float = 3600.0,
-    gyro: str | None = None,
-    accel: str | None = None,
+    rate: Annotated[float, Parameter(help="Sampling rate in Hz.")] = 100.0,
+    duration: Annotated[float, Parameter(help="Length of the log in s.")] = 3600.0,
+    gyro: Annotated[str | None, Parameter(help="Noise of each gyroscope axis.")] = None,
+    accel: Annotated[str | None, Parameter(help="Noise of each accelerometer axis.")] = None,
     running: Running = Running(),
 ) -> None:
     """A log of a level sensor at rest: the noise given, and gravity on accel_z.
 
     Coefficients are two-sided and have units:
     N=0.25deg/sqrt(h),B=7.6deg/h,K=0.5deg/h/sqrt(s).
-
-    Parameters
-    ----------
-    rate
-        Sampling rate in Hz.
-    duration
-        Length of the log in s.
-    gyro
-        Noise of each gyroscope axis.
-    accel
-        Noise of each accelerometer axis.
     """
     truth = noises(gyro, accel)
     if not truth:
@@ -51,39 +42,20 @@ def simulate_noise(
 def simulate_temperature(
     *,
     out: LogFile,
-    jump: float = 0.3,
-    profile: Literal["ramp", "cycle"] = "ramp",
-    lag: float = 0.0,
-    play: float = 0.0,
-    noise: float = 4e-3,
-    walk: float = 2e-5,
-    rate: float = 1.0,
-    duration: float = 5400.0,
+    jump: Annotated[float, Parameter(help="Height of the jump in deg/s.")] = 0.3,
+    profile: Annotated[Literal["ramp", "cycle"], Parameter(help="ramp, once from 20 to 45 degC; cycle, a sine of 75 minutes.")] = "ramp",
+    lag: Annotated[float, Parameter(help="Seconds by which the sensor follows the temperature.")] = 0.0,
+    play: Annotated[float, Parameter(help="Half-width of the backlash in degC.")] = 0.0,
+    noise: Annotated[float, Parameter(help="Standard deviation of a sample in deg/s.")] = 4e-3,
+    walk: Annotated[float, Parameter(help="Standard deviation of the bias's step from sample to sample in deg/s.")] = 2e-5,
+    rate: Annotated[float, Parameter(help="Sampling rate in Hz.")] = 1.0,
+    duration: Annotated[float, Parameter(help="Length of the log in s.")] = 5400.0,
     running: Running = Running(),
 ) -> None:
     """A log of a gyroscope at rest whose bias depends on a temperature of 20 to 45 degC.
 
     The x axis has a cubic and a jump at 24.5 degC, the y axis the jump
     downwards, the z axis no jump.
-
-    Parameters
-    ----------
-    jump
-        Height of the jump in deg/s.
-    profile
-        ramp, once from 20 to 45 degC; cycle, a sine of 75 minutes.
-    lag
-        Seconds by which the sensor follows the temperature.
-    play
-        Half-width of the backlash in degC.
-    noise
-        Standard deviation of a sample in deg/s.
-    walk
-        Standard deviation of the bias's step from sample to sample in deg/s.
-    rate
-        Sampling rate in Hz.
-    duration
-        Length of the log in s.
     """
     _check_size(rate, duration)
     if min(lag, play, noise, walk) < 0:
@@ -111,39 +83,20 @@ def simulate_temperature(
 def simulate_imu(
     *,
     out: LogFile,
-    rate: float = 100.0,
-    poses: int = 24,
-    still: float = 4.0,
-    turn: float = 3.0,
-    initial: float = 30.0,
-    gyro: str | None = None,
-    accel: str | None = None,
-    latitude: Latitude | None = None,
+    rate: Annotated[float, Parameter(help="Sampling rate in Hz.")] = 100.0,
+    poses: Annotated[int, Parameter(help="Number of poses.")] = 24,
+    still: Annotated[float, Parameter(help="Length of each pose in s.")] = 4.0,
+    turn: Annotated[float, Parameter(help="Length of each turn in s.")] = 3.0,
+    initial: Annotated[float, Parameter(help="Length of the rest at the beginning in s.")] = 30.0,
+    gyro: Annotated[str | None, Parameter(help="Noise of each gyroscope axis, as for simulate noise.")] = None,
+    accel: Annotated[str | None, Parameter(help="Noise of each accelerometer axis.")] = None,
+    latitude: Annotated[Latitude | None, Parameter(help="Latitude in degrees, to add the Earth's rate and take gravity there.")] = None,
     running: Running = Running(),
 ) -> None:
     """A log of a sensor held still in many poses, with turns between them.
 
     Scale factors, misalignment, biases and g-sensitivity are those of a
     common MEMS unit (jaxcal.imu.simulate shows them).
-
-    Parameters
-    ----------
-    rate
-        Sampling rate in Hz.
-    poses
-        Number of poses.
-    still
-        Length of each pose in s.
-    turn
-        Length of each turn in s.
-    initial
-        Length of the rest at the beginning in s.
-    gyro
-        Noise of each gyroscope axis, as for simulate noise.
-    accel
-        Noise of each accelerometer axis.
-    latitude
-        Latitude in degrees, to add the Earth's rate and take gravity there.
     """
     if poses < 2 or not all(0.0 < x < float("inf") for x in (rate, still, turn, initial)):
         raise CallError("--poses, --rate, --still, --turn, --initial: expected 2 poses or more, and positive numbers")
@@ -168,39 +121,27 @@ def simulate_imu(
 def simulate_mag(
     *,
     out: LogFile,
-    scenario: Literal["all", "three_turns", "twelve_points"] = "all",
-    samples: int | None = None,
-    noise: float = 0.2,
-    field: float = 47.0,
-    inclination: float = 57.0,
-    hard_iron: tuple[float, float, float] = (21.7, 5.2, -10.2),
-    soft_iron: float = 0.1,
-    mounting: float = 0.0,
+    scenario: Annotated[
+        Literal["all", "three_turns", "twelve_points"],
+        Parameter(help="Attitudes: all, three_turns, or twelve_points, as in the magnetometer paper."),
+    ] = "all",
+    samples: Annotated[int | None, Parameter(help="Attitudes of all (360), or headings of each turn.")] = None,
+    noise: Annotated[
+        float, Parameter(help="Standard deviation of an axis of a reading in uT; the specific force has the same part of gravity.")
+    ] = 0.2,
+    field: Annotated[float, Parameter(help="Norm of Earth's field in uT.")] = 47.0,
+    inclination: Annotated[float, Parameter(help="Its dip in degrees.")] = 57.0,
+    hard_iron: Annotated[tuple[float, float, float], Parameter(help="Offset in uT.")] = (21.7, 5.2, -10.2),
+    soft_iron: Annotated[
+        float, Parameter(help="Largest entry of the symmetric matrix that is added to the unit matrix, drawn with the seed.")
+    ] = 0.1,
+    mounting: Annotated[float, Parameter(help="Angle in degrees by which the magnetometer is turned about its z axis.")] = 0.0,
     running: Running = Running(),
 ) -> None:
     """A log of a magnetometer in many attitudes, with the specific force at rest.
 
     Hard iron, soft iron and mounting are printed: the truth to hold
     jaxcal mag against.
-
-    Parameters
-    ----------
-    scenario
-        Attitudes: all, three_turns, or twelve_points, as in the magnetometer paper.
-    samples
-        Attitudes of all (360), or headings of each turn.
-    noise
-        Standard deviation of an axis of a reading in uT; the specific force has the same part of gravity.
-    field
-        Norm of Earth's field in uT.
-    inclination
-        Its dip in degrees.
-    hard_iron
-        Offset in uT.
-    soft_iron
-        Largest entry of the symmetric matrix that is added to the unit matrix, drawn with the seed.
-    mounting
-        Angle in degrees by which the magnetometer is turned about its z axis.
     """
     if not noise >= 0 or not field > 0 or not abs(inclination) < 90 or not 0 <= soft_iron < 0.3:
         raise CallError("expected --noise of 0 or more, a positive --field, --inclination within 90 degrees, --soft-iron from 0 to 0.3")
@@ -235,43 +176,23 @@ def simulate_mag(
 def simulate_north(
     *,
     out: Annotated[Path, checked("--out", lambda path: path.suffix == ".csv", "a name that ends in .csv", "File to write: FILE.csv.")],
-    latitude: Latitude,
-    attitude: str = "0,0,0",
-    positions: str = "0,90,180,270",
-    dwell: Annotated[float, checked("--dwell", lambda dwell: 0 < dwell < math.inf, "a positive number of s")] = 60.0,
-    gyro: str = "N=0.01deg/sqrt(h)",
-    accel: str = "N=0.03m/s/sqrt(h)",
-    gyro_bias: float = 0.0,
-    accel_bias: float = 0.0,
-    gyro_scale: float = 0.0,
-    accel_scale: float = 0.0,
+    latitude: Annotated[Latitude, Parameter(help="Degrees, north positive.")],
+    attitude: Annotated[str, Parameter(help="Roll, pitch and azimuth of the table in degrees.")] = "0,0,0",
+    positions: Annotated[
+        str, Parameter(help="Table angles in degrees; z and -z for the sensors remounted, z90 at another angle: 0,90,180,270,z,-z.")
+    ] = "0,90,180,270",
+    dwell: Annotated[
+        float, checked("--dwell", lambda dwell: 0 < dwell < math.inf, "a positive number of s", "Time on each position in s.")
+    ] = 60.0,
+    gyro: Annotated[str, Parameter(help="Noise of the gyro; N and K count.")] = "N=0.01deg/sqrt(h)",
+    accel: Annotated[str, Parameter(help="Noise of the accelerometer.")] = "N=0.03m/s/sqrt(h)",
+    gyro_bias: Annotated[float, Parameter(help="In deg/h.")] = 0.0,
+    accel_bias: Annotated[float, Parameter(help="In micro-g.")] = 0.0,
+    gyro_scale: Annotated[float, Parameter(help="Scale error in ppm.")] = 0.0,
+    accel_scale: Annotated[float, Parameter(help="Scale error in ppm.")] = 0.0,
     running: Running = Running(),
 ) -> None:
-    """A table of turntable readings for `jaxcal north`.
-
-    Parameters
-    ----------
-    latitude
-        Degrees, north positive.
-    attitude
-        Roll, pitch and azimuth of the table in degrees.
-    positions
-        Table angles in degrees; z and -z for the sensors remounted, z90 at another angle: 0,90,180,270,z,-z.
-    dwell
-        Time on each position in s.
-    gyro
-        Noise of the gyro; N and K count.
-    accel
-        Noise of the accelerometer.
-    gyro_bias
-        In deg/h.
-    accel_bias
-        In micro-g.
-    gyro_scale
-        Scale error in ppm.
-    accel_scale
-        Scale error in ppm.
-    """
+    """A table of turntable readings for `jaxcal north`."""
     angles = _numbers("--attitude", attitude)
     if len(angles) != 3:
         raise CallError(f"--attitude {attitude}: expected roll, pitch and azimuth in degrees, such as 1,2,88")

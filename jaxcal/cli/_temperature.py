@@ -37,10 +37,13 @@ def temperature(
     log: Annotated[Path, Parameter(help="The log: CSV, NPZ, Parquet, ROS bag; with a temperature.")],
     /,
     *,
-    model: Literal["auto", "polynomial", "table", "pchip", "spline", "steps"] = "auto",
-    degree: int | None = None,
-    lag: str | None = None,
-    play: str | None = None,
+    model: Annotated[
+        Literal["auto", "polynomial", "table", "pchip", "spline", "steps"],
+        Parameter(help="auto compares polynomials, jumps and a spline on held-out data."),
+    ] = "auto",
+    degree: Annotated[int | None, Parameter(help="Degree with --model polynomial; by default chosen.")] = None,
+    lag: Annotated[str | None, Parameter(help="Seconds by which the sensor follows the thermometer, or auto.")] = None,
+    play: Annotated[str | None, Parameter(help="Half-width of the backlash between them in degC, or auto.")] = None,
     confidence: Level = 0.95,
     reading: Reading = Reading(),
     writing: Writing = Writing(),
@@ -50,17 +53,6 @@ def temperature(
 
     Jumps of the bias at a temperature and hysteresis are followed; what a
     polynomial leaves of them is said.
-
-    Parameters
-    ----------
-    model
-        auto compares polynomials, jumps and a spline on held-out data.
-    degree
-        Degree with --model polynomial; by default chosen.
-    lag
-        Seconds by which the sensor follows the thermometer, or auto.
-    play
-        Half-width of the backlash between them in degC, or auto.
     """
     if degree is not None and model != "polynomial":
         raise CallError(f"--degree {degree} goes with --model polynomial")

@@ -1,4 +1,4 @@
-"""`residuals` of a thermal model, and the fit of a curve whose form is given: pure functions, also under `jit`, `vmap` and `grad`."""
+"""Fits of a form that is given: `residuals` and their fit, pure and also under `jit`, `vmap` and `grad`, and `scale_factor`."""
 
 from typing import Any
 
@@ -7,17 +7,19 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._errors import DataError
-from .._precision import array_module
+from .._precision import array_module, host_float64
 from ..fitting import Fit, solve
-from ._bins import FINE, Bins, binned
 from ._curves import AbstractCurve, Chebyshev, common
-from ._hysteresis import lagged, played
-from ._linear import table_bins, table_curve
+from ._hysteresis import lagged, played, steps_of
+from ._linear import basis, bic, monomial_errors, monomials, table_curve
 from ._model import ThermalModel
-from ._result import TemperatureFit
+from ._record import COARSE, FINE, Bins, binned, numbers
+from ._result import Candidate, TemperatureFit
+from ._uncertainty import standard_error
 
 #: leaves that are not fitted: where a curve is scaled or joined
 _HELD = ("low", "high", "nodes")
+_HIGHEST = 3  # degree of a scale factor's polynomial that is chosen
 
 
 def residuals(model: Any, data: Bins) -> Any:
@@ -75,19 +77,89 @@ def traced(temperature: Any, bias: Any, model: Any, degree: int | None, time: An
         raise DataError(f"temperature has shape {t.shape} and bias {b.shape}; expected both (n,)")
     # NumPy's temperatures stay NumPy's: with them the number of bins is known
     t = t if isinstance(temperature, jax.Array) else np.asarray(temperature, dtype=t.dtype)
-    if time is not None:
-        steps = jnp.diff(common(jnp, time, t)[0])
-        t = lagged(t, jnp.concatenate([steps[:1], steps]), lag)
-    t = played(t, play)
+    t = played(t if time is None else lagged(t, steps_of(common(jnp, time, t)[0]), lag), play)
     low, high, bins = t.min(), t.max(), binned(t, b, FINE)
     if model == "table":
-        curve = table_curve(table_bins(t, b))
+        curve = table_curve(binned(t, b, COARSE))
     else:
         curve = fitted(Chebyshev(jnp.zeros((degree or 0) + 1, dtype=b.dtype), low, high) if model == "polynomial" else model, bins).model
     residual = bins.b - curve.value(bins.t)
+    rms = jnp.sqrt(jnp.sum(bins.count * residual**2) / jnp.sum(bins.count))
+    kind = model if isinstance(model, str) else type(model).__name__
+    return TemperatureFit(ThermalModel(curve, low, high, lag, play), bins, residual, rms, kind, degree=degree)
+
+
+@host_float64
+def scale_factor(temperature: Any, scale: Any, *, error: Any = None, degree: int | None = None, confidence: float = 0.95) -> TemperatureFit:
+    r"""Scale factor against temperature, from calibrations (multi-position, rate table) at a few temperatures.
+
+    .. math:: s(T) = \sum_i q_i C_i(u),\qquad \hat x = y / s(T)
+
+    The entries of a misalignment matrix are fitted in the same way, one at a time.
+
+    Parameters
+    ----------
+    temperature : (n,) degC of each calibration, at least three different ones.
+    scale : (n,) scale factors.
+    error : their standard errors, one or (n,); None takes them from the residuals, which needs n above degree + 1.
+    degree : of the polynomial; None chooses 0 to 3 by BIC, fewer where there are few temperatures.
+    confidence : level of the intervals.
+
+    Returns
+    -------
+    TemperatureFit whose `model.correct` divides by the scale factor.
+
+    Raises
+    ------
+    DataError
+        If there are too few temperatures for the degree, or a number is not finite.
+
+    Examples
+    --------
+    >>> import jaxcal
+    >>> found = jaxcal.temperature.scale_factor([0.0, 20.0, 40.0, 60.0], [1.000, 1.004, 1.008, 1.012], error=1e-5)
+    >>> found.degree, float(found.coefficients[1].round(6))
+    (1, 0.0002)
+
+    References
+    ----------
+    The thesis, section 5.2: scale factor and misalignment depend on temperature as the bias does.
+    """
+    t, s = numbers(temperature, "temperature"), numbers(scale, "scale")
+    if len(t) != len(s):
+        raise DataError(f"temperature has {len(t)} values and scale {len(s)}; give one temperature per calibration")
+    if not (np.isfinite(t).all() and np.isfinite(s).all()):
+        raise DataError("a temperature or a scale factor is not a number; leave that calibration out")
+    different = len(np.unique(t))
+    if different < 3:
+        raise DataError(f"there are {different} different temperatures; calibrate at three or more, over the range of use")
+    sigma = None if error is None else np.broadcast_to(np.asarray(error, dtype=float), s.shape)
+    if sigma is not None and not (np.isfinite(sigma).all() and (sigma > 0).all()):
+        raise DataError("error must be standard errors above 0, one or as many as scale factors")
+    order, low, high = np.argsort(t, kind="stable"), float(t.min()), float(t.max())
+    t, s = t[order], s[order]
+    weight = np.ones(len(s)) if sigma is None else 1 / sigma[order]
+    most = min(_HIGHEST, different - 2) if degree is None else degree
+    if not 0 <= most <= different - 1 or (sigma is None and most > len(s) - 2):
+        raise DataError(f"degree={degree} needs more than the {len(s)} calibrations given (at {different} temperatures)")
+    design = basis(t, low, high, most) * weight[:, None]
+    fits = []
+    for one in range(most + 1) if degree is None else [degree]:
+        q = np.linalg.lstsq(design[:, : one + 1], s * weight, rcond=None)[0]
+        rss = float(np.sum((s * weight - design[:, : one + 1] @ q) ** 2))
+        # with known errors the sum of squares itself is minus twice the log likelihood
+        fits.append((bic(rss, len(s), one + 1) if sigma is None else rss + (one + 1) * np.log(len(s)), one, q, rss))
+    _, chosen, q, rss = min(fits, key=lambda found: found[0])
+    curve = Chebyshev(q, low, high)
+    spread = rss / max(len(s) - chosen - 1, 1) if sigma is None else 1.0
+    covariance = spread * np.linalg.inv(design[:, : chosen + 1].T @ design[:, : chosen + 1])
+    grid = np.linspace(low, high, 101)
+    residual = s - np.asarray(curve.value(t))
+    worst = int(np.argmax(np.abs(residual)))
     return TemperatureFit(
-        model=ThermalModel(curve, low, high, lag, play), degree=degree, coefficients=None, coefficient_error=None, steps=(), parameters={},
-        rms=jnp.sqrt(jnp.sum(bins.count * residual**2) / jnp.sum(bins.count)), worst=None, worst_at=None, grid=None, error=None,
-        bins=bins, residual=residual, thermometer=None, candidates=(), kind=model if isinstance(model, str) else type(model).__name__,
-        held_out="", confidence=0.95, warnings=(), notes=(),
+        ThermalModel(curve, low, high, scale=True), Bins(t, s, np.ones(len(s))), residual, float(np.sqrt(np.mean(residual**2))),
+        kind="polynomial", degree=chosen, coefficients=monomials(curve), coefficient_error=monomial_errors(curve, covariance),
+        worst=float(np.abs(residual[worst])), worst_at=float(t[worst]), grid=grid, thermometer=0.0, confidence=float(confidence),
+        error=standard_error(basis(grid, low, high, chosen), covariance),
+        candidates=tuple(Candidate(f"polynomial {one}", value, 0.0, one == chosen) for value, one, _, _ in fits) if degree is None else (),
     )  # fmt: skip

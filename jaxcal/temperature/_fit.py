@@ -9,18 +9,16 @@ from .._errors import DataError
 from .._precision import host_float64, is_traced
 from .._types import AnyArray
 from ..fitting import Fit
-from ._bins import Bins, binned
 from ._curves import AbstractCurve, Chebyshev, Steps
 from ._estimate import fitted, traced
-from ._linear import ALARM, CAP, degree_by_bic, monomials, pchip_curve, polynomial_curve, table_bins, table_curve
+from ._linear import ALARM, CAP, degree_by_bic, monomial_errors, monomials, pchip_curve, polynomial_curve, table_curve
 from ._model import ThermalModel
-from ._record import Record, record
+from ._record import COARSE, Bins, Record, binned, record
 from ._result import Candidate, Step, TemperatureFit
-from ._search import effective, search
+from ._search import Fitter, Score, effective, score, search
 from ._smoothing import spline_curve
 from ._steps import DEGREE, steps_curve
-from ._uncertainty import bins_covariance, nodes_error, parametric, parametric_error, spline_error, steepness
-from ._validation import Fitter, Score, score
+from ._uncertainty import steepness, uncertainty
 
 MODELS = ("auto", "polynomial", "table", "pchip", "spline", "steps")
 _WINDOW = 1.0  # degC: the window whose worst residual is reported
@@ -145,9 +143,9 @@ def _fitter(kind: str, degree: int | None) -> Fitter:
 
     return {
         "polynomial": polynomial,
-        "table": lambda t, b, low, high: table_curve(table_bins(t, b)),
-        "pchip": lambda t, b, low, high: pchip_curve(table_bins(t, b)),
-        "spline": lambda t, b, low, high: spline_curve(binned(t, b, low=low))[0],
+        "table": lambda t, b, low, high: table_curve(binned(t, b, COARSE)),
+        "pchip": lambda t, b, low, high: pchip_curve(binned(t, b, COARSE)),
+        "spline": lambda t, b, low, high: spline_curve(binned(t, b, low=low)),
         "steps": steps_curve,
     }[kind]
 
@@ -189,29 +187,25 @@ def _described(
             f"the polynomial of degree {degree} leaves {worst:.3g} (unit of the bias) in the degree around {worst_at:.1f} degC, "
             f"{worst / rms:.1f} times its rms: a jump there? model='auto' follows it"
         )
-    grid, error, covariance = _uncertain(kind, curve, t, given, bins, low, high, own)
-    coefficients = coefficient_error = None
-    steps: tuple[Step, ...] = ()
-    parameters = {}
+    grid, error, covariance = uncertainty(kind, curve, t, given.b, bins, given.noise, own)
+    found: dict[str, Any] = {"degree": degree}
     if own is not None:
-        parameters = dict(zip(own.names, zip(own.parameters.tolist(), np.sqrt(np.diag(covariance)).tolist(), strict=True), strict=True))
+        found["parameters"] = dict(
+            zip(own.names, zip(own.parameters.tolist(), np.sqrt(np.diag(covariance)).tolist(), strict=True), strict=True)
+        )
     elif isinstance(curve, Chebyshev):
-        coefficients = monomials(curve)
-        units = np.eye(len(coefficients))
-        change = np.stack([monomials(Chebyshev(unit, low, high)) for unit in units], axis=1)
-        coefficient_error = np.sqrt(np.diag(change @ covariance @ change.T))
+        found |= {"coefficients": monomials(curve), "coefficient_error": monomial_errors(curve, covariance)}
     elif isinstance(curve, Steps):
-        degree = DEGREE
-        steps = _steps(curve, covariance)
-    steepest = bins.t[np.argmax(np.abs(steepness(curve, bins.t)))]
-    adds = float(np.max(np.abs(steepness(curve, bins.t)))) * given.noise
-    notes = list(given.notes)
-    notes.append(f"the thermometer's noise of {given.noise:.2g} degC adds up to {adds:.2g} to a corrected reading, at {steepest:.1f} degC")
+        found = {"degree": DEGREE, "steps": _steps(curve, covariance)}
+    slope = np.abs(steepness(curve, bins.t))
+    note = (
+        f"the thermometer's noise of {given.noise:.2g} degC adds up to {float(np.max(slope)) * given.noise:.2g} to a corrected reading, at "
+        f"{bins.t[np.argmax(slope)]:.1f} degC"
+    )
     return TemperatureFit(
-        model=ThermalModel(curve, low, high, float(hysteresis.lag), float(hysteresis.play)),
-        degree=degree, parameters=parameters, coefficients=coefficients, coefficient_error=coefficient_error, steps=steps, rms=rms,
-        worst=worst, worst_at=worst_at, grid=grid, error=error, bins=bins, residual=residual, thermometer=given.noise,
-        candidates=candidates, kind=kind, held_out=held_out, confidence=float(confidence), warnings=tuple(warnings), notes=tuple(notes),
+        ThermalModel(curve, low, high, float(hysteresis.lag), float(hysteresis.play)), bins, residual, rms, kind, **found,
+        worst=worst, worst_at=worst_at, grid=grid, error=error, thermometer=given.noise, candidates=candidates, held_out=held_out,
+        confidence=float(confidence), warnings=tuple(warnings), notes=(*given.notes, note),
     )  # fmt: skip
 
 
@@ -232,32 +226,8 @@ def _elsewhere(bins: Bins, residual: AnyArray, centre: float) -> float:
     return float(np.sqrt(np.average(residual[away] ** 2, weights=bins.count[away]))) if away.any() else np.inf
 
 
-def _uncertain(
-    kind: str, curve: Any, t: AnyArray, given: Record, bins: Bins, low: float, high: float, own: Fit | None
-) -> tuple[AnyArray, AnyArray, AnyArray]:
-    """Temperatures, standard errors of the curve there, and the covariance of its parameters (empty where it has none)."""
-    v = bins_covariance(curve, t, given.b, bins, given.noise)
-    if own is not None:
-        root = np.sqrt(bins.count)
-        covariance = v.through(np.linalg.pinv(own.jacobian) * root)
-        rows = own.jacobian / root[:, None]
-        return bins.t, np.sqrt(np.einsum("ij,jk,ik->i", rows, covariance, rows)), covariance
-    if isinstance(curve, (Chebyshev, Steps)):
-        covariance = parametric(curve, bins, v, low, high)
-        return bins.t, parametric_error(curve, covariance, bins.t, low, high), covariance
-    if kind == "spline":
-        return bins.t, spline_error(bins, v), np.zeros((0, 0))
-    nodes = table_bins(t, given.b)
-    return nodes.t, nodes_error(nodes, bins, v), np.zeros((0, 0))
-
-
 def _steps(curve: Steps, covariance: AnyArray) -> tuple[Step, ...]:
-    error = np.sqrt(np.diag(covariance))
     first, count = len(curve.base.coefficients), len(curve.centre)
-    return tuple(
-        Step(
-            float(curve.centre[j]), float(curve.width[j]), float(curve.height[j]), float(error[first + count + 2 * j]),
-            float(error[first + count + 2 * j + 1]), float(error[first + j]),
-        )
-        for j in range(count)
-    )  # fmt: skip
+    heights, shapes = np.split(np.sqrt(np.diag(covariance))[first:], [count])
+    columns = (curve.centre, curve.width, curve.height, shapes[::2], shapes[1::2], heights)
+    return tuple(Step(*map(float, row)) for row in zip(*columns, strict=True))

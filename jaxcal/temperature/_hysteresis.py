@@ -10,7 +10,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from .._precision import array_module
+from .._precision import array_module, is_traced
 from .._types import AnyArray
 from ._curves import common
 
@@ -45,7 +45,8 @@ def lagged(temperature: Any, dt: Any, tau: Any, start: Any = None) -> AnyArray:
     keep = xp.where(tau > 0, xp.exp(-dt / xp.where(tau > 0, tau, 1)), 0)
     keep = xp.broadcast_to(keep, t.shape)
     follow = (1 - keep) * t
-    return _scanned(xp, keep, follow, t[0] if start is None else start, lambda a, b: (a[0] * b[0], b[0] * a[1] + b[1]), _affine)
+    first = t[0] if start is None else start
+    return _scanned(xp, keep, follow, first, lambda a, b: (a[0] * b[0], b[0] * a[1] + b[1]), lambda m, x: m[0] * x + m[1])
 
 
 def played(temperature: Any, play: Any, start: Any = None) -> AnyArray:
@@ -75,8 +76,17 @@ def played(temperature: Any, play: Any, start: Any = None) -> AnyArray:
     return _scanned(xp, t - h, t + h, t[0] if start is None else start, compose, lambda m, x: xp.clip(x, m[0], m[1]))
 
 
-def _affine(maps: _Maps, x: Any) -> Any:
-    return maps[0] * x + maps[1]
+def felt(temperature: Any, lag: Any, play: Any, steps: Any = None, state: tuple[Any, Any] = (None, None)) -> tuple[AnyArray, AnyArray]:
+    """Temperature behind the lag, and behind lag and play; `steps` as dt of `lagged`, `state` what both were before the first sample."""
+    behind = lagged(temperature, steps, lag, state[0]) if is_traced(lag) or lag > 0 else temperature
+    return behind, played(behind, play, state[1]) if is_traced(play) or play > 0 else behind
+
+
+def steps_of(time: Any) -> AnyArray:
+    """Time that leads to each sample; to the first as long as to the second."""
+    xp = array_module(time)
+    steps = xp.diff(xp.asarray(time))
+    return xp.concatenate([steps[:1], steps])
 
 
 def _scanned(xp: Any, a: Any, b: Any, start: Any, compose: Callable[[_Maps, _Maps], _Maps], apply: Callable[[_Maps, Any], Any]) -> Any:

@@ -8,23 +8,22 @@ from scipy.interpolate import PchipInterpolator
 
 from .._precision import array_module
 from .._types import AnyArray
-from ._bins import COARSE, Bins, binned
 from ._curves import Chebyshev, Piecewise
+from ._record import Bins
 
 #: highest degree that the choice by BIC tries, and the degree from which its answer means that this is no polynomial
 CAP, ALARM = 25, 20
 
 
-def scaled(t: AnyArray, low: float, high: float) -> AnyArray:
-    """Temperature on -1 .. 1."""
-    return 2 * (np.clip(t, low, high) - low) / (high - low) - 1
+def basis(t: AnyArray, low: float, high: float, degree: int) -> AnyArray:
+    """(n, degree + 1) Chebyshev polynomials of the temperature on -1 .. 1."""
+    return chebyshev.chebvander(2 * (np.clip(t, low, high) - low) / (high - low) - 1, degree)
 
 
 def polynomial_curve(bins: Bins, low: float, high: float, degree: int) -> Chebyshev:
     """Chebyshev series of the weighted least squares."""
     weight = np.sqrt(bins.count)
-    design = chebyshev.chebvander(scaled(bins.t, low, high), degree)
-    return Chebyshev(np.linalg.lstsq(design * weight[:, None], bins.b * weight, rcond=None)[0], low, high)
+    return Chebyshev(np.linalg.lstsq(basis(bins.t, low, high, degree) * weight[:, None], bins.b * weight, rcond=None)[0], low, high)
 
 
 def bic(rss: float, n: int, parameters: int) -> float:
@@ -36,9 +35,9 @@ def degree_by_bic(bins: Bins, low: float, high: float) -> int:
     """Degree of the lowest BIC up to `CAP`; one orthogonal basis serves all degrees."""
     weight = np.sqrt(bins.count)
     cap = min(CAP, len(bins.t) - 3)
-    basis = np.linalg.qr(chebyshev.chebvander(scaled(bins.t, low, high), cap) * weight[:, None])[0]
+    orthogonal = np.linalg.qr(basis(bins.t, low, high, cap) * weight[:, None])[0]
     y = bins.b * weight
-    left = np.sum(y**2) - np.cumsum((basis.T @ y) ** 2)
+    left = np.sum(y**2) - np.cumsum((orthogonal.T @ y) ** 2)
     # the sums cancel: what is left of a polynomial without noise is rounding
     left = np.maximum(left, 1e-15 * np.sum(y**2))
     return int(np.argmin([bic(rss, len(y), degree + 1) for degree, rss in enumerate(left)]))
@@ -53,9 +52,10 @@ def monomials(curve: Chebyshev) -> AnyArray:
     return np.pad(total, (0, max(len(curve.coefficients) - len(total), 0)))[: len(curve.coefficients)]
 
 
-def table_bins(t: AnyArray, b: AnyArray, width: float = COARSE) -> Bins:
-    """Nodes of a table."""
-    return binned(t, b, width)
+def monomial_errors(curve: Chebyshev, covariance: AnyArray) -> AnyArray:
+    """Standard errors of `monomials`, from the covariance of the coefficients of the series."""
+    change = np.stack([monomials(Chebyshev(unit, curve.low, curve.high)) for unit in np.eye(len(covariance))], axis=1)
+    return np.sqrt(np.diag(change @ covariance @ change.T))
 
 
 def table_curve(nodes: Bins) -> Piecewise:

@@ -10,7 +10,7 @@ from .._errors import DataError
 from .._precision import array_module, host_float64, is_traced
 from .._types import AnyArray
 from ._curves import AbstractCurve, common
-from ._hysteresis import lagged, played
+from ._hysteresis import felt, steps_of
 
 #: degC outside the range that a thermometer's noise brings about
 _MARGIN = 0.1
@@ -128,12 +128,9 @@ class ThermalModel(eqx.Module):
 
     def effective(self, temperature: Any, *, time: Any = None, rate: Any = None, state: Any = None) -> tuple[Any, Any]:
         """Temperature that the sensor feels, not yet clipped, and the state (of lag and of play) after it."""
-        t = temperature
-        lag_state, play_state = (None, None) if state is None else state
-        if is_traced(self.lag) or self.lag > 0:
-            t = lagged(t, _steps(t, time, rate), self.lag, lag_state)
-        behind = played(t, self.play, play_state) if is_traced(self.play) or self.play > 0 else t
-        return behind, (t[-1], behind[-1])
+        steps = _steps(temperature, time, rate) if is_traced(self.lag) or self.lag > 0 else None
+        behind, both = felt(temperature, self.lag, self.play, steps, (None, None) if state is None else state)
+        return both, (behind[-1], both[-1])
 
     def _value(self, t: Any) -> Any:
         xp = array_module(self, t)
@@ -156,10 +153,9 @@ def _steps(t: Any, time: Any, rate: Any) -> Any:
         return 1.0 / rate
     if time is None:
         raise DataError("the model has a lag, for which the times count: give time= (s) or rate= (Hz)")
-    xp = array_module(time)
     if np.shape(time) != np.shape(t) or np.shape(time)[0] < 2:
         raise DataError(f"time has shape {np.shape(time)}; expected {np.shape(t)}, at least 2; for single samples give rate= (Hz)")
-    steps = xp.diff(xp.asarray(time))
+    steps = steps_of(time)
     if not is_traced(steps) and not (steps > 0).all():
         raise DataError("time must increase from sample to sample")
-    return xp.concatenate([steps[:1], steps])
+    return steps

@@ -1,21 +1,72 @@
-"""What a fit may be given: checked, averaged to about a second, and cleaned."""
+"""What a fit may be given, checked, averaged to about a second and cleaned; and its means in bins of temperature."""
 
 from typing import Any
 
 import equinox as eqx
+import jax
+import jax.core
+import jax.numpy as jnp
 import numpy as np
 from scipy.ndimage import median_filter
 
 from .._errors import DataError
 from .._precision import is_traced
 from .._types import AnyArray
-from ._bins import FINE, binned
 
+FINE, COARSE, BLOCK = 0.1, 0.25, 0.5  # degC: bins of curves and choices, bins of tables, blocks of cross-validation
 _SECOND = 1.0  # s over which readings are averaged
 _WINDOW, _OUTLIER = 21, 6.0  # Hampel's filter: samples, and robust standard deviations beyond which one is left out
 _LEAST_RANGE, _LEAST_BINS, _LEAST_SAMPLES = 2.0, 10, 3
 _TURN = 0.1  # part of the range by which a temperature must come back to end a ramp
 _WHOLE = 0.8  # part of the range that a whole ramp covers
+
+
+class Bins(eqx.Module):
+    """Means in bins of temperature.
+
+    Attributes
+    ----------
+    t, b, count : mean temperature, degC, mean bias and number of samples, all (bins,), in order of temperature.
+    error : standard deviation of one sample, where it is known.
+    """
+
+    t: AnyArray
+    b: AnyArray
+    count: AnyArray
+    error: Any = 1.0
+
+
+def binned(t: AnyArray, b: AnyArray, width: float = FINE, low: Any = None) -> Bins:
+    """Means of temperature and bias in bins of `width` degC from `low` (default: the lowest temperature); empty bins are left out.
+
+    Where the temperatures are traced there are as many bins as samples; the last ones are copies of the last that holds any, and count 0.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.temperature import binned
+    >>> print(binned(np.array([20.0, 20.04, 20.3]), np.array([1.0, 3.0, 5.0])).b)
+    [2. 5.]
+    """
+    place = number(t, width, t.min() if low is None else low)
+    if not isinstance(place, jax.core.Tracer) and not isinstance(b, jax.core.Tracer):
+        count = np.bincount(place)
+        there = count > 0
+        return Bins(np.bincount(place, t)[there] / count[there], np.bincount(place, b)[there] / count[there], count[there].astype(float))
+    known = not isinstance(place, jax.core.Tracer)
+    label = np.unique(place, return_inverse=True)[1] if known else jnp.unique(place, return_inverse=True, size=t.size)[1]
+    size = int(label.max()) + 1 if known else t.size
+    count, *totals = (jax.ops.segment_sum(jnp.asarray(values), label, num_segments=size) for values in (jnp.ones_like(b), t, b))
+    last = jnp.minimum(jnp.arange(size), jnp.sum(count > 0) - 1)
+    mean_t, mean_b = ((total / jnp.maximum(count, 1))[last] for total in totals)
+    return Bins(mean_t, mean_b, count)
+
+
+def number(t: AnyArray, width: float, low: Any) -> AnyArray:
+    """Number of the bin of each temperature."""
+    # a temperature on an edge belongs above it, whatever its last digit
+    xp = jnp if isinstance(t, jax.core.Tracer) else np
+    return xp.maximum(xp.floor((t - low) / width + 1e-9), 0).astype(int)
 
 
 class Record(eqx.Module):
@@ -37,23 +88,16 @@ class Record(eqx.Module):
 
 
 def record(temperature: Any, bias: Any, time: Any) -> Record:
-    """The record of a fit.
-
-    Raises
-    ------
-    DataError
-        If the arrays do not belong together, hold too little, or the temperature hardly changes.
-    """
+    """The record of a fit; a `DataError` if the arrays do not belong together, hold too little, or the temperature hardly changes."""
     if is_traced(temperature, bias, time):
         raise DataError("`fit` decides on the host and cannot be traced; differentiate the model's `curve.value` instead")
     t, b = numbers(temperature, "temperature"), numbers(bias, "bias")
-    if len(t) != len(b):
-        raise DataError(
-            f"temperature has {len(t)} samples and bias {len(b)}; give one temperature per sample (interpolate the thermometer)"
-        )
     stamps = None if time is None else numbers(time, "time")
-    if stamps is not None and len(stamps) != len(t):
-        raise DataError(f"time has {len(stamps)} samples and temperature {len(t)}; give one time per sample")
+    for name, values in (("bias", b), ("time", stamps)):
+        if values is not None and len(values) != len(t):
+            raise DataError(
+                f"{name} has {len(values)} samples and temperature {len(t)}; give one temperature per sample (interpolate the thermometer)"
+            )
     if not len(t):
         raise DataError("the arrays are empty; give the temperatures and the readings of a sensor at rest")
     warnings, notes = [], []
@@ -69,8 +113,7 @@ def record(temperature: Any, bias: Any, time: Any) -> Record:
             raise DataError("time must increase from sample to sample; sort the record by its time")
         t, b, stamps = _averaged(t, b, stamps, notes)
     t, b, stamps = _cleaned(t, b, stamps, notes)
-    _check_range(t)
-    _check_samples(t, stamps, warnings)
+    _check(t, stamps, warnings)
     ramp, whole = ramps(t)
     if len(np.unique(ramp)) == 1:
         word = "rose" if t[-1] > t[0] else "fell"
@@ -117,7 +160,7 @@ def _cleaned(t: AnyArray, b: AnyArray, time: AnyArray | None, notes: list[str]) 
     return t[good], b[good], None if time is None else time[good]
 
 
-def _check_range(t: AnyArray) -> None:
+def _check(t: AnyArray, time: AnyArray | None, warnings: list[str]) -> None:
     low, high = float(t.min()), float(t.max())
     if high - low < _LEAST_RANGE:
         what = f"the temperature is constant at {low:.2f} degC" if high == low else f"the temperature covers {low:.2f} to {high:.2f} degC"
@@ -125,16 +168,13 @@ def _check_range(t: AnyArray) -> None:
             f"{what}; a thermal model needs at least {_LEAST_RANGE:g} degC. Warm the sensor or cool it while it rests, over the range in "
             "which it will be used"
         )
-    bins = len(binned(t, t).t)
-    if bins < _LEAST_BINS:
+    count = binned(t, t).count
+    if len(count) < _LEAST_BINS:
         raise DataError(
-            f"the samples fill {bins} bins of {FINE:g} degC; at least {_LEAST_BINS} are needed: change the temperature more slowly, or "
-            "use scale_factor, which takes a few temperatures"
+            f"the samples fill {len(count)} bins of {FINE:g} degC; at least {_LEAST_BINS} are needed: change the temperature more slowly, "
+            "or use scale_factor, which takes a few temperatures"
         )
-
-
-def _check_samples(t: AnyArray, time: AnyArray | None, warnings: list[str]) -> None:
-    held = float(np.median(binned(t, t).count))
+    held = float(np.median(count))
     if held < _LEAST_SAMPLES:
         speed = "" if time is None else f", {60 * np.median(np.abs(np.diff(t) / np.diff(time))):.2g} degC a minute,"
         warnings.append(

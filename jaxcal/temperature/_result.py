@@ -9,8 +9,8 @@ import scipy.stats
 from .._precision import host_float64
 from .._results import Row, Unjudged
 from .._types import AnyArray
-from ._bins import Bins
 from ._model import ThermalModel
+from ._record import Bins
 
 
 class Step(eqx.Module):
@@ -75,25 +75,25 @@ class TemperatureFit(Unjudged):
     """
 
     model: ThermalModel
-    degree: Any
-    coefficients: Any
-    coefficient_error: Any
-    steps: tuple[Step, ...]
-    parameters: dict[str, tuple[float, float]]
-    rms: Any
-    worst: Any
-    worst_at: Any
-    grid: Any
-    error: Any
     bins: Bins
     residual: AnyArray
-    thermometer: Any
-    candidates: tuple[Candidate, ...]
+    rms: Any
     kind: str = eqx.field(static=True)
-    held_out: str = eqx.field(static=True)
-    confidence: float = eqx.field(static=True)
-    warnings: tuple[str, ...] = eqx.field(static=True)
-    notes: tuple[str, ...] = eqx.field(static=True)
+    degree: Any = None
+    coefficients: Any = None
+    coefficient_error: Any = None
+    steps: tuple[Step, ...] = ()
+    parameters: dict[str, tuple[float, float]] = eqx.field(default_factory=dict)
+    worst: Any = None
+    worst_at: Any = None
+    grid: Any = None
+    error: Any = None
+    thermometer: Any = None
+    candidates: tuple[Candidate, ...] = ()
+    held_out: str = eqx.field(static=True, default="")
+    confidence: float = eqx.field(static=True, default=0.95)
+    warnings: tuple[str, ...] = eqx.field(static=True, default=())
+    notes: tuple[str, ...] = eqx.field(static=True, default=())
 
     def _rows(self) -> list[Row]:
         z = scipy.stats.norm.ppf(0.5 + self.confidence / 2)

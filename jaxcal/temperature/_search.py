@@ -1,4 +1,7 @@
-"""Lag and play from the record: the values that leave the least, kept only where held-out data agree."""
+"""Choices by held-out data: the error of a candidate, and lag and play from the record.
+
+Neighbouring samples share their drift, so that ramps or blocks of temperature are held out, not samples.
+"""
 
 from collections.abc import Callable
 from typing import Any
@@ -8,15 +11,18 @@ import numpy as np
 from scipy.optimize import minimize, minimize_scalar
 
 from .._types import AnyArray
-from ._bins import binned
-from ._hysteresis import lagged, played
-from ._linear import table_bins
-from ._record import Record
+from ._curves import AbstractCurve
+from ._hysteresis import felt, steps_of
+from ._record import BLOCK, COARSE, Record, binned, number
 
 _LAGS, _PLAYS = np.arange(0.0, 121.0, 5.0), np.arange(0.0, 1.21, 0.1)  # s, degC
 _GAIN = 0.95  # part of the held-out error that a mechanism must get below; what chance gives a table of 100 nodes is 1 to 2 %
 _GAIN_OF_BOTH = 0.7  # likewise of the second mechanism, which can also mend what a table does to a jump
+_FOLDS = 10  # of blocks of temperature
 _CLOSE = 0.7  # ratio of held-out errors above which lag and play are not told apart
+
+#: what a candidate does: (t, b, low, high) -> curve
+Fitter = Callable[[AnyArray, AnyArray, float, float], AbstractCurve]
 
 
 class Hysteresis(eqx.Module):
@@ -29,12 +35,7 @@ class Hysteresis(eqx.Module):
 
 def effective(record: Record, lag: float, play: float) -> AnyArray:
     """Temperature that the sensor feels."""
-    t = record.t
-    if lag > 0:
-        assert record.time is not None
-        steps = np.diff(record.time)
-        t = np.asarray(lagged(t, np.concatenate([steps[:1], steps]), lag))
-    return np.asarray(played(t, play)) if play > 0 else t
+    return np.asarray(felt(record.t, lag, play, None if record.time is None else steps_of(record.time))[1])
 
 
 def search(record: Record, lag: Any, play: Any) -> Hysteresis:
@@ -46,20 +47,15 @@ def search(record: Record, lag: Any, play: Any) -> Hysteresis:
     second = 0.0 if play == "auto" else float(play)
     if not (try_lag or try_play):
         return Hysteresis(first, second, False)
-    found: dict[tuple[float, float], float] = {(first, second): _held_out(record, first, second)}
-    alone = {}
-    if try_lag:
-        tau = _least(lambda x: _left(record, x, second), _LAGS)
-        alone["lag"] = (tau, second)
-    if try_play:
-        alone["play"] = (first, _least(lambda x: _left(record, first, x), _PLAYS))
-    for pair in alone.values():
-        found[pair] = _held_out(record, *pair)
+    alone = [(_least(lambda x: _left(record, x, second), _LAGS), second)] if try_lag else []
+    alone += [(first, _least(lambda x: _left(record, first, x), _PLAYS))] if try_play else []
+    found = {pair: _held_out(record, *pair) for pair in [(first, second), *alone]}
     best = (first, second)
-    for pair in sorted(alone.values(), key=found.__getitem__):
+    for pair in sorted(alone, key=found.__getitem__):
         if found[pair] < _GAIN * found[best]:
             best = pair
-    unsure = best != (first, second) and len(alone) == 2 and _both(found, alone) > _CLOSE
+    errors = sorted(found[pair] for pair in alone)
+    unsure = best != (first, second) and len(alone) == 2 and errors[0] / max(errors[1], 1e-300) > _CLOSE
     if try_lag and try_play and best != (first, second):
         pair = _least_of_both(record)
         if min(pair) > 0 and _held_out(record, *pair) < _GAIN_OF_BOTH * found[best]:
@@ -67,15 +63,10 @@ def search(record: Record, lag: Any, play: Any) -> Hysteresis:
     return Hysteresis(best[0], best[1], unsure)
 
 
-def _both(found: dict[tuple[float, float], float], alone: dict[str, tuple[float, float]]) -> float:
-    errors = sorted(found[pair] for pair in alone.values())
-    return errors[0] / max(errors[1], 1e-300)
-
-
 def _left(record: Record, lag: float, play: float) -> float:
     """Mean square that a table of 0.25 degC leaves."""
     t = effective(record, lag, play)
-    nodes = table_bins(t, record.b)
+    nodes = binned(t, record.b, COARSE)
     return float(np.mean((record.b - np.interp(t, nodes.t, nodes.b)) ** 2))
 
 
@@ -114,10 +105,50 @@ def _held_out(record: Record, lag: float, play: float) -> float:
     total = weight = 0.0
     for k in np.unique(record.ramp):
         test = record.ramp == k
-        nodes = table_bins(t[~test], record.b[~test])
+        nodes = binned(t[~test], record.b[~test], COARSE)
         seen = test & (t >= nodes.t[0]) & (t <= nodes.t[-1])
         if seen.any():
             held = binned(t[seen], record.b[seen], low=float(t.min()))
             total += float(np.sum(held.count * (held.b - np.interp(held.t, nodes.t, nodes.b)) ** 2))
             weight += float(np.sum(held.count))
     return total / weight if weight else np.inf
+
+
+class Score(eqx.Module):
+    """Mean squared error on held-out data, its standard error, and how it was held out: "blocks" or "ramps"."""
+
+    mean: float
+    error: float
+    held_out: str = eqx.field(static=True)
+
+
+def score(fitter: Fitter, t: AnyArray, b: AnyArray, ramp: AnyArray, whole: tuple[int, ...]) -> Score:
+    """Error of a candidate on data that it was not fitted to.
+
+    With two whole ramps or more one ramp at a time is held out, and a constant taken off (another day's turn-on bias). Otherwise
+    blocks of 0.5 degC are, a tenth of them at a time; the two at the ends always stay.
+    """
+    low, high = float(t.min()), float(t.max())
+    by_ramp = len(whole) >= 2
+    if by_ramp:
+        tests = [ramp == k for k in whole]
+    else:
+        block = number(t, BLOCK, low)
+        inner = (block > 0) & (block < block.max())
+        tests = [inner & (block % _FOLDS == k) for k in range(_FOLDS)]
+    errors = []
+    for test in tests:
+        if not test.any() or test.all():
+            continue
+        train = t[~test]
+        seen = test & (t >= train.min()) & (t <= train.max())
+        if not seen.any():
+            continue
+        curve = fitter(train, b[~test], low, high)
+        held = binned(t[seen], b[seen], low=low)
+        error = held.b - np.asarray(curve.value(held.t))
+        if by_ramp:
+            error = error - np.average(error, weights=held.count)
+        errors.append(float(np.average(error**2, weights=held.count)))
+    spread = np.std(errors, ddof=1) / np.sqrt(len(errors)) if len(errors) > 1 else np.inf
+    return Score(float(np.mean(errors)), float(spread), "ramps" if by_ramp else "blocks")

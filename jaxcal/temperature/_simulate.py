@@ -8,7 +8,7 @@ import numpy as np
 from .._errors import DataError
 from .._precision import host_float64
 from .._types import AnyArray
-from ._hysteresis import lagged, played
+from ._hysteresis import felt
 
 _LOW, _HIGH, _JUMP, _WIDTH, _PERIOD = 20.0, 45.0, 24.5, 0.08, 4500.0
 
@@ -119,8 +119,6 @@ def simulate(
     time = np.arange(n) / rate
     middle, half = (_HIGH + _LOW) / 2, (_HIGH - _LOW) / 2
     t = np.linspace(_LOW, _HIGH, n) if profile == "ramp" else middle + half * np.sin(2 * np.pi * time / _PERIOD)
-    felt = np.asarray(lagged(t, 1 / rate, lag)) if lag > 0 else t
-    felt = np.asarray(played(felt, play)) if play > 0 else felt
-    truth = reference_bias(felt, jump)
+    truth = reference_bias(felt(t, lag, play, 1 / rate)[1], jump)
     bias = truth + noise * random.standard_normal(n) + np.cumsum(walk * random.standard_normal(n))
     return Simulated(time, t + thermometer * random.standard_normal(n), bias, t, truth)

@@ -13,8 +13,8 @@ import numpy as np
 from scipy.linalg import solveh_banded
 
 from .._types import AnyArray
-from ._bins import Bins
 from ._curves import Piecewise
+from ._record import Bins
 
 _GRID = 33  # values of lambda tried at once
 
@@ -57,8 +57,8 @@ class _Bands:
         rows = self.q[0][:, None] * eye[:-2] + self.q[1][:, None] * eye[1:-1] + self.q[2][:, None] * eye[2:]
         return eye - lam * self._times(solveh_banded(self.r + lam * self.a, rows, lower=True)) / self.c[:, None]
 
-    def scores(self, lam: AnyArray) -> tuple[AnyArray, AnyArray]:
-        """GCV and tr H for several lambda at once: one pass down and one up the band for all of them."""
+    def scores(self, lam: AnyArray) -> AnyArray:
+        """GCV for several lambda at once: one pass down and one up the band for all of them."""
         size, count = self.a.shape[1], len(lam)
         band = self.r[:, :, None] + lam * self.a[:, :, None]
         d, l1, l2 = (np.zeros((size + 2, count)) for _ in range(3))
@@ -77,19 +77,18 @@ class _Bands:
             inverse[2, k] = -one * inverse[1, k + 1] - two * inverse[0, k + 2]
             inverse[0, k] = 1 / d[k] - one * inverse[1, k] - two * inverse[2, k]
             trace += self.a[0, k] * inverse[0, k] + 2 * (self.a[1, k] * inverse[1, k] + self.a[2, k] * inverse[2, k])
-        n = len(self.c)
         residual = lam * self._times(gamma[:size]) / self.c[:, None]
-        return n * np.sum(self.c[:, None] * residual**2, axis=0) / (lam * trace) ** 2, n - lam * trace
+        return len(self.c) * np.sum(self.c[:, None] * residual**2, axis=0) / (lam * trace) ** 2
 
 
-def spline_curve(bins: Bins) -> tuple[Piecewise, float]:
-    """The spline of the lowest GCV, and its equivalent number of parameters."""
+def spline_curve(bins: Bins) -> Piecewise:
+    """The spline of the lowest GCV."""
     bands, lam = _chosen(bins)
     value, gamma = bands.smooth(lam)
     gamma, h = np.concatenate([[0.0], gamma, [0.0]]), bands.h
     slope = np.diff(value) / h - h * (2 * gamma[:-1] + gamma[1:]) / 6
     cubic = np.stack([value[:-1], slope, gamma[:-1] / 2, np.diff(gamma) / (6 * h)], axis=1)
-    return Piecewise(bins.t, cubic), float(bands.scores(np.array([lam]))[1][0])
+    return Piecewise(bins.t, cubic)
 
 
 def smoother(bins: Bins) -> AnyArray:
@@ -103,6 +102,6 @@ def _chosen(bins: Bins) -> tuple[_Bands, float]:
     # the scale at which smoothing begins to matter is that of the two matrices; twelve decades about it hold every curve
     centre = np.log(np.sum(bands.r[0]) / np.sum(bands.a[0]))
     grid = centre + np.linspace(-8, 24, _GRID)
-    best = int(np.argmin(bands.scores(np.exp(grid))[0]))
+    best = int(np.argmin(bands.scores(np.exp(grid))))
     fine = np.linspace(grid[max(best - 1, 0)], grid[min(best + 1, _GRID - 1)], _GRID)
-    return bands, float(np.exp(fine[np.argmin(bands.scores(np.exp(fine))[0])]))
+    return bands, float(np.exp(fine[np.argmin(bands.scores(np.exp(fine)))]))

@@ -3,13 +3,12 @@
 from typing import Any
 
 import numpy as np
-from numpy.polynomial import chebyshev
 from scipy.optimize import least_squares
 
 from .._types import AnyArray
-from ._bins import FINE, Bins, binned, number
 from ._curves import Chebyshev, Steps
-from ._linear import bic, scaled
+from ._linear import basis, bic
+from ._record import FINE, Bins, binned, number
 
 DEGREE, MOST = 3, 3
 _NARROW, _WIDE, _FIRST = 0.01, 3.0, 0.1  # degC: widths allowed, and that with which a step is looked for
@@ -59,7 +58,7 @@ def steps_curve(t: AnyArray, b: AnyArray, low: float, high: float) -> Steps:
 def jacobian(curve: Steps, t: AnyArray, low: float, high: float) -> AnyArray:
     """(n, parameters) derivative by q, p, and then (t_j, w_j) of each step."""
     t = np.asarray(t, dtype=float)
-    columns = [*chebyshev.chebvander(scaled(t, low, high), DEGREE).T]
+    columns = [*basis(t, low, high, DEGREE).T]
     sigmoid = [_sigmoid(t, c, w) for c, w in zip(curve.centre, curve.width, strict=True)]
     columns += sigmoid
     for s, p, c, w in zip(sigmoid, curve.height, curve.centre, curve.width, strict=True):
@@ -79,15 +78,15 @@ def _design(base: AnyArray, t: AnyArray, weight: AnyArray, shape: AnyArray) -> A
 def _weighted(bins: Bins, low: float, high: float) -> tuple[AnyArray, AnyArray, AnyArray]:
     """Square roots of the counts, and polynomials and data times these."""
     weight = np.sqrt(bins.count)
-    return weight, chebyshev.chebvander(scaled(bins.t, low, high), DEGREE) * weight[:, None], bins.b * weight
+    return weight, basis(bins.t, low, high, DEGREE) * weight[:, None], bins.b * weight
 
 
 def _candidate(weight: AnyArray, base: AnyArray, y: AnyArray, t: AnyArray, shape: AnyArray, centres: AnyArray) -> float:
     """Centre of the new step that lowers the sum of squares most, the linear coefficients following."""
-    basis = np.linalg.qr(_design(base, t, weight, shape))[0]
+    inside = np.linalg.qr(_design(base, t, weight, shape))[0]
     tried = weight[:, None] * _sigmoid(t[:, None], centres, _FIRST)
-    tried = tried - basis @ (basis.T @ tried)
-    left = y - basis @ (basis.T @ y)
+    tried = tried - inside @ (inside.T @ tried)
+    left = y - inside @ (inside.T @ y)
     size = np.sum(tried**2, axis=0)
     gain = np.where(size > 1e-9 * np.sum(weight**2), (left @ tried) ** 2 / np.maximum(size, 1e-300), 0.0)
     return float(centres[np.argmax(gain)])
@@ -102,24 +101,20 @@ def _refined(base: AnyArray, t: AnyArray, weight: AnyArray, y: AnyArray, shape: 
 
     def projected(x: AnyArray) -> tuple[AnyArray, AnyArray, AnyArray]:
         design = _design(base, t, weight, x.reshape(2, count))
-        basis, triangle = np.linalg.qr(design)
-        inside = basis.T @ y
-        return basis, y - basis @ inside, np.linalg.lstsq(triangle, inside, rcond=None)[0][base.shape[1] :]
-
-    def residual(x: AnyArray) -> AnyArray:
-        return projected(x)[1]
+        orthogonal, triangle = np.linalg.qr(design)
+        inside = orthogonal.T @ y
+        return orthogonal, y - orthogonal @ inside, np.linalg.lstsq(triangle, inside, rcond=None)[0][base.shape[1] :]
 
     def slope(x: AnyArray) -> AnyArray:
         # Kaufman's derivative, BIT 15 (1975) 49: the projection of the columns' own, without that of the coefficients
-        basis, _, height = projected(x)
+        orthogonal, _, height = projected(x)
         centre, log = x.reshape(2, count)
-        z = (t[:, None] - centre) / np.exp(log)
-        s = 1 / (1 + np.exp(np.clip(-z, -50.0, 50.0)))
+        z, s = (t[:, None] - centre) / np.exp(log), _sigmoid(t[:, None], centre, np.exp(log))
         bell = weight[:, None] * height * s * (1 - s)
         columns = np.concatenate([bell / np.exp(log), bell * z], axis=1)
-        return columns - basis @ (basis.T @ columns)
+        return columns - orthogonal @ (orthogonal.T @ columns)
 
     jac: Any = slope  # the stubs of scipy know names alone
     start = np.clip(shape.ravel(), bounds[0] + 1e-6, bounds[1] - 1e-6)
-    found = least_squares(residual, start, jac, bounds=bounds, x_scale=scale, xtol=1e-6, ftol=1e-8, max_nfev=40)
+    found = least_squares(lambda x: projected(x)[1], start, jac, bounds=bounds, x_scale=scale, xtol=1e-6, ftol=1e-8, max_nfev=40)
     return found.x.reshape(2, count)

@@ -11,13 +11,13 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
-from numpy.polynomial import chebyshev
 
 from .._types import AnyArray
+from ..fitting import Fit
 from . import _steps
-from ._bins import FINE, Bins, number
 from ._curves import AbstractCurve, Chebyshev, Steps
-from ._linear import scaled
+from ._linear import basis
+from ._record import COARSE, FINE, Bins, binned, number
 from ._smoothing import smoother
 
 _SEGMENTS = 60  # of the record, in time, over which residuals are averaged
@@ -34,7 +34,37 @@ class Errors(eqx.Module):
         return (gain * self.white) @ gain.T + gain @ self.walk @ gain.T
 
 
-def bins_covariance(curve: AbstractCurve, t: AnyArray, b: AnyArray, bins: Bins, thermometer: float) -> "Errors":
+def uncertainty(
+    kind: str, curve: Any, t: AnyArray, b: AnyArray, bins: Bins, thermometer: float, own: Fit | None
+) -> tuple[AnyArray, AnyArray, AnyArray]:
+    """Temperatures, standard errors of the curve there, and the covariance of its parameters (empty where it has none).
+
+    Of `Steps` the parameters are q, p, and then centre and width of each step; of a curve of one's own those of its fit.
+    """
+    v = _bins_covariance(curve, t, b, bins, thermometer)
+    root = np.sqrt(bins.count)
+    if own is not None or isinstance(curve, (Chebyshev, Steps)):
+        design = _design(curve, bins.t, t) if own is None else own.jacobian / root[:, None]
+        covariance = v.through(np.linalg.pinv(design * root[:, None]) * root)
+        return bins.t, standard_error(design, covariance), covariance
+    if kind == "spline":  # with the share of the smoothing's own bias: G. Wahba, J. R. Stat. Soc. B 45 (1983) 133
+        matrix = smoother(bins)
+        variance = v.white * np.diag(matrix) + np.einsum("ij,jk,ik->i", matrix, v.walk, matrix)
+        return bins.t, np.sqrt(np.maximum(variance, 0)), np.zeros((0, 0))
+    # a node is the mean of the bins that it joins
+    nodes = binned(t, b, COARSE)
+    nearest = np.abs(bins.t[:, None] - nodes.t).argmin(axis=1)
+    gain = (nearest[:, None] == np.arange(len(nodes.t))) * bins.count[:, None]
+    variance = np.diag(v.through((gain / np.maximum(gain.sum(axis=0), 1)).T))
+    return nodes.t, np.sqrt(np.maximum(variance, 0)), np.zeros((0, 0))
+
+
+def standard_error(design: AnyArray, covariance: AnyArray) -> AnyArray:
+    """Standard error of each row of `design` times the parameters."""
+    return np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", design, covariance, design), 0))
+
+
+def _bins_covariance(curve: AbstractCurve, t: AnyArray, b: AnyArray, bins: Bins, thermometer: float) -> "Errors":
     """V of the bins, from the samples `t`, `b` in time order."""
     count = min(_SEGMENTS, max(len(t) // 10, 2))
     segment = np.arange(len(t)) * count // len(t)
@@ -42,8 +72,7 @@ def bins_covariance(curve: AbstractCurve, t: AnyArray, b: AnyArray, bins: Bins, 
     # what a table or a spline has taken from the noise cannot be counted: steps stand for it
     model: Any = curve if type(curve) in (Chebyshev, Steps) else _steps.steps_curve(t, b, float(t.min()), float(t.max()))
     residual = np.bincount(segment, b - np.asarray(model.value(t))) / size
-    low, high = float(t.min()), float(t.max())
-    design = _design(model, t, low, high)
+    design = _design(model, t, t)
     design = np.stack([np.bincount(segment, column) / size for column in design.T], axis=1)
     middle = np.cumsum(size) - size / 2
     walk = np.minimum(middle[:, None], middle)
@@ -81,34 +110,7 @@ def steepness(curve: AbstractCurve, t: AnyArray, step: float = 1e-3) -> AnyArray
     return (np.asarray(curve.value(t + step)) - np.asarray(curve.value(t - step))) / (2 * step)
 
 
-def parametric(curve: Chebyshev | Steps, bins: Bins, v: Errors, low: float, high: float) -> AnyArray:
-    """Covariance of the coefficients; for `Steps` of q, p, and then centre and width of each step."""
-    design = _design(curve, bins.t, low, high)
-    root = np.sqrt(bins.count)
-    gain = np.linalg.pinv(design * root[:, None]) * root
-    return v.through(gain)
-
-
-def parametric_error(curve: Chebyshev | Steps, covariance: AnyArray, t: AnyArray, low: float, high: float) -> AnyArray:
-    """Standard error of the curve at temperatures."""
-    design = _design(curve, t, low, high)
-    return np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", design, covariance, design), 0))
-
-
-def _design(curve: Chebyshev | Steps, t: AnyArray, low: float, high: float) -> AnyArray:
-    if isinstance(curve, Steps):
-        return _steps.jacobian(curve, t, low, high)
-    return chebyshev.chebvander(scaled(t, low, high), len(curve.coefficients) - 1)
-
-
-def spline_error(bins: Bins, v: Errors) -> AnyArray:
-    """Standard error at the knots, with the share of the smoothing's own bias: G. Wahba, J. R. Stat. Soc. B 45 (1983) 133."""
-    matrix = smoother(bins)
-    return np.sqrt(np.maximum(v.white * np.diag(matrix) + np.einsum("ij,jk,ik->i", matrix, v.walk, matrix), 0))
-
-
-def nodes_error(nodes: Bins, bins: Bins, v: Errors) -> AnyArray:
-    """Standard error of the means of a table: those of the bins that each of them joins."""
-    nearest = np.abs(bins.t[:, None] - nodes.t).argmin(axis=1)
-    gain = (nearest[:, None] == np.arange(len(nodes.t))) * bins.count[:, None]
-    return np.sqrt(np.maximum(np.diag(v.through((gain / np.maximum(gain.sum(axis=0), 1)).T)), 0))
+def _design(curve: Chebyshev | Steps, t: AnyArray, samples: AnyArray) -> AnyArray:
+    """(n, parameters) derivative of a curve over the range of the samples."""
+    low, high = float(samples.min()), float(samples.max())
+    return _steps.jacobian(curve, t, low, high) if isinstance(curve, Steps) else basis(t, low, high, len(curve.coefficients) - 1)

@@ -18,8 +18,9 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
+import jaxcal
 from jaxcal import DataError, ExportError
-from jaxcal.batch import _answer, run
+from jaxcal.batch import run
 
 from .conftest import counts, make_logs, results
 
@@ -144,16 +145,15 @@ def test_files_truncated_removed_and_changed_during_the_run(tasks, room, tmp_pat
         mended = run(logs, tasks.slow, executor=pool, out=tmp_path / "out")
         assert [entry.kept for entry in mended] == [True, True, True, False, False, False]
         assert len(mended.done) == 6
-        # one that is still being written
-        read = _answer.read
 
+        # one that is still being written
         def growing(path, **options):
-            log = read(path, **options)
+            log = jaxcal.read(path, **options)
             with open(path, "ab") as file:
                 file.write(b"more")
             return log
 
-        monkeypatch.setattr(_answer, "read", growing)
+        monkeypatch.setattr("jaxcal.batch._answer.read", growing)
         (entry,) = run(logs[0], tasks.slow, executor=pool)
         assert (entry.status, entry.again) == ("failed", True)
         assert "changed while it was read" in entry.reason

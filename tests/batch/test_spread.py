@@ -3,13 +3,12 @@
 import dataclasses
 import datetime
 import pathlib
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 
-from jaxcal.batch import Coefficient, Entry
-from jaxcal.batch._spread import spread_of
-from jaxcal.report._fleet import write_fleet
+from jaxcal.batch import Coefficient, Entry, Fleet, run
 
 
 def entries(table, *, half=0.0, dates=None, unit=""):
@@ -22,6 +21,10 @@ def entries(table, *, half=0.0, dates=None, unit=""):
         }
         rows.append(Entry(pathlib.Path(f"unit{i}.csv"), "done", None, False, known, (), "0", dates and dates[i], 1.0, None))
     return rows
+
+
+def spread_of(entries):
+    return Fleet(tuple(entries)).spread
 
 
 def gaussian(n, k, seed):
@@ -111,20 +114,27 @@ def test_a_trend_over_serial_number_and_date_has_its_slope():
     assert "per day" in along.reason
 
 
+def judged(log):
+    """A task whose coefficients go with the number in the name of the log; one log stands out."""
+    number = int(log.provenance["file"].removeprefix("unit").removesuffix(".npz").removesuffix("<i>"))
+    bias = np.random.default_rng(number).standard_normal()
+    return {"gyro_x.N": 1.0 + 0.05 * number, "bias": 77.0 if number == 4 else bias}
+
+
 def test_the_page_shows_spread_outliers_trends_and_failures(tmp_path):
-    table = [{"gyro_x.N": 1.0 + 0.05 * i, "bias": row["a0"]} for i, row in enumerate(gaussian(30, 1, 0))]
-    table[4]["bias"] = 77.0
-    fleet = entries(table, unit="rad/s")
-    document = {
-        "task": {"name": "noise", "options": {}, "reading": {}, "jaxcal": "1"}, "logs": 31, "names": [e.path.name for e in fleet],
-        "dates": [None] * 30, "failed": [("bad<b>.csv", "a & b")], "warnings": [("it <i>warns", ["unit1.csv"])],
-        "spread": {name: dataclasses.asdict(one) for name, one in spread_of(fleet).items()},
-    }  # fmt: skip
-    write_fleet(document, tmp_path / "a.html")
-    page = (tmp_path / "a.html").read_text()
-    for text in ("31 logs, 30 answered, 1 not", "1 of 30 logs stand out: unit4.csv", "gyro_x.N rises with the serial number", "a &amp; b",
-                 "it &lt;i&gt;warns", "bias = 77 rad/s"):  # fmt: skip
-        assert text in page
-    assert page.count("<svg") == 2
-    write_fleet({**document, "names": [], "spread": {}, "warnings": []}, tmp_path / "a.html")
-    assert "No log was answered" in (tmp_path / "a.html").read_text()
+    logs = tmp_path / "logs"
+    logs.mkdir()
+    for i in range(30):
+        time = np.delete(np.arange(60), [20, 21, 22] if i == 7 else []) / 100  # a gap is worth a warning
+        np.savez(logs / f"unit{i}{'<i>' * (i == 7)}.npz", time=time, gyro=np.random.default_rng(i).standard_normal((len(time), 3)))
+    (logs / "bad<b>.csv").write_text("no log & no sense")
+    with ThreadPoolExecutor(2) as pool:
+        run(logs, judged, executor=pool, out=tmp_path / "out")
+        page = (tmp_path / "out" / "overview.html").read_text()
+        for text in ("31 logs, 30 answered, 1 not", "1 of 30 logs stand out: unit4.npz", "gyro_x.N rises with the serial number",
+                     "bad&lt;b&gt;.csv", "unit7&lt;i&gt;.npz", "bias = 77"):  # fmt: skip
+            assert text in page
+        assert "<b>.csv" not in page
+        assert page.count("<svg") == 2
+        run(logs / "bad<b>.csv", judged, executor=pool, out=tmp_path / "none")
+    assert "No log was answered" in (tmp_path / "none" / "overview.html").read_text()
