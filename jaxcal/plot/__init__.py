@@ -10,7 +10,6 @@ from ._magnetometer import (
     sphere as sphere,
 )
 from ._north import north as north
-from ._save import save as save
 from ._spectrum import spectrum as spectrum
-from ._style import TERM_COLORS as TERM_COLORS
+from ._style import TERM_COLORS as TERM_COLORS, save as save
 from ._temperature import temperature as temperature

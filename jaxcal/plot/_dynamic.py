@@ -6,9 +6,8 @@ import numpy as np
 
 from .._errors import DataError
 from ..allan import DynamicDeviation
-from ._allan import _KINDS
-from ._labels import duration_label
-from ._style import INK, MUTED, SHADE, log_axes, new_figure
+from ._allan import KINDS
+from ._style import INK, MUTED, SHADE, color_bar, duration_label, log_axes, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -54,7 +53,7 @@ def dynamic(result: Any, ax: Any = None) -> Any:
     shown = np.ma.masked_where(~(values > 0), values)  # NaN too
     if shown.count() == 0:
         raise DataError("there is nothing to draw: no deviation is above zero; the record is constant")
-    ax = new_figure(1).subplots() if ax is None else ax
+    ax = new_figure().subplots() if ax is None else ax
     _draw(ax, result, tau, shown)
     return ax
 
@@ -79,13 +78,11 @@ def _draw(ax: "Axes", result: DynamicDeviation, tau: np.ndarray, shown: Any) -> 
     ax.xaxis.set_minor_locator(NullLocator())
     ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if tau[-1] / tau[0] < 1000 else (1.0,), numticks=12))
     unit = "unit of the record" + (" s" if result.kind == "tdev" else "")
-    bar = ax.figure.colorbar(image, ax=ax, pad=0.02)
-    bar.set_label(f"{_KINDS[result.kind]} ({unit})", color=INK)
+    bar = color_bar(ax, image, f"{KINDS[result.kind]} ({unit})")
     bar.ax.yaxis.set_major_formatter(formatter)
     if high / low < 30:
         bar.ax.yaxis.set_minor_formatter(formatter)
     bar.ax.tick_params(which="both", color=MUTED, labelcolor=INK, labelsize=9)
-    bar.outline.set_visible(False)
     ax.set_title(f"Windows of {duration_label(result.window)}", loc="left", color=INK, fontsize=11, fontweight="bold")
 
 

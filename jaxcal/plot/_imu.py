@@ -6,7 +6,7 @@ import numpy as np
 
 from .._errors import DataError
 from ..imu import ImuFit
-from ._style import INK, MUTED, SERIES, new_figure, style_axes
+from ._style import INK, MUTED, SERIES, stacked, style_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -45,49 +45,35 @@ def imu(result: Any, ax: Any = None) -> Any:
         raise DataError(f"cannot draw {type(result).__name__}; expected an ImuFit, as jaxcal.imu.multi_position returns it")
     if result.accel is None:
         raise DataError(f"there is nothing to draw: the calibration was refused. {result.reason}")
-    panels = 3 if result.gyro is not None and len(result.residual_rest) else 2 if result.gyro is not None else 1
-    if ax is None:
-        figure = new_figure(1)
-        figure.set_size_inches(8.0, 2.4 * panels + 0.4)
-        ax = figure.subplots(panels, 1)
-    axes = np.atleast_1d(np.asarray(ax, dtype=object)).ravel()
-    if len(axes) != panels:
-        raise DataError(f"{len(axes)} axes were given; this result needs {panels}")
-    _points(
-        axes[0],
-        -1e3 * np.asarray(result.residual_norm),
-        result.down_weighted[0],
-        SERIES[0],
-        1e3 * float(result.sigma[0]),
-        "Pose",
-        "Norm less gravity (mm/s²)",
-    )
-    if panels > 1:
-        _points(
-            axes[1], np.rad2deg(result.residual_turn), result.down_weighted[1], SERIES[1], np.rad2deg(np.sqrt(2) * result.sigma[1]), "Turn",
-            "Angle after the turn (deg)",
-        )  # fmt: skip
+    shown = [("Pose", "Norm less gravity (mm/s²)", -1e3 * np.asarray(result.residual_norm), 1e3 * float(result.sigma[0]))]
+    if result.gyro is not None:
+        shown.append(("Turn", "Angle after the turn (deg)", np.rad2deg(result.residual_turn), np.rad2deg(np.sqrt(2) * result.sigma[1])))
+    panels = len(shown) + (result.gyro is not None and len(result.residual_rest) > 0)
+    axes = stacked(ax, panels, 2.4 * panels + 0.4, "for the poses and, with a gyroscope, for the turns and the still rates")
+    for panel, (what, label, values, band), low, color in zip(axes, shown, result.down_weighted, SERIES, strict=False):
+        _points(panel, what, label, values, color, low, band)
+    if len(shown) > 1:
         axes[1].set_ylim(bottom=0)
     if panels > 2:
-        for column, color, label in zip(np.rad2deg(result.residual_rest).T * 3600, SERIES, "xyz", strict=False):
-            _points(axes[2], column, (), color, 0.0, "Pose", "Still rate less model (deg/h)", label)
+        for column, color, axis in zip(np.rad2deg(result.residual_rest).T * 3600, SERIES, "xyz", strict=False):
+            _points(axes[2], "Pose", "Still rate less model (deg/h)", column, color, name=axis)
         axes[2].legend(frameon=False, ncols=3, fontsize=9, loc="best", handletextpad=0.1)
     axes[0].set_title(f"{len(result.residual_norm)} poses: {result.verdict}", loc="left", color=INK, fontsize=11, fontweight="bold")
     return axes
 
 
 def _points(
-    ax: "Axes", values: np.ndarray, low: Any, color: str, band: float, x_label: str, y_label: str, label: str | None = None
+    ax: "Axes", what: str, label: str, values: np.ndarray, color: str, low: Any = (), band: float = 0.0, name: str | None = None
 ) -> None:
     from matplotlib.ticker import MaxNLocator
 
     number = np.arange(1, len(values) + 1)
-    hollow = np.isin(np.arange(len(values)), np.asarray(low, dtype=int))
+    hollow = np.isin(number - 1, np.asarray(low, dtype=int))
     if band > 0:
         ax.axhspan(-band, band, color=color, alpha=0.08, linewidth=0)
     ax.axhline(0, color=MUTED, linewidth=0.8)
-    ax.scatter(number[~hollow], values[~hollow], s=18, color=color, label=label, zorder=3)
+    ax.scatter(number[~hollow], values[~hollow], s=18, color=color, label=name, zorder=3)
     ax.scatter(number[hollow], values[hollow], s=24, facecolors="none", edgecolors=color, zorder=3)
-    style_axes(ax, x_label, y_label)
+    style_axes(ax, what, label)
     ax.set_xlim(0.3, len(values) + 0.7)
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))

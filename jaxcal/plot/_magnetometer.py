@@ -1,12 +1,15 @@
 """Figures of a magnetometer calibration: sphere, coverage, residual, heading error."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .._errors import DataError
 from ..magnetometer import MagFit, heading_uncertainty
-from ._style import INK, SERIES, SHADE, new_figure, style_axes
+from ._style import INK, SERIES, SHADE, color_bar, new_figure, style_axes
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 _MOST = 5000  # points that are drawn; more only cover one another
 _PLANES = ((0, 1), (0, 2), (1, 2))
@@ -46,10 +49,10 @@ def sphere(m: Any, found: Any, axes: Any = None) -> Any:
         raise DataError(f"the readings have shape {m.shape}; expected (n, 3)")
     m = m[np.isfinite(m).all(axis=1)]
     m = m[:: max(len(m) // _MOST, 1)]
-    scale, unit = _unit(found)
+    scale, unit = unit_of(found)
     before, after, radius = m / scale, np.asarray(model.correct(m)) / scale, found.field / scale
     if axes is None:
-        figure = new_figure(2)
+        figure = new_figure(10.0)
         places = [figure.add_subplot(2, 2, i + 1) for i in range(3)]
         axes = np.array([*places, figure.add_subplot(2, 2, 4, projection="3d")], dtype=object)
     circle = np.linspace(0, 2 * np.pi, 181)
@@ -98,27 +101,20 @@ def coverage(found: Any, ax: Any = None) -> Any:
     from matplotlib.collections import PolyCollection
 
     _checked(found)
-    ax = new_figure(1).subplots() if ax is None else ax
+    ax = new_figure().subplots() if ax is None else ax
     counts = np.asarray(found.coverage.counts, dtype=float)
     cells = PolyCollection(_regions(), array=np.ma.masked_equal(counts, 0), cmap="viridis", edgecolors="white", linewidths=0.4)
     cells.set_facecolor(SHADE)
     ax.set_facecolor(SHADE)
     ax.add_collection(cells)
-    bar = ax.figure.colorbar(cells, ax=ax, pad=0.02)
-    bar.set_label("readings per region", color=INK)
-    bar.outline.set_visible(False)
+    color_bar(ax, cells, "readings per region")
     wanted = np.asarray(found.needed)
     if len(wanted):
         longitude = np.rad2deg(np.arctan2(wanted[:, 1], wanted[:, 0]))
         ax.plot(longitude, wanted[:, 2], "x", color=SERIES[1], markersize=10, markeredgewidth=2.5, label="readings would help most here")
         ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False, fontsize=9, labelcolor=INK)
-    style_axes(ax, "longitude (°), 0 at x, 90 at y", "latitude (°), z up")
+    _map(ax, 1.0)
     ax.grid(False)
-    ax.set_xlim(-180, 180)
-    ax.set_ylim(-1, 1)
-    ax.set_xticks(range(-180, 181, 45))
-    latitudes = np.array([-90, -45, -30, -15, 0, 15, 30, 45, 90])
-    ax.set_yticks(np.sin(np.deg2rad(latitudes)), [str(latitude) for latitude in latitudes])
     return ax
 
 
@@ -155,24 +151,17 @@ def residual(m: Any, found: Any, ax: Any = None) -> Any:
     m = np.asarray(m, dtype=float)
     if m.shape != (len(found.residual), 3):
         raise DataError(f"the readings have shape {m.shape}, the fit is of ({len(found.residual)}, 3); give the readings that were fitted")
-    ax = new_figure(1).subplots() if ax is None else ax
+    ax = new_figure().subplots() if ax is None else ax
     y = np.asarray(model.correct(m))
     y = y / np.linalg.norm(y, axis=1, keepdims=True)
-    scale, unit = _unit(found)
+    scale, unit = unit_of(found)
     off = np.asarray(found.residual) / scale
     limit = float(np.quantile(np.abs(off), 0.98)) or 1.0
     step = max(len(y) // _MOST, 1)
     longitude = np.rad2deg(np.arctan2(y[:, 1], y[:, 0]))
     points = ax.scatter(longitude[::step], y[::step, 2], c=off[::step], s=10, cmap="coolwarm", vmin=-limit, vmax=limit)
-    bar = ax.figure.colorbar(points, ax=ax, pad=0.02)
-    bar.set_label(f"residual ({unit})", color=INK)
-    bar.outline.set_visible(False)
-    style_axes(ax, "longitude (°), 0 at x, 90 at y", "latitude (°), z up")
-    ax.set_xlim(-180, 180)
-    ax.set_ylim(-1.02, 1.02)
-    ax.set_xticks(range(-180, 181, 45))
-    latitudes = np.array([-90, -45, -30, -15, 0, 15, 30, 45, 90])
-    ax.set_yticks(np.sin(np.deg2rad(latitudes)), [str(latitude) for latitude in latitudes])
+    color_bar(ax, points, f"residual ({unit})")
+    _map(ax, 1.02)
     return ax
 
 
@@ -204,17 +193,24 @@ def heading_error(found: Any, ax: Any = None) -> Any:
     _checked(found)
     if not np.isfinite(found.covariance).all():
         raise DataError("there is nothing to draw: the readings leave the heading open")
-    ax = new_figure(1).subplots() if ax is None else ax
+    ax = new_figure().subplots() if ax is None else ax
     headings = np.linspace(0, 2 * np.pi, 145)
     tilts = ((0.0, "level"), (np.deg2rad(20), "20° of tilt")) if found.plane is None else ((0.0, "in the plane"),)
     for (tilt, name), color in zip(tilts, SERIES, strict=False):
         ax.plot(np.rad2deg(headings), np.rad2deg(heading_uncertainty(found, headings, tilt=tilt)), color=color, label=name)
     style_axes(ax, "heading (°)", "standard deviation (°)")
-    ax.set_xlim(0, 360)
+    ax.set(xlim=(0, 360), xticks=range(0, 361, 45))
     ax.set_ylim(bottom=0)
-    ax.set_xticks(range(0, 361, 45))
     ax.legend(frameon=False, fontsize=9, labelcolor=INK)
     return ax
+
+
+def _map(ax: "Axes", reach: float) -> None:
+    """Axes of longitude and of the sine of latitude, which are an equal-area map."""
+    style_axes(ax, "longitude (°), 0 at x, 90 at y", "latitude (°), z up")
+    ax.set(xlim=(-180, 180), ylim=(-reach, reach), xticks=range(-180, 181, 45))
+    latitudes = np.array([-90, -45, -30, -15, 0, 15, 30, 45, 90])
+    ax.set_yticks(np.sin(np.deg2rad(latitudes)), [str(latitude) for latitude in latitudes])
 
 
 def _checked(found: Any) -> Any:
@@ -225,7 +221,7 @@ def _checked(found: Any) -> Any:
     return found.model
 
 
-def _unit(found: MagFit) -> tuple[float, str]:
+def unit_of(found: MagFit) -> tuple[float, str]:
     """Microtesla where the field is one of Earth in tesla, else the readings' own unit."""
     return (1e-6, "µT") if 1e-6 < found.field < 1e-3 else (1.0, "unit of the readings")
 
@@ -234,10 +230,9 @@ def _regions() -> list[np.ndarray]:
     """Corners of the 100 regions of equal area in longitude (degrees) and sine of latitude."""
     edges = np.sin([1.37046, 0.74776, 0.0, -0.74776, -1.37046])
     rows = [(1, 1.0, edges[0])] + [(n, edges[k], edges[k + 1]) for k, n in enumerate((15, 34, 34, 15))] + [(1, edges[-1], -1.0)]
-    corners = []
-    for count, top, bottom in rows:
-        # region j of a zone begins j sectors after -x, where the longitude is -180 degrees
-        for j in range(count):
-            west, east = -180 + 360 * j / count, -180 + 360 * (j + 1) / count
-            corners.append(np.array([(west, bottom), (east, bottom), (east, top), (west, top)]))
-    return corners
+    # region j of a zone begins j sectors after -x, where the longitude is -180 degrees
+    return [
+        np.array([(west, bottom), (west + 360 / count, bottom), (west + 360 / count, top), (west, top)])
+        for count, top, bottom in rows
+        for west in -180 + 360 * np.arange(count) / count
+    ]

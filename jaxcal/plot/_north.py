@@ -6,7 +6,7 @@ import numpy as np
 
 from .._errors import DataError
 from ..alignment import AlignmentFit, Positions, Readings
-from ._style import INK, MUTED, SERIES, SHADE, new_figure, style_axes
+from ._style import INK, MUTED, SERIES, SHADE, stacked, style_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -56,28 +56,14 @@ def north(readings: Any, result: Any, ax: Any = None) -> Any:
     if not np.isfinite(result.values).all():
         raise DataError("there is nothing to draw: the fit did not converge")
     sensors = [entry for entry in _SENSORS if getattr(readings, entry[0]) is not None]
-    count = len(sensors) + 1
-    axes = np.atleast_1d(_panels(count) if ax is None else np.asarray(ax, dtype=object))
-    if axes.shape != (count,):
-        raise DataError(f"there are {axes.size} Axes for {count} panels; give one per sensor and one for the azimuth")
-    model = _curve(readings, result)
+    axes = stacked(ax, len(sensors) + 1, 2.6 * (len(sensors) + 1), "per sensor and one for the azimuth")
+    rate, width = (float(np.mean(getattr(readings.positions, name))) for name in ("rate", "width"))
+    moving = Positions(np.linspace(0, 2 * np.pi, 181), start=0.0, rate=rate, width=width)  # one instant: no drift
+    model = Readings(moving, *result.model.measure(moving, lever_arm=readings.lever_arm))
     for panel, (name, label, scale) in zip(axes, sensors, strict=False):
         _readings(panel, readings, name, label, scale, model)
     _azimuth(axes[-1], result)
     return axes
-
-
-def _panels(count: int) -> Any:
-    figure = new_figure(1)
-    figure.set_size_inches(8.0, 2.6 * count)
-    return figure.subplots(count, 1)
-
-
-def _curve(readings: Readings, result: AlignmentFit) -> Readings:
-    """What the fitted sensors read at every table angle."""
-    rate, width = (float(np.mean(getattr(readings.positions, name))) for name in ("rate", "width"))
-    moving = Positions(np.linspace(0, 2 * np.pi, 181), start=0.0, rate=rate, width=width)  # one instant: no drift
-    return Readings(moving, *result.model.measure(moving, lever_arm=readings.lever_arm))
 
 
 def _readings(ax: "Axes", readings: Readings, name: str, label: str, scale: float, model: Readings) -> None:
@@ -99,8 +85,7 @@ def _readings(ax: "Axes", readings: Readings, name: str, label: str, scale: floa
             word, (368, values[here][0]), (6, 0), textcoords="offset points", va="center", color=INK, fontsize=9, annotation_clip=False
         )
     style_axes(ax, "Table angle (deg)", label)
-    ax.set_xlim(-8, 376)
-    ax.set_xticks(np.arange(0, 361, 45))
+    ax.set(xlim=(-8, 376), xticks=np.arange(0, 361, 45))
     ax.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2, frameon=False, fontsize=9, labelcolor=INK, borderaxespad=0.2)
 
 
@@ -109,8 +94,7 @@ def _azimuth(ax: "Axes", result: AlignmentFit) -> None:
     style_axes(ax, "Azimuth (deg)", "Density (1/deg)")
     if result.psi is None or not 0 < std < np.inf:
         ax.text(0.5, 0.5, "The readings give no azimuth.", transform=ax.transAxes, ha="center", va="center", color=MUTED)
-        ax.set_xticks([])
-        ax.set_yticks([])
+        ax.set(xticks=[], yticks=[])
         return
     centre, sigma = result.psi / _DEG, std / _DEG
     x = centre + sigma * np.linspace(-_SPAN, _SPAN, 201)

@@ -2,53 +2,32 @@
 
 from typing import TYPE_CHECKING, Any
 
-import equinox as eqx
 import numpy as np
 
 from .._errors import DataError
 from ..noise import Noise, NoiseFit
 from ..spectrum import Spectrum
-from ._allan import coefficient_label
-from ._labels import display_unit, number_label
-from ._style import INK, SERIES, TERM_COLORS, arrange, key_text, log_axes, new_panels, place_legend, term_color, text_only, tick_decades
+from ._channels import ModelledChannel, draw_curves, draw_groups, finish, term_names
+from ._style import log_axes, number_label
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_SENSORS = {"gyro": "Gyroscope", "accel": "Accelerometer", "mag": "Magnetometer"}
 _MOST_POINTS = 600  # drawn as points; more are drawn as a line
 _MOST_COLUMNS = 1000  # stretches of the frequency axis; of each the lowest and the highest value is drawn
 _VALUES = "#8b949e"  # under a model, which is drawn in ink
 _MARKOV_COLOR = "#56b4e9"
 
 
-class _Channel(eqx.Module):
-    """One curve to draw, and the model on top of it: a `Noise`, a `NoiseFit` or None."""
+class _Channel(ModelledChannel):
+    """One curve to draw, and the model on top of it."""
 
-    name: str
-    sensor: str | None
     spectrum: Spectrum
-    model: Noise | NoiseFit | None
-
-    @property
-    def label(self) -> str:
-        """How the key calls it: the axis alone where the sensor is known."""
-        return key_text(self.name if self.sensor is None else self.name.partition("_")[2])
-
-    @property
-    def noise(self) -> Noise | None:
-        """The model without its uncertainty."""
-        return self.model.noise if isinstance(self.model, NoiseFit) else self.model
-
-    @property
-    def scale(self) -> float:
-        """SI value of the unit of the vertical axis: the square of that of B, per Hz."""
-        return display_unit("B", self.sensor)[0] ** 2
 
     def points(self) -> np.ndarray:
         """Rows frequency, density, lower, upper in the unit of the axis, of values that a log axis can show."""
-        s = self.spectrum
-        rows = np.stack([np.asarray(s.frequency), *(np.asarray(v) / self.scale for v in (s.density, s.lower, s.upper))])
+        s, scale = self.spectrum, self.unit[0] ** 2  # the unit of the axis is the square of that of B, per Hz
+        rows = np.stack([np.asarray(s.frequency), *(np.asarray(v) / scale for v in (s.density, s.lower, s.upper))])
         rows = rows[:, np.isfinite(rows[1]) & (rows[1] > 0)]
         if rows.shape[1] <= 2 * _MOST_COLUMNS:
             return rows
@@ -59,10 +38,29 @@ class _Channel(eqx.Module):
         return rows[:, sorted(chosen | {0, rows.shape[1] - 1})]
 
     def curve(self, noise: Noise) -> tuple[np.ndarray, np.ndarray]:
-        """Frequencies, and the density that a noise model gives there to samples, in the unit of the axis."""
         s = self.spectrum
         f = np.geomspace(np.min(s.frequency), np.max(s.frequency), 300)
-        return f, np.asarray(noise.psd(f, dt=1.0 / s.rate)) * (2.0 if s.sided == 1 else 1.0) / self.scale
+        return f, np.asarray(noise.psd(f, dt=1.0 / s.rate)) * (2.0 if s.sided == 1 else 1.0) / self.unit[0] ** 2
+
+    def draw_values(self, ax: "Axes", color: str, *, alone: bool) -> Any:
+        """Points, or a line where there are many, and the interval."""
+        frequency, density, lower, upper = self.points()
+        ax.fill_between(frequency, lower, upper, color=color, alpha=0.16 if alone else 0.1, linewidth=0)
+        many = len(frequency) > _MOST_POINTS
+        look: dict[str, Any] = {"linewidth": 0.8} if many else {"marker": "o", "linestyle": "none", "markersize": 3.0, "markeredgewidth": 0}
+        return ax.plot(frequency, density, color=color, label=f"measured, {100 * self.spectrum.confidence:g} % interval", **look)[0]
+
+    def draw_model(self, ax: "Axes", color: str) -> list[Any]:
+        name = "fitted model" if isinstance(self.model, NoiseFit) else "noise model"
+        return [] if self.noise is None else ax.plot(*self.curve(self.noise), color=color, linewidth=1.8, label=name)
+
+    def draw_terms(self, ax: "Axes") -> list[Any]:
+        """Terms, and Gauss-Markov processes; a ramp has no density."""
+        lines = self.term_lines(ax, [term for term in term_names([self]) if term != "R"])
+        for pair in () if self.noise is None else self.noise.markov:
+            label = f"Gauss-Markov, {number_label(float(pair[1]))} s"
+            lines += ax.plot(*self.curve(Noise(markov=(pair,))), color=_MARKOV_COLOR, linewidth=1.3, linestyle="--", label=label)
+        return lines
 
 
 def spectrum(result: Any, ax: Any = None, noise: Any = None) -> Any:
@@ -98,33 +96,12 @@ def spectrum(result: Any, ax: Any = None, noise: Any = None) -> Any:
     >>> ax.get_ylabel()
     'Two-sided power spectral density, (°/h)²/Hz'
     """
-    groups = _groups(result, noise)
-    if ax is None:
-        axes = new_panels(len(groups))
-    else:
-        axes = list(np.ravel(np.asarray(ax, dtype=object)))
-        if len(axes) != len(groups):
-            raise DataError(f"{len(axes)} axes for {len(groups)} sensors, each with a unit of its own; give one Axes for each, or none")
-    for panel, channels in zip(axes, groups, strict=True):
-        _draw(panel, channels, own=ax is None)
-    if ax is None:
-        arrange(axes)
-    return axes[0] if len(axes) == 1 else np.array(axes, dtype=object)
-
-
-def _groups(result: Any, noise: Any) -> list[list[_Channel]]:
-    """Channels by sensor, in the order in which they come."""
     named = result if isinstance(result, dict) else {"": result}
-    groups: dict[Any, list[_Channel]] = {}
-    for name, item in named.items():
-        model = noise.get(name) if isinstance(noise, dict) else noise
-        for channel in _channels(str(name), item, model):
-            groups.setdefault((channel.sensor, channel.spectrum.sided), []).append(channel)
-    if not groups:
-        raise DataError("there is nothing to draw: the dictionary of results is empty")
-    if isinstance(noise, dict) and noise and not set(noise) & set(named):
+    models = noise if isinstance(noise, dict) else dict.fromkeys(named, noise)
+    channels = [channel for name, item in named.items() for channel in _channels(str(name), item, models.get(name))]
+    if channels and models and not set(models) & set(named):
         raise DataError(f"noise names none of the channels drawn: it has {', '.join(map(str, noise))}")
-    return list(groups.values())
+    return draw_groups(channels, ax, _draw, key=lambda channel: (channel.sensor, channel.spectrum.sided))
 
 
 def _channels(name: str, item: Any, model: Any) -> list[_Channel]:
@@ -133,105 +110,20 @@ def _channels(name: str, item: Any, model: Any) -> list[_Channel]:
     if not (model is None or isinstance(model, (Noise, NoiseFit))):
         raise DataError(f"noise must be a Noise, a NoiseFit, or a dictionary channel -> these; got {type(model).__name__}")
     if np.ndim(item.density) == 2:
-        found = []
-        for i in range(item.density.shape[1]):
-            found += _channels(f"{name} {i}".strip(), item.channel(i), _model_of(model, i))
-        return found
-    sensor = name.partition("_")[0]
-    return [_Channel(name=name, sensor=sensor if sensor in _SENSORS else None, spectrum=item, model=model)]
-
-
-def _model_of(model: Noise | NoiseFit | None, index: int) -> Noise | NoiseFit | None:
-    """What belongs to one channel of a spectrum: the same for all where the model knows no channels."""
-    if model is None or (isinstance(model, NoiseFit) and np.ndim(model.goodness) == 0):
-        return model
-    return model.channel(index)
+        common = isinstance(model, NoiseFit) and np.ndim(model.goodness) == 0  # it knows no channels
+        models = [model if model is None or common else model.channel(i) for i in range(item.density.shape[1])]
+        return [one for i, own in enumerate(models) for one in _channels(f"{name} {i}".strip(), item.channel(i), own)]
+    return [_Channel(name, model, item)]
 
 
 def _draw(ax: "Axes", channels: list[_Channel], *, own: bool) -> None:
-    sensor, sided = channels[0].sensor, channels[0].spectrum.sided
-    unit = display_unit("B", sensor)[1] or "unit of the record"
+    unit = channels[0].unit[1] or "unit of the record"
     unit = f"({unit})" if set(unit) & set("/ ") else unit
-    log_axes(ax, "Frequency (Hz)", f"{'One' if sided == 1 else 'Two'}-sided power spectral density, {unit}²/Hz")
-    if len(channels) == 1:
-        columns = _draw_one(ax, channels[0])
-        title = " ".join(filter(None, (_SENSORS.get(sensor or ""), channels[0].label)))
-    else:
-        columns = _draw_several(ax, channels)
-        title = "" if sensor is None else _SENSORS[sensor]
+    sided = "One" if channels[0].spectrum.sided == 1 else "Two"
+    log_axes(ax, "Frequency (Hz)", f"{sided}-sided power spectral density, {unit}²/Hz")
+    columns = draw_curves(ax, channels, beneath=_VALUES)
     _limit(ax, channels)
-    tick_decades(ax)
-    if not own:  # there is room for the marks alone
-        columns = [[handle for column in columns for handle in column]] if len(channels) == 1 else columns[:1]
-    place_legend(ax, columns, title, above=own, lines=len(channels) == 1)
-
-
-def _draw_values(ax: "Axes", channel: _Channel, color: str, shade: float = 0.16) -> Any:
-    frequency, density, lower, upper = channel.points()
-    ax.fill_between(frequency, lower, upper, color=color, alpha=shade, linewidth=0)
-    if len(frequency) > _MOST_POINTS:
-        return ax.plot(frequency, density, color=color, linewidth=0.8)[0]
-    return ax.plot(frequency, density, "o", markersize=3.0, color=color, markeredgewidth=0)[0]
-
-
-def _draw_one(ax: "Axes", channel: _Channel) -> list[list[Any]]:
-    """One channel, with the model in ink and the lines of its terms in colour; the columns of its key."""
-    values = _draw_values(ax, channel, SERIES[0] if channel.noise is None else _VALUES)
-    values.set_label(f"measured, {100 * channel.spectrum.confidence:g} % interval")
-    if channel.noise is None:
-        return [[values]]
-    model = ax.plot(*channel.curve(channel.noise), color=INK, linewidth=1.8)[0]
-    model.set_label("fitted model" if isinstance(channel.model, NoiseFit) else "noise model")
-    return [[values, model], _draw_terms(ax, channel)]
-
-
-def _draw_terms(ax: "Axes", channel: _Channel) -> list[Any]:
-    """A line for every term that has a density, dotted at the upper limit of one that was not detected."""
-    noise, lines = channel.noise, []
-    assert noise is not None
-    for term in _terms([channel]):
-        value, style, label = _coefficient(channel, term)
-        if term == "R" or not (np.isfinite(value) and value > 0):
-            continue
-        lines += ax.plot(*channel.curve(noise.only(term, value)), color=term_color(term), linewidth=1.3, linestyle=style, label=label)
-    for pair in noise.markov:
-        label = f"Gauss-Markov, {number_label(float(pair[1]))} s"
-        lines += ax.plot(*channel.curve(Noise(markov=(pair,))), color=_MARKOV_COLOR, linewidth=1.3, linestyle="--", label=label)
-    return lines
-
-
-def _terms(channels: list[_Channel]) -> list[str]:
-    """Letters, and terms of one's own that any of the models has."""
-    return list(dict.fromkeys([*TERM_COLORS, *(term.name for channel in channels if channel.noise for _, term in channel.noise.further)]))
-
-
-def _coefficient(channel: _Channel, term: str) -> tuple[float, str, str]:
-    """Value, line style and label of a term; value 0 where the model does not have it."""
-    fit, noise = channel.model, channel.noise
-    if isinstance(fit, NoiseFit):
-        if term not in fit.terms:
-            return 0.0, "", ""
-        absent = fit.verdict.get(term) == "not detected"
-        value = float(fit.upper_limit[term] if absent else fit.noise.coefficient(term))
-        return value, ":" if absent else "--", coefficient_label(term, fit, channel.sensor)
-    assert noise is not None
-    value = float(noise.coefficient(term))
-    scale, unit = display_unit(term, channel.sensor)
-    return value, "--", f"{term} = {number_label(value / scale)} {unit}".strip()
-
-
-def _draw_several(ax: "Axes", channels: list[_Channel]) -> list[list[Any]]:
-    """Channels in a colour each; the key is a table of the coefficients of their models."""
-    names = []
-    for i, channel in enumerate(channels):
-        color = SERIES[i % len(SERIES)]
-        names.append(_draw_values(ax, channel, color, shade=0.1))
-        names[-1].set_label(channel.label)
-        if channel.noise is not None:
-            ax.plot(*channel.curve(channel.noise), color=color, linewidth=1.8)
-    found = [[_coefficient(channel, term) if channel.model else (0.0, "", "") for channel in channels] for term in _terms(channels)]
-    shown = (row for row in found if any(value > 0 and style == "--" for value, style, _ in row))
-    return [names, *([text_only(label) for _, _, label in row] for row in shown)]
+    finish(ax, channels, columns, own=own)
 
 
 def _limit(ax: "Axes", channels: list[_Channel]) -> None:
@@ -239,7 +131,6 @@ def _limit(ax: "Axes", channels: list[_Channel]) -> None:
     frequency, density = np.concatenate([channel.points()[:2] for channel in channels], axis=1)
     if density.size == 0:
         raise DataError("there is nothing to draw: no density is above zero")
-    every = np.concatenate([np.asarray(channel.spectrum.density) / channel.scale for channel in channels])
+    every = np.concatenate([np.asarray(channel.spectrum.density) / channel.unit[0] ** 2 for channel in channels])
     low, high = float(np.quantile(every[every > 0], 0.02)), float(density.max())
-    ax.set_xlim(frequency.min() / 1.2, max(frequency.max() * 1.2, frequency.min() * 2))
-    ax.set_ylim(low / 1.8, high * 1.8)
+    ax.set(xlim=(frequency.min() / 1.2, max(frequency.max() * 1.2, frequency.min() * 2)), ylim=(low / 1.8, high * 1.8))

@@ -1,7 +1,17 @@
-"""One look for every figure: colours that colour-blind readers tell apart, light grid, plain numbers on log axes."""
+"""One look for every figure: colours that colour-blind readers tell apart, light grid, numbers and units as people read them; `save`."""
 
+import io
 import math
+import os
+import pathlib
+import re
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .._errors import DataError, ExportError
+from .._files import write_atomically
+from .._units import noise_factor, noise_units
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -15,59 +25,24 @@ SHADE = "#f1f3f5"
 #: channels, and the terms of a noise model: Okabe and Ito's palette (jfly.uni-koeln.de/color), yellow left out
 SERIES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 TERM_COLORS = {"Q": "#cc79a7", "N": "#0072b2", "B": "#009e73", "K": "#d55e00", "R": "#e69f00"}
-_FURTHER = ("#56b4e9", "#8c564b", "#7f7f7f")
-
-
-def term_color(term: str) -> str:
-    """Colour of the line of a term; a term of one's own has one that its name decides."""
-    return TERM_COLORS.get(term) or _FURTHER[sum(map(ord, term)) % len(_FURTHER)]
-
-
 _TEXT = 10.0
-_PAD = 0.06  # inches around what is drawn
+SENSORS = {"gyro": "Gyroscope", "accel": "Accelerometer", "mag": "Magnetometer"}
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
-def new_figure(panels: int) -> "Figure":
-    """An empty figure, 1000 pixels wide, for panels below one another, laid out by matplotlib; it belongs to no window."""
+def new_figure(height: float = 5.0) -> "Figure":
+    """An empty figure, 1000 pixels wide and so many inches high, laid out by matplotlib; it belongs to no window."""
     from matplotlib.figure import Figure
 
-    return Figure(figsize=(8.0, 5.0 * panels), dpi=125, layout="constrained")
+    return Figure(figsize=(8.0, height), dpi=125, layout="constrained")
 
 
-def new_panels(count: int) -> list["Axes"]:
-    """Axes below one another in a figure of their own; `arrange` places them when all is drawn."""
-    figure = new_figure(count)
-    figure.set_layout_engine("none")
-    return list(figure.subplots(count, 1, squeeze=False)[:, 0])
-
-
-def arrange(panels: list["Axes"]) -> None:
-    """Give each panel of `new_panels` what its labels and the key above it leave.
-
-    One look at the texts: matplotlib's constrained layout, in every file that is written, costs more than the drawing itself.
-    """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
-    figure = panels[0].get_figure(root=True)
-    assert figure is not None  # that of new_panels
-    renderer = FigureCanvasAgg(figure).get_renderer()
-    (width, height), pad = figure.bbox.size, _PAD * figure.dpi
-    across, up = ([_extent(axis, renderer) for axis in axes] for axes in ([ax.xaxis for ax in panels], [ax.yaxis for ax in panels]))
-    left = max(ax.bbox.x0 - box.x0 for ax, box in zip(panels, up, strict=True)) + pad
-    right = max(max(box.x1 - ax.bbox.x1, 0.0) for ax, box in zip(panels, across, strict=True)) + pad
-    for i, (ax, box) in enumerate(zip(panels, across, strict=True)):
-        key = ax.get_legend()
-        above = 0.0 if key is None else key.get_window_extent(renderer).height
-        bottom = height * (len(panels) - 1 - i) / len(panels) + ax.bbox.y0 - box.y0 + pad
-        top = height * (len(panels) - i) / len(panels) - above - 2 * pad
-        ax.set_position((left / width, bottom / height, (width - left - right) / width, (top - bottom) / height))
-
-
-def _extent(axis: Any, renderer: Any) -> Any:
-    """Box around the labels of one axis, in pixels."""
-    box = axis.get_tightbbox(renderer)
-    assert box is not None  # an axis of ours is never hidden
-    return box
+def stacked(ax: Any, count: int, height: float, meant: str) -> Any:
+    """(count,) the axes given, or new ones below one another in a figure `height` inches high; `meant` says what they are for."""
+    axes = np.atleast_1d(np.asarray(new_figure(height).subplots(count, 1) if ax is None else ax, dtype=object)).ravel()
+    if len(axes) != count:
+        raise DataError(f"there are {len(axes)} Axes for {count} panels; give one {meant}")
+    return axes
 
 
 def log_axes(ax: "Axes", x_label: str, y_label: str) -> None:
@@ -96,15 +71,12 @@ def style_axes(ax: "Axes", x_label: str, y_label: str) -> None:
     ax.set_ylabel(y_label, color=INK, fontsize=_TEXT)
 
 
-def tick_decades(ax: "Axes") -> None:
-    """Ticks for the limits that the axes have: powers of ten, with 2 and 5 or small ticks between them."""
-    from matplotlib.ticker import LogLocator, NullLocator
-
-    for axis, (low, high) in ((ax.xaxis, ax.get_xlim()), (ax.yaxis, ax.get_ylim())):
-        decades = math.log10(high / low)
-        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if decades < 3.2 else (1.0,), numticks=12))
-        # a tick is the dearest thing to draw: none that tells no more
-        axis.set_minor_locator(LogLocator(subs=tuple(range(2, 10)), numticks=12) if 3.2 <= decades < 8 else NullLocator())
+def color_bar(ax: "Axes", drawn: Any, label: str) -> Any:
+    """The scale of the colours of what was drawn, beside the axes."""
+    bar = ax.figure.colorbar(drawn, ax=ax, pad=0.02)
+    bar.set_label(label, color=INK)
+    bar.outline.set_visible(False)  # type: ignore[operator]
+    return bar
 
 
 def place_legend(ax: "Axes", columns: list[list[Any]], title: str, *, above: bool, lines: bool) -> None:
@@ -125,17 +97,11 @@ def place_legend(ax: "Axes", columns: list[list[Any]], title: str, *, above: boo
     legend.get_title().set(fontsize=_TEXT + 1, fontweight="bold", color=INK)
 
 
-def key_text(name: str) -> str:
-    """A name as matplotlib shows it: no formulas, and not hidden for a leading underscore."""
-    name = name.replace("$", r"\$")
-    return f" {name}" if name.startswith("_") else name
-
-
-def text_only(text: str) -> Any:
-    """An entry of the key without a mark."""
+def text_only(text: str, **look: Any) -> Any:
+    """An entry of the key without a mark, or with one that no line of the figure has."""
     from matplotlib.lines import Line2D
 
-    return Line2D([], [], linestyle="none", label=text or " ")
+    return Line2D([], [], label=text or " ", **{"linestyle": "none", **look})
 
 
 def _tick(value: float, position: Any = None) -> str:
@@ -147,3 +113,101 @@ def _tick(value: float, position: Any = None) -> str:
     mantissa = value / 10.0**exponent
     lead = "" if abs(mantissa - 1) < 1e-6 else rf"{mantissa:.0f}\times"
     return f"${lead}10^{{{exponent}}}$"
+
+
+def save(figure: Any, path: str | os.PathLike[str], *, dpi: float | int = 150) -> None:
+    """Write a figure to a file, in one step.
+
+    Parameters
+    ----------
+    figure : a matplotlib Figure, an Axes, or an array of Axes as `jaxcal.plot` returns them.
+    path : file to write; its ending chooses the format (.png, .svg, .pdf, ...).
+    dpi : pixels per inch of formats made of pixels.
+
+    Raises
+    ------
+    ExportError
+        If the ending is not that of an image format, or the file cannot be written.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> deviation = jaxcal.allan.deviation(np.random.default_rng(0).normal(size=1000), 100.0)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "allan.png")
+    ...     jaxcal.plot.save(jaxcal.plot.allan(deviation), path)
+    ...     path.stat().st_size > 10_000
+    True
+    """
+    first = np.ravel(np.asarray(figure, dtype=object))[0]
+    drawn = first.figure if hasattr(first, "get_xlim") else first
+    ending = pathlib.Path(path).suffix.lstrip(".").lower()
+    known = drawn.canvas.get_supported_filetypes()
+    if ending not in known:
+        raise ExportError(f"cannot write {path}: {ending or 'no ending'} is not an image format; use one of .{', .'.join(sorted(known))}")
+    buffer = io.BytesIO()
+    drawn.savefig(buffer, format=ending, dpi=dpi)
+    write_atomically(path, buffer.getvalue())
+
+
+def unit_label(unit: str) -> str:
+    """A unit as it is printed: "deg/sqrt(h)" as °/√h, "m/s/h^(3/2)" as m/s/(h√h)."""
+    for plain, pretty in (("h^(3/2)", "(h√h)"), ("^2", "²"), ("^3", "³"), ("deg", "°"), ("ug", "µg"), ("uT", "µT")):
+        unit = unit.replace(plain, pretty)
+    return re.sub(r"sqrt\(([^)]*)\)", r"√\1", unit)
+
+
+def interval_labels(value: float, low: float, high: float) -> tuple[str, str, str]:
+    """A value and its interval, all three down to the first digit of the half width: 2 to 4 digits of the value."""
+    half = (high - low) / 2
+    digits = 3
+    if 0 < value < math.inf and 0 < half < math.inf:
+        digits = min(max(_power(value) - _power(half) + 1, 2), 4)
+
+    def like(end: float) -> str:
+        """As many decimals as the value has."""
+        return number_label(end, digits + _power(end) - _power(value)) if 0 < end < math.inf and value > 0 else number_label(end)
+
+    return number_label(value, digits), like(low), like(high)
+
+
+def _power(value: float) -> int:
+    return math.floor(math.log10(value))
+
+
+def number_label(value: float, digits: int = 3) -> str:
+    """A number with so many significant digits, with a power of ten only where it saves zeros: 0.245, 1.8×10⁻⁷, 10000."""
+    if not math.isfinite(value):
+        return "∞" if value > 0 else "\u2013"
+    if value == 0:
+        return "0"
+    digits = max(digits, 1)
+    mantissa, _, power = f"{value:.{digits - 1}e}".partition("e")
+    exponent = int(power)
+    if -4 < exponent < 5:
+        return f"{float(f'{mantissa}e{exponent}'):.{max(digits - 1 - exponent, 0)}f}"
+    return f"{mantissa}\u00d710{str(exponent).translate(_SUPERSCRIPT)}"
+
+
+def display_unit(term: str, sensor: str | None) -> tuple[float, str]:
+    """SI value and label of the unit in which a coefficient is shown; (1, "") for a sensor that is not known."""
+    if sensor is None:
+        return 1.0, ""
+    unit = noise_units(term, sensor)[0]
+    return noise_factor(term, sensor, unit), unit_label(unit)
+
+
+def duration_label(seconds: float) -> str:
+    """A length of time in the unit that people would take."""
+    if not math.isfinite(seconds):
+        return "∞"
+    for size, name in ((86400.0 * 365.25, "years"), (86400.0, "days"), (3600.0, "h"), (60.0, "min")):
+        if seconds >= 2 * size:
+            return f"{_brief(seconds / size)} {name}"
+    return f"{_brief(seconds)} s"
+
+
+def _brief(value: float) -> str:
+    return f"{value:.0f}" if value >= 9.95 else f"{value:.2g}"

@@ -6,14 +6,24 @@ import numpy as np
 
 from .._errors import DataError
 from ..temperature import TemperatureFit
-from ._labels import display_unit, interval_labels, number_label
-from ._style import INK, MUTED, SERIES, key_text, new_figure, place_legend, style_axes
+from ._channels import Channel, draw_groups
+from ._style import INK, MUTED, SENSORS, SERIES, interval_labels, number_label, place_legend, style_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_SENSORS = {"gyro": "Gyroscope", "accel": "Accelerometer", "mag": "Magnetometer"}
 _FINE = 2000  # temperatures at which a curve is drawn: a jump is narrow
+
+
+class _Channel(Channel):
+    """One thermal model to draw."""
+
+    fit: TemperatureFit
+
+    def change(self, bias: Any) -> np.ndarray:
+        """A bias less the model at the middle of the range, in the unit of the axis."""
+        model = self.fit.model
+        return (np.asarray(bias) - float(np.asarray(model.curve.value(np.asarray((model.low + model.high) / 2))))) / self.unit[0]
 
 
 def temperature(result: Any, ax: Any = None) -> Any:
@@ -46,57 +56,35 @@ def temperature(result: Any, ax: Any = None) -> Any:
     >>> jaxcal.plot.temperature({"gyro_x": found}).get_ylabel()
     'Change of bias (°/h)'
     """
-    groups: dict[str | None, dict[str, TemperatureFit]] = {}
-    for name, fit in (result if isinstance(result, dict) else {"": result}).items():
+    named = result if isinstance(result, dict) else {"": result}
+    for fit in named.values():
         if not isinstance(fit, TemperatureFit):
             raise DataError(f"cannot draw {type(fit).__name__}; expected a TemperatureFit, or a dictionary channel -> these")
-        sensor = str(name).partition("_")[0]
-        groups.setdefault(sensor if sensor in _SENSORS else None, {})[str(name)] = fit
-    if not groups:
-        raise DataError("there is nothing to draw: the dictionary of results is empty")
-    if ax is None:
-        axes = list(new_figure(len(groups)).subplots(len(groups), 1, squeeze=False)[:, 0])
-    else:
-        axes = list(np.ravel(np.asarray(ax, dtype=object)))
-        if len(axes) != len(groups):
-            raise DataError(f"{len(axes)} axes for {len(groups)} sensors, each with a unit of its own; give one Axes for each, or none")
-    for panel, (sensor, fits) in zip(axes, groups.items(), strict=True):
-        _draw(panel, sensor, fits, own=ax is None)
-    return axes[0] if len(axes) == 1 else np.array(axes, dtype=object)
+    return draw_groups([_Channel(str(name), fit) for name, fit in named.items()], ax, _draw)
 
 
-def _draw(ax: "Axes", sensor: str | None, fits: dict[str, TemperatureFit], *, own: bool) -> None:
-    scale, unit = display_unit("B", sensor)
-    scale_factor = any(fit.model.scale for fit in fits.values())
-    what = "Change of scale factor" if scale_factor else f"Change of bias ({unit or 'unit of the record'})"
+def _draw(ax: "Axes", channels: list[_Channel], *, own: bool) -> None:
+    scale_factor = any(channel.fit.model.scale for channel in channels)
+    what = "Change of scale factor" if scale_factor else f"Change of bias ({channels[0].unit[1] or 'unit of the record'})"
     style_axes(ax, "Temperature (°C)", what)
     points, lines = [], []
-    for i, (name, fit) in enumerate(fits.items()):
-        color = SERIES[i % len(SERIES)]
-        label = name if sensor is None else name.partition("_")[2]
-        points.append(_points(ax, fit, scale, color))
-        points[-1].set_label(key_text(label or "means over 0.1 °C"))
-        lines.append(_curve(ax, fit, scale, color if len(fits) > 1 else INK))
-        lines[-1].set_label(_described(fit, scale, unit))
-    place_legend(ax, [points, lines], "" if sensor is None else _SENSORS[sensor], above=own, lines=True)
+    for i, channel in enumerate(channels):
+        fit, color = channel.fit, SERIES[i % len(SERIES)]
+        dots = {"markersize": 2.6, "color": color, "markeredgewidth": 0, "alpha": 0.6}
+        points += ax.plot(fit.bins.t, channel.change(fit.bins.b), "o", label=channel.label or "means over 0.1 °C", **dots)
+        lines.append(_curve(ax, channel, color if len(channels) > 1 else INK))
+    place_legend(ax, [points, lines], SENSORS.get(channels[0].sensor or "", ""), above=own, lines=True)
 
 
-def _middle(fit: TemperatureFit) -> float:
-    return float(np.asarray(fit.model.curve.value(np.asarray((fit.model.low + fit.model.high) / 2))))
-
-
-def _points(ax: "Axes", fit: TemperatureFit, scale: float, color: str) -> Any:
-    values = (np.asarray(fit.bins.b) - _middle(fit)) / scale
-    return ax.plot(fit.bins.t, values, "o", markersize=2.6, color=color, markeredgewidth=0, alpha=0.6)[0]
-
-
-def _curve(ax: "Axes", fit: TemperatureFit, scale: float, color: str) -> Any:
+def _curve(ax: "Axes", channel: _Channel, color: str) -> Any:
+    fit = channel.fit
     t = np.linspace(float(fit.model.low), float(fit.model.high), _FINE)
-    low, high = ((end - _middle(fit)) / scale for end in fit.interval_at(t))
+    low, high = (channel.change(end) for end in fit.interval_at(t))
     ax.fill_between(t, low, high, color=color, alpha=0.16, linewidth=0)
     for step in fit.steps:
         ax.axvline(step.centre, color=MUTED, linewidth=0.8, linestyle=":", zorder=0)
-    return ax.plot(t, (np.asarray(fit.model.curve.value(t)) - _middle(fit)) / scale, color=color, linewidth=1.4)[0]
+    label = _described(fit, *channel.unit)
+    return ax.plot(t, channel.change(fit.model.curve.value(t)), color=color, linewidth=1.4, label=label)[0]
 
 
 def _described(fit: TemperatureFit, scale: float, unit: str) -> str:

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from .._files import write_atomically
-from ..plot._labels import number_label, unit_label
-from ..plot._style import GRID, INK, MUTED, SERIES
+from ..plot._style import GRID, INK, MUTED, SERIES, number_label, unit_label
 from ._html import Markup, each, join, tag
 from ._page import page
 from ._svg import inline

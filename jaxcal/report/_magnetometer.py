@@ -84,7 +84,7 @@ def _verdict(found: MagFit) -> Markup:
     badge = tag("span", found.verdict, class_="badge present" if found.verdict == "good" else "badge hint")
     parts = [tag("h2", "Verdict", id="verdict"), tag("p", badge, " ", found.reason)]
     if found.model is not None:
-        scale, unit = pictures._unit(found)
+        scale, unit = pictures.unit_of(found)
         model, spread = found.model, found.hard_iron_error / scale
         rows = [tag("tr", *(tag("th", text, scope="col") for text in ("", "x", "y", "z")))]
         hard = np.asarray(model.hard_iron) / scale
@@ -142,7 +142,7 @@ def _pictures(found: MagFit, m: np.ndarray | None) -> Markup:
 
 
 def _readings(found: MagFit, m: Any) -> Markup:
-    scale, unit = pictures._unit(found)
+    scale, unit = pictures.unit_of(found)
     pick = np.unique(np.linspace(0, len(m) - 1, min(len(m), _ROWS)).astype(int))
     fixed, out = np.asarray(found.model.correct(m[pick])) / scale, set(np.asarray(found.outliers).tolist())  # type: ignore[union-attr]
     off = np.asarray(found.residual) / scale

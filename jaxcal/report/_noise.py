@@ -9,7 +9,7 @@ from .._results import plain
 from .._units import noise_units
 from ..noise import NoiseFit
 from ..plot import allan
-from ..plot._labels import display_unit, duration_label, interval_labels, number_label
+from ..plot._style import display_unit, duration_label, interval_labels, number_label
 from ._document import sensor_of
 from ._html import Markup, each, join, tag
 from ._numbers import scroll, shown, table_of

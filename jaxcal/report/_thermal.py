@@ -10,7 +10,7 @@ from .._log import Log
 from .._results import plain
 from .._units import si_unit
 from ..plot import temperature
-from ..plot._labels import display_unit, number_label
+from ..plot._style import display_unit, number_label
 from ..temperature import TemperatureFit
 from ._document import number, sensor_of
 from ._html import Markup, each, join, tag

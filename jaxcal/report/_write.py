@@ -11,7 +11,7 @@ from .._log import Log
 from ..alignment import AlignmentFit, Readings, verdict_name
 from ..imu import ImuFit
 from ..magnetometer import MagFit
-from ..plot._labels import duration_label
+from ..plot._style import duration_label
 from ..temperature import TemperatureFit
 from ._device import pairs, part, verdicts
 from ._document import check_results, noise_document

@@ -16,7 +16,7 @@ from jaxcal import DataError, ExportError
 from jaxcal.allan import Deviation, deviation
 from jaxcal.noise import Noise
 from jaxcal.plot import TERM_COLORS, allan, save
-from jaxcal.plot._labels import duration_label, interval_labels, number_label, unit_label
+from jaxcal.plot._style import duration_label, interval_labels, number_label, unit_label
 
 _MADE = runpy.run_path(str(pathlib.Path(__file__).parents[1] / "made_fit.py"))
 made_deviation, made_fit, made_results = _MADE["made_deviation"], _MADE["made_fit"], _MADE["made_results"]

@@ -9,7 +9,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from jaxcal import DataError
-from jaxcal.noise import Noise
+from jaxcal.noise import Noise, Term
 from jaxcal.plot import TERM_COLORS, save, spectrum
 from jaxcal.spectrum import Spectrum, density
 
@@ -89,6 +89,19 @@ def test_markov_terms_and_ramps():
     ax = drawn(spectrum(found(), noise=Noise(N=1e-4, R=1e-3, markov=((1e-3, 20.0),))))
     assert "Gauss-Markov, 20.0 s" in key(ax)
     assert not any(label.startswith("R") for label in key(ax))  # a ramp has no density
+
+
+class Level(Term):
+    name: str = "L"
+
+    def psd(self, f, dt=None):
+        return 0 * f + 1.0
+
+
+def test_a_term_of_ones_own_on_one_of_two_channels():
+    models = {"gyro_x": Noise(N=1e-4), "gyro_y": Noise(N=1e-4, further=((2e-4, Level()),))}
+    ax = drawn(spectrum(dict.fromkeys(models, found()), noise=models))
+    assert {"L = 2.00\u00d710⁻⁴ SI", "N = 0.344 °/√h"} <= set(key(ax))
 
 
 def test_axes_of_one_sensor_share_a_panel_in_colours_of_their_own():
