@@ -22,10 +22,10 @@ from .._precision import is_traced
 from ..allan import Deviation
 from ..fitting import solve
 from ._allanfit import freedom
-from ._curve import Curve, whitened
+from ._curve import Curve, differences, whitened
 from ._joint import curve_of
+from ._lanes import namespace
 from ._limits import chance
-from ._minimise import minimise, namespace
 from ._model import noise_of
 from ._result import NoiseFit
 from ._sentences import sentences_of_octaves
@@ -99,8 +99,11 @@ def _gradient(y, x, xp):
 
 def _weighted(data: Curve, used, weight):
     """Coefficients of least squares with the weights given."""
-    xp, start = namespace(data), np.zeros((1, data.columns.shape[1] - 1))
-    return minimise(data.columns[:, :-1], data.v, xp.where(used, weight, 0.0), start, linear=True).theta[0]
+    xp, columns = namespace(data), data.columns[:, :-1]
+    root = xp.sqrt(xp.where(used, weight, 0.0))
+    rows = {"rows": columns * root[:, None], "target": data.v * root}
+    found = solve(differences, np.zeros(columns.shape[1], dtype=columns.dtype), rows, bounds=(0.0, np.inf)).parameters
+    return found if xp is jnp else np.asarray(found)
 
 
 def _log_residuals(theta, data):
@@ -113,10 +116,9 @@ def _log_residuals(theta, data):
 def _judged(data: Curve, used, theta):
     """Chance of a worse chi-square about the fitted curve, with the covariance that it implies."""
     xp = namespace(data, theta)
-    theta = xp.append(theta, 0.0)[None]
-    rows, target = whitened(data, used[None], theta, True)
-    chi = xp.sum((target[0] - rows[0] @ theta[0]) ** 2)
-    return chance(chi, freedom(used, theta[0]))
+    theta = xp.append(theta, 0.0)
+    rows, target = whitened(data, used, theta, True)
+    return chance(xp.sum((target - rows @ theta) ** 2), freedom(used, theta))
 
 
 def _result(

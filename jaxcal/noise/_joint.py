@@ -20,8 +20,8 @@ from ._allanfit import choose_band, fit_curve
 from ._assemble import assemble, with_edf
 from ._covariance import covariance_tensor
 from ._curve import Curve
+from ._lanes import namespace
 from ._limits import levels_of
-from ._minimise import namespace
 from ._result import NoiseFit
 from ._sentences import sentences_of_fit, sentences_of_octaves
 from ._skewness import response
@@ -71,11 +71,11 @@ def fit_jointly(
     """
     xp, full = namespace(deviation.deviation), method == "gls"
     curve, used, unit = curve_of(deviation, samples, terms, deviation.deviation**2, inside)
-    cut, holds = False, True
+    cut, holds, estimated = False, True, None
     if automatic and xp is np:
-        used, cut, holds = choose_band(curve, used, full)
+        used, cut, holds, estimated = choose_band(curve, used, full)
     heard = response(samples, deviation.m.astype(float), 1.0 / deviation.rate, terms)
-    found = fit_curve(curve, used, np.asarray(cut), full, heard, *levels_of(confidence))
+    found = fit_curve(curve, used, np.asarray(cut), full, heard, *levels_of(confidence), estimated)
     if xp is np and not np.all(np.isfinite(found.theta)):
         raise FitError("the fit gave no finite coefficients; fit fewer terms (terms=) or other cluster times (band=)")
     fit = assemble(

@@ -10,7 +10,7 @@ import scipy.special
 import scipy.stats
 
 from .._types import AnyArray, Float
-from ._minimise import iterate, namespace, some
+from ._lanes import iterate, namespace, some
 
 _SEARCH = 12
 _FAR = 8.0

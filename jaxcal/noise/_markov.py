@@ -4,8 +4,7 @@ import equinox as eqx
 import numpy as np
 
 from .._types import AnyArray
-from ._likelihood import lower_of
-from ._minimise import minimise
+from ._likelihood import ROUGH, lower_of, minimise
 from ._spectral import Fitted
 from ._terms import GaussMarkov
 
@@ -45,5 +44,5 @@ def scan(fitted: Fitted, time, dt: float, flicker) -> Scan:
     kept = np.where(np.arange(2 * count)[:, None] < count, 1.0, 1.0 - flicker)
     columns = np.concatenate([bins.columns * kept[:, None, :], np.tile(process, (2, 1))[:, :, None]], axis=2)
     start = np.concatenate([theta * kept, np.append(np.zeros(count), level)[:, None]], axis=1)
-    gain = 2.0 * (fitted.cost - minimise(columns, bins.density, bins.weight, start, lower=lower_of(columns)).cost)
+    gain = 2.0 * (fitted.cost - minimise(columns, bins.density, bins.weight, start, lower=lower_of(columns), rtol=ROUGH).cost)
     return Scan(np.asarray(time), gain[:count], gain[count:])

@@ -31,7 +31,7 @@ def with_second_opinion(found: NoiseFit, samples: int) -> NoiseFit:
     data, kept, unit = curve_of(curve, samples, terms, variance, kept)
     lanes = alone(data, kept, np.asarray(not found.used[0]))
     theta, _ = estimate(data, lanes, full=True)
-    errors = np.sqrt(np.diagonal(covariance_of(data, lanes, theta, True))) * unit
+    errors = np.sqrt(np.diagonal(covariance_of(data, lanes, theta[0], True))) * unit
     squares = theta[0, : len(terms)] * unit
     other = noise_of(terms, np.sqrt(squares).tolist())
     said = sentences_of_difference(found, other, dict(zip(names, errors, strict=False)))

@@ -22,7 +22,7 @@ import numpy as np
 
 from .._types import Any, AnyArray, Float
 from ._curve import Curve, correlation, whiten
-from ._minimise import inverse, namespace
+from ._lanes import inverse, namespace
 from ._terms import Term
 
 _SINGLE = 64  # lowest frequencies kept apart
@@ -60,16 +60,16 @@ def response(samples: int, m, dt: float, terms: tuple[Term, ...]) -> Response:
 def skewness(curve: Curve, used, heard: Response, at, index: int) -> Any:
     """Skewness of the statistic that shows coefficient `index`, for the noise of coefficients `at`."""
     xp = namespace(curve, used, heard, at)
-    matrix, scale = correlation(curve, used[None], at[None])
-    rows = xp.where(used[:, None], curve.columns, 0.0) / scale[0][:, None]
-    white = whiten(matrix, xp.concatenate([rows, xp.eye(len(used), dtype=rows.dtype)], axis=1)[None])[0]
+    matrix, scale = correlation(curve, used, at)
+    rows = xp.where(used[:, None], curve.columns, 0.0) / scale[:, None]
+    white = whiten(matrix, xp.concatenate([rows, xp.eye(len(used), dtype=rows.dtype)], axis=1))
     rows, back = white[:, : rows.shape[1]], white[:, rows.shape[1] :]
     here = np.arange(rows.shape[1]) == index
     others = xp.where((at != 0.0) & ~here, rows, 0.0)
     mine = rows[:, index]
     along = mine - others @ (inverse(others.T @ others) @ (others.T @ mine))
-    weight = xp.where(used, back.T @ along / scale[0], 0.0)
-    part = (heard.columns @ curve.noise(at[None])[0]) * (weight @ heard.kernel)
+    weight = xp.where(used, back.T @ along / scale, 0.0)
+    part = (heard.columns @ curve.noise(at)) * (weight @ heard.kernel)
     second = xp.maximum(2.0 * heard.number @ part**2, np.finfo(rows.dtype).tiny)
     part = part / xp.sqrt(second)
     return 8.0 * (heard.number @ part**3) * xp.sqrt(along @ along / second)

@@ -10,9 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._types import Any, AnyArray, Int
-from ._likelihood import density, fit_from, flat_start, information, lower_of, several_starts
+from ._lanes import inverse, namespace
+from ._likelihood import ROUGH, density, fit_from, flat_start, information, lower_of, minimise, several_starts
 from ._limits import Limits, chance, find_limits
-from ._minimise import inverse, minimise, namespace
 from ._ordinates import Bins
 from ._terms import Filter
 
@@ -118,7 +118,7 @@ def _search(bins: Bins, group, terms: tuple[str, ...]) -> float:
     ends = used.max() * 2.0 ** (-0.5 * np.arange(_ENDS))
     enough = np.sum(used[None, :] <= ends[:, None] * (1 + 1e-6), axis=1) >= len(terms) + _FEWEST
     parts = [_upto(bins, end) for end in ends]
-    found = fit_from(bins, np.stack([flat_start(part) for part in parts]), np.stack([part.weight for part in parts])).theta
+    found = fit_from(bins, np.stack([flat_start(part) for part in parts]), np.stack([part.weight for part in parts]), rtol=ROUGH).theta
     tested = [deviance(part, theta, group, _TOLERANCE) for part, theta in zip(parts, found, strict=True)]
     total, freedom = (np.array(values) for values in zip(*tested, strict=True))
     # what the upper octaves of each band add to the deviance, against the groups that they add
@@ -200,7 +200,7 @@ def uncertainty(fitted: Fitted, widened: AnyArray, two_sided, one_sided, terms: 
         first = xp.where(dark & ~here & terms_alone, xp.maximum(state, reach[None, :]), first)
         base = xp.sum(xp.where(here[:, None, :], seen, 0.0), axis=-1) * value
         others = xp.where(here[:, None, :], 0.0, seen)
-        found = minimise(others, bins.density, bins.weight, xp.where(here, 0.0, first), base=base, lower=lower_of(bins.columns))
+        found = minimise(others, bins.density, bins.weight, xp.where(here, 0.0, first), base=base, lower=lower_of(bins.columns), rtol=ROUGH)
         least = xp.where(without_filter, cost_alone, fitted.cost)
         return 2.0 * (found.cost - least), xp.where(here, value, found.theta)
 
