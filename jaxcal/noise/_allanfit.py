@@ -1,17 +1,32 @@
-r"""Fit of the noise terms to an Allan variance curve, with intervals: `fit_curve` on the host and in a trace, the band on the host."""
+r"""Fit of the noise terms to an Allan variance curve, with intervals: `fit_curve` on the host and in a trace, the band on the host.
 
-from typing import Any
+The test for an absent term is corrected for the skewness of the curve: the variances at long cluster times have few degrees of
+freedom, and with them the statistic that shows K a long tail. Taken for a normal variable it passes the 1 % threshold in 3 % of
+records without K. The statistic is linear in the variances, z = w'(v - A theta), and these are quadratic in the record, so its
+cumulants follow from the density S of the fitted noise and the frequency response h = sum_m w_m H_m of what it measures,
 
-import equinox as eqx
+.. math:: \kappa_2 = 2 \sum_k (S_k h_k)^2, \qquad \kappa_3 = 8 \sum_k (S_k h_k)^3,
+          \qquad H_m(f) = \frac{2 \sin^4 \pi f m dt}{m^2 \sin^2 \pi f dt}
+
+over the frequencies k/(2T). That leaves out the ends of the record, where the exact covariance gives the larger variance
+w'Cw: as if there were fewer independent parts, so that the skewness grows with the root of their ratio. A gamma law of this
+skewness is carried over to the normal one by its cube root.
+
+Sources: spectral kernel, D. W. Allan, Proc. IEEE 54, 1966; cumulants of quadratic forms, A. M. Mathai and S. B. Provost,
+Quadratic Forms in Random Variables, 1992; cube root, E. B. Wilson and M. M. Hilferty, Proc. Nat. Acad. Sci. 17, 1931.
+"""
+
+from typing import Any, NamedTuple
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._types import AnyArray
-from ._curve import GUESSED, Curve, Lane, estimate, settle, whitened
+from .._types import AnyArray, Float
+from ._curve import GUESSED, Curve, Lane, correlation, estimate, settle, whiten, whitened
 from ._lanes import inverse, namespace
 from ._limits import Limits, chance, find_limits
-from ._skewness import Response, as_normal, skewness
+from ._terms import Term
 
 #: misfit of the deviation that does not count against a model, and the chance of a worse chi-square at which a band is refused
 _TOLERANCE = 0.0025
@@ -22,6 +37,61 @@ _WIDENED = 0.01
 _MARGIN = 1.0
 #: change of the modelled variance at which the fit under a held coefficient has settled, and its most steps
 _SETTLED, _MOST = 1e-3, 15
+#: lowest frequencies kept apart, and bins of the others; a statistic with more skewness has less than one degree of freedom
+_SINGLE, _PER_DECADE, _LARGEST = 64, 40, 3.0
+
+
+class Response(NamedTuple):
+    """Bins of frequency: how many frequencies they hold, the kernels of the cluster sizes, densities per squared coefficient."""
+
+    number: Float[AnyArray, " bins"]
+    kernel: Float[AnyArray, "clusters bins"]
+    columns: Float[AnyArray, "bins p"]
+
+
+def response(samples: int, m, dt: float, terms: tuple[Term, ...]) -> Response:
+    """Kernels and densities for a record of `samples`."""
+    per_decade = np.arange(np.log10(_SINGLE), np.log10(samples), 1.0 / _PER_DECADE)
+    edges = np.unique(np.concatenate([np.arange(1, min(_SINGLE, samples)), np.round(10.0**per_decade), [samples]]))
+    number, middle = np.diff(edges), (edges[:-1] + edges[1:] - 1) / 2.0
+    half = np.pi * middle / (2.0 * samples)
+    angle, width = half * m[:, None], np.maximum(number - 1, 0) / (2.0 * samples) * m[:, None]
+    # sin^4 averaged over the bin, which spans many of its periods at high frequency
+    fourth = 0.375 - np.cos(2.0 * angle) / 2.0 * np.sinc(width) + np.cos(4.0 * angle) / 8.0 * np.sinc(2.0 * width)
+    kernel = 2.0 * fourth / (m[:, None] * np.sin(half)) ** 2 / (samples * dt)  # a sum over frequencies is the variance then
+    frequency = middle / (2.0 * samples * dt)
+    with jax.ensure_compile_time_eval():  # they do not depend on the record
+        columns = [np.asarray(term.psd(frequency, dt)) for term in terms]
+    return Response(number, kernel, np.stack(columns, axis=1))
+
+
+def skewness(curve: Curve, used, heard: Response, at, index: int) -> Any:
+    """Skewness of the statistic that shows coefficient `index`, for the noise of coefficients `at`."""
+    xp = namespace(curve, used, heard, at)
+    matrix, scale = correlation(curve, used, at)
+    rows = xp.where(used[:, None], curve.columns, 0.0) / scale[:, None]
+    white = whiten(matrix, xp.concatenate([rows, xp.eye(len(used), dtype=rows.dtype)], axis=1))
+    rows, back = white[:, : rows.shape[1]], white[:, rows.shape[1] :]
+    here = np.arange(rows.shape[1]) == index
+    others = xp.where((at != 0.0) & ~here, rows, 0.0)
+    mine = rows[:, index]
+    along = mine - others @ (inverse(others.T @ others) @ (others.T @ mine))
+    weight = xp.where(used, back.T @ along / scale, 0.0)
+    part = (heard.columns @ curve.noise(at)) * (weight @ heard.kernel)
+    second = xp.maximum(2.0 * heard.number @ part**2, np.finfo(rows.dtype).tiny)
+    part = part / xp.sqrt(second)
+    return 8.0 * (heard.number @ part**3) * xp.sqrt(along @ along / second)
+
+
+def as_normal(rise, skew):
+    """The rise that a statistic without skewness would have at the same chance."""
+    xp = namespace(rise, skew)
+    z = xp.sqrt(xp.maximum(rise, 0.0))
+    skew = xp.clip(skew, 0.0, _LARGEST)
+    small = skew < 1e-3
+    g = xp.where(small, 1.0, skew)
+    root = (6.0 / g) * (xp.cbrt(1.0 + g * z / 2.0) - 1.0 + g**2 / 36.0)
+    return xp.where(small, z, xp.maximum(root, 0.0)) ** 2
 
 
 def alone(curve: Curve, used, cut) -> Lane:
@@ -37,15 +107,12 @@ def freedom(used, theta) -> Any:
     return (xp.sum(used, axis=-1) - xp.sum(theta != 0.0, axis=-1)).astype(theta.dtype)
 
 
-def choose_band(curve: Curve, used, full: bool) -> tuple[AnyArray, bool, bool, Any]:
-    """Cluster sizes from the first start whose chi-square passes, an octave on, or which comes nearest where none does (host only).
+def choose_band(curve: Curve, octave, used, full: bool) -> tuple[AnyArray, bool, bool, Any]:
+    """Cluster sizes used, whether short ones were cut off, whether the model holds, and the estimate where none were (host only).
 
-    Filters and output averaging in a sensor spoil short cluster times, so these are left out one by one until the chi-square
-    of the rest, with a misfit of 0.25 % of the deviation allowed, is no worse than one in a thousand; then an octave more.
-
-    Returns
-    -------
-    (clusters,) cluster sizes used, whether short ones were cut off, whether the model holds, and the estimate where none were.
+    Filters and output averaging in a sensor spoil short cluster times, so these are left out one by one until the chi-square of the
+    rest, with a misfit of 0.25 % of the deviation allowed, is no worse than one in a thousand; then an octave more, for there the
+    model only just holds. Where none passes, that which comes nearest is taken.
     """
 
     def chances(lanes: Lane):
@@ -55,25 +122,24 @@ def choose_band(curve: Curve, used, full: bool) -> tuple[AnyArray, bool, bool, A
         return np.where(np.isfinite(found), found, -1.0), (theta, change)
 
     (whole,), estimated = chances(alone(curve, used, np.asarray(False)))
-    ranked = np.sort(curve.octave[used])
+    ranked = np.sort(octave[used])
     last = max(len(ranked) - len(curve.short) - 5, 0)  # the latest start that leaves enough to fit
     if whole >= _REFUSED or not last:
         return used, False, bool(whole >= _REFUSED), estimated
-    tried = [alone(curve, used & (curve.octave >= start), np.asarray(True)) for start in ranked[1 : last + 1]]
+    tried = [alone(curve, used & (octave >= start), np.asarray(True)) for start in ranked[1 : last + 1]]
     found = np.append(whole, chances(jax.tree.map(lambda *leaves: np.concatenate(leaves), *tried))[0])
     passed = found >= _REFUSED
     best = int(np.argmax(passed)) if passed.any() else int(np.argmax(found))
     if best == 0:
         return used, False, False, estimated
-    return used & (curve.octave >= min(ranked[best] + _MARGIN, ranked[last])), True, bool(passed.any()), None
+    return used & (octave >= min(ranked[best] + _MARGIN, ranked[last])), True, bool(passed.any()), None
 
 
-class Fitted(eqx.Module):
-    """A fit of the curve.
+class Fitted(NamedTuple):
+    """A fit of the curve: squared coefficients of the terms, their covariance and limits, and the chance of a worse chi-square.
 
-    theta : squared coefficients of the terms. covariance : theirs. limits : their limits. goodness : p value of the chi-square.
-    inflation : variance factor on the covariance and on every level, above 1 where the curve scatters more than the noise model
-    says. step : last change of the weights. modelled, edf : variance of the fitted terms, and its degrees of freedom.
+    `inflation` is the variance factor on the covariance and on every level, above 1 where the curve scatters more than the noise
+    model says; `step` the last change of the weights; `modelled` the variance of the fitted terms, and `edf` its degrees of freedom.
     """
 
     theta: AnyArray
@@ -102,20 +168,11 @@ def covariance_of(curve: Curve, lanes: Lane, theta, full: bool) -> Any:
 
 
 def fit_curve(curve: Curve, used, cut, full: bool, heard: Response, two_sided, one_sided, estimated: Any = None) -> Fitted:
-    r"""Fit the cluster sizes used.
+    r"""Fit the cluster sizes `used`, with what they make of each frequency, `heard`, for the test of absent terms.
 
     What a filter of white noise, or a line of the spectrum, leaves at cluster times well above its own is N^2/tau + c/tau^2 with c
-    of either sign. So with a `cut` band a tail of that slope is fitted beside the terms; it takes the place of that which only
-    short cluster times show (Q), which is then not estimated.
-
-    Parameters
-    ----------
-    curve : the curve.
-    used, cut : (clusters,) cluster sizes that take part, and whether short ones are cut off.
-    full : weights from the whole covariance, or from its diagonal.
-    heard : what the cluster sizes make of each frequency, for the test of absent terms.
-    two_sided, one_sided : rise of the chi-square at the ends of intervals and at upper limits.
-    estimated : what `estimate` gives, where it is known.
+    of either sign. So with a band whose short cluster times are `cut` off a tail of that slope is fitted beside the terms; it takes
+    the place of that which only short cluster times show (Q), which is then not estimated.
     """
     xp = namespace(curve, used, cut)
     p = len(curve.short)

@@ -19,8 +19,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._types import AnyArray
+from ..allan import Deviation
 from ..fitting import solve
-from ._lanes import namespace, run
+from ._covariance import covariance_tensor
+from ._lanes import filled, namespace, run
+from ._terms import Term
 
 #: relative change of the modelled variance at which the weights have settled, for the fit and for a first guess, and the most steps
 SETTLED, GUESSED, MOST = 1e-7, 1e-2, 40
@@ -31,16 +34,13 @@ _ROWS, _TERMS = 32, 4
 class Curve(NamedTuple):
     """An Allan variance curve with what its fit needs: a plain tuple, for the loops of the host read it thousands of times.
 
-    v : (clusters,) measured variances. columns : (clusters, p + 1), A and the tail. tensor : (p, p, clusters, clusters), T.
-    share : (clusters,) count of differences without gaps over that with them. octave : (clusters,) base-2 logarithm of the cluster
-    size. short : (p,) 1 for the term whose shape the tail has, else 0.
+    v : (clusters,) measured variances. columns : (clusters, p + 1), A and the tail. tensor : (p, p, clusters, clusters), T, larger
+    where gaps leave fewer differences. short : (p,) 1 for the term whose shape the tail has, else 0.
     """
 
     v: AnyArray
     columns: AnyArray
     tensor: AnyArray
-    share: AnyArray
-    octave: AnyArray
     short: AnyArray
 
     def noise(self, theta) -> Any:
@@ -48,16 +48,16 @@ class Curve(NamedTuple):
         return theta[:-1] + self.short * namespace(self.v, theta).maximum(-theta[-1], 0.0)
 
     def covariance(self, theta) -> Any:
-        """C(theta), (clusters, clusters); gaps leave fewer differences."""
-        noise, loss = self.noise(theta), namespace(self.v, theta).sqrt(self.share)
+        """C(theta), (clusters, clusters)."""
+        noise = self.noise(theta)
         pairs = (noise[:, None] * noise[None, :]).ravel()
-        return (pairs @ self.tensor.reshape(pairs.size, -1)).reshape(self.tensor.shape[2:]) * (loss[:, None] * loss[None, :])
+        return (pairs @ self.tensor.reshape(pairs.size, -1)).reshape(self.tensor.shape[2:])
 
 
 class Lane(NamedTuple):
-    """A fit: (clusters,) `used`, (p + 1,) `free` coefficients, the values `held` of the others, and those free in the fit beside it.
+    """A fit to the clusters `used`: `free` coefficients, the values `held` of the others, and those free in the fit beside it.
 
-    Several fits have a first axis more.
+    (clusters,), then (p + 1,) each; several fits have a first axis more.
     """
 
     used: AnyArray
@@ -67,10 +67,9 @@ class Lane(NamedTuple):
 
 
 class Settled(NamedTuple):
-    """The fixed point of a lane, with the last change of the weights; the least chi-square with C at it, held and `wider`.
+    """The fixed point `theta` of a lane, with the last change of the modelled variance, and chi-squares with C at that point.
 
-    theta : (p + 1,) fixed point. change : relative change of the modelled variance in the last step. held : least chi-square of the
-    coefficients free, the others held. best, least : coefficients and least chi-square of those of `wider`, the others zero.
+    `held` is the least one of the free coefficients; `best` are the coefficients of `wider` of the least one, `least`.
     """
 
     theta: AnyArray
@@ -78,6 +77,26 @@ class Settled(NamedTuple):
     held: AnyArray
     best: AnyArray
     least: AnyArray
+
+
+#: axes of the leaves: clusters, terms, columns, lanes
+_AXES, _LANES = Curve(v="r", columns="rc", tensor="ttrr", short="t"), Lane(used="lr", free="lc", held="lc", wider="lc")
+
+
+def curve_of(curve: Deviation, samples: int, terms: tuple[Term, ...], variance, inside) -> tuple[Curve, Any, Any]:
+    """Allan variances with columns and covariance tensor, divided by the largest one; which of those `inside` are used; and that one."""
+    xp, used = namespace(variance), inside & (variance > 0.0)
+    dt, dtype = 1.0 / curve.rate, variance.dtype
+    # squares of small coefficients would leave the range of float32
+    unit = xp.max(xp.where(used, variance, 0.0))
+    with jax.ensure_compile_time_eval():  # neither depends on the record
+        found = [np.asarray(term.avar(curve.tau, dt)) for term in terms]
+        tensor = covariance_tensor(samples, tuple(int(m) for m in curve.m), dt, terms)
+    short = np.array([term.name == "Q" for term in terms])
+    tail = -found[int(np.argmax(short))] if short.any() else -1.0 / curve.tau**2
+    loss = (1.0 + curve.skipped / curve.count) ** 0.5
+    columns, tensor = np.stack([*found, tail], axis=1), tensor * (loss[:, None] * loss[None, :])
+    return Curve(xp.where(used, variance / unit, 1.0), columns.astype(dtype), tensor.astype(dtype), short.astype(dtype)), used, unit
 
 
 def correlation(curve: Curve, used, theta, extra: Any = 0.0) -> tuple[Any, Any]:
@@ -132,37 +151,44 @@ def least_squares(white: tuple[Any, Any], free, held, start) -> tuple[Any, Any]:
 
 
 def _settle(shared, lane) -> Settled:
-    """The fixed point of one lane, and the chi-square about it.
+    """The fixed point of one lane, and the chi-squares about it: in one loop, which holds one problem of least squares to be compiled.
 
     Left alone the steps may swing, or go on at two thirds of the length before. Each is lengthened or shortened by what the last
     two tell (Irons and Tuck, Int. J. Numer. Meth. Eng. 1, 1969): a dozen steps do where halving every step took forty.
     """
     (curve, full, enough, most, extra), ((used, free, held, wider), start) = shared, lane
     lower = np.append(np.zeros(start.size - 1), -np.inf).astype(start.dtype)
+    last = 1 if wider is None else 3
 
     def body(state):
-        theta, before, length, _, k = state
-        new, _ = least_squares(whitened(curve, used, theta, full), free, held, theta)
+        (theta, change, chi, best, least), before, length, k, phase = state
+        moving, second = phase == 0, phase == 2
+        if wider is None:
+            (new, value) = least_squares(whitened(curve, used, theta, full), free, held, theta)
+        else:
+            white = whitened(curve, used, theta, full | ~moving, jnp.where(moving, 0.0, extra))
+            (new, value) = least_squares(white, jnp.where(second, wider, free), jnp.where(second, 0.0, held), theta)
         reached = curve.columns @ new
-        change = jnp.where(used, (reached - curve.columns @ theta) / jnp.where(reached > 0.0, reached, 1.0), 0.0)
-        bend = before - change
+        departure = jnp.where(used, (reached - curve.columns @ theta) / jnp.where(reached > 0.0, reached, 1.0), 0.0)
+        bend = before - departure
         turn = bend @ bend
         following = length * (before @ bend) / jnp.where(turn > 0.0, turn, 1.0)
         following = jnp.where((k > 1) & (following > 0.0), jnp.clip(following, 0.3, 4.0), 1.0)
-        size = jnp.max(jnp.abs(change))
+        size = jnp.max(jnp.abs(departure))
         # the last step is a whole one: what goes to zero is zero
-        theta = jnp.where(size > enough, jnp.maximum(theta + following * (new - theta), lower), new)
-        return theta, change, following, size, k + 1
+        further = jnp.where(size > enough, jnp.maximum(theta + following * (new - theta), lower), new)
+        found = Settled(
+            theta=jnp.where(moving, further, theta),
+            change=jnp.where(moving, size, change),
+            held=jnp.where(phase == 1, value, chi),
+            best=jnp.where(second, new, best),
+            least=jnp.where(second, value, least),
+        )
+        return found, departure, following, k + 1, jnp.where(~moving | (size <= enough) | (k + 1 >= most), phase + 1, phase)
 
     one = jnp.ones((), start.dtype)
-    begun = (start, jnp.zeros_like(curve.v), one, np.inf * one, 0)
-    theta, _, _, change, _ = jax.lax.while_loop(lambda state: (state[3] > enough) & (state[4] < most), body, begun)
-    if wider is None:
-        return Settled(theta, change, one, theta, one)
-    white = whitened(curve, used, theta, True, extra)
-    sets = jnp.stack([free, wider]), jnp.stack([held, jnp.zeros_like(held)])
-    (_, best), (chi, least) = jax.lax.map(lambda one: least_squares(white, *one, theta), sets)
-    return Settled(theta, change, chi, best, least)
+    begun = Settled(start, np.inf * one, one, start, one), jnp.zeros_like(curve.v), one, 0, jnp.where(jnp.asarray(most) > 0, 0, 1)
+    return jax.lax.while_loop(lambda state: state[-1] < last, body, begun)[0]
 
 
 def settle(curve: Curve, lanes: Lane, start, full: bool, enough: float = SETTLED, most: int = MOST, extra: Any = 0.0) -> Settled:
@@ -173,21 +199,18 @@ def settle(curve: Curve, lanes: Lane, start, full: bool, enough: float = SETTLED
     if namespace(curve, lanes, start) is jnp:
         return run(_settle, (curve, full, enough, most, extra), (lanes, start), None)
     # filled up, at the end with cluster sizes that are not used and at the start with terms that are not free
-    rows, terms, none = (0, -len(curve.v) % _ROWS), (-len(curve.short) % _TERMS, 0), (0, 0)
-    full_curve = Curve(
-        v=np.pad(curve.v, rows, constant_values=1.0),
-        columns=np.pad(curve.columns, (rows, terms)),
-        tensor=np.pad(curve.tensor, (terms, terms, rows, rows)),
-        share=np.pad(curve.share, rows),
-        octave=np.pad(curve.octave, rows),
-        short=np.pad(curve.short, terms),
-    )
-    wider = lanes.free if lanes.wider is None else lanes.wider
-    used, extra = np.pad(lanes.used, (none, rows)), np.pad(extra * np.ones(len(curve.v)), rows)
-    lanes, start = Lane(used, *(np.pad(each, (none, terms)) for each in (lanes.free, lanes.held, wider))), np.pad(start, (none, terms))
-    shared = full_curve, np.asarray(full), np.asarray(enough), np.asarray(most), extra
-    found = run(_settle, shared, (lanes, start), Settled(start[0], 0.0, 0.0, start[0], 0.0))
-    return found._replace(theta=found.theta[:, terms[0] :], best=found.best[:, terms[0] :])
+    n, p = len(curve.v), len(curve.short)
+    rows, terms = -(-n // _ROWS) * _ROWS, -(-p // _TERMS) * _TERMS
+    size = {"r": rows, "t": terms, "c": terms + 1, "l": len(start)}
+
+    def long(array, axes: str):
+        return filled(array, *(size[axis] for axis in axes), at=tuple((axis in "tc") * (terms - p) for axis in axes), value=axes == "r")
+
+    each = Lane(*map(long, lanes._replace(wider=lanes.free if lanes.wider is None else lanes.wider), _LANES))
+    start, extra = long(start, "lc"), long(extra * np.ones(n), "r")
+    shared = Curve(*map(long, curve, _AXES)), np.asarray(full), np.asarray(enough), np.asarray(most), extra
+    found = run(_settle, shared, (each, start), Settled(start[0], 0.0, 0.0, start[0], 0.0))
+    return found._replace(theta=found.theta[:, terms - p :], best=found.best[:, terms - p :])
 
 
 def estimate(curve: Curve, lanes: Lane, full: bool) -> tuple[Any, Any]:
