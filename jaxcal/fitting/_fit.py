@@ -34,7 +34,7 @@ def solve(
     solver: optx.AbstractLeastSquaresSolver | None = None,
     starts: Any = None,
     max_steps: int = 128,
-    rtol: float | None = None,
+    rtol: float | Array | None = None,
 ) -> Fit[M]:
     """Fit a model by minimising 1/2 sum_i c^2 rho(r_i^2 / c^2) over its parameters (half the sum of squares without a loss).
 

@@ -117,7 +117,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
     `rtol` of the statistical uncertainty, or no longer moves the parameters.
     """
 
-    rtol: float
+    rtol: float | Array
     lower: Array
     upper: Array
     atol: float = 0.0

@@ -41,12 +41,12 @@ class Problem:
     loss: Any
     priors: Any
     keep: Any
+    rtol: Any
     residuals: Callable = dataclasses.field(metadata=_STATIC)
     solver: optx.AbstractLeastSquaresSolver | None = dataclasses.field(metadata=_STATIC)
     free: tuple[int, ...] = dataclasses.field(metadata=_STATIC)
     names: tuple[str, ...] = dataclasses.field(metadata=_STATIC)
     max_steps: int = dataclasses.field(metadata=_STATIC)
-    rtol: float = dataclasses.field(metadata=_STATIC)
 
     def values(self) -> Array:
         """Free parameters of the start."""

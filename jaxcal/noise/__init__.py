@@ -3,7 +3,7 @@
 from ._covariance import allan_covariance as allan_covariance
 from ._discrete import StateSpace as StateSpace, discrete as discrete
 from ._fit import characterise as characterise, fit as fit
-from ._log_likelihood import log_likelihood as log_likelihood
+from ._likelihood import log_likelihood as log_likelihood
 from ._model import Noise as Noise
 from ._overbound import overbound as overbound, overbound_curve as overbound_curve
 from ._result import NoiseFit as NoiseFit

@@ -1,17 +1,32 @@
-r"""Fit of the noise terms to an Allan variance curve, with intervals: `fit_curve` on the host and in a trace, the band on the host."""
+r"""Fit of the noise terms to an Allan variance curve, with intervals: `fit_curve` on the host and in a trace, the band on the host.
 
-from typing import Any
+The test for an absent term is corrected for the skewness of the curve: the variances at long cluster times have few degrees of
+freedom, and with them the statistic that shows K a long tail. Taken for a normal variable it passes the 1 % threshold in 3 % of
+records without K. The statistic is linear in the variances, z = w'(v - A theta), and these are quadratic in the record, so its
+cumulants follow from the density S of the fitted noise and the frequency response h = sum_m w_m H_m of what it measures,
 
-import equinox as eqx
+.. math:: \kappa_2 = 2 \sum_k (S_k h_k)^2, \qquad \kappa_3 = 8 \sum_k (S_k h_k)^3,
+          \qquad H_m(f) = \frac{2 \sin^4 \pi f m dt}{m^2 \sin^2 \pi f dt}
+
+over the frequencies k/(2T). That leaves out the ends of the record, where the exact covariance gives the larger variance
+w'Cw: as if there were fewer independent parts, so that the skewness grows with the root of their ratio. A gamma law of this
+skewness is carried over to the normal one by its cube root.
+
+Sources: spectral kernel, D. W. Allan, Proc. IEEE 54, 1966; cumulants of quadratic forms, A. M. Mathai and S. B. Provost,
+Quadratic Forms in Random Variables, 1992; cube root, E. B. Wilson and M. M. Hilferty, Proc. Nat. Acad. Sci. 17, 1931.
+"""
+
+from typing import Any, NamedTuple
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._types import AnyArray
-from ._curve import GUESSED, Curve, Lanes, estimate, fixed_point, least_squares, whitened
+from .._types import AnyArray, Float
+from ._curve import GUESSED, Curve, Lane, correlation, estimate, settle, whiten, whitened
+from ._lanes import inverse, namespace
 from ._limits import Limits, chance, find_limits
-from ._minimise import inverse, namespace
-from ._skewness import Response, as_normal, skewness
+from ._terms import Term
 
 #: misfit of the deviation that does not count against a model, and the chance of a worse chi-square at which a band is refused
 _TOLERANCE = 0.0025
@@ -22,18 +37,68 @@ _WIDENED = 0.01
 _MARGIN = 1.0
 #: change of the modelled variance at which the fit under a held coefficient has settled, and its most steps
 _SETTLED, _MOST = 1e-3, 15
+#: lowest frequencies kept apart, and bins of the others; a statistic with more skewness has less than one degree of freedom
+_SINGLE, _PER_DECADE, _LARGEST = 64, 40, 3.0
 
 
-def alone(curve: Curve, used, cut) -> Lanes:
+class Response(NamedTuple):
+    """Bins of frequency: how many frequencies they hold, the kernels of the cluster sizes, densities per squared coefficient."""
+
+    number: Float[AnyArray, " bins"]
+    kernel: Float[AnyArray, "clusters bins"]
+    columns: Float[AnyArray, "bins p"]
+
+
+def response(samples: int, m, dt: float, terms: tuple[Term, ...]) -> Response:
+    """Kernels and densities for a record of `samples`."""
+    per_decade = np.arange(np.log10(_SINGLE), np.log10(samples), 1.0 / _PER_DECADE)
+    edges = np.unique(np.concatenate([np.arange(1, min(_SINGLE, samples)), np.round(10.0**per_decade), [samples]]))
+    number, middle = np.diff(edges), (edges[:-1] + edges[1:] - 1) / 2.0
+    half = np.pi * middle / (2.0 * samples)
+    angle, width = half * m[:, None], np.maximum(number - 1, 0) / (2.0 * samples) * m[:, None]
+    # sin^4 averaged over the bin, which spans many of its periods at high frequency
+    fourth = 0.375 - np.cos(2.0 * angle) / 2.0 * np.sinc(width) + np.cos(4.0 * angle) / 8.0 * np.sinc(2.0 * width)
+    kernel = 2.0 * fourth / (m[:, None] * np.sin(half)) ** 2 / (samples * dt)  # a sum over frequencies is the variance then
+    frequency = middle / (2.0 * samples * dt)
+    with jax.ensure_compile_time_eval():  # they do not depend on the record
+        columns = [np.asarray(term.psd(frequency, dt)) for term in terms]
+    return Response(number, kernel, np.stack(columns, axis=1))
+
+
+def skewness(curve: Curve, used, heard: Response, at, index: int) -> Any:
+    """Skewness of the statistic that shows coefficient `index`, for the noise of coefficients `at`."""
+    xp = namespace(curve, used, heard, at)
+    matrix, scale = correlation(curve, used, at)
+    rows = xp.where(used[:, None], curve.columns, 0.0) / scale[:, None]
+    white = whiten(matrix, xp.concatenate([rows, xp.eye(len(used), dtype=rows.dtype)], axis=1))
+    rows, back = white[:, : rows.shape[1]], white[:, rows.shape[1] :]
+    here = np.arange(rows.shape[1]) == index
+    others = xp.where((at != 0.0) & ~here, rows, 0.0)
+    mine = rows[:, index]
+    along = mine - others @ (inverse(others.T @ others) @ (others.T @ mine))
+    weight = xp.where(used, back.T @ along / scale, 0.0)
+    part = (heard.columns @ curve.noise(at)) * (weight @ heard.kernel)
+    second = xp.maximum(2.0 * heard.number @ part**2, np.finfo(rows.dtype).tiny)
+    part = part / xp.sqrt(second)
+    return 8.0 * (heard.number @ part**3) * xp.sqrt(along @ along / second)
+
+
+def as_normal(rise, skew):
+    """The rise that a statistic without skewness would have at the same chance."""
+    xp = namespace(rise, skew)
+    z = xp.sqrt(xp.maximum(rise, 0.0))
+    skew = xp.clip(skew, 0.0, _LARGEST)
+    small = skew < 1e-3
+    g = xp.where(small, 1.0, skew)
+    root = (6.0 / g) * (xp.cbrt(1.0 + g * z / 2.0) - 1.0 + g**2 / 36.0)
+    return xp.where(small, z, xp.maximum(root, 0.0)) ** 2
+
+
+def alone(curve: Curve, used, cut) -> Lane:
     """One fit to the cluster sizes used: of all terms, or where short ones are cut of the tail in place of its term."""
     xp = namespace(curve, used, cut)
     free = xp.append(~(cut & (curve.short > 0)), cut)
-    return Lanes(used[None], free[None], xp.zeros((1, len(free)), dtype=curve.v.dtype))
-
-
-def chi_square(curve: Curve, lanes: Lanes, theta, extra: Any = None) -> Any:
-    """Least (v - A theta)' C^-1 (v - A theta) per lane, with C at the theta given."""
-    return least_squares(whitened(curve, lanes.used, theta, True, extra), lanes, theta)[1]
+    return Lane(used[None], free[None], xp.zeros((1, len(free)), dtype=curve.v.dtype), None)
 
 
 def freedom(used, theta) -> Any:
@@ -42,42 +107,39 @@ def freedom(used, theta) -> Any:
     return (xp.sum(used, axis=-1) - xp.sum(theta != 0.0, axis=-1)).astype(theta.dtype)
 
 
-def choose_band(curve: Curve, used, full: bool) -> tuple[AnyArray, bool, bool]:
-    """Cluster sizes from the first start whose chi-square passes, an octave on, or which comes nearest where none does (host only).
+def choose_band(curve: Curve, octave, used, full: bool) -> tuple[AnyArray, bool, bool, Any]:
+    """Cluster sizes used, whether short ones were cut off, whether the model holds, and the estimate where none were (host only).
 
-    Filters and output averaging in a sensor spoil short cluster times, so these are left out one by one until the chi-square
-    of the rest, with a misfit of 0.25 % of the deviation allowed, is no worse than one in a thousand; then an octave more.
-
-    Returns
-    -------
-    (clusters,) cluster sizes used, whether short ones were cut off, and whether the model holds.
+    Filters and output averaging in a sensor spoil short cluster times, so these are left out one by one until the chi-square of the
+    rest, with a misfit of 0.25 % of the deviation allowed, is no worse than one in a thousand; then an octave more, for there the
+    model only just holds. Where none passes, that which comes nearest is taken.
     """
 
-    def chances(lanes: Lanes):
-        theta, _ = estimate(curve, lanes, full)
-        found = chance(chi_square(curve, lanes, theta, (2.0 * _TOLERANCE * curve.v) ** 2), freedom(lanes.used, theta))
-        return np.where(np.isfinite(found), found, -1.0)
+    def chances(lanes: Lane):
+        theta, change = estimate(curve, lanes, full)
+        chi = settle(curve, lanes, theta, full, most=0, extra=(2.0 * _TOLERANCE * curve.v) ** 2).held
+        found = chance(chi, freedom(lanes.used, theta))
+        return np.where(np.isfinite(found), found, -1.0), (theta, change)
 
-    whole = float(chances(alone(curve, used, np.asarray(False)))[0])
-    ranked = np.sort(curve.octave[used])
+    (whole,), estimated = chances(alone(curve, used, np.asarray(False)))
+    ranked = np.sort(octave[used])
     last = max(len(ranked) - len(curve.short) - 5, 0)  # the latest start that leaves enough to fit
     if whole >= _REFUSED or not last:
-        return used, False, whole >= _REFUSED
-    tried = [alone(curve, used & (curve.octave >= start), np.asarray(True)) for start in ranked[1 : last + 1]]
-    found = np.append(whole, chances(jax.tree.map(lambda *leaves: np.concatenate(leaves), *tried)))
+        return used, False, bool(whole >= _REFUSED), estimated
+    tried = [alone(curve, used & (octave >= start), np.asarray(True)) for start in ranked[1 : last + 1]]
+    found = np.append(whole, chances(jax.tree.map(lambda *leaves: np.concatenate(leaves), *tried))[0])
     passed = found >= _REFUSED
     best = int(np.argmax(passed)) if passed.any() else int(np.argmax(found))
     if best == 0:
-        return used, False, False
-    return used & (curve.octave >= min(ranked[best] + _MARGIN, ranked[last])), True, bool(passed.any())
+        return used, False, False, estimated
+    return used & (octave >= min(ranked[best] + _MARGIN, ranked[last])), True, bool(passed.any()), None
 
 
-class Fitted(eqx.Module):
-    """A fit of the curve.
+class Fitted(NamedTuple):
+    """A fit of the curve: squared coefficients of the terms, their covariance and limits, and the chance of a worse chi-square.
 
-    theta : squared coefficients of the terms. covariance : theirs. limits : their limits. goodness : p value of the chi-square.
-    inflation : variance factor on the covariance and on every level, above 1 where the curve scatters more than the noise model
-    says. step : last change of the weights. modelled, edf : variance of the fitted terms, and its degrees of freedom.
+    `inflation` is the variance factor on the covariance and on every level, above 1 where the curve scatters more than the noise
+    model says; `step` the last change of the weights; `modelled` the variance of the fitted terms, and `edf` its degrees of freedom.
     """
 
     theta: AnyArray
@@ -90,43 +152,35 @@ class Fitted(eqx.Module):
     edf: AnyArray
 
 
-def covariance_of(curve: Curve, lanes: Lanes, theta, full: bool) -> Any:
-    """Covariance of the estimate of one lane: (A' C^-1 A)^-1, or the sandwich G (A' D C D A) G, D = 1/diag C, G = (A' D A)^-1.
+def covariance_of(curve: Curve, lanes: Lane, theta, full: bool) -> Any:
+    """Covariance of the estimate of the first lane: (A' C^-1 A)^-1, or the sandwich G (A' D C D A) G, D = 1/diag C, G = (A' D A)^-1.
 
     The sandwich allows for cluster sizes that are far from independent.
     """
     xp = namespace(curve, lanes, theta)
-    rows = xp.where(lanes.free[0][None, :], whitened(curve, lanes.used, theta, full)[0][0], 0.0)
+    rows = xp.where(lanes.free[0][None, :], whitened(curve, lanes.used[0], theta, full)[0], 0.0)
     bread = inverse(rows.T @ rows)
     if full:
         return bread
-    c = curve.covariance(theta)[0]
+    c = curve.covariance(theta)
     scale = xp.sqrt(xp.where(lanes.used[0], xp.diagonal(c), 1.0))
     return bread @ (rows.T @ (c / scale[:, None] / scale[None, :]) @ rows) @ bread
 
 
-def fit_curve(curve: Curve, used, cut, full: bool, heard: Response, two_sided, one_sided) -> Fitted:
-    r"""Fit the cluster sizes used.
+def fit_curve(curve: Curve, used, cut, full: bool, heard: Response, two_sided, one_sided, estimated: Any = None) -> Fitted:
+    r"""Fit the cluster sizes `used`, with what they make of each frequency, `heard`, for the test of absent terms.
 
     What a filter of white noise, or a line of the spectrum, leaves at cluster times well above its own is N^2/tau + c/tau^2 with c
-    of either sign. So with a `cut` band a tail of that slope is fitted beside the terms; it takes the place of that which only
-    short cluster times show (Q), which is then not estimated.
-
-    Parameters
-    ----------
-    curve : the curve.
-    used, cut : (clusters,) cluster sizes that take part, and whether short ones are cut off.
-    full : weights from the whole covariance, or from its diagonal.
-    heard : what the cluster sizes make of each frequency, for the test of absent terms.
-    two_sided, one_sided : rise of the chi-square at the ends of intervals and at upper limits.
+    of either sign. So with a band whose short cluster times are `cut` off a tail of that slope is fitted beside the terms; it takes
+    the place of that which only short cluster times show (Q), which is then not estimated.
     """
     xp = namespace(curve, used, cut)
     p = len(curve.short)
     lanes = alone(curve, used, cut)
-    fitted, change = estimate(curve, lanes, full)
+    fitted, change = (found[0] for found in estimated or estimate(curve, lanes, full))
     reported = lanes.free[0, :p]
     spread = covariance_of(curve, lanes, fitted, full)
-    theta, covariance = xp.where(reported, fitted[0, :p], 0.0), spread[:p, :p]
+    theta, covariance = xp.where(reported, fitted[:p], 0.0), spread[:p, :p]
     modelled = curve.columns[:, :p] @ theta
 
     # the intervals carry no derivative
@@ -135,44 +189,39 @@ def fit_curve(curve: Curve, used, cut, full: bool, heard: Response, two_sided, o
     own = np.eye(p, p + 1, dtype=bool)
     admitted = xp.where(reported[:, None], lanes.free[0][None, :], own | xp.append(reported, False)[None, :])
 
-    def lanes_of(free, held):
-        return Lanes(xp.broadcast_to(used, (len(free), len(used))), free, held)
+    def lanes_of(free, held, wider=None):
+        return Lane(xp.broadcast_to(used, (len(free), len(used))), free, held, wider)
 
-    several = lanes_of(xp.concatenate([admitted, lanes.free]), xp.zeros((p + 1, p + 1), dtype=curve.v.dtype))
-    rows, target = whitened(curve, lanes.used, fitted, True)
-    white = xp.broadcast_to(rows, (p + 1, *rows.shape[1:])), xp.broadcast_to(target, (p + 1, *target.shape[1:]))
-    least, chi = least_squares(white, several, xp.broadcast_to(fitted, (p + 1, p + 1)))
-    number = freedom(used, fitted[0])
-    goodness = chance(chi[p], number)
-    inflation = xp.where(goodness < _WIDENED, xp.maximum(chi[p] / number, 1.0), 1.0)
+    several = xp.concatenate([admitted, lanes.free])
+    again, none = xp.broadcast_to(fitted, several.shape), xp.zeros(several.shape, dtype=curve.v.dtype)
+    least = settle(curve, lanes_of(several, none, several), again, full, most=0)
+    number = freedom(used, fitted)
+    goodness = chance(least.least[p], number)
+    inflation = xp.where(goodness < _WIDENED, xp.maximum(least.least[p] / number, 1.0), 1.0)
 
     def ratio(index, value, state):
         """Rise of the chi-square when a coefficient is held, C taken at the fit so restricted, and that fit."""
         here, held = own[index], xp.where(own[index], value[:, None], 0.0)
-        restricted = lanes_of(admitted[index] & ~here, held)
-        at, _ = fixed_point(curve, restricted, xp.where(here, held, state), full, _SETTLED, _MOST)
-        rows, target = whitened(curve, restricted.used, at, True)
-        both = lanes_of(xp.concatenate([restricted.free, admitted[index]]), xp.concatenate([held, xp.zeros_like(held)]))
-        white = xp.concatenate([rows, rows]), xp.concatenate([target, target])
-        _, chi = least_squares(white, both, xp.concatenate([at, at]))
-        return xp.maximum(chi[: len(here)] - chi[len(here) :], 0.0), at
+        restricted = lanes_of(admitted[index] & ~here, held, admitted[index])
+        found = settle(curve, restricted, xp.where(here, held, state), full, _SETTLED, _MOST)
+        return xp.maximum(found.held - found.least, 0.0), found.theta
 
     # the fit under a held coefficient begins afresh: from the unrestricted one, whose C is far too small at cluster times where
     # the coefficient held at zero had been, the iteration swings between two ends
     absent = lanes_of(admitted & ~own, xp.zeros((p, p + 1), dtype=curve.v.dtype))
-    begun, _ = fixed_point(curve, absent, absent.held, False, GUESSED)
+    begun = settle(curve, absent, absent.held, False, GUESSED).theta
     # the search starts where the chi-square is least, near theta but for generalised least squares not at it
     reach = xp.sqrt(xp.where(reported, xp.diagonal(spread)[:p], spread[p, p]))
-    middle = xp.diagonal(least[:p, :p])
+    middle = xp.diagonal(least.best[:p, :p])
     ends, without = find_limits(ratio, middle, reach, begun, two_sided * inflation, one_sided * inflation)
     skew = xp.stack([skewness(curve, used, heard, without[index], index) for index in range(p)])
-    inside = xp.where(reported, fitted[0, :p], 0.0)
+    inside = xp.where(reported, fitted[:p], 0.0)
     limits = Limits(
         low=xp.where(reported, xp.minimum(ends.low, inside), 0.0),
         high=xp.maximum(ends.high, inside),
         upper=xp.maximum(ends.upper, inside),
         significance=xp.where(reported, as_normal(ends.significance / inflation, skew), 0.0),
     )
-    variance = xp.diagonal(curve.covariance(xp.append(theta, 0.0)[None])[0])
+    variance = xp.diagonal(curve.covariance(xp.append(theta, 0.0)))
     edf = 2.0 * modelled**2 / xp.where(used & (variance > 0.0), variance, 1.0)
-    return Fitted(theta, covariance * inflation, limits, goodness, inflation, xp.max(change), modelled, edf)
+    return Fitted(theta, covariance * inflation, limits, goodness, inflation, change, modelled, edf)

@@ -1,6 +1,7 @@
 """What is wrong with a record before any model: spikes, and steps coarser than the noise."""
 
-import equinox as eqx
+from typing import NamedTuple
+
 import numpy as np
 
 from .._errors import DataError
@@ -14,9 +15,8 @@ _SMALLEST, _LARGEST = 1e-100, 1e100  # ranges of values between which squares ke
 
 def refuse_extremes(y) -> None:
     """Refuse records that are constant, or whose squares leave the range of numbers; y is (n,) or (n, channels)."""
-    columns = y.reshape(len(y), -1)
-    for i in range(columns.shape[1]):
-        known = columns[~np.isnan(columns[:, i]), i]
+    for i, x in enumerate(y.reshape(len(y), -1).T):
+        known = x[~np.isnan(x)]
         span = float(np.ptp(known)) if len(known) else 1.0
         where = f"channel {i}" if y.ndim == 2 else "the record"
         if span == 0.0:
@@ -30,12 +30,8 @@ def refuse_extremes(y) -> None:
             )
 
 
-class Jumps(eqx.Module):
-    """What stands out in a record from one sample to the next.
-
-    y : the record without spikes. spikes : how many there were. heavy : whether they are too many to be errors, and still there.
-    steps : first sample of each new level.
-    """
+class Jumps(NamedTuple):
+    """The record without spikes, how many there were, whether they are too many to be errors, and still there; starts of new levels."""
 
     y: np.ndarray
     spikes: int = 0
@@ -52,13 +48,9 @@ def find_jumps(y) -> Jumps:
     """
     difference = np.diff(y)
     finite = difference[np.isfinite(difference)]
-    if len(finite) < 8:
-        return Jumps(y)
-    spread = 1.4826 * float(np.median(np.abs(finite[:: max(len(finite) // 100_000, 1)])))
-    if not spread > 0.0:
-        return Jumps(y)
+    spread = 1.4826 * float(np.median(np.abs(finite[:: max(len(finite) // 100_000, 1)]))) if len(finite) >= 8 else 0.0
     large = np.abs(difference) > _SPIKE * spread
-    if not large.any():
+    if not spread > 0.0 or not large.any():
         return Jumps(y)
     found = np.flatnonzero(large[1:] & large[:-1] & (difference[1:] * difference[:-1] < 0.0)) + 1
     if len(found) > _MOST_SPIKES * len(y):

@@ -44,15 +44,7 @@ _PARTS, _STEPS = 64, 1 << 13
 
 @functools.lru_cache(maxsize=64)
 def covariance_tensor(samples: int, m: tuple[int, ...], dt: float, terms: tuple[Term, ...]) -> Float[np.ndarray, "p p clusters clusters"]:
-    """T with Cov(v_m, v_m') = sum_ij theta_i theta_j T[i, j], theta the squared coefficients.
-
-    Parameters
-    ----------
-    samples : number of rate samples.
-    m : cluster sizes.
-    dt : sampling interval in s.
-    terms : the terms.
-    """
+    """T with Cov(v_m, v_m') = sum_ij theta_i theta_j T[i, j], theta the squared coefficients; of a record of so many rate samples."""
     clusters = len(m)
     tensor = np.zeros((len(terms), len(terms), clusters, clusters))
     closed = np.array([term.lagged(np.zeros(1), 1, 1, dt) is not None for term in terms])
@@ -130,30 +122,22 @@ def _pair(samples: int, small: int, large: int, dt: float, terms: tuple[Term, ..
     knots = np.unique([a * small - b * large for a in range(3) for b in range(3)])
     h, weight = _nodes(knots, -first + 1, second - 1, first, second)
     weight = weight * np.maximum(np.minimum(first, second - h) - np.maximum(0, -h), 0.0)
-    lagged = [term.lagged(h, small, large, dt) for term in terms]
-    return 2.0 / (first * second) * _sums(lagged, weight, terms)
+    return 2.0 / (first * second) * _sums(np.array([term.lagged(h, small, large, dt) for term in terms]), weight, terms)
 
 
 def _sums(lagged, weight, terms: tuple[Term, ...]) -> np.ndarray:
     """Sums over lags of the products of terms; a ramp is not random, it only multiplies the noise."""
-    values = np.asarray(lagged) * weight @ np.asarray(lagged).T
-    fixed = [isinstance(term, Ramp) for term in terms]
-    values[np.ix_(fixed, fixed)] = 0.0
-    return values
+    fixed = np.array([isinstance(term, Ramp) for term in terms])
+    return np.where(fixed[:, None] & fixed[None, :], 0.0, lagged * weight @ lagged.T)
 
 
 def _from_density(samples: int, small: int, large: int, dt: float, terms: tuple[Term, ...]) -> np.ndarray:
     """The same from the density of the terms."""
     first, second, stride = samples - 2 * small + 1, samples - 2 * large + 1, max(large // _PARTS, 1)
-    factor = 8.0 / (small * large * dt)
+    factor, half = 8.0 / (small * large * dt), _angles(stride) / 2.0
     spectrum = factor * _densities(terms, 0, dt) / (2.0 * np.sin(_MIDDLE / 2.0)) ** 2
     whole = spectrum * _kernel(small, large) @ spectrum.T / np.pi
-    angle = _angles(stride)
-    lagged = (
-        _densities(terms, stride, dt)
-        * factor
-        * (np.prod(np.sin(np.outer([small, large], angle / 2.0)), axis=0) / (2.0 * np.sin(angle / 2.0))) ** 2
-    )
+    lagged = _densities(terms, stride, dt) * factor * (np.sin(small * half) * np.sin(large * half) / (2.0 * np.sin(half))) ** 2
     # around zero a power law: the value at zero is the mean from there to half a step
     power = lagged[:, 1] > 0.0
     lagged[power, 1] /= 1.0 + np.log2(lagged[power, 1] / lagged[power, 0])
@@ -197,19 +181,12 @@ def _nodes(knots, low: int, high: int, first: int, second: int):
     """Lags and weights that sum any summand smooth between the knots over low .. high."""
     cuts = np.unique(np.clip(np.concatenate([knots, [low, high + 1, 0, second - first]]), low, high + 1))
     cuts = np.unique(np.concatenate([cuts, np.clip(cuts + 1, low, high + 1)]))  # a knot by itself: it belongs to both sides
-    starts, lengths = [], []
-    for a, b in itertools.pairwise(cuts):
-        edges = _graded(int(b - a))
-        starts.append(a + edges[:-1])
-        lengths.append(np.diff(edges))
-    start, length = np.concatenate(starts), np.concatenate(lengths)
-    lags, weights = [], []
-    for size in np.unique(length):
-        x, w = _sum_rule(int(size))
-        here = start[length == size]
-        lags.append((here[:, None] + x[None, :]).ravel())
-        weights.append(np.tile(w, len(here)))
-    return np.concatenate(lags), np.concatenate(weights)
+    edges = [(a, _graded(int(b - a))) for a, b in itertools.pairwise(cuts)]
+    start = np.concatenate([a + edge[:-1] for a, edge in edges])
+    length = np.concatenate([np.diff(edge) for _, edge in edges])
+    rules = [(start[length == size], *_sum_rule(int(size))) for size in np.unique(length)]
+    lags = np.concatenate([(here[:, None] + x[None, :]).ravel() for here, x, _ in rules])
+    return lags, np.concatenate([np.tile(w, len(here)) for here, _, w in rules])
 
 
 def _graded(length: int) -> np.ndarray:
@@ -219,19 +196,15 @@ def _graded(length: int) -> np.ndarray:
     while steps[-1] + size < half:
         steps.append(steps[-1] + size)
         size = steps[-1]
-    left = np.array(steps)
-    return np.unique(np.concatenate([left, length - left]))
+    return np.unique(np.concatenate([steps, length - np.array(steps)]))
 
 
 @functools.lru_cache(maxsize=4096)
 def _sum_rule(length: int) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes x and weights w with sum_{k<length} f(k) = sum w f(x), exact for polynomials of degree 2 _NODES - 1.
-
-    Golub and Welsch on the recurrence of the discrete Chebyshev polynomials.
-    """
+    """Nodes x and weights w with sum_{k<length} f(k) = sum w f(x), exact for polynomials of degree 2 _NODES - 1: Golub and Welsch."""
     if length <= _DIRECT:
         return np.arange(float(length)), np.ones(length)
-    k = np.arange(1.0, _NODES)
+    k = np.arange(1.0, _NODES)  # of the recurrence of the discrete Chebyshev polynomials
     off = 0.5 * length * np.sqrt((1.0 - (k / length) ** 2) / (4.0 - 1.0 / k**2))
     matrix = np.diag(off, 1) + np.diag(off, -1)
     values, vectors = np.linalg.eigh(matrix)

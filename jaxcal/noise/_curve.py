@@ -19,156 +19,220 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._types import AnyArray
-from ._minimise import iterate, minimise, namespace, some
+from ..allan import Deviation
+from ..fitting import solve
+from ._covariance import covariance_tensor
+from ._lanes import filled, namespace, run
+from ._terms import Term
 
-#: relative change of the modelled variance at which the weights have settled, and the most steps; for a first guess, and for profiles
-SETTLED, GUESSED, _MOST = 1e-7, 1e-2, 40
+#: relative change of the modelled variance at which the weights have settled, for the fit and for a first guess, and the most steps
+SETTLED, GUESSED, MOST = 1e-7, 1e-2, 40
+#: the compiled program takes multiples of so many cluster sizes and terms
+_ROWS, _TERMS = 32, 4
 
 
 class Curve(NamedTuple):
     """An Allan variance curve with what its fit needs: a plain tuple, for the loops of the host read it thousands of times.
 
-    v : (clusters,) measured variances. columns : (clusters, p + 1), A and the tail. tensor : (p, p, clusters, clusters), T.
-    share : (clusters,) count of differences without gaps over that with them. octave : (clusters,) base-2 logarithm of the cluster
-    size. short : (p,) 1 for the term whose shape the tail has, else 0.
+    v : (clusters,) measured variances. columns : (clusters, p + 1), A and the tail. tensor : (p, p, clusters, clusters), T, larger
+    where gaps leave fewer differences. short : (p,) 1 for the term whose shape the tail has, else 0.
     """
 
     v: AnyArray
     columns: AnyArray
     tensor: AnyArray
-    share: AnyArray
-    octave: AnyArray
     short: AnyArray
 
     def noise(self, theta) -> Any:
-        """(lanes, p) squared coefficients of the terms that scatter, the tail taken as what it looks like."""
-        xp = namespace(self.v, theta)
-        return theta[:, :-1] + self.short[None, :] * xp.maximum(-theta[:, -1:], 0.0)
+        """(p,) squared coefficients of the terms that scatter, the tail taken as what it looks like."""
+        return theta[:-1] + self.short * namespace(self.v, theta).maximum(-theta[-1], 0.0)
 
     def covariance(self, theta) -> Any:
-        """C(theta) of (lanes, p + 1) coefficients, (lanes, clusters, clusters); gaps leave fewer differences."""
-        noise, xp = self.noise(theta), namespace(self.v, theta)
-        pairs = (noise[:, :, None] * noise[:, None, :]).reshape(len(noise), -1)
-        loss = xp.sqrt(self.share)
-        return (pairs @ self.tensor.reshape(pairs.shape[1], -1)).reshape(-1, *self.tensor.shape[2:]) * (loss[:, None] * loss[None, :])[None]
+        """C(theta), (clusters, clusters)."""
+        noise = self.noise(theta)
+        pairs = (noise[:, None] * noise[None, :]).ravel()
+        return (pairs @ self.tensor.reshape(pairs.size, -1)).reshape(self.tensor.shape[2:])
 
 
-class Lanes(NamedTuple):
-    """Fits to run side by side: (lanes, clusters) `used`, (lanes, p + 1) `free` coefficients and the values `held` of the others."""
+class Lane(NamedTuple):
+    """A fit to the clusters `used`: `free` coefficients, the values `held` of the others, and those free in the fit beside it.
+
+    (clusters,), then (p + 1,) each; several fits have a first axis more.
+    """
 
     used: AnyArray
     free: AnyArray
     held: AnyArray
+    wider: AnyArray
 
 
-def correlation(curve: Curve, used, theta, extra: Any = None) -> tuple[Any, Any]:
-    """Correlation matrices and standard deviations of v with C at theta, plus independent variances `extra`; unused ones apart."""
+class Settled(NamedTuple):
+    """The fixed point `theta` of a lane, with the last change of the modelled variance, and chi-squares with C at that point.
+
+    `held` is the least one of the free coefficients; `best` are the coefficients of `wider` of the least one, `least`.
+    """
+
+    theta: AnyArray
+    change: AnyArray
+    held: AnyArray
+    best: AnyArray
+    least: AnyArray
+
+
+#: axes of the leaves: clusters, terms, columns, lanes
+_AXES, _LANES = Curve(v="r", columns="rc", tensor="ttrr", short="t"), Lane(used="lr", free="lc", held="lc", wider="lc")
+
+
+def curve_of(curve: Deviation, samples: int, terms: tuple[Term, ...], variance, inside) -> tuple[Curve, Any, Any]:
+    """Allan variances with columns and covariance tensor, divided by the largest one; which of those `inside` are used; and that one."""
+    xp, used = namespace(variance), inside & (variance > 0.0)
+    dt, dtype = 1.0 / curve.rate, variance.dtype
+    # squares of small coefficients would leave the range of float32
+    unit = xp.max(xp.where(used, variance, 0.0))
+    with jax.ensure_compile_time_eval():  # neither depends on the record
+        found = [np.asarray(term.avar(curve.tau, dt)) for term in terms]
+        tensor = covariance_tensor(samples, tuple(int(m) for m in curve.m), dt, terms)
+    short = np.array([term.name == "Q" for term in terms])
+    tail = -found[int(np.argmax(short))] if short.any() else -1.0 / curve.tau**2
+    loss = (1.0 + curve.skipped / curve.count) ** 0.5
+    columns, tensor = np.stack([*found, tail], axis=1), tensor * (loss[:, None] * loss[None, :])
+    return Curve(xp.where(used, variance / unit, 1.0), columns.astype(dtype), tensor.astype(dtype), short.astype(dtype)), used, unit
+
+
+def correlation(curve: Curve, used, theta, extra: Any = 0.0) -> tuple[Any, Any]:
+    """Correlation matrix and standard deviations of v with C at theta, plus independent variances `extra`; unused ones apart."""
     xp = namespace(curve.v, used, theta)
     identity = np.eye(len(curve.v), dtype=curve.v.dtype)
-    extra = 0.0 * identity if extra is None else extra[None, :] * identity
-    c = xp.where(used[:, :, None] & used[:, None, :], curve.covariance(theta) + extra[None], identity[None])
-    scale = xp.sqrt(xp.diagonal(c, axis1=1, axis2=2))
+    c = xp.where(used[:, None] & used[None, :], curve.covariance(theta) + xp.diag(extra * xp.ones_like(curve.v)), identity)
+    scale = xp.sqrt(xp.diagonal(c))
     scale = xp.where(scale > 0.0, scale, 1.0)
     # smallest eigenvalues are about 1e-3; the addition keeps them above zero in any precision
-    ridge = max(1e-8, 64 * float(np.finfo(c.dtype).eps)) * identity
-    return c / scale[:, :, None] / scale[:, None, :] + ridge[None], scale
+    return c / scale[:, None] / scale[None, :] + max(1e-8, 64 * float(np.finfo(c.dtype).eps)) * identity, scale
 
 
-def whiten(matrices, rows) -> Any:
-    """L^-1 rows with L L' = matrix, (lanes, n, n) and (lanes, n, k)."""
-    if namespace(matrices, rows) is np:
-        return np.linalg.solve(np.linalg.cholesky(matrices), rows)
-    # one at a time: batches of LAPACK calls in one program have hung on CPUs
-    return jax.lax.map(lambda one: jax.scipy.linalg.solve_triangular(jnp.linalg.cholesky(one[0]), one[1], lower=True), (matrices, rows))
+def whiten(matrix, rows) -> Any:
+    """L^-1 rows with L L' = matrix."""
+    if namespace(matrix, rows) is np:
+        return np.linalg.solve(np.linalg.cholesky(matrix), rows)
+    return jax.scipy.linalg.solve_triangular(jnp.linalg.cholesky(matrix), rows, lower=True)
 
 
-def whitened(curve: Curve, used, theta, full: bool, extra: Any = None) -> tuple[Any, Any]:
-    """A and v of unit covariance with C (its diagonal unless `full`) at theta: (lanes, clusters, p + 1) and (lanes, clusters)."""
+def whitened(curve: Curve, used, theta, full: Any, extra: Any = 0.0) -> tuple[Any, Any]:
+    """A and v of unit covariance with C (its diagonal unless `full`) at theta: (clusters, p + 1) and (clusters,)."""
     xp = namespace(curve.v, used, theta)
-    rows = xp.concatenate([curve.columns, curve.v[:, None]], axis=1)
-    rows = xp.where(used[:, :, None], rows[None], 0.0)
-    if full:
-        matrices, scale = correlation(curve, used, theta, extra)
-        rows = whiten(matrices, rows / scale[:, :, None])
-    else:
-        variance = xp.diagonal(curve.covariance(theta), axis1=1, axis2=2)
+    rows = xp.where(used[:, None], xp.concatenate([curve.columns, curve.v[:, None]], axis=1), 0.0)
+
+    def wholly():
+        matrix, scale = correlation(curve, used, theta, extra)
+        return whiten(matrix, rows / scale[:, None])
+
+    def one_by_one():
+        variance = xp.diagonal(curve.covariance(theta))
         # without coefficients relative errors are taken as equal
-        rows = rows / xp.sqrt(xp.where(variance > 0.0, variance, curve.v[None, :] ** 2))[:, :, None]
-    return rows[:, :, :-1], rows[:, :, -1]
+        return rows / xp.sqrt(xp.where(variance > 0.0, variance, curve.v**2))[:, None]
+
+    rows = (wholly() if full else one_by_one()) if isinstance(full, bool) else jax.lax.cond(full, wholly, one_by_one)
+    return rows[:, :-1], rows[:, -1]
 
 
-def least_squares(white: tuple[Any, Any], lanes: Lanes, start) -> tuple[Any, Any]:
-    """Coefficients of least chi-square of whitened columns and variances, and that chi-square."""
+def differences(theta, data):
+    """Residuals of whitened columns and variances."""
+    return data["rows"] @ theta - data["target"]
+
+
+def least_squares(white: tuple[Any, Any], free, held, start) -> tuple[Any, Any]:
+    """Coefficients of least chi-square of whitened columns and variances, none but the tail negative, and that chi-square."""
     rows, target = white
-    xp = namespace(target, start)
-    free = xp.where(lanes.free[:, None, :], rows, 0.0)
-    base = xp.sum(rows * lanes.held[:, None, :], axis=-1)
     # a coefficient that is not free has no column, and must lie on a bound
-    lower = xp.where(lanes.free, np.append(np.zeros(rows.shape[-1] - 1), -np.inf)[None, :].astype(rows.dtype), 0.0)
-    begun = xp.where(lanes.free, start, 0.0)
-    found = minimise(free, target, lanes.used.astype(target.dtype), begun, base=base, lower=lower, linear=True)
-    return xp.where(lanes.free, found.theta, lanes.held), 2.0 * found.cost
+    lower = jnp.where(free, np.append(np.zeros(rows.shape[-1] - 1), -np.inf).astype(rows.dtype), 0.0)
+    data = {"rows": jnp.where(free[None, :], rows, 0.0), "target": target - rows @ held}
+    found = solve(differences, jnp.where(free, start, 0.0), data, bounds=(lower, np.inf))
+    return jnp.where(free, found.parameters, held), 2.0 * found.cost
 
 
-def fixed_point(curve: Curve, lanes: Lanes, start, full: bool, enough: float = SETTLED, most: int = _MOST) -> tuple[Any, Any]:
-    """Iterate until a step changes the modelled variance by no more than `enough` of it; theta and the last change, per lane.
+def _settle(shared, lane) -> Settled:
+    """The fixed point of one lane, and the chi-squares about it: in one loop, which holds one problem of least squares to be compiled.
 
     Left alone the steps may swing, or go on at two thirds of the length before. Each is lengthened or shortened by what the last
     two tell (Irons and Tuck, Int. J. Numer. Meth. Eng. 1, 1969): a dozen steps do where halving every step took forty.
     """
-    xp = namespace(curve.v, start)
-    lower = np.append(np.zeros(start.shape[1] - 1), -np.inf)[None, :]
-
-    def step(used, free, held, theta):
-        return least_squares(whitened(curve, used, theta, full), Lanes(used, free, held), theta)[0]
+    (curve, full, enough, most, extra), ((used, free, held, wider), start) = shared, lane
+    lower = np.append(np.zeros(start.size - 1), -np.inf).astype(start.dtype)
+    last = 1 if wider is None else 3
 
     def body(state):
-        theta, before, length, largest, k = state
-        active = largest > enough
-        new = some(active, step, theta, lanes.used, lanes.free, lanes.held, theta)
-        reached = new @ curve.columns.T
-        change = xp.where(lanes.used, (reached - theta @ curve.columns.T) / xp.where(reached > 0.0, reached, 1.0), 0.0)
-        bend = before - change
-        turn = xp.sum(bend**2, axis=1)
-        following = length * xp.sum(before * bend, axis=1) / xp.where(turn > 0.0, turn, 1.0)
-        following = xp.where((k > 1) & (following > 0.0), xp.clip(following, 0.3, 4.0), 1.0)
-        size = xp.max(xp.abs(change), axis=1)
+        (theta, change, chi, best, least), before, length, k, phase = state
+        moving, second = phase == 0, phase == 2
+        if wider is None:
+            (new, value) = least_squares(whitened(curve, used, theta, full), free, held, theta)
+        else:
+            white = whitened(curve, used, theta, full | ~moving, jnp.where(moving, 0.0, extra))
+            (new, value) = least_squares(white, jnp.where(second, wider, free), jnp.where(second, 0.0, held), theta)
+        reached = curve.columns @ new
+        departure = jnp.where(used, (reached - curve.columns @ theta) / jnp.where(reached > 0.0, reached, 1.0), 0.0)
+        bend = before - departure
+        turn = bend @ bend
+        following = length * (before @ bend) / jnp.where(turn > 0.0, turn, 1.0)
+        following = jnp.where((k > 1) & (following > 0.0), jnp.clip(following, 0.3, 4.0), 1.0)
+        size = jnp.max(jnp.abs(departure))
         # the last step is a whole one: what goes to zero is zero
-        longer = xp.where((size > enough)[:, None], xp.maximum(theta + following[:, None] * (new - theta), lower.astype(theta.dtype)), new)
-        kept = active[:, None]
-        return (
-            xp.where(kept, longer, theta), xp.where(kept, change, before), xp.where(active, following, length),
-            xp.where(active, size, largest), k + 1,
-        )  # fmt: skip
+        further = jnp.where(size > enough, jnp.maximum(theta + following * (new - theta), lower), new)
+        found = Settled(
+            theta=jnp.where(moving, further, theta),
+            change=jnp.where(moving, size, change),
+            held=jnp.where(phase == 1, value, chi),
+            best=jnp.where(second, new, best),
+            least=jnp.where(second, value, least),
+        )
+        return found, departure, following, k + 1, jnp.where(~moving | (size <= enough) | (k + 1 >= most), phase + 1, phase)
 
-    ones = xp.ones(len(start), dtype=curve.v.dtype)
-    begun = (start, xp.zeros_like(lanes.used, dtype=curve.v.dtype), ones, np.inf * ones, 0)
-    theta, _, _, change, _ = iterate(lambda state: xp.any(state[3] > enough) & (state[4] < most), body, begun)
-    return theta, change
+    one = jnp.ones((), start.dtype)
+    begun = Settled(start, np.inf * one, one, start, one), jnp.zeros_like(curve.v), one, 0, jnp.where(jnp.asarray(most) > 0, 0, 1)
+    return jax.lax.while_loop(lambda state: state[-1] < last, body, begun)[0]
 
 
-def estimate(curve: Curve, lanes: Lanes, full: bool) -> tuple[Any, Any]:
-    """The fixed point from nothing, `full` weights by way of independent ones; differentiable in a trace.
+def settle(curve: Curve, lanes: Lane, start, full: bool, enough: float = SETTLED, most: int = MOST, extra: Any = 0.0) -> Settled:
+    """Iterate every lane until a step changes the modelled variance by no more than `enough` of it, `most` steps; from `start`.
+
+    `extra` are independent variances that the chi-squares allow for besides.
+    """
+    if namespace(curve, lanes, start) is jnp:
+        return run(_settle, (curve, full, enough, most, extra), (lanes, start), None)
+    # filled up, at the end with cluster sizes that are not used and at the start with terms that are not free
+    n, p = len(curve.v), len(curve.short)
+    rows, terms = -(-n // _ROWS) * _ROWS, -(-p // _TERMS) * _TERMS
+    size = {"r": rows, "t": terms, "c": terms + 1, "l": len(start)}
+
+    def long(array, axes: str):
+        return filled(array, *(size[axis] for axis in axes), at=tuple((axis in "tc") * (terms - p) for axis in axes), value=axes == "r")
+
+    each = Lane(*map(long, lanes._replace(wider=lanes.free if lanes.wider is None else lanes.wider), _LANES))
+    start, extra = long(start, "lc"), long(extra * np.ones(n), "r")
+    shared = Curve(*map(long, curve, _AXES)), np.asarray(full), np.asarray(enough), np.asarray(most), extra
+    found = run(_settle, shared, (each, start), Settled(start[0], 0.0, 0.0, start[0], 0.0))
+    return found._replace(theta=found.theta[:, terms - p :], best=found.best[:, terms - p :])
+
+
+def estimate(curve: Curve, lanes: Lane, full: bool) -> tuple[Any, Any]:
+    """The fixed point from nothing, `full` weights by way of independent ones, and its last change; differentiable in a trace.
 
     The iteration carries no derivative. One Newton step for theta = step(theta) from its end does, that of the implicit
     function theorem.
     """
     traced = namespace(curve, lanes) is jnp
-    still = jax.lax.stop_gradient((curve, lanes)) if traced else (curve, lanes)
-    start = jnp.zeros_like(lanes.held) if traced else np.zeros_like(lanes.held)
+    still, start = (jax.lax.stop_gradient((curve, lanes)), jnp.zeros_like(lanes.held)) if traced else ((curve, lanes), lanes.held)
     if full:
-        start, _ = fixed_point(*still, start, False, GUESSED)
-    theta, change = fixed_point(*still, start, full)
+        start = settle(*still, start, False, GUESSED).theta
+    found = settle(*still, start, full)
     if not traced:
-        return theta, change
-    each = [_with_derivative(curve, jax.tree.map(lambda leaf: leaf[k], lanes), theta[k], full) for k in range(len(theta))]  # noqa: B023
-    return jnp.stack(each), change
+        return found.theta, found.change
+    each = [_with_derivative(curve, jax.tree.map(lambda leaf: leaf[k], lanes), found.theta[k], full) for k in range(len(start))]  # noqa: B023
+    return jnp.stack(each), found.change
 
 
-def _with_derivative(curve: Curve, lane: Lanes, theta, full: bool) -> Any:
+def _with_derivative(curve: Curve, lane: Lane, theta, full: bool) -> Any:
     def step(at):
-        one = jax.tree.map(lambda leaf: leaf[None], lane)
-        return least_squares(whitened(curve, one.used, at[None], full), one, at[None])[0][0]
+        return least_squares(whitened(curve, lane.used, at, full), lane.free, lane.held, at)[0]
 
     new = step(theta)
     slope = jax.lax.stop_gradient(jax.jacfwd(step)(theta))

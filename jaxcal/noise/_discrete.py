@@ -14,8 +14,7 @@ import scipy.optimize
 from .._errors import DataError
 from .._precision import is_traced
 from .._types import Any, Float
-from ._model import Noise, noise_of
-from ._simulate import checked_sampling
+from ._model import Noise, checked_sampling, noise_of
 from ._terms import GaussMarkov, Term
 
 #: lowest frequency of the default band, one cycle per hour, and the error of the density that the default chain may have
@@ -161,42 +160,38 @@ def discrete(noise, rate, *, states=None, band=None) -> StateSpace:
     Keshner, Proc. IEEE 70, 1982, 212-218.
     """
     noise, rate = _checked_model(noise, rate)
-    terms, chain, quality = _chained(noise, rate, states, band)
-    blocks = [(label, coefficient, block) for label, coefficient, term in terms if (block := term.states(1.0 / rate)) is not None]
+    blocks, chains = [], []
+    quality: dict[str, Any] = dict.fromkeys(("band", "clusters", "psd_error", "deviation_error"))
+    for name, coefficient, term in sorted(noise.parts, key=lambda part: _ORDER.get(part[0], len(_ORDER))):
+        block = term.states(1.0 / rate)
+        if coefficient > 0.0 and block is not None:
+            blocks.append((name, coefficient, block))
+        elif coefficient > 0.0:
+            limits = _checked_band(band, rate, noise.cutoff if name == "B" else math.inf)
+            unit, errors = _chain(term, rate, limits, _checked_states(states))
+            chains += [(coefficient * strength, time) for strength, time in unit]
+            label = "flicker" if name == "B" else name
+            blocks += [(label, strength, GaussMarkov(time=time).states(1.0 / rate)) for strength, time in chains[-len(unit) :]]
+            # of several chains the larger errors
+            quality |= {key: max(quality[key] or 0.0, value) if key.endswith("error") else value for key, value in errors.items()}
     held = [(coefficient, block) for _, coefficient, block in blocks if block.names]
-    whole = tuple((coefficient, term) for coefficient, term in noise.further if term.states(1.0 / rate) is not None)
+    exact = tuple(part for part in noise.further if part[1].states(1.0 / rate) is not None)
+
+    def diagonal(matrices):
+        return scipy.linalg.block_diag(*matrices) if matrices else np.zeros((0, 0))
+
     return StateSpace(
-        transition=_diagonal([block.transition for _, block in held]),
-        process=_diagonal([coefficient**2 * np.asarray(block.process) for coefficient, block in held]),
+        transition=diagonal([np.asarray(block.transition, dtype=float) for _, block in held]),
+        process=diagonal([coefficient**2 * np.asarray(block.process) for coefficient, block in held]),
         output=np.array([value for _, block in held for value in block.output], dtype=float),
         white=float(sum(coefficient**2 * block.white for _, coefficient, block in blocks)),
-        initial=_diagonal([coefficient**2 * np.asarray(block.initial) for coefficient, block in held]),
+        initial=diagonal([coefficient**2 * np.asarray(block.initial) for coefficient, block in held]),
         rate=rate,
-        noise=dataclasses.replace(noise, B=0.0, cutoff=math.inf, markov=(*noise.markov, *chain), further=whole),
-        chain=chain,
+        noise=dataclasses.replace(noise, B=0.0, cutoff=math.inf, markov=(*noise.markov, *chains), further=exact),
+        chain=tuple(chains),
         names=_numbered([(label, block.names) for label, _, block in blocks]),
         **quality,
     )
-
-
-def _chained(noise: Noise, rate: float, states: Any, band: Any):
-    """Terms as (label, coefficient, term), with chains in place of those without states; the chains; their band and errors."""
-    terms: list[tuple[str, float, Term]] = []
-    chains: list[tuple[float, float]] = []
-    quality: dict[str, Any] = dict.fromkeys(("band", "clusters", "psd_error", "deviation_error"))
-    for name, coefficient, term in sorted(noise.parts, key=lambda part: _ORDER.get(part[0], len(_ORDER))):
-        if not coefficient > 0.0:
-            continue
-        if term.states(1.0 / rate) is not None:
-            terms.append((name, coefficient, term))
-            continue
-        found = _checked_band(band, rate, noise.cutoff if name == "B" else math.inf)
-        unit, errors = _chain(term, rate, found, _checked_states(states))
-        chains += [(coefficient * strength, correlation) for strength, correlation in unit]
-        terms += [("flicker" if name == "B" else name, strength, GaussMarkov(time=time)) for strength, time in chains[-len(unit) :]]
-        for key, value in errors.items():
-            quality[key] = max(quality[key] or 0.0, value) if key.endswith("error") else value
-    return terms, tuple(chains), quality
 
 
 def _numbered(blocks: list[tuple[str, tuple[str, ...]]]) -> tuple[str, ...]:
@@ -211,28 +206,19 @@ def _numbered(blocks: list[tuple[str, tuple[str, ...]]]) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _diagonal(blocks) -> Float[np.ndarray, "states states"]:
-    """Block-diagonal matrix."""
-    return np.asarray(scipy.linalg.block_diag(*blocks)) if blocks else np.zeros((0, 0))
-
-
 def _chain(term: Term, rate: float, band: tuple[float, float], states: int | None):
     """The chain for a term of coefficient one, and its band, the cluster times it serves and its errors in both."""
-    unit, error = _fewest(term, band, rate) if states is None else _unit_chain(term, band, rate, states)
+    tried = (_unit_chain(term, band, rate, number) for number in (range(1, _MOST_STATES + 1) if states is None else (states,)))
+    unit, error = next((found for found in tried if found[1] <= _ERROR or states is not None), ((), math.inf))
+    if not unit:
+        span = f"{band[0]:g} to {band[1]:g} Hz"
+        raise DataError(f"no chain of {_MOST_STATES} states is within {100 * _ERROR:g} % from {span}; choose states=")
     shortest, longest = max(0.5 / band[1], 1.0 / rate), 0.1 / band[0]
     m = np.unique(np.round(np.geomspace(shortest, longest, 200) * rate))
     m = m[(m >= shortest * rate * (1.0 - 1e-9)) & (m <= longest * rate * (1.0 + 1e-9))]
     got, wanted = (n.avar(m / rate, dt=1.0 / rate) for n in (Noise(markov=unit), noise_of([term], [1.0])))
     off = float(np.max(np.abs(np.sqrt(got / wanted) - 1.0)))
     return unit, {"band": band, "clusters": (shortest, longest), "psd_error": error, "deviation_error": off}
-
-
-def _fewest(term: Term, band: tuple[float, float], rate: float):
-    for states in range(1, _MOST_STATES + 1):
-        chain, error = _unit_chain(term, band, rate, states)
-        if error <= _ERROR:
-            return chain, error
-    raise DataError(f"no chain of {_MOST_STATES} states is within {100 * _ERROR:g} % from {band[0]:g} to {band[1]:g} Hz; choose states=")
 
 
 @functools.lru_cache(maxsize=64)
@@ -247,17 +233,18 @@ def _unit_chain(term: Term, band: tuple[float, float], rate: float, states: int)
     # density of a Gauss-Markov process of unit strength over that of the term, both of samples
     wanted = np.asarray(term.psd(f, 1.0 / rate))[:, None, None]
     relative = GaussMarkov(time=correlation).psd(f[:, None, None], 1.0 / rate) / wanted
-    best, strength, error = 0, np.zeros(states), math.inf
-    for i in range(len(corner)):
+    best = (), math.inf
+    for i, times in enumerate(correlation):
         columns = relative[:, i]
         scale = np.max(columns, axis=0)
         found = scipy.optimize.nnls(columns[::_CLOSER] / scale, np.ones(len(f[::_CLOSER])))[0] / scale
         reached = columns @ found
         middle = (np.max(reached) + np.min(reached)) / 2.0  # dividing by it makes both errors equal
-        if np.max(reached) / middle - 1.0 < error:
-            best, strength, error = i, found / middle, float(np.max(reached) / middle - 1.0)
-    kept = strength > 0.0
-    return tuple((math.sqrt(q), float(t)) for q, t in zip(strength[kept], correlation[best][kept], strict=True)), error
+        if np.max(reached) / middle - 1.0 < best[1]:
+            strengths = np.sqrt(found / middle).tolist()
+            unit = tuple((strength, time) for strength, time in zip(strengths, times.tolist(), strict=True) if strength > 0.0)
+            best = unit, float(np.max(reached) / middle - 1.0)
+    return best
 
 
 def _checked_model(noise: Any, rate: Any) -> tuple[Noise, float]:
@@ -274,7 +261,7 @@ def _checked_model(noise: Any, rate: Any) -> tuple[Noise, float]:
 
 def _checked_states(states: Any) -> int | None:
     if states is None or (isinstance(states, (int, np.integer)) and not isinstance(states, bool) and 1 <= states <= _MOST_STATES):
-        return None if states is None else int(states)
+        return states
     raise DataError(f"states must be a whole number from 1 to {_MOST_STATES}, or None for the fewest that serve; got {states!r}")
 
 

@@ -22,13 +22,11 @@ from .._precision import is_traced
 from ..allan import Deviation
 from ..fitting import solve
 from ._allanfit import freedom
-from ._curve import Curve, whitened
-from ._joint import curve_of
+from ._curve import Curve, curve_of, differences, whitened
+from ._lanes import namespace
 from ._limits import chance
-from ._minimise import minimise, namespace
-from ._model import noise_of
-from ._result import NoiseFit
-from ._sentences import sentences_of_octaves
+from ._messages import of_octaves
+from ._result import NoiseFit, assemble
 from ._terms import Term
 
 _NONE = "for comparison only: {}. This method has no uncertainty, so there are no intervals, limits and verdicts; method='whittle' has them"
@@ -46,61 +44,49 @@ _SHORTCOMINGS = {
 _TANGENTS = {"Q": (-1.0, math.sqrt(3.0), -0.75), "N": (-0.5, 1.0, math.inf), "K": (0.5, 3.0, 0.25), "R": (1.0, math.sqrt(2.0), 0.75)}
 
 
-def fit_unweighted(curve: Deviation, samples: int, terms: tuple[Term, ...], inside, automatic: bool, confidence: float) -> NoiseFit:
-    """Least squares of the variances; arguments as of `fit_jointly`, of which `automatic` has no meaning here."""
+def fit_plainly(
+    curve: Deviation, samples: int, terms: tuple[Term, ...], inside, automatic: bool, confidence: float, *, method: str
+) -> NoiseFit:
+    """Fit the cluster sizes `inside`; arguments as of `fit_jointly`, of which `automatic` has no meaning here."""
+    xp, traced = namespace(curve.deviation), is_traced(curve.deviation)
     data, used, unit = curve_of(curve, samples, terms, curve.deviation**2, inside)
-    theta = _weighted(data, used, namespace(data).ones_like(data.v))
-    return _result(theta * unit, data, used, unit, curve, samples, terms, inside, confidence, "unweighted")
+    if method == "slope":
+        theta = _tangents(curve, terms, inside if traced else used) / unit
+    else:
+        theta = _logarithmic(data, used, traced) if method == "log" else _weighted(data, used, xp.ones_like(data.v))
+    whole = xp.append(theta, 0.0)
+    rows, target = whitened(data, used, whole, True)
+    goodness = chance(xp.sum((target - rows @ whole) ** 2), freedom(used, whole))
+    said = {}
+    if not traced:
+        said["left_out"] = of_octaves(curve, inside, np.sqrt(data.columns[:, :-1] @ theta * unit), False)
+        said["warnings"] = (*curve.warnings, _NONE.format(_SHORTCOMINGS[method]))
+    return assemble(
+        theta * unit, xp.zeros((0, 0)), None, terms, curve, samples / curve.rate, goodness=goodness, used=inside, confidence=confidence,
+        method=method, band=(np.min(curve.tau[inside]), np.max(curve.tau[inside])), **said,
+    )  # fmt: skip
 
 
-def fit_log(curve: Deviation, samples: int, terms: tuple[Term, ...], inside, automatic: bool, confidence: float) -> NoiseFit:
-    """Least squares of the logarithms; arguments as of `fit_jointly`, of which `automatic` has no meaning here."""
-    data, used, unit = curve_of(curve, samples, terms, curve.deviation**2, inside)
-    still = jax.lax.stop_gradient(data) if is_traced(curve.deviation) else data
+def _weighted(data: Curve, used, weight):
+    """Coefficients of least squares with the weights given."""
+    xp, columns = namespace(data), data.columns[:, :-1]
+    root = xp.sqrt(xp.where(used, weight, 0.0))
+    rows = {"rows": columns * root[:, None], "target": data.v * root}
+    found = solve(differences, np.zeros(columns.shape[1], dtype=columns.dtype), rows, bounds=(0.0, np.inf)).parameters
+    return found if xp is jnp else np.asarray(found)
+
+
+def _logarithmic(data: Curve, used, traced: bool):
+    """Coefficients of least squares of the logarithms."""
+    still = jax.lax.stop_gradient(data) if traced else data
     xp, columns = namespace(data), data.columns[:, :-1]
     touching = xp.min(xp.where(used[:, None], still.v[:, None] / columns, np.inf), axis=0)
     # off the bounds, by a hundredth of what each term could be at most; in units of that
     start = _weighted(still, used, 1.0 / still.v**2) / touching + 0.01
     found = solve(_log_residuals, start, {"columns": columns * touching[None, :], "v": data.v, "used": used}, bounds=(0.0, np.inf))
-    if not is_traced(curve.deviation) and not bool(found.usable):
+    if not traced and not bool(found.usable):
         raise FitError(f"the logarithmic fit did not end well: {found.message}")
-    theta = found.model if xp is jnp else np.asarray(found.model)
-    return _result(theta * touching * unit, data, used, unit, curve, samples, terms, inside, confidence, "log")
-
-
-def fit_slope(curve: Deviation, samples: int, terms: tuple[Term, ...], inside, automatic: bool, confidence: float) -> NoiseFit:
-    """Tangents and minimum; arguments as of `fit_jointly`, of which `automatic` has no meaning here."""
-    traced = is_traced(curve.deviation)
-    xp = jnp if traced else np
-    use = inside if traced else inside & (curve.deviation > 0.0)
-    tau, ad = curve.tau[use], curve.deviation[use]
-    slope = _gradient(xp.log(ad), np.log(tau), xp)
-    index, lowest = np.arange(len(tau)), xp.argmin(ad)
-    values = {"B": ad[lowest] / 0.664}
-    for term, (wanted, time, least) in _TANGENTS.items():
-        side = index <= lowest if wanted < 0 else index > lowest
-        at = xp.argmin(xp.where(side, xp.abs(slope - wanted), xp.inf))
-        seen = side[at] & ((slope[at] < least) if wanted < 0 else (slope[at] > least))
-        values[term] = xp.where(seen, ad[at] * (time / xp.asarray(tau)[at]) ** wanted, 0.0)
-    if unknown := [term.name for term in terms if term.name not in values]:
-        raise DataError(f"method 'slope' reads tangents of Q, N, B, K and R; {', '.join(unknown)} has none: take another method")
-    theta = xp.stack([values[term.name] for term in terms]) ** 2
-    data, used, unit = curve_of(curve, samples, terms, curve.deviation**2, inside)
-    return _result(theta, data, used, unit, curve, samples, terms, inside, confidence, "slope")
-
-
-def _gradient(y, x, xp):
-    """dy/dx at every point: central, of second order for uneven steps, and one-sided at the ends."""
-    step = np.diff(x)
-    chord = (y[1:] - y[:-1]) / step
-    inner = (step[1:] * chord[:-1] + step[:-1] * chord[1:]) / (step[1:] + step[:-1])
-    return xp.concatenate([chord[:1], inner, chord[-1:]])
-
-
-def _weighted(data: Curve, used, weight):
-    """Coefficients of least squares with the weights given."""
-    xp, start = namespace(data), np.zeros((1, data.columns.shape[1] - 1))
-    return minimise(data.columns[:, :-1], data.v, xp.where(used, weight, 0.0), start, linear=True).theta[0]
+    return (found.model if xp is jnp else np.asarray(found.model)) * touching
 
 
 def _log_residuals(theta, data):
@@ -110,44 +96,22 @@ def _log_residuals(theta, data):
     return jnp.where(data["used"], jnp.where(positive, jnp.log(ratio), -100.0), 0.0)
 
 
-def _judged(data: Curve, used, theta):
-    """Chance of a worse chi-square about the fitted curve, with the covariance that it implies."""
-    xp = namespace(data, theta)
-    theta = xp.append(theta, 0.0)[None]
-    rows, target = whitened(data, used[None], theta, True)
-    chi = xp.sum((target[0] - rows[0] @ theta[0]) ** 2)
-    return chance(chi, freedom(used, theta[0]))
-
-
-def _result(
-    theta, data: Curve, used, unit, curve: Deviation, samples: int, terms: tuple[Term, ...], inside, confidence: float, method: str
-) -> NoiseFit:
-    """`NoiseFit` of squared coefficients about which nothing more is known."""
-    traced = is_traced(curve.deviation)
-    xp = jnp if traced else np
-    goodness = _judged(data, used, theta / unit)
-    positive = theta > 0.0
-    value = xp.where(positive, xp.sqrt(xp.where(positive, theta, 1.0)), 0.0)  # keeps the derivative of the root finite at zero
-    left_out, warnings = (), ()
-    if not traced:
-        left_out = sentences_of_octaves(curve, inside, np.sqrt(data.columns[:, :-1] @ theta), False)
-        warnings = (*curve.warnings, _NONE.format(_SHORTCOMINGS[method]))
-    return NoiseFit(
-        noise=noise_of(terms, list(value)),
-        interval={},
-        upper_limit={},
-        verdict={},
-        significance={},
-        covariance=xp.zeros((0, 0)),
-        goodness=goodness,
-        longer_record={},
-        band=(np.min(curve.tau[inside]), np.max(curve.tau[inside])),
-        left_out=left_out,
-        warnings=warnings,
-        deviation=curve,
-        used=inside,
-        duration=samples / curve.rate,
-        terms=tuple(term.name for term in terms),
-        confidence=confidence,
-        method=method,
-    )
+def _tangents(curve: Deviation, terms: tuple[Term, ...], use):
+    """Squared coefficients from tangents and minimum of the curve."""
+    xp = namespace(curve.deviation)
+    tau, ad = curve.tau[use], curve.deviation[use]
+    step = np.diff(np.log(tau))
+    chord = (xp.log(ad[1:]) - xp.log(ad[:-1])) / step
+    # central, of second order for uneven steps, and one-sided at the ends
+    inner = (step[1:] * chord[:-1] + step[:-1] * chord[1:]) / (step[1:] + step[:-1])
+    slope = xp.concatenate([chord[:1], inner, chord[-1:]])
+    index, lowest = np.arange(len(tau)), xp.argmin(ad)
+    values = {"B": ad[lowest] / 0.664}
+    for term, (wanted, time, least) in _TANGENTS.items():
+        side = index <= lowest if wanted < 0 else index > lowest
+        at = xp.argmin(xp.where(side, xp.abs(slope - wanted), xp.inf))
+        seen = side[at] & ((slope[at] < least) if wanted < 0 else (slope[at] > least))
+        values[term] = xp.where(seen, ad[at] * (time / xp.asarray(tau)[at]) ** wanted, 0.0)
+    if unknown := [term.name for term in terms if term.name not in values]:
+        raise DataError(f"method 'slope' reads tangents of Q, N, B, K and R; {', '.join(unknown)} has none: take another method")
+    return xp.stack([values[term.name] for term in terms]) ** 2

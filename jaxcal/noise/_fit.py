@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -12,15 +13,20 @@ from .._quality import checked_rate
 from .._types import Any
 from ..allan import deviation
 from ._checks import find_jumps, refuse_extremes, resolution, sentences_of_checks
-from ._methods import CURVES, clusters
+from ._display import fit_plainly
+from ._joint import fit_jointly, with_second_opinion
 from ._model import checked_terms
 from ._overbound import overbound
 from ._result import NoiseFit, stacked
-from ._second import with_second_opinion
 from ._terms import GaussMarkov, Term
 from ._whittle import fit_record, fit_traced
 
-_METHODS = ("whittle", *CURVES)
+#: cluster sizes of the fit of a curve, which is so strongly correlated that more would add nothing
+_CLUSTERS = 25
+#: name -> function of (curve, samples, terms, inside, automatic, confidence)
+CURVES = {method: partial(fit_jointly, method=method) for method in ("gls", "edf", "wavelet")} | {
+    method: partial(fit_plainly, method=method) for method in ("unweighted", "log", "slope")
+}
 
 
 def fit(
@@ -86,7 +92,7 @@ def fit(
     References
     ----------
     P. Whittle, J. R. Stat. Soc. B 15, 1953. IEEE Std 952-1997, annex C (model); Greenhall and Riley, PTTI 2003 (degrees of
-    freedom). Covariance of the Allan variance: see `jaxcal.noise._covariance`. Thresholds for a coefficient at its bound: Self
+    freedom). Covariance of the Allan variance: `allan_covariance`. Thresholds for a coefficient at its bound: Self
     and Liang, J. Am. Stat. Assoc. 82, 1987.
     """
     return _fit(y, rate, method, terms, confidence, band, conservative)
@@ -94,52 +100,45 @@ def fit(
 
 @host_float64
 def _fit(y, rate, method, terms, confidence, band, conservative=False, temperature=None) -> NoiseFit:
-    if method not in _METHODS:
-        raise DataError(f"unknown method {method!r}; expected one of {', '.join(_METHODS)}")
-    terms = _checked_terms(terms, method)
+    if method not in ("whittle", *CURVES):
+        raise DataError(f"unknown method {method!r}; expected one of {', '.join(('whittle', *CURVES))}")
+    terms = checked_terms(terms)
+    if method != "whittle" and any(isinstance(term, GaussMarkov) and term.time is None for term in terms):
+        raise DataError(f'the correlation time of a Gauss-Markov process is found by method "whittle"; got method {method!r}')
     if not 0.0 < confidence < 1.0:
         raise DataError(f"confidence must lie between 0 and 1; got {confidence!r} (0.95 is 95 %)")
-    y = y if is_traced(y) else np.asarray(y)
-    samples = y.shape[0] if y.ndim else 0
-    m = clusters(method, samples, terms)
-    if is_traced(y):
-        return _traced(y, checked_rate(rate), method, terms, m, confidence, band, conservative)
-    jumps = []
-    if y.dtype.kind in "fiu" and y.ndim in (1, 2):
+    traced = is_traced(y)
+    y = y if traced else np.asarray(y)
+    samples, many = y.shape[0] if y.ndim else 0, y.ndim == 2
+    m, jumps = clusters(method, samples, terms), []
+    if traced:
+        rate = checked_rate(rate)
+        if conservative:
+            raise DataError("conservative coefficients need a linear programme on the host; ask for them outside of jit, vmap and grad")
+        if method == "whittle":
+            fits = [fit_traced(x, rate, terms, band, confidence) for x in (y.T if many else (y,))]
+            return stacked(fits) if many else fits[0]
+    elif y.dtype.kind in "fiu" and y.ndim in (1, 2):
         refuse_extremes(y)
-        jumps = [find_jumps(x) for x in (y[:, None] if y.ndim == 1 else y).T]
+        jumps = [find_jumps(x) for x in (y.T if many else (y,))]
         if any(found.spikes and not found.heavy for found in jumps):
             y = np.stack([found.y for found in jumps], axis=1).reshape(y.shape)
     # the noise type serves the plot outside of the band
-    curve = deviation(y, rate, m=m, confidence=confidence)
+    curve = deviation(y, rate, m=m, confidence=confidence, **({"alpha": 0} if traced else {}))
     inside = _inside(curve.tau, band, terms)
-    many = y.ndim == 2
-    columns = list(y.T) if many else [y]
-    curves = [curve.channel(i) for i in range(len(columns))] if many else [curve]
-    fits = []
-    for x, one, jump in zip(columns, curves, jumps, strict=True):
-        if method == "whittle":
-            found = with_second_opinion(fit_record(x, one, terms, band, confidence, temperature), samples)
-        else:
-            found = CURVES[method](one, samples, terms, inside, band is None, confidence)
-        said = sentences_of_checks(jump, *resolution(x), 1.0 / one.rate, float(np.asarray(found.noise.N)) ** 2)
-        found = dataclasses.replace(found, warnings=(*said, *found.warnings))
-        fits.append(dataclasses.replace(found, conservative=overbound(found)) if conservative else found)
-    return stacked(fits) if many else fits[0]
-
-
-def _traced(y, rate: float, method: str, terms, m, confidence: float, band, conservative: bool) -> NoiseFit:
-    if conservative:
-        raise DataError("conservative coefficients come from a linear programme on the host; ask for them outside of jit, vmap and grad")
-    columns = [y] if y.ndim == 1 else [y[:, i] for i in range(y.shape[1])]
-    if method == "whittle":
-        fits = [fit_traced(x, rate, terms, band, confidence) for x in columns]
+    curves = [curve.channel(i) for i in range(y.shape[1])] if many else [curve]
+    if method != "whittle":
+        fits = [CURVES[method](one, samples, terms, inside, band is None, confidence) for one in curves]
     else:
-        curve = deviation(y, rate, m=m, confidence=confidence, alpha=0)
-        inside = _inside(curve.tau, band, terms)
-        curves = [curve] if y.ndim == 1 else [curve.channel(i) for i in range(y.shape[1])]
-        fits = [CURVES[method](one, y.shape[0], terms, inside, band is None, confidence) for one in curves]
-    return fits[0] if y.ndim == 1 else stacked(fits)
+        each = zip(y.T if many else (y,), curves, strict=True)
+        fits = [with_second_opinion(fit_record(x, one, terms, band, confidence, temperature), samples) for x, one in each]
+    for i, jump in enumerate(jumps):
+        white = float(np.asarray(fits[i].noise.N)) ** 2
+        said = sentences_of_checks(jump, *resolution(y[:, i] if many else y), 1.0 / curve.rate, white)
+        fits[i] = dataclasses.replace(fits[i], warnings=(*said, *fits[i].warnings))
+    if conservative:
+        fits = [dataclasses.replace(found, conservative=overbound(found)) for found in fits]
+    return stacked(fits) if many else fits[0]
 
 
 def characterise(
@@ -194,11 +193,19 @@ def characterise(
     return fits
 
 
-def _checked_terms(terms, method: str) -> tuple[Term, ...]:
-    found = checked_terms(terms)
-    if method != "whittle" and any(isinstance(term, GaussMarkov) and term.time is None for term in found):
-        raise DataError(f'the correlation time of a Gauss-Markov process is found by method "whittle"; got method {method!r}')
-    return found
+def clusters(method: str, samples: int, terms: Sequence[Any]) -> np.ndarray:
+    """Cluster sizes for a fit: powers of two for "wavelet", else about 25 log-spaced, from 1 to a quarter of the record."""
+    fewest = len(terms) + 3
+    needed = 4 * (2 ** (fewest - 1) if method == "wavelet" else fewest)
+    if samples < needed:
+        hint = ", another method" if method == "wavelet" and samples >= 4 * fewest else ""
+        raise DataError(
+            f"{samples} sample{'s are' if samples != 1 else ' is'} too short a record to fit {len(terms)} noise terms; "
+            f"record at least {needed} samples (an hour or more, for bias instability){hint}, or ask for fewer terms"
+        )
+    if method == "wavelet":
+        return 2 ** np.arange((samples // 4).bit_length())
+    return np.unique(np.round(np.logspace(0.0, np.log10(samples // 4), _CLUSTERS)).astype(np.int64))
 
 
 def _inside(tau, band, terms) -> np.ndarray:

@@ -1,4 +1,4 @@
-r"""Joint fits of an Allan deviation curve with uncertainty: one `Deviation` in, one `NoiseFit` out.
+r"""Fits of an Allan deviation curve with uncertainty: one `Deviation` in, one `NoiseFit` out; and the second opinion on a spectrum.
 
 - gls: generalised least squares with the covariance of the whole curve, min (v - A theta)' C(theta)^-1 (v - A theta).
 - edf: independent variances 2 (A theta)^2 / edf, with a sandwich covariance.
@@ -10,94 +10,75 @@ r"""Joint fits of an Allan deviation curve with uncertainty: one `Deviation` in,
 
 import dataclasses
 
-import jax
 import numpy as np
 
 from .._errors import FitError
-from .._types import Any
 from ..allan import Deviation
-from ._allanfit import choose_band, fit_curve
-from ._assemble import assemble, with_edf
-from ._covariance import covariance_tensor
-from ._curve import Curve
+from . import _messages
+from ._allanfit import alone, choose_band, covariance_of, fit_curve, response
+from ._curve import curve_of, estimate
+from ._lanes import namespace
 from ._limits import levels_of
-from ._minimise import namespace
-from ._result import NoiseFit
-from ._sentences import sentences_of_fit, sentences_of_octaves
-from ._skewness import response
+from ._model import Noise, noise_of
+from ._result import NoiseFit, assemble, with_edf
 from ._terms import Term
 
-
-def curve_of(curve: Deviation, samples: int, terms: tuple[Term, ...], variance, inside) -> tuple[Curve, Any, Any]:
-    """Allan variances with columns and covariance tensor, divided by the largest one; which of those `inside` are used; and that one."""
-    xp, used = namespace(variance), inside & (variance > 0.0)
-    dt, dtype = 1.0 / curve.rate, variance.dtype
-    # squares of small coefficients would leave the range of float32
-    unit = xp.max(xp.where(used, variance, 0.0))
-    with jax.ensure_compile_time_eval():  # neither depends on the record
-        found = [np.asarray(term.avar(curve.tau, dt)) for term in terms]
-        tensor = covariance_tensor(samples, tuple(int(m) for m in curve.m), dt, terms)
-    short = np.array([term.name == "Q" for term in terms])
-    tail = -found[int(np.argmax(short))] if short.any() else -1.0 / curve.tau**2
-    columns = np.stack([*found, tail], axis=1)
-    return (
-        Curve(
-            v=xp.where(used, variance / unit, 1.0),
-            columns=columns.astype(dtype),
-            tensor=tensor.astype(dtype),
-            share=(1.0 + curve.skipped / curve.count).astype(dtype),
-            octave=np.log2(curve.m.astype(dtype)),
-            short=short.astype(dtype),
-        ),
-        used,
-        unit,
-    )
+_LEFT = 0.1  # share of the Allan variance that must be left when lines are taken from it
 
 
 def fit_jointly(
     deviation: Deviation, samples: int, terms: tuple[Term, ...], inside, automatic: bool, confidence: float, *, method: str
 ) -> NoiseFit:
-    """Fit one channel's overlapped Allan deviation.
+    """Fit the overlapped Allan deviation of one channel of `samples`.
 
-    Parameters
-    ----------
-    deviation : the deviation.
-    samples : number of rate samples of the record.
-    terms : the terms.
-    inside : (clusters,) cluster sizes that may take part.
-    automatic : whether short cluster times at which the model does not hold are left out (not of a traced record).
-    confidence : level of the intervals.
-    method : "gls", "edf" or "wavelet".
+    Of the cluster sizes `inside`, (clusters,), short ones at which the model does not hold are left out if this is `automatic` and
+    the record is not traced.
     """
     xp, full = namespace(deviation.deviation), method == "gls"
     curve, used, unit = curve_of(deviation, samples, terms, deviation.deviation**2, inside)
-    cut, holds = False, True
+    cut, holds, estimated = False, True, None
     if automatic and xp is np:
-        used, cut, holds = choose_band(curve, used, full)
+        used, cut, holds, estimated = choose_band(curve, np.log2(deviation.m), used, full)
     heard = response(samples, deviation.m.astype(float), 1.0 / deviation.rate, terms)
-    found = fit_curve(curve, used, np.asarray(cut), full, heard, *levels_of(confidence))
+    found = fit_curve(curve, used, np.asarray(cut), full, heard, *levels_of(confidence), estimated)
     if xp is np and not np.all(np.isfinite(found.theta)):
         raise FitError("the fit gave no finite coefficients; fit fewer terms (terms=) or other cluster times (band=)")
     fit = assemble(
-        found.theta * unit,
-        found.covariance * unit**2,
-        found.limits.scaled(unit),
-        terms,
-        samples / deviation.rate,
-        goodness=found.goodness,
+        found.theta * unit, found.covariance * unit**2, found.limits.scaled(unit), terms, deviation, samples / deviation.rate,
+        goodness=found.goodness, used=used, confidence=confidence, method=method,
         band=(xp.min(xp.where(used, deviation.tau, np.inf)), xp.max(xp.where(used, deviation.tau, 0.0))),
-        left_out=(),
-        warnings=(),
-        deviation=deviation,
-        used=used,
-        confidence=confidence,
-        method=method,
-    )
+    )  # fmt: skip
     if xp is not np:
         return fit
-    return dataclasses.replace(
-        fit,
-        deviation=with_edf(deviation, used, found.edf),
-        left_out=sentences_of_octaves(deviation, used, np.sqrt(found.modelled * unit), automatic),
-        warnings=deviation.warnings + sentences_of_fit(found, cut, holds, deviation, used, fit.verdict, automatic),
+    where, how = "any range of cluster times" if automatic else "the band asked for", f"chance {float(found.goodness):.1g}"
+    warnings = (
+        *deviation.warnings,
+        *_messages.of_misfit(fit, "curve", holds, where, how, float(found.inflation)),
+        *_messages.of_cut(fit, cut, "; its upper limit is what the rest of the curve allows"),
+        *_messages.of_curve(deviation, float(found.step)),
     )
+    left_out = _messages.of_octaves(deviation, used, np.sqrt(found.modelled * unit), automatic)
+    return dataclasses.replace(fit, deviation=with_edf(deviation, used, found.edf), left_out=left_out, warnings=warnings)
+
+
+def with_second_opinion(found: NoiseFit, samples: int) -> NoiseFit:
+    """The fit with the coefficients that generalised least squares finds on the same band, and a warning where they disagree.
+
+    Lines and Gauss-Markov processes are taken from the curve first. In a band that was cut, a tail of slope -1 takes the place of Q.
+    """
+    curve, names = found.deviation, tuple(term for term in found.terms if term != "markov")
+    terms = tuple(found.noise.part(name)[2] for name in names)
+    beside, variance = Noise(markov=found.noise.markov, sinusoid=found.noise.sinusoid), curve.deviation**2
+    if beside.markov or beside.sinusoid:
+        variance = variance - np.asarray(beside.avar(curve.tau, dt=1.0 / curve.rate))
+    kept = found.used & (variance > _LEFT * curve.deviation**2)
+    if kept.sum() <= len(terms) + 1:
+        note = "no second opinion: too few cluster times are left in the band, or lines make up most of the Allan variance"
+        return dataclasses.replace(found, notes=(*found.notes, note))
+    data, kept, unit = curve_of(curve, samples, terms, variance, kept)
+    lanes = alone(data, kept, np.asarray(not found.used[0]))
+    (theta,), _ = estimate(data, lanes, full=True)
+    errors = np.sqrt(np.diagonal(covariance_of(data, lanes, theta, True))) * unit
+    other = noise_of(terms, np.sqrt(theta[: len(terms)] * unit).tolist())
+    said = _messages.of_difference(found, other, dict(zip(names, errors, strict=False)))
+    return dataclasses.replace(found, other=other, warnings=(*found.warnings, *said))

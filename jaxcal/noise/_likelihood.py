@@ -1,21 +1,96 @@
-r"""Whittle likelihood of binned ordinates, on the host and in a trace.
+r"""Whittle likelihood of binned ordinates, on the host and in a trace; and `log_likelihood` of a record under a model.
 
 Ordinates are nearly independent and exponential about the model's density S = X theta, theta the squared coefficients, so
 
 .. math:: \mathrm{NLL}(\theta) = \frac12\sum_b \nu_b\,[\ln S_b + P_b/S_b]
 
 with P_b the mean of nu_b ordinates (P. Whittle, J. R. Stat. Soc. B 15, 1953, on the DCT-II in place of the periodogram). It is
-minimised as the sum of squared deviance residuals (`jaxcal.noise._minimise`); the information is its expected one.
+minimised as half the sum of squares of the deviance residuals of a gamma law,
+
+.. math:: r_b = \sqrt{\nu_b}\,\mathrm{sign}(\rho_b - 1)\sqrt{\rho_b - 1 - \ln\rho_b},\qquad \rho = P/S
+
+which is the negative log-likelihood less that of S = P. The information is the expected one.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 
-from ._minimise import Minima, minimise, namespace
-from ._ordinates import Bins
+from .._errors import DataError
+from .._precision import host_float64, is_traced
+from .._types import AnyArray, Array
+from ..fitting import solve
+from ._lanes import filled, namespace, run
+from ._model import Noise
+from ._ordinates import Bins, bins_of
+from ._terms import BUILT_IN
 
+_TERMS = ("Q", "N", "B", "K")  # whose ordinates are exact; that of others is the density
 _FAINT = 0.01  # share of its even part with which a column begins in one of the starts
+#: rows of the compiled program, which hold the bins of 7 million samples, and coefficients; larger problems take multiples
+_ROWS, _WIDTH = 256, 6
+#: step to go, in standard errors, at which a search for coefficients ends, and one for a likelihood, whose error is the square of it
+FINE, ROUGH = 1.5e-8, 1e-5
+
+
+class Minima(NamedTuple):
+    """Per lane: coefficients (lanes, p), half the sum of squares at the minimum, and whether the solver ended at one."""
+
+    theta: AnyArray
+    cost: AnyArray
+    settled: AnyArray
+
+
+def _deviance(ratio: Array) -> Array:
+    """sign(z) sqrt(z - ln(1 + z)), z = ratio - 1."""
+    z = ratio - 1.0
+    small = jnp.abs(z) < 1e-2
+    # double where: the root has no derivative at zero, where the series takes over
+    far = jnp.where(small, 1.0, z)
+    near = jnp.where(small, z, 0.0)
+    series = 1.0 - near * (2 / 3 - near * (1 / 2 - near * (2 / 5 - near * (1 / 3 - near * (2 / 7 - near / 4)))))
+    return jnp.where(small, near * jnp.sqrt(series / 2.0), jnp.sign(far) * jnp.sqrt(far - jnp.log1p(far)))
+
+
+def _model(theta: Array, data: dict[str, Array]) -> Array:
+    return data["columns"] @ theta + data["base"]
+
+
+def _deviances(theta: Array, data: dict[str, Array]) -> Array:
+    model = _model(theta, data)
+    tiny = jnp.finfo(model.dtype).tiny ** 0.5
+    return data["root"] * _deviance(jnp.maximum(data["target"], tiny) / jnp.maximum(model, tiny))
+
+
+def _minimum(shared: Any, lane: tuple[dict[str, Array], Array, Array]) -> Minima:
+    fit = solve(_deviances, lane[1], lane[0], bounds=(lane[2], np.inf), rtol=shared)
+    return Minima(fit.parameters, fit.cost, fit.usable)
+
+
+def minimise(columns: Any, target: Any, weight: Any, start: Any, *, base: Any = 0.0, rtol: float = FINE) -> Minima:
+    """The minimum of every lane over coefficients that are not negative; differentiable in all but `start`, (lanes, p).
+
+    `columns`, (rows, p) or (lanes, rows, p), are the model per coefficient; one with negative values is that of a nuisance, which may
+    have either sign. Rows of `target`, `weight` and `base`, with or without lanes, take no part where the weight is zero. The model
+    must be positive at the start. A search ends at a step to go of `rtol` standard errors.
+    """
+    xp = namespace(columns, target, weight, start, base)
+    lanes, p = start.shape
+    root = xp.sqrt(weight * xp.ones_like(target))
+    used = root > 0
+    lower = xp.where(xp.any(columns < 0, axis=tuple(range(columns.ndim - 1))), -np.inf, 0.0)
+    data = {"columns": xp.where(used[..., None], columns, 0.0), "base": xp.where(used, base, 1.0), "target": xp.where(used, target, 1.0)}
+    data = {name: xp.broadcast_to(each, (lanes, *each.shape[-1 - (name == "columns") :])) for name, each in (data | {"root": root}).items()}
+    lower = xp.broadcast_to(lower.astype(root.dtype), (lanes, p))
+    if xp is jnp:
+        return run(_minimum, rtol, (data, start, lower), None)
+    tall, wide = (-(-size // unit) * unit for size, unit in ((root.shape[-1], _ROWS), (p, _WIDTH)))
+    ones = ("base", "target")
+    data = {name: filled(each, lanes, tall, *(wide,) * (name == "columns"), value=name in ones) for name, each in data.items()}
+    lane = data, filled(start, lanes, wide), filled(lower, lanes, wide)
+    found = run(_minimum, np.asarray(rtol), lane, Minima(lane[1][0], 0.0, False))
+    return found._replace(theta=found.theta[:, :p])
 
 
 def density(columns: Any, theta: Any) -> Any:
@@ -43,17 +118,59 @@ def flat_start(bins: Bins) -> Any:
 
 
 def several_starts(bins: Bins) -> Any:
-    """(1 + p, p) initial guesses: all columns alike, and each in turn faint, for the likelihood has local minima."""
-    p = bins.columns.shape[1]
-    return flat_start(bins)[None, :] * np.concatenate([np.ones((1, p)), 1.0 - (1.0 - _FAINT) * np.eye(p)]).astype(bins.density.dtype)
+    """(1 + p, p) initial guesses: all columns alike, and each that is there in turn faint, for the likelihood has local minima."""
+    p, flat = bins.columns.shape[1], flat_start(bins)
+    several = np.concatenate([np.ones((1, p)), 1.0 - (1.0 - _FAINT) * np.eye(p)]).astype(bins.density.dtype)
+    return flat[None, :] * (several if namespace(bins) is jnp else several[np.append(True, flat > 0.0)])
 
 
-def lower_of(columns: Any) -> Any:
-    """(p,) bounds: the coefficient of a column of negative sign, which is that of a nuisance, may have either sign."""
-    xp = namespace(columns)
-    return xp.where(xp.any(columns < 0, axis=tuple(range(columns.ndim - 1))), -np.inf, 0.0)
+@host_float64
+def log_likelihood(noise: Noise, y, rate):
+    r"""Whittle log-likelihood of a record under a noise model, up to a constant.
 
+    .. math:: \ell = -\frac12 \sum_b \nu_b\,\Big[\ln S_b + \frac{P_b}{S_b}\Big]
 
-def fit_from(bins: Bins, starts: Any, weights: Any = None) -> Minima:
-    """The minimum reached from each start, (lanes, p); with `weights`, (lanes, bins), each lane has its own."""
-    return minimise(bins.columns, bins.density, bins.weight if weights is None else weights, starts, lower=lower_of(bins.columns))
+    with P_b the mean of nu_b ordinates of the DCT-II of the record and S_b the expected value under the model. It can be
+    differentiated with respect to every coefficient of the model, Gauss-Markov processes included, and with respect to the
+    record; use it in a sampler, or with a prior. The ramp and sinusoids of the model play no part.
+
+    Parameters
+    ----------
+    noise : the model; coefficients in SI, numbers.
+    y : (n,) record in rad/s, m/s^2 or T. NaN marks a gap (not where y is traced).
+    rate : sampling rate in Hz.
+
+    Returns
+    -------
+    Scalar. A difference of 1.92 in favour of one of two models that differ in one coefficient is one of 95 %.
+
+    Raises
+    ------
+    DataError
+        If the record is not (n,), or has no gap-free stretch of 16 samples.
+
+    Examples
+    --------
+    >>> import jaxcal
+    >>> noise = jaxcal.noise.Noise(N=1e-3)
+    >>> record = noise.simulate(10_000, rate=100.0, seed=0)
+    >>> louder = jaxcal.noise.Noise(N=1.1e-3)
+    >>> bool(jaxcal.noise.log_likelihood(noise, record, 100.0) > jaxcal.noise.log_likelihood(louder, record, 100.0))
+    True
+
+    References
+    ----------
+    P. Whittle, J. R. Stat. Soc. B 15, 1953, on the DCT-II in place of the periodogram.
+    """
+    y = y if is_traced(y) else np.asarray(y, dtype=np.float64)
+    if y.ndim != 1:
+        raise DataError(f"y must be (n,), one channel; got shape {y.shape}")
+    dt = 1.0 / float(rate)
+    bins = bins_of(y, dt, tuple(BUILT_IN[term] for term in _TERMS))
+    dtype = jnp.asarray(bins.density).dtype
+    theta = jnp.stack([jnp.asarray(getattr(noise, term), dtype=dtype) ** 2 for term in _TERMS])
+    s = density(bins.columns, theta)
+    for name, coefficient, term in noise.parts:
+        if name not in _TERMS:
+            s = s + jnp.asarray(coefficient, dtype=dtype) ** 2 * jnp.asarray(term.psd(bins.frequency, dt), dtype=dtype)
+    return -0.5 * jnp.sum(bins.weight * (jnp.log(s) + bins.density * bins.unit / s))

@@ -1,16 +1,17 @@
 """Intervals and limits by inversion of a test: where a likelihood ratio, with one coefficient held, reaches a level."""
 
+import functools
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 import scipy.special
 import scipy.stats
 
 from .._types import AnyArray, Float
-from ._minimise import iterate, namespace, some
+from ._lanes import namespace
 
 _SEARCH = 12
 _FAR = 8.0
@@ -18,7 +19,7 @@ _FAR = 8.0
 _CLOSE = 3e-4
 
 
-class Limits(eqx.Module):
+class Limits(NamedTuple):
     """Per term: interval ends, one-sided upper limit (squared coefficients), and the likelihood ratio at zero."""
 
     low: Float[AnyArray, " p"]
@@ -31,6 +32,7 @@ class Limits(eqx.Module):
         return Limits(self.low * unit, self.high * unit, self.upper * unit, self.significance)
 
 
+@functools.cache
 def levels_of(confidence: float) -> tuple[float, float]:
     """Likelihood ratios at the ends of an interval and at a one-sided upper limit."""
     return float(scipy.stats.chi2.ppf(confidence, 1)), float(scipy.stats.norm.ppf(confidence)) ** 2
@@ -47,16 +49,9 @@ def find_limits(ratio: Callable[[Any, Any, Any], tuple[Any, Any]], theta, reach,
 
     The square root of the ratio is nearly linear in the coefficient itself, so its crossing is found by false position (N. Anderson
     and A. Bjoerck, BIT 13, 1973) on these; all searches run together. A low end is 0 where zero cannot be excluded; an end that is
-    not found within 2^11 times `reach` is infinite.
-
-    Parameters
-    ----------
-    ratio : (index, squared coefficient, state), one of each per lane -> likelihood ratio at the best values of all others, and
-        the next state of the lane.
-    theta : (p,) squared coefficients at the optimum.
-    reach : (p,) their standard errors.
-    start : (p, ...) state for the first evaluation of each coefficient.
-    two_sided, one_sided : levels, for all terms or one each.
+    not found within 2^11 times `reach` is infinite. `theta` and `reach`, (p,), are the squared coefficients at the optimum and their
+    standard errors; `ratio` maps (index, squared coefficient, state), one of each per lane, to the ratio at the best values of all
+    others, and the next state, first `start`, (p, ...). Levels are for all terms or one each.
     """
     xp = namespace(theta, reach, start, two_sided, one_sided)
     p = theta.shape[0]
@@ -72,7 +67,12 @@ def find_limits(ratio: Callable[[Any, Any, Any], tuple[Any, Any]], theta, reach,
         inward, outward = (xp.sqrt(xp.maximum(best + sign * 1.1 * level * reach * 2.0**k, 0.0)) for sign in (-0.5, 1.0))
         u = xp.where(found, (a * gb - b * ga) / xp.where(slope > 0, slope, 1.0), xp.where(below, 0.0, outward))
         u = xp.where(below & (k == 1) & (inward > 0.0), inward, u)
-        values, states = some(active, ratio, (values, states), lane, u**2, states)
+        if xp is np:  # on the host only the searches that go on
+            values, states = values.copy(), states.copy()
+            values[active], states[active] = ratio(lane[active], u[active] ** 2, states[active])
+        else:
+            new = ratio(lane, u**2, states)
+            values, states = xp.where(active, new[0], values), xp.where(active[:, None], new[1], states)
         first = k == 0
         zero = (xp.where(first, values[:p], zero[0]), xp.where(first, states[:p], zero[1]))
         # capped, for false position would creep up from a value far away
@@ -95,9 +95,17 @@ def find_limits(ratio: Callable[[Any, Any, Any], tuple[Any, Any]], theta, reach,
 
     # every leaf keeps its type in the loop of a trace
     none, no, states = xp.zeros_like(best), xp.zeros(3 * p, dtype=bool), start[lane]
-    begun = (xp.sqrt(best), -level), (none, none), no, xp.zeros(3 * p, dtype=np.int32), ~no, none, states
-    kept = (none[:p], xp.zeros_like(start)), xp.zeros((), dtype=theta.dtype)
-    ((a, ga), (b, gb), found, _, _, _, _, zero, _) = iterate(lambda state: xp.any(state[4]) & (state[-1] < _SEARCH), body, (*begun, *kept))
+    state = (xp.sqrt(best), -level), (none, none), no, xp.zeros(3 * p, dtype=np.int32), ~no, none, states
+    state = (*state, (none[:p], xp.zeros_like(start)), xp.zeros((), dtype=theta.dtype))
+
+    def going(state):
+        return xp.any(state[4]) & (state[-1] < _SEARCH)
+
+    if xp is jnp:
+        state = jax.lax.while_loop(going, body, state)
+    while xp is np and going(state):
+        state = body(state)
+    (a, ga), (b, gb), found, _, _, _, _, zero, _ = state
     width = xp.where(gb > ga, gb - ga, 1.0)
     end = xp.where(gb > ga, (a * gb - b * ga) / width, b)
     ends = xp.where(found, end**2, np.inf)

@@ -11,7 +11,6 @@ import numpy as np
 from .._errors import DataError
 from .._precision import array_module, host_float64
 from .._types import Any
-from ._simulate import checked_resolution, checked_sampling, samples
 from ._terms import BUILT_IN, Flicker, GaussMarkov, Sinusoid, Term
 
 #: the terms that a coefficient of its own describes, in the order of every table
@@ -244,11 +243,12 @@ class Noise(eqx.Module):
         channels = {np.size(value) for value in jax.tree.leaves(self) if np.ndim(value)}
         if len(channels) > 1:
             raise DataError(f"coefficients are arrays over channels of different lengths: {sorted(channels)}")
-        step = None if resolution is None else checked_resolution(resolution, max(channels, default=1))
-        if channels:
-            x = np.stack([samples(self.channel(i).parts, n, dt, random) for i in range(channels.pop())], axis=1)
-        else:
-            x = samples(self.parts, n, dt, random)
+        step = None if resolution is None else _checked_resolution(resolution, max(channels, default=1))
+
+        def drawn(noise):
+            return sum((float(value) * term.simulate(n, dt, random) for _, value, term in noise.parts if value), np.zeros(n))
+
+        x = np.stack([drawn(self.channel(i)) for i in range(channels.pop())], axis=1) if channels else drawn(self)
         return x if step is None else np.round(x / step) * step
 
     def check(self) -> None:
@@ -315,3 +315,26 @@ def checked_terms(terms: Any) -> tuple[Term, ...]:
     if any(np.ndim(value) for value in jax.tree.leaves(found)):
         raise DataError("the shape parameters of a term that is fitted must be numbers; fit channels with different ones one by one")
     return jax.tree.map(lambda value: float(value) if eqx.is_array_like(value) else value, found)
+
+
+def checked_sampling(n: Any, rate: Any) -> tuple[int, float]:
+    """The number of samples and the sampling interval, once these are in order."""
+    if not (isinstance(n, (int, np.integer)) and n >= 1):
+        raise DataError(f"n must be a positive whole number of samples; got {n!r}")
+    if not (isinstance(rate, (int, float, np.number)) and 0.0 < float(rate) < math.inf):
+        raise DataError(f"rate must be positive and finite, in Hz; got {rate!r}")
+    return int(n), 1.0 / float(rate)
+
+
+def _checked_resolution(resolution: Any, channels: int) -> np.ndarray:
+    """The step of the output, once it is in order."""
+    try:
+        step = np.asarray(resolution, dtype=float)
+    except (TypeError, ValueError):
+        step = np.asarray(math.nan)
+    if not (np.all(np.isfinite(step)) and np.all(step > 0)) or (step.ndim and step.shape != (channels,)):
+        raise DataError(
+            f"resolution must be the positive step of the output, or one for each of the {channels} channel"
+            f"{'s' if channels > 1 else ''}; got {resolution!r}"
+        )
+    return step

@@ -12,34 +12,34 @@ relation exactly: density and columns are averaged alike.
 """
 
 import functools
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.fft
+import scipy.special
 
 from .._errors import DataError
 from .._precision import is_traced
-from .._types import Any, AnyArray
+from .._types import Any, AnyArray, Bool
 from ..spectrum._average import log_groups
 from ._terms import Term
 
-#: bins of every record, so that records of all lengths share one compilation
-BINS = 384
 _SHORTEST = 16  # gap-free samples that a stretch needs to take part
+#: of lines: neighbours to either side; chance of a false one in the whole spectrum, and in one bin beside a line; passes
+_REACH, _CHANCE, _SIDE, _PASSES = 9, 0.01, 1e-4, 4
+#: widest line in bins, with skirts; a wider run is a resonance, or a first fit that is wrong there, unless it exceeds so many times
+#: the level; and neighbours on each side that make a level
+_WIDEST, _TOWERING, _FEWEST = 8, 3.0, 4
 
 
-class Bins(eqx.Module):
+class Bins(NamedTuple):
     """Ordinates averaged in bins of frequency.
 
-    Attributes
-    ----------
-    density : (bins,) mean ordinate, the unit of B squared per Hz, divided by `unit`.
-    weight : (bins,) number of ordinates, their degrees of freedom; 0 for padding.
-    columns : (bins, p) expected mean ordinate per squared coefficient.
-    frequency : (bins,) mean frequency in Hz.
-    unit : what `density` was divided by.
+    density : mean ordinate, the unit of B squared per Hz, divided by `unit`. weight : number of ordinates, their degrees of freedom; 0
+    where left out. columns : (bins, p) expected mean ordinate per squared coefficient. frequency : mean frequency in Hz.
     """
 
     density: AnyArray
@@ -71,18 +71,12 @@ def stretches(y) -> list[slice]:
 
 
 def bins_of(y, dt: float, terms: tuple[Term, ...]) -> Bins:
-    """Bins of a record: of its one stretch, or of all gap-free stretches, each with a basis of its own.
-
-    Parameters
-    ----------
-    y : (n,) samples; NaN marks a gap (not where y is traced).
-    dt : sampling interval in s.
-    terms : the term of each column.
+    """Bins of a record (n,): of its one stretch, or of all gap-free stretches, each with a basis of its own; a column for each term.
 
     Raises
     ------
     DataError
-        If no stretch of 16 samples is free of gaps.
+        If no stretch of 16 samples is free of gaps, NaN.
     """
     if is_traced(y):
         n = y.shape[0]
@@ -90,8 +84,9 @@ def bins_of(y, dt: float, terms: tuple[Term, ...]) -> Bins:
         y = eqx.error_if(y, jnp.any(jnp.isnan(y)), "a traced record must not have gaps; cut it into gap-free stretches before tracing")
         ordinates = dt * jax.scipy.fft.dct(y - jnp.mean(y), norm="ortho")[1:] ** 2
         group = np.repeat(np.arange(len(starts)), count.astype(int))
-        density = jax.ops.segment_sum(ordinates, group, len(starts), indices_are_sorted=True) / count.astype(y.dtype)
-        return _padded(density, count, columns, frequency, jnp)
+        found = jax.ops.segment_sum(ordinates, group, len(starts), indices_are_sorted=True) / count.astype(y.dtype)
+        unit = jax.lax.stop_gradient(jnp.mean(found))
+        return Bins(found / unit, *(np.asarray(array, dtype=found.dtype) for array in (count, columns, frequency)), unit)
     parts = []
     for part in stretches(y):
         x = y[part]
@@ -103,33 +98,83 @@ def bins_of(y, dt: float, terms: tuple[Term, ...]) -> Bins:
             f"no stretch of {_SHORTEST} samples is free of gaps ({int(np.isnan(y).sum())} of {len(y)} samples are missing): a spectrum "
             "needs one; use a method of the Allan variance, such as gls, or mend the recording"
         )
-    if len(parts) > 1:
-        parts = [_merged(parts)]
-    return _padded(*parts[0], np)
+    found, count, columns, frequency = parts[0] if len(parts) == 1 else _merged(parts)
+    unit = np.exp(np.sum(count * np.log(found)) / np.sum(count))
+    return Bins(found / unit, count, columns, frequency, unit)
 
 
 def _merged(parts):
     """Bins of several stretches on the grid of the first: averages weighted by the number of ordinates."""
     grid = parts[0][3]
-    edges = np.sqrt(grid[1:] * grid[:-1])
-    where = np.searchsorted(edges, np.concatenate([part[3] for part in parts]))
-    count = np.bincount(where, np.concatenate([part[1] for part in parts]), len(grid))
+    where = np.searchsorted(np.sqrt(grid[1:] * grid[:-1]), np.concatenate([part[3] for part in parts]))
+    weight = np.concatenate([part[1] for part in parts])
+    count = np.bincount(where, weight, len(grid))
 
     def mean(which):
-        values = np.concatenate([part[which].T * part[1] for part in parts], axis=-1)
-        return np.apply_along_axis(lambda row: np.bincount(where, row, len(grid)), -1, values).T / (count if which != 2 else count[:, None])
+        values = np.concatenate([part[which].reshape(len(part[1]), -1) for part in parts])
+        return np.stack([np.bincount(where, weight * column, len(grid)) for column in values.T], axis=1) / count[:, None]
 
-    return mean(0), count, mean(2), mean(3)
+    return mean(0)[:, 0], count, mean(2), mean(3)[:, 0]
 
 
-def _padded(density, count, columns, frequency, xp) -> Bins:
-    pad = BINS - len(count)
-    unit = xp.exp(xp.sum(count * xp.log(density)) / np.sum(count)) if xp is np else jax.lax.stop_gradient(jnp.mean(density))
-    dtype = density.dtype
-    return Bins(
-        density=xp.pad(density / unit, (0, pad), constant_values=1.0),
-        weight=np.pad(count, (0, pad)).astype(dtype),
-        columns=np.pad(columns, ((0, pad), (0, 0)), constant_values=1.0).astype(dtype),
-        frequency=np.pad(frequency, (0, pad), constant_values=np.inf).astype(dtype),
-        unit=unit,
-    )
+def find_lines(bins: Bins, model) -> Bool[np.ndarray, " bins"]:
+    """Bins that a line occupies.
+
+    The ordinates are divided by a first fit, `model`, which is smooth even where it is wrong. A bin of nu ordinates has nu P/S
+    distributed as chi-square of nu degrees of freedom; S is the geometric mean of the medians of the neighbours on either side,
+    and twice its own uncertainty. A bin counts if its chance is below 1 % shared by all bins; its neighbours count below 1e-4.
+    Several passes, since a line raises the level beside it; then one more bin on each side, for the skirts. A low rise that more
+    than eight bins share is not a line.
+    """
+    weight, density = bins.weight, bins.density / model
+    used = weight > 0
+    number = int(used.sum())
+    taken = np.zeros(len(weight), dtype=bool)
+    offsets = np.array([k for k in range(-_REACH, _REACH + 1) if abs(k) > 1])
+    index = np.arange(len(weight))[:, None] + offsets[None, :]
+    inside = (index >= 0) & (index < len(weight))
+    index = np.clip(index, 0, len(weight) - 1)
+    for _ in range(_PASSES):
+        there = inside & (used & ~taken)[index]
+        # the median of chi-square over nu, Wilson and Hilferty; a median of k values is uncertain by 1.25 sd/sqrt(k)
+        middle = (1.0 - 2.0 / (9.0 * np.maximum(weight, 1.0))) ** 3
+        values = np.where(there, (density / middle)[index], np.nan)
+        sides = [there & (offsets < 0)[None, :], there & (offsets > 0)[None, :]]
+        known = used & np.all([side.sum(axis=1) >= _FEWEST for side in sides], axis=0)
+        level = np.ones(len(weight))
+        # the geometric mean of the two sides does not see a slope
+        level[known] = np.sqrt(np.prod([np.nanmedian(np.where(side, values, np.nan)[known], axis=1) for side in sides], axis=0))
+        share = np.where(there, weight[index], 0.0).sum(axis=1)
+        level *= 1.0 + 2.0 * 1.25 * np.sqrt(2.0 / np.maximum(share, 1.0))
+        chance = scipy.special.gammaincc(weight / 2.0, weight * density / level / 2.0)
+        beside = np.convolve(taken, [1, 1, 1], mode="same") > 0
+        new = known & (chance < np.where(beside, _SIDE, _CHANCE / max(number, 1)))
+        if not (new & ~taken).any():
+            break
+        taken |= new
+    # the skirts of a line are too low to be told one by one
+    taken = used & (np.convolve(taken, [1, 1, 1], mode="same") > 0)
+    for a, b in _runs(taken):
+        taken[a:b] &= b - a <= _WIDEST or np.max(density[a:b] / level[a:b]) > _TOWERING
+    return taken
+
+
+def _runs(taken) -> list[tuple[int, int]]:
+    """First bin, and that after the last, of each run."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], np.asarray(taken, dtype=np.int8), [0]])))
+    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def amplitudes(bins: Bins, taken, model, duration: float) -> list[tuple[float, float]]:
+    """(amplitude, frequency in Hz) of each run of taken bins above the `model` of all bins, strongest first; weights untouched.
+
+    A^2/2 is the power above the model in a record of `duration` in s.
+    """
+    lines = []
+    for a, b in _runs(taken):
+        excess = bins.weight[a:b] * (bins.density[a:b] - model[a:b])
+        power = excess.sum() * float(bins.unit) / duration
+        above = np.maximum(excess, 0.0)
+        if power > 0:
+            lines.append((float(np.sqrt(2.0 * power)), float(np.dot(above, bins.frequency[a:b]) / above.sum())))
+    return sorted(lines, reverse=True)

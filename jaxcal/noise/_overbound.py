@@ -7,10 +7,9 @@ import scipy.optimize
 
 from .._errors import DataError, FitError
 from .._precision import host_float64, is_traced
-from .._types import Any, Float
+from .._types import Float
 from ._model import TERMS, Noise, checked_terms, noise_of
 from ._result import NoiseFit, stacked_noises
-from ._terms import Term
 
 
 def overbound(fit: NoiseFit) -> Noise:
@@ -106,49 +105,42 @@ def overbound_curve(tau, upper, *, terms=("Q", "N", "B", "K"), dt=None, beside=N
     """
     if is_traced(tau, upper):
         raise DataError("overbound_curve solves a linear programme on the host; call it outside of jit, vmap and grad")
-    tau, limit, terms = _checked(tau, upper, terms)
-    beside = Noise() if beside is None else beside
-    if beside.further or any(np.any(np.asarray(getattr(beside, term)) != 0) for term in TERMS):
-        raise DataError("beside is for Gauss-Markov processes and sinusoids; leave its coefficients at zero and name their terms instead")
-    columns = np.stack([np.asarray(term.avar(tau, dt)) for term in terms], axis=1)
-    theta = _least(
-        columns / limit[:, None], 1.0 - np.asarray(beside.avar(tau, dt=dt)) / limit, f"{tau.min():g} s to {tau.max():g} s", terms
-    )
-    found = noise_of(terms, list(np.sqrt(theta)))
-    return dataclasses.replace(found, markov=(*beside.markov, *found.markov), sinusoid=beside.sinusoid)
-
-
-def _least(columns, needed, span: str, terms: tuple[Term, ...]) -> Float[np.ndarray, " p"]:
-    """Theta of least mean of `columns` theta, with `columns` theta >= `needed` and theta >= 0."""
-    open_rows = needed > 0.0
-    if not open_rows.any():
-        return np.zeros(len(terms))
-    # a thousandth of a limit is asked for at the least where anything is, and each column is taken by its largest value: the
-    # columns span many powers of ten, more than the solver keeps
-    needs = columns[open_rows] / np.maximum(needed[open_rows], 1e-3)[:, None]
-    scale = np.max(needs, axis=0)
-    needs = needs / scale
-    theta = np.ones(1)
-    if len(terms) > 1:
-        cost = np.mean(columns, axis=0) / scale
-        found = scipy.optimize.linprog(cost / np.max(cost), A_ub=-needs, b_ub=-np.ones(len(needs)), method="highs")
-        if not found.success:
-            names = " and ".join(term.name for term in terms)
-            raise FitError(
-                f"the linear programme of the overbound failed ({found.message}): {names} cannot follow the limits "
-                f"from {span}; add N or B, or give fewer cluster times"
-            )
-        theta = np.maximum(found.x, 0.0)
-    theta *= (1.0 + 1e-12) / np.min(needs @ theta)  # what the solver allows below the limits is taken back
-    return theta / scale
-
-
-def _checked(tau: Any, upper: Any, terms: Any) -> tuple[Float[np.ndarray, " clusters"], Float[np.ndarray, " clusters"], tuple[Term, ...]]:
-    """Cluster times, squared limits and terms, once they are in order."""
-    tau, upper = np.asarray(tau, dtype=float), np.asarray(upper, dtype=float)
+    tau, upper, terms = np.asarray(tau, dtype=float), np.asarray(upper, dtype=float), checked_terms(terms)
     if tau.ndim != 1 or tau.shape != upper.shape or not len(tau):
         raise DataError(f"tau and upper must be of one length, one value per cluster time; got shapes {tau.shape} and {upper.shape}")
     for name, values in (("tau", tau), ("upper", upper)):
         if not (np.all(np.isfinite(values)) and np.all(values > 0)):
             raise DataError(f"{name} must be positive and finite throughout; leave the other cluster times out")
-    return tau, upper**2, checked_terms(terms)
+    beside = Noise() if beside is None else beside
+    if beside.further or any(np.any(np.asarray(getattr(beside, term)) != 0) for term in TERMS):
+        raise DataError("beside is for Gauss-Markov processes and sinusoids; leave its coefficients at zero and name their terms instead")
+    columns = np.stack([np.asarray(term.avar(tau, dt)) for term in terms], axis=1) / upper[:, None] ** 2
+    try:
+        theta = _least(columns, 1.0 - np.asarray(beside.avar(tau, dt=dt)) / upper**2)
+    except FitError as error:
+        names = " and ".join(term.name for term in terms)
+        raise FitError(
+            f"the linear programme of the overbound failed ({error}): {names} cannot follow the limits from {tau.min():g} s to "
+            f"{tau.max():g} s; add N or B, or give fewer cluster times"
+        ) from None
+    found = noise_of(terms, list(np.sqrt(theta)))
+    return dataclasses.replace(found, markov=(*beside.markov, *found.markov), sinusoid=beside.sinusoid)
+
+
+def _least(columns, needed) -> Float[np.ndarray, " p"]:
+    """Theta of least mean of `columns` theta, with `columns` theta >= `needed` and theta >= 0."""
+    open_rows = needed > 0.0
+    if not open_rows.any():
+        return np.zeros(columns.shape[1])
+    # a thousandth of a limit is asked for at the least where anything is, and each column is taken by its largest value: the
+    # columns span many powers of ten, more than the solver keeps
+    needs = columns[open_rows] / np.maximum(needed[open_rows], 1e-3)[:, None]
+    scale = np.max(needs, axis=0)
+    needs, theta, cost = needs / scale, np.ones(1), np.mean(columns, axis=0) / scale
+    if len(scale) > 1:
+        found = scipy.optimize.linprog(cost / np.max(cost), A_ub=-needs, b_ub=-np.ones(len(needs)), method="highs")
+        if not found.success:
+            raise FitError(found.message)
+        theta = np.maximum(found.x, 0.0)
+    # what the solver allows below the limits is taken back
+    return theta * (1.0 + 1e-12) / np.min(needs @ theta) / scale

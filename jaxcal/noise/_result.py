@@ -1,6 +1,6 @@
-"""`NoiseFit`: noise coefficients with their uncertainty."""
+"""`NoiseFit`: noise coefficients with their uncertainty; and how every estimator makes one from squared coefficients."""
 
-import operator
+import dataclasses
 from typing import Any
 
 import equinox as eqx
@@ -8,11 +8,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._precision import map_ordered
+from .._precision import is_traced, map_ordered
 from .._results import Result, Row
 from .._types import AnyArray
 from ..allan import Deviation
-from ._model import Noise
+from ..allan._uncertainty._edf import interval_factors
+from ._limits import Limits
+from ._model import Noise, noise_of
+from ._terms import Term
 
 
 class NoiseFit(Result):
@@ -103,13 +106,10 @@ class NoiseFit(Result):
         >>> jaxcal.noise.fit(noise, rate=100.0).channel(1).verdict["N"]
         'present'
         """
-        kept = {name: getattr(self, name) for name in ("duration", "terms", "confidence", "method")}
-        numbers = map_ordered(lambda value: value[..., index], {name: getattr(self, name) for name in _NUMBERS})
-        sentences = {name: getattr(self, name)[index] for name in _SENTENCES}
-        verdict = {term: value[index] for term, value in self.verdict.items()}
-        deviation = None if self.deviation is None else self.deviation.channel(index)
-        noises = {name: None if getattr(self, name) is None else getattr(self, name).channel(index) for name in _NOISES}
-        return NoiseFit(verdict=verdict, deviation=deviation, **noises, **numbers, **sentences, **kept)
+        found = map_ordered(lambda value: value[..., index], {name: getattr(self, name) for name in _NUMBERS})
+        found |= {name: getattr(self, name)[index] for name in _SENTENCES}
+        found |= {name: None if (one := getattr(self, name)) is None else one.channel(index) for name in (*_NOISES, "deviation")}
+        return dataclasses.replace(self, verdict={term: value[index] for term, value in self.verdict.items()}, **found)
 
 
 #: of the coefficients, where "unit" is that of the readings
@@ -121,22 +121,15 @@ _NOISES = ("noise", "other", "conservative")
 
 def stacked(fits: list[NoiseFit]) -> NoiseFit:
     """The fits of the channels of one record as one result, channels last."""
-    first = fits[0]
-    names = ("deviation", "lower", "upper", "edf", "count", "alpha", "skipped")
-    deviation = first.deviation
-    if deviation is not None:
-        deviation = Deviation(
-            tau=deviation.tau, m=deviation.m, kind=deviation.kind, rate=deviation.rate, confidence=deviation.confidence,
-            warnings=deviation.warnings, **{name: _joined(*(getattr(fit.deviation, name) for fit in fits)) for name in names},
-        )  # fmt: skip
-
-    return NoiseFit(
-        **{name: stacked_noises([getattr(fit, name) for fit in fits]) for name in _NOISES},
+    first, curves = fits[0], [fit.deviation for fit in fits]
+    names = ("deviation", "lower", "upper", "edf", "count", "alpha", "skipped", "bias")
+    return dataclasses.replace(
+        first,
+        deviation=None if curves[0] is None else dataclasses.replace(curves[0], **{name: _joined(curves, name) for name in names}),
         verdict={term: tuple(fit.verdict[term] for fit in fits) for term in first.verdict},
-        deviation=deviation,
-        **{name: _joined(*(getattr(fit, name) for fit in fits)) for name in _NUMBERS},
+        **{name: stacked_noises([getattr(fit, name) for fit in fits]) for name in _NOISES},
+        **{name: _joined(fits, name) for name in _NUMBERS},
         **{name: tuple(getattr(fit, name) for fit in fits) for name in _SENTENCES},
-        **{name: getattr(first, name) for name in ("duration", "terms", "confidence", "method")},
     )
 
 
@@ -146,18 +139,62 @@ def stacked_noises(found: list[Any]) -> Any:
         return None
     # a channel with fewer lines or processes than another has some of no amplitude
     for name in ("sinusoid", "markov"):
-        most = max(len(getattr(noise, name)) for noise in found)
-        found = [
-            eqx.tree_at(operator.attrgetter(name), noise, (*getattr(noise, name), *((0.0, 1.0),) * (most - len(getattr(noise, name)))))
-            for noise in found
-        ]
-    return _joined(*found)
+        lists = [getattr(noise, name) for noise in found]
+        lists = [(*one, *((0.0, 1.0),) * (max(map(len, lists)) - len(one))) for one in lists]
+        found = [dataclasses.replace(noise, **{name: one}) for noise, one in zip(found, lists, strict=True)]
+    return _joined(found)
 
 
-def _joined(*trees: Any) -> Any:
+def _joined(trees: list[Any], name: str = "") -> Any:
+    """The trees, or what they have by a name, as one with channels last."""
+    trees = [getattr(tree, name) for tree in trees] if name else trees
     xp = jnp if any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(trees)) else np
 
     def stack(*values: Any) -> Any:
         return xp.stack([xp.asarray(value) for value in values], axis=-1) if eqx.is_array_like(values[0]) else values[0]
 
     return map_ordered(stack, *trees)
+
+
+#: rises of the objective above which a term is hinted at, and is present: 5 % and 1 % by chance, for a coefficient that
+#: cannot be negative (S. G. Self and K.-Y. Liang, J. Am. Stat. Assoc. 82, 1987)
+_HINT, _PRESENT = 2.71, 5.41
+
+
+def assemble(theta, spread, limits: Limits | None, terms: tuple[Term, ...], curve: Any, duration: float, *, sinusoid=(), **others):
+    """`NoiseFit` of squared coefficients in the order of `terms`, their covariance and limits, all in SI; and its other fields.
+
+    Without limits the coefficients are all that is known.
+    """
+    traced = is_traced(theta)
+    xp = jnp if traced else np
+    positive = theta > 0.0
+    guarded = xp.where(positive, theta, 1.0)  # keeps the derivative of the root finite where the coefficient is zero
+    value = xp.where(positive, xp.sqrt(guarded), 0.0)
+    tables: dict[str, Any] = {name: {} for name in ("interval", "upper_limit", "verdict", "significance", "longer_record")}
+    if limits is not None:
+        relative, rises = xp.sqrt(xp.diagonal(spread)) / (2.0 * guarded), limits.significance
+        columns = {
+            "interval": list(zip(xp.sqrt(limits.low), xp.sqrt(limits.high), strict=True)),
+            "upper_limit": xp.sqrt(limits.upper),
+            "verdict": [] if traced else ["present" if rise > _PRESENT else "hint" if rise > _HINT else "not detected" for rise in rises],
+            "significance": rises,
+            "longer_record": xp.where(positive, duration * (relative / 0.1) ** 2, xp.inf),
+        }
+        tables = {name: dict(zip([term.name for term in terms], values, strict=False)) for name, values in columns.items()}
+    return NoiseFit(
+        noise=noise_of(terms, list(value), sinusoid),
+        covariance=spread,
+        deviation=curve,
+        duration=duration,
+        terms=tuple(term.name for term in terms),
+        **tables,
+        **({"left_out": (), "warnings": ()} | others),
+    )
+
+
+def with_edf(curve: Deviation, used, edf) -> Deviation:
+    """The deviation with the edf of the fitted model, and the limits that follow, where `used`."""
+    edf = np.where(used, np.maximum(edf, 1.0), curve.edf)
+    low, high = interval_factors(edf, curve.confidence)
+    return dataclasses.replace(curve, edf=edf, lower=curve.deviation * low, upper=curve.deviation * high)

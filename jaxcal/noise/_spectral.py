@@ -4,44 +4,35 @@ r"""Fit of binned ordinates in the band where the model holds, with intervals.
 `fit_bins` decides on the host which bins take part.
 """
 
-import equinox as eqx
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from .._types import Any, AnyArray, Int
-from ._likelihood import density, fit_from, flat_start, information, lower_of, several_starts
+from ._lanes import inverse, namespace
+from ._likelihood import ROUGH, density, flat_start, information, minimise, several_starts
 from ._limits import Limits, chance, find_limits
-from ._minimise import inverse, minimise, namespace
 from ._ordinates import Bins
-from ._terms import Filter
+from ._terms import Filter, GaussMarkov
 
 FILTER = Filter.name
 #: groups of bins whose mean ratio to the model is tested: the first ordinates, then log-spaced
-_FIRST = (0, 4, 12, 24, 48)
-_GROUPS = 40
-#: misfit of the density that does not count against a model, and the chance of a worse deviance at which a band is refused
-_TOLERANCE = 0.01
-_REFUSED = 0.001
-#: chance below which the intervals are widened to the scatter seen
-_WIDENED = 0.01
-#: scatter in units of that of the model above which the model is said not to hold
-_TOO_WIDE = 4.0
-#: upper ends of the band that are tried, half an octave apart, and by how many octaves more the first that passes comes down
-_ENDS = 24
-_OCTAVES = 6  # half octaves below its end against which a band is tested
-_MARGIN = 1.0
+_FIRST, _GROUPS = (0, 4, 12, 24, 48), 40
+#: misfit of the density that does not count against a model, and the chances of a worse deviance at which a band is refused and
+#: below which the intervals are widened to the scatter seen; in units of that of the model, above which it is said not to hold
+_TOLERANCE, _REFUSED, _WIDENED, _TOO_WIDE = 0.01, 0.001, 0.01, 4.0
+#: upper ends of the band that are tried, half an octave apart; half octaves below its end against which a band is tested; by how
+#: many octaves more the first that passes comes down; bins beyond the number of terms that a band needs
+_ENDS, _OCTAVES, _MARGIN, _FEWEST = 24, 6, 1.0, 20
 #: standard errors at which 95 % of records show a coefficient that 1 % show by chance
 _DECIDED = 2.326 + 1.645
-#: bins beyond the number of terms that a band needs
-_FEWEST = 20
+_TRIED = 14  # correlation times of a Gauss-Markov process
 
 
-class Attempt(eqx.Module):
-    """A fit of the bins as they are: cost from `minimise`, whether it settled, its deviance and degrees of freedom.
-
-    `allowed` is the deviance with the tolerated misfit allowed.
-    """
+class Attempt(NamedTuple):
+    """A fit of the bins as they are: its `Minima`, its deviance, also with the tolerated misfit allowed, and degrees of freedom."""
 
     theta: AnyArray
     cost: Any
@@ -51,14 +42,12 @@ class Attempt(eqx.Module):
     freedom: Any
 
 
-class Fitted(eqx.Module):
-    """The best fit in its band.
+class Fitted(NamedTuple):
+    """The best fit of `bins`, which have weight only in the band: coefficients in units of `Bins.unit`, cost, whether it settled.
 
-    theta : squared coefficients in units of `Bins.unit`. cost : half the sum of its squared deviance residuals. settled : whether
-    the search ended at a minimum. bins : the bins, with weight only in the band. cut : whether high frequencies were left out.
-    holds : whether the model holds in the band. goodness : chance of a worse deviance. inflation : variance factor, the deviance
-    over its degrees of freedom where that is needed, else 1. plain : the bins of the band with the terms' columns alone, without
-    `FILTER`, by which Q is judged; alone : their fit, squared coefficients and cost.
+    cut : whether high frequencies were left out. holds : whether the model holds in the band. goodness : chance of a worse deviance.
+    inflation : variance factor, the deviance over its degrees of freedom where that is needed, else 1. plain, alone : the bins of the
+    band with the terms' columns alone, without `FILTER`, by which Q is judged, and their fit.
     """
 
     theta: AnyArray
@@ -70,7 +59,7 @@ class Fitted(eqx.Module):
     goodness: Any
     inflation: Any
     plain: Bins
-    alone: tuple[AnyArray, Any]
+    alone: Attempt
 
 
 def groups_of(weight, ordinates: int) -> Int[np.ndarray, " bins"]:
@@ -82,11 +71,11 @@ def groups_of(weight, ordinates: int) -> Int[np.ndarray, " bins"]:
 def attempt(bins: Bins, group: AnyArray) -> Attempt:
     """The least of the minima reached from several starts, and how well it describes the bins; `group` from `groups_of`."""
     xp = namespace(bins)
-    tried = fit_from(bins, several_starts(jax.lax.stop_gradient(bins) if xp is jnp else bins))
+    tried = minimise(bins.columns, bins.density, bins.weight, several_starts(jax.lax.stop_gradient(bins) if xp is jnp else bins))
     best = xp.argmin(tried.cost)
-    theta = tried.theta[best]
-    strict, freedom = deviance(bins, theta, group, 0.0)
-    return Attempt(theta, tried.cost[best], tried.settled[best], strict, deviance(bins, theta, group, _TOLERANCE)[0], freedom)
+    theta, cost, settled = (leaf[best] for leaf in tried)
+    (strict, freedom), (allowed, _) = (deviance(bins, theta, group, tolerance) for tolerance in (0.0, _TOLERANCE))
+    return Attempt(theta, cost, settled, strict, allowed, freedom)
 
 
 def deviance(bins: Bins, theta, group, tolerance) -> tuple[Any, Any]:
@@ -105,11 +94,11 @@ def deviance(bins: Bins, theta, group, tolerance) -> tuple[Any, Any]:
 def without(bins: Bins, terms: tuple[str, ...], term: str) -> Bins:
     """The bins with the column of a term zero, whose coefficient then is."""
     keep = np.array([name != term for name in terms])
-    return eqx.tree_at(lambda b: b.columns, bins, bins.columns * keep.astype(bins.columns.dtype)[None, :])
+    return bins._replace(columns=bins.columns * keep.astype(bins.columns.dtype)[None, :])
 
 
 def _upto(bins: Bins, end) -> Bins:
-    return eqx.tree_at(lambda b: b.weight, bins, bins.weight * (bins.frequency <= end * (1 + 1e-6)))
+    return bins._replace(weight=bins.weight * (bins.frequency <= end * (1 + 1e-6)))
 
 
 def _search(bins: Bins, group, terms: tuple[str, ...]) -> float:
@@ -118,7 +107,8 @@ def _search(bins: Bins, group, terms: tuple[str, ...]) -> float:
     ends = used.max() * 2.0 ** (-0.5 * np.arange(_ENDS))
     enough = np.sum(used[None, :] <= ends[:, None] * (1 + 1e-6), axis=1) >= len(terms) + _FEWEST
     parts = [_upto(bins, end) for end in ends]
-    found = fit_from(bins, np.stack([flat_start(part) for part in parts]), np.stack([part.weight for part in parts])).theta
+    starts, weights = np.stack([flat_start(part) for part in parts]), np.stack([part.weight for part in parts])
+    found = minimise(bins.columns, bins.density, weights, starts, rtol=ROUGH).theta
     tested = [deviance(part, theta, group, _TOLERANCE) for part, theta in zip(parts, found, strict=True)]
     total, freedom = (np.array(values) for values in zip(*tested, strict=True))
     # what the upper octaves of each band add to the deviance, against the groups that they add
@@ -163,12 +153,10 @@ def fit_whole(bins: Bins, group) -> Fitted:
 
 
 def _judged(found: Attempt, bins: Bins, alone: Attempt, plain: Bins, cut) -> Fitted:
-    xp = namespace(found)
     goodness = chance(found.deviance, found.freedom)
-    inflation = xp.where(goodness < _WIDENED, xp.maximum(found.deviance / found.freedom, 1.0), 1.0)
-    return Fitted(
-        found.theta, found.cost, found.settled, bins, cut, inflation <= _TOO_WIDE, goodness, inflation, plain, (alone.theta, alone.cost)
-    )
+    xp, scatter = namespace(found), found.deviance / found.freedom
+    inflation = xp.where(goodness < _WIDENED, xp.maximum(scatter, 1.0), 1.0)
+    return Fitted(*found[:3], bins, cut, inflation <= _TOO_WIDE, goodness, inflation, plain, alone)
 
 
 def uncertainty(fitted: Fitted, widened: AnyArray, two_sided, one_sided, terms: tuple[str, ...]) -> tuple[AnyArray, Limits, AnyArray]:
@@ -183,7 +171,7 @@ def uncertainty(fitted: Fitted, widened: AnyArray, two_sided, one_sided, terms: 
     covariance = inverse(information(fitted.bins, fitted.theta))
     scale = fitted.inflation * xp.asarray(widened, dtype=fitted.theta.dtype)
     fitted = jax.lax.stop_gradient(fitted) if xp is jnp else fitted
-    bins, plain, theta, (theta_alone, cost_alone) = fitted.bins, fitted.plain, fitted.theta, fitted.alone
+    bins, plain, theta, theta_alone, cost_alone = fitted.bins, fitted.plain, fitted.theta, fitted.alone.theta, fitted.alone.cost
     own = np.flatnonzero([term != FILTER for term in terms])
     named = np.eye(len(terms), dtype=bool)
     terms_alone = np.isin(np.arange(len(terms)), own)[None, :]
@@ -200,7 +188,7 @@ def uncertainty(fitted: Fitted, widened: AnyArray, two_sided, one_sided, terms: 
         first = xp.where(dark & ~here & terms_alone, xp.maximum(state, reach[None, :]), first)
         base = xp.sum(xp.where(here[:, None, :], seen, 0.0), axis=-1) * value
         others = xp.where(here[:, None, :], 0.0, seen)
-        found = minimise(others, bins.density, bins.weight, xp.where(here, 0.0, first), base=base, lower=lower_of(bins.columns))
+        found = minimise(others, bins.density, bins.weight, xp.where(here, 0.0, first), base=base, rtol=ROUGH)
         least = xp.where(without_filter, cost_alone, fitted.cost)
         return 2.0 * (found.cost - least), xp.where(here, value, found.theta)
 
@@ -216,5 +204,23 @@ def uncertainty(fitted: Fitted, widened: AnyArray, two_sided, one_sided, terms: 
 
     upper = xp.maximum(limits.upper, np.finfo(theta.dtype).tiny ** 0.25)
     decides = xp.stack([longer(k, index) for k, index in enumerate(own)])
-    limits = eqx.tree_at(lambda found: found.significance, limits, limits.significance / scale[own])
+    limits = limits._replace(significance=limits.significance / scale[own])
     return covariance * xp.sqrt(scale[:, None] * scale[None, :]), limits, decides
+
+
+def scan(fitted: Fitted, dt: float, duration: float, flicker) -> tuple[AnyArray, AnyArray, AnyArray]:
+    """Twice the gain in likelihood with a Gauss-Markov process beside the others, and in place of B, at correlation times (host only).
+
+    `fitted` is the fit without it, whose columns are B where `flicker`, (p,), is 1. Times are log-spaced from ten samples (0.1 s at
+    100 Hz) to a sixth of the record, 200 s at most. The gain is divided by the variance factor.
+    """
+    time = np.geomspace(10.0 * dt, max(min(duration / 6.0, 2e4 * dt), 20.0 * dt), _TRIED)
+    bins, theta, count = fitted.bins, fitted.theta, _TRIED
+    process = GaussMarkov(time=time[:, None]).psd(bins.frequency, dt)
+    level = np.median((bins.columns @ (flicker * theta))[None, :] / process, axis=1)
+    # beside the other terms, then in place of B, which is left out
+    kept = np.where(np.arange(2 * count)[:, None] < count, 1.0, 1.0 - flicker)
+    columns = np.concatenate([bins.columns * kept[:, None, :], np.tile(process, (2, 1))[:, :, None]], axis=2)
+    start = np.concatenate([theta * kept, np.append(np.zeros(count), level)[:, None]], axis=1)
+    gain = 2.0 * (fitted.cost - minimise(columns, bins.density, bins.weight, start, rtol=ROUGH).cost) / fitted.inflation
+    return time, gain[:count], gain[count:]

@@ -1,4 +1,8 @@
-r"""Whether the slow wandering that shows B and K is as strong in every part of a record.
+r"""What moves a record as a whole: a line in time, its temperature; and whether its noise is as strong in every part.
+
+A regressor with DCT-II d_k, in a record with y_k, both times sqrt(dt), is followed by weighted least squares on the lowest ordinates,
+
+.. math:: r = \frac{\sum d_k y_k/S_k}{\sum d_k^2/S_k},\qquad \mathrm{se}(r) = \Big(\sum d_k^2/S_k\Big)^{-1/2}
 
 The likelihood takes the noise as stationary. What speaks for coefficient theta_j is, up to a constant, the energy
 
@@ -11,14 +15,14 @@ by drawing, for its parts are few and far from normal. B and K share their evide
 its own factor.
 """
 
-import dataclasses
 import functools
+from typing import NamedTuple
 
 import numpy as np
 import scipy.fft
 import scipy.stats
 
-ORDINATES = 512  # most that are looked at
+ORDINATES, _FOLLOWED = 512, 48  # most that are looked at, and of these for a regressor
 _FEWEST = 32
 _ENOUGH = 0.95  # of the information on the coefficient
 PARTS = 8
@@ -28,8 +32,7 @@ _CHANCE = 0.01
 _BLOCKS = 4096
 
 
-@dataclasses.dataclass(frozen=True)
-class Unevenness:
+class Unevenness(NamedTuple):
     """Spread over the parts relative to a stationary record, the chance of a larger one, and the share of the strongest part."""
 
     factor: float
@@ -49,58 +52,68 @@ def _draws(ordinates: int) -> np.ndarray:
     return np.random.default_rng(20260101).standard_normal((_DRAWS, ordinates), dtype=np.float32)
 
 
-def unevenness(y, column, density, dt: float) -> Unevenness:
-    """How unevenly the energy that speaks for a coefficient is spread over eight parts of a gap-free record.
+def _ordinates(x, dt: float) -> np.ndarray:
+    """DCT-II times sqrt(dt), from means over blocks, which keep the lowest ordinates."""
+    size = max(len(x) // _BLOCKS, 1)
+    x = x[: len(x) // size * size].reshape(-1, size).mean(axis=1)
+    return np.sqrt(size * dt) * np.asarray(scipy.fft.dct(x - x.mean(), norm="ortho"))[1:]
 
-    Parameters
-    ----------
-    y : (n,) record.
-    column, density : (ordinates,) expected first ordinates per squared coefficient, and in all, as fitted.
-    dt : sampling interval in s.
+
+def follows(y, regressor, density, dt: float) -> tuple[float, float]:
+    """Coefficient of a regressor in a gap-free record (n,) and its standard error; (0, inf) for a regressor that does not move.
+
+    `density` is that of the noise at the first ordinates.
     """
-    size = max(len(y) // _BLOCKS, 1)  # means over blocks keep the lowest ordinates
-    y = y[: len(y) // size * size].reshape(-1, size).mean(axis=1)
-    count = min(len(density), len(y) - 1)
+    y, d = _ordinates(y, dt)[:_FOLLOWED], _ordinates(regressor, dt)[:_FOLLOWED]
+    count = min(len(density), len(y))
+    information = float(np.sum(d[:count] ** 2 / density[:count]))
+    if not information > 0.0:
+        return 0.0, np.inf
+    return float(np.sum(y[:count] * d[:count] / density[:count])) / information, information**-0.5
+
+
+def _energies(u) -> np.ndarray:
+    """(..., parts) energy of a signal in equal parts over their mean."""
+    energy = np.sum(u[..., : u.shape[-1] // PARTS * PARTS].reshape(*u.shape[:-1], PARTS, -1) ** 2, axis=-1)
+    return energy / np.maximum(energy.mean(axis=-1, keepdims=True), np.finfo(energy.dtype).tiny)
+
+
+def unevenness(y, column, density, dt: float) -> Unevenness:
+    """How unevenly the energy that speaks for a coefficient is spread over eight parts of a gap-free record (n,).
+
+    `column` and `density` are the expected first ordinates per squared coefficient, and in all, as fitted.
+    """
+    ordinates = _ordinates(y, dt)
+    count = min(len(density), len(ordinates))
     share = column[:count] / density[:count]
     needed = int(np.searchsorted(np.cumsum(share**2), _ENOUGH * np.sum(share**2))) + 1
     count = min(max(1 << (needed - 1).bit_length(), _FEWEST), count)
     share = np.sqrt(share[:count] / share[:count].max())
-    ordinates = np.asarray(scipy.fft.dct(y - y.mean(), norm="ortho"))[1 : count + 1] * np.sqrt(
-        size * dt / density[:count]
-    )  # unit variance each
 
     def spread(whitened):
         # u^2 has twice the bandwidth of u
         u = np.asarray(scipy.fft.idct(np.pad(share.astype(whitened.dtype) * whitened, [(0, 0), (1, count - 1)]), norm="ortho"))
-        energy = np.sum(u[:, : 2 * count // PARTS * PARTS].reshape(len(u), PARTS, -1) ** 2, axis=2)
-        energy = energy / np.maximum(energy.mean(axis=1, keepdims=True), np.finfo(energy.dtype).tiny)
+        energy = _energies(u)
         return np.sum((energy - 1.0) ** 2, axis=1), energy
 
-    (found,), energy = spread(ordinates[None, :])
+    (found,), (energy,) = spread((ordinates[:count] / np.sqrt(density[:count]))[None, :])
     drawn = _draws(count)
     by_chance = spread(drawn[:_FIRST])[0]
     if np.sum(by_chance >= found) <= _RARE:  # few of the first: all are needed to tell how few
         by_chance = np.concatenate([by_chance, spread(drawn[_FIRST:])[0]])
-    part = int(np.argmax(energy))
     chance = (1.0 + np.sum(by_chance >= found)) / (1.0 + len(by_chance))
-    return Unevenness(float(found / by_chance.mean()), float(chance), part, float(energy[0, part] / PARTS))
+    return Unevenness(float(found / by_chance.mean()), float(chance), int(np.argmax(energy)), float(energy.max() / PARTS))
 
 
 def unevenness_of_level(y, share, density, dt: float) -> Unevenness:
     """The same for N, for which nearly every ordinate speaks: so many that the law of its parts is the normal one.
 
-    Parameters
-    ----------
-    y : (n,) gap-free record.
-    share, density : (ordinates,) share of N in the fitted density, 0 where an ordinate is left out, and the density.
-    dt : sampling interval in s.
+    `share` is that of N in the fitted density at the first ordinates, 0 where one is left out.
     """
     ordinates = np.asarray(scipy.fft.dct(y - y.mean(), norm="ortho"))[1 : len(density) + 1]
     whitened = ordinates * np.sqrt(dt * share / density)
-    u = np.asarray(scipy.fft.idct(np.concatenate([[0.0], whitened]), norm="ortho"))
-    energy = np.sum(u[: len(u) // PARTS * PARTS].reshape(PARTS, -1) ** 2, axis=1)
-    energy = energy / energy.mean()
+    energy = _energies(np.asarray(scipy.fft.idct(np.concatenate([[0.0], whitened]), norm="ortho")))
     stationary = 2.0 * PARTS * np.sum(share**2) / np.sum(share) ** 2  # variance of one part
     total = np.sum((energy - 1.0) ** 2) / stationary
-    part = int(np.argmax(energy))
-    return Unevenness(total / (PARTS - 1), float(scipy.stats.chi2.sf(total, PARTS - 1)), part, float(energy[part] / PARTS))
+    chance = float(scipy.stats.chi2.sf(total, PARTS - 1))
+    return Unevenness(total / (PARTS - 1), chance, int(np.argmax(energy)), float(energy.max() / PARTS))

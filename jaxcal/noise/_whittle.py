@@ -1,41 +1,35 @@
 """Method "whittle": one channel in, one `NoiseFit` out."""
 
 import dataclasses
+from typing import NamedTuple
 
-import equinox as eqx
 import numpy as np
 
 from .._errors import DataError, FitError
 from .._types import AnyArray
 from ..allan import Deviation
-from ._assemble import assemble, with_edf
+from ..spectrum._average import log_groups
+from . import _messages
 from ._covariance import covariance_tensor
-from ._drift import follows
 from ._likelihood import density
 from ._limits import Limits, levels_of
-from ._lines import amplitudes, find_lines
-from ._markov import PRESENT, Scan, scan, times
-from ._model import noise_of
-from ._ordinates import Bins, bins_of, stretches
-from ._result import NoiseFit
-from ._sentences import sentences_of_octaves, sentences_of_spectrum, sentences_of_unevenness
-from ._spectral import FILTER, Fitted, attempt, fit_bins, fit_whole, groups_of, uncertainty, without
-from ._stationarity import ORDINATES, Unevenness, unevenness, unevenness_of_level
+from ._ordinates import Bins, amplitudes, bins_of, find_lines, stretches
+from ._result import NoiseFit, assemble, with_edf
+from ._spectral import FILTER, Fitted, attempt, fit_bins, fit_whole, groups_of, scan, uncertainty, without
+from ._stationarity import ORDINATES, Unevenness, follows, unevenness, unevenness_of_level
 from ._terms import Filter, GaussMarkov, Ramp, Term
 
-_RAMP, _TEMPERATURE = 3.0, 4.0  # standard errors above which a record follows a line in time, and its temperature
-_ALIKE = 2.0  # likelihood ratio within which flicker and one Gauss-Markov process are alike
 _MOST = 0.8  # share of the record that a stretch must have to stand for it
-_SHORTEST_STRETCH = 256
+_SHORTEST = 256  # samples of a stretch in parts of which coefficients are compared
 
 
-class Solved(eqx.Module):
+class Solved(NamedTuple):
     """A record's bins, which of them lines occupy, and the fit; `columns` are the terms of its columns."""
 
     bins: Bins
     taken: AnyArray
     fitted: Fitted
-    columns: tuple[Term, ...] = eqx.field(static=True)
+    columns: tuple[Term, ...]
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -45,44 +39,42 @@ class Solved(eqx.Module):
     @property
     def end(self) -> float:
         """Highest frequency of the band in Hz, infinite where the band was not cut."""
-        if not bool(self.fitted.cut):
-            return np.inf
-        return float(np.max(np.where(self.fitted.bins.weight > 0, self.fitted.bins.frequency, 0.0)))
-
-    def leading(self, n: int, dt: float):
-        """The columns at the first ordinates of n samples, and their density."""
-        k = np.arange(1, min(ORDINATES, n - 1) + 1)
-        columns = np.stack([term.ordinates(k, n, dt) for term in self.columns], axis=1)
-        return columns, columns @ self.fitted.theta * float(self.bins.unit)
+        bins = self.fitted.bins
+        return float(np.max(np.where(bins.weight > 0, bins.frequency, 0.0))) if bool(self.fitted.cut) else np.inf
 
     def share(self, term: str, n: int, dt: float):
-        """Share of a term in the density at the ordinates of n samples up to the end of the band, 0 in lines; and the density."""
+        """Share of a term in the density at the ordinates of the longest stretch, of n samples, up to the end of the band, 0 in lines.
+
+        And the density.
+        """
         bins, index = self.fitted.bins, self.names.index(term)
-        there = np.asarray(bins.frequency) <= min(self.end, 0.5 / dt)
-        frequency, columns = np.asarray(bins.frequency)[there], np.asarray(bins.columns)[there]
-        model = columns @ np.asarray(self.fitted.theta)
-        part = np.where(np.asarray(bins.weight)[there] > 0, columns[0, index] * float(self.fitted.theta[index]) / model, 0.0)
-        # the bins lie end to end: each goes half way to the next, the last to its own end
-        edges = np.sqrt(frequency[1:] * frequency[:-1]) * 2.0 * n * dt
-        last = int(np.asarray(self.bins.weight)[there][-1] / 2.0 + frequency[-1] * 2.0 * n * dt)
-        counts = np.diff(np.concatenate([[0], np.floor(edges), [min(max(last, 1), n - 1)]])).astype(np.int64)
-        counts = np.maximum(counts, 0)
-        return np.repeat(part, counts), np.repeat(model * float(self.bins.unit), counts)
+        count = log_groups(n - 1, keep_tail=True)[1]  # the bins are those of the longest stretch
+        there = bins.frequency <= min(self.end, 0.5 / dt)
+        model = bins.columns[there] @ self.fitted.theta
+        part = np.where(bins.weight[there] > 0, bins.columns[0, index] * self.fitted.theta[index] / model, 0.0)
+        return np.repeat(part, count[there]), np.repeat(model * self.bins.unit, count[there])
+
+
+class Lowest(NamedTuple):
+    """The longest gap-free stretch of a record, where it is most of it; its first ordinates per squared coefficient, and in all."""
+
+    part: slice
+    columns: AnyArray
+    density: AnyArray
+
+    def follows(self, y, regressor, dt: float) -> tuple[float, float]:
+        """Coefficient of a regressor in the record and its standard error, infinite where it has gaps."""
+        y, regressor = y[self.part], regressor[self.part]
+        return follows(y, regressor, self.density, dt) if np.all(np.isfinite(regressor)) else (0.0, np.inf)
 
 
 def fit_record(
     y, curve: Deviation, terms: tuple[Term, ...], band: tuple[float, float] | None, confidence: float, temperature=None
 ) -> NoiseFit:
-    """Fit one channel by its likelihood.
+    """Fit one channel, (n,) with NaN for gaps, by its likelihood; its overlapped Allan deviation `curve` serves the plot.
 
-    Parameters
-    ----------
-    y : (n,) samples; NaN marks a gap.
-    curve : its overlapped Allan deviation, for the plot and for cluster times left out.
-    terms : the terms; a Gauss-Markov process without correlation time is given that of the highest likelihood.
-    band : cluster times in s to fit, or None to find the band.
-    confidence : level of the intervals.
-    temperature : (n,) or None; whether the record follows it.
+    A Gauss-Markov process without correlation time is given that of the highest likelihood. `band` are cluster times in s, None to
+    find them; whether the record follows a `temperature`, (n,), is told.
     """
     dt, n = 1.0 / curve.rate, len(y)
     asked = tuple(term.name for term in terms)
@@ -93,68 +85,65 @@ def fit_record(
             f"terms {asked!r}: a ramp, and one Gauss-Markov process without correlation time, are fitted beside other terms; add N"
         )
     solved = _solve(y, dt, base, band)
-    slope, error = _follows(y, np.arange(n) * dt, solved, dt)
-    ramp = abs(slope) > _RAMP * error
-    if ramp and ramps:
+    lowest = _lowest(y, solved, dt)
+    line = slope, error = lowest.follows(y, np.arange(n) * dt, dt) if lowest else (0.0, np.inf)
+    if ramps and abs(slope) > _messages.RAMP * error:
         y = y - slope * dt * np.arange(n)
         solved = _solve(y, dt, base, band)
-    warm = (0.0, np.inf) if temperature is None else _follows(y, temperature, solved, dt)
-    tried = scan(solved.fitted, times(dt, n * dt), dt, np.array([float(name == "B") for name in solved.names]))
-    widened = float(solved.fitted.inflation)
-    tried = Scan(tried.time, tried.gain / widened, tried.instead / widened)
-    time = float(tried.time[np.argmax(tried.gain)])
+        lowest = _lowest(y, solved, dt)
+    warm = lowest.follows(y, temperature, dt) if lowest and temperature is not None else (0.0, np.inf)
+    time, beside, instead = scan(solved.fitted, dt, n * dt, np.array([float(name == "B") for name in solved.names]))
     if sought:
-        solved = _solve(y, dt, (*base, GaussMarkov(time=time, name=sought[0].name)), band)
+        solved = _solve(y, dt, (*base, GaussMarkov(time=float(time[np.argmax(beside)]), name=sought[0].name)), band)
         terms = tuple(solved.columns[-2] if term in sought else term for term in terms)
+        lowest = _lowest(y, solved, dt)
     names = solved.names
-    uneven = _uneven(y, solved, dt)
+    uneven = _uneven(y, solved, lowest, dt)
     widened = np.array([max(uneven[name].factor, 1.0) if name in uneven else 1.0 for name in names])
     covariance, limits, factor = uncertainty(solved.fitted, widened, *levels_of(confidence), names)
-    decides = {name: float(factor[names.index(name)]) * n * dt for name in asked if name in names}
-    theta, unit = solved.fitted.theta, float(solved.bins.unit)
-    if not np.all(np.isfinite(theta)):
+    if not np.all(np.isfinite(solved.fitted.theta)):
         raise FitError("the fit gave no finite coefficients; fit fewer terms (terms=) or other cluster times (band=)")
-    theta, covariance, limits = _squares(
-        theta * unit, covariance * unit**2, limits.scaled(unit), names, asked, (slope, error), bool(solved.fitted.cut), confidence
-    )
     lines = amplitudes(solved.bins, solved.taken, density(solved.bins.columns, solved.fitted.theta), n * dt)
-    lines = [line for line in lines if line[1] <= solved.end]
+    lines = [found for found in lines if found[1] <= solved.end]
     used = _used(curve, solved, band)
-    ends = float(curve.tau[used].min()), float(curve.tau[used].max())
-    found = assemble(
-        theta, covariance, limits, terms, n * dt, sinusoid=lines, decides=decides, goodness=float(solved.fitted.goodness),
-        confidence=confidence, method="whittle", deviation=curve, used=used, left_out=(), warnings=(), band=ends,
+    fit = assemble(
+        *_squares(solved, covariance, limits, asked, line, confidence), terms, curve, n * dt, sinusoid=lines, used=used,
+        decides={name: float(factor[names.index(name)]) * n * dt for name in asked if name in names}, confidence=confidence,
+        goodness=float(solved.fitted.goodness), method="whittle", band=(float(curve.tau[used].min()), float(curve.tau[used].max())),
     )  # fmt: skip
-    modelled = np.asarray(found.noise.avar(curve.tau, dt=dt))
-    sentences = [
+    left_out = _messages.of_octaves(curve, used, np.sqrt(np.asarray(fit.noise.avar(curve.tau, dt=dt))), band is None)
+    inflation, notes, process = float(solved.fitted.inflation), (), []
+    if not sought:
+        process, notes = _messages.of_process(time, beside, instead, fit.verdict.get("B"))
+    where, how = "any band" if band is None else "the band asked for", f"the spectrum scatters {inflation:.1f} times as much as it may"
+    unsettled = "the search for the largest likelihood did not converge; fit fewer terms or another band"
+    warnings = (
         *curve.warnings,
-        *_gaps(y, dt),
-        *sentences_of_spectrum(found, solved.fitted, lines, band is None),
-        *_drifts(ramp and not ramps, slope / error, warm[0] / warm[1]),
-        *_beside(tried, bool(sought)),
-        *sentences_of_unevenness(uneven, n * dt),
-    ]
-    notes = _instead(tried, bool(sought), found.verdict.get("B"))
-    curve = with_edf(curve, used, _model_edf(curve, found, modelled, base, n))
-    left_out = sentences_of_octaves(curve, used, np.sqrt(modelled), band is None)
+        *_messages.of_misfit(fit, "spectrum", bool(solved.fitted.holds), where, how, inflation),
+        *(() if bool(solved.fitted.settled) else (unsettled,)),
+        *_messages.of_cut(fit, bool(solved.fitted.cut)),
+        *_messages.of_record(y, dt, lines, 0.0 if ramps else abs(slope / error), abs(warm[0] / warm[1])),
+        *process,
+        *_messages.of_unevenness(uneven, n * dt),
+    )
     if "markov" in asked:
-        found, notes = _apart(found), (*notes, _described(found))
-    return dataclasses.replace(found, deviation=curve, left_out=left_out, warnings=tuple(sentences), notes=notes)
+        # beside the terms proper: `terms` and `covariance` are of these alone
+        kept, notes = [i for i, name in enumerate(asked) if name != "markov"], (*notes, _messages.of_markov(fit))
+        fit = dataclasses.replace(fit, terms=tuple(asked[i] for i in kept), covariance=fit.covariance[np.ix_(kept, kept)])
+    curve = with_edf(curve, used, _model_edf(curve, fit, base, n))
+    return dataclasses.replace(fit, deviation=curve, left_out=left_out, warnings=warnings, notes=notes)
 
 
 def fit_traced(y, rate: float, terms: tuple[Term, ...], band: tuple[float, float] | None, confidence: float) -> NoiseFit:
     """The same for a traced record: no checks, no choice of the band, no lines; differentiable."""
     if any(_is_ramp(term) or _is_sought(term) for term in terms):
         raise DataError("a traced record is fitted without R and markov; these are found by a search, which cannot be traced")
-    names = tuple(term.name for term in terms)
-    bins = _inside(bins_of(y, 1.0 / rate, terms), band)
+    bins, duration = _inside(bins_of(y, 1.0 / rate, terms), band), y.shape[0] / rate
     fitted = fit_whole(bins, groups_of(bins.weight, y.shape[0] - 1))
-    covariance, limits, _ = uncertainty(fitted, np.ones(len(terms)), *levels_of(confidence), names)
-    duration = y.shape[0] / rate
-    ends = (1.0 / rate, duration / 2.0) if band is None else band
+    covariance, limits, _ = uncertainty(fitted, np.ones(len(terms)), *levels_of(confidence), tuple(term.name for term in terms))
     return assemble(
-        fitted.theta * bins.unit, covariance * bins.unit**2, limits.scaled(bins.unit), terms, duration, goodness=fitted.goodness,
-        confidence=confidence, method="whittle", deviation=None, used=None, left_out=(), warnings=(), band=ends,
+        fitted.theta * bins.unit, covariance * bins.unit**2, limits.scaled(bins.unit), terms, None, duration, goodness=fitted.goodness,
+        confidence=confidence, method="whittle", used=None, band=(1.0 / rate, duration / 2.0) if band is None else band,
     )  # fmt: skip
 
 
@@ -163,7 +152,7 @@ def _inside(bins: Bins, band) -> Bins:
     if band is None:
         return bins
     within = (bins.frequency >= 0.5 / band[1] * (1 - 1e-9)) & (bins.frequency <= 0.5 / band[0] * (1 + 1e-9))
-    return eqx.tree_at(lambda b: b.weight, bins, bins.weight * within)
+    return bins._replace(weight=bins.weight * within)
 
 
 def _is_ramp(term: Term) -> bool:
@@ -189,61 +178,54 @@ def _solve(y, dt: float, columns: tuple[Term, ...], band) -> Solved:
     plain = without(bins, names, FILTER)
     first = attempt(plain, group)
     taken = find_lines(bins, density(plain.columns, first.theta))
-    clear = eqx.tree_at(lambda b: b.weight, bins, np.where(taken, 0.0, bins.weight))
+    clear = bins._replace(weight=np.where(taken, 0.0, bins.weight))
     return Solved(bins, taken, fit_bins(clear, group, band is None, names, None if taken.any() else first), columns)
 
 
-def _follows(y, regressor, solved: Solved, dt: float) -> tuple[float, float]:
-    """How the longest gap-free stretch follows a regressor; not told where that is less than most of the record."""
-    longest = _most(y)
-    if longest is None or not np.all(np.isfinite(regressor[longest])):
-        return 0.0, np.inf
-    return follows(y[longest], regressor[longest], solved.leading(longest.stop - longest.start, dt)[1], dt)
+def _lowest(y, solved: Solved, dt: float) -> Lowest | None:
+    part = stretches(y)[0]
+    n = part.stop - part.start
+    if n < _MOST * len(y):
+        return None
+    k = np.arange(1, min(ORDINATES, n - 1) + 1)
+    columns = np.stack([term.ordinates(k, n, dt) for term in solved.columns], axis=1)
+    return Lowest(part, columns, columns @ solved.fitted.theta * solved.bins.unit)
 
 
-def _uneven(y, solved: Solved, dt: float) -> dict[str, Unevenness]:
-    """How uneven in time B and K are, where either is; not looked at where no gap-free stretch is most of the record."""
-    longest = _most(y)
-    if longest is None or longest.stop - longest.start < _SHORTEST_STRETCH:
+def _uneven(y, solved: Solved, lowest: Lowest | None, dt: float) -> dict[str, Unevenness]:
+    """How uneven in time B and K are, where either is, and N; not looked at where no gap-free stretch is most of the record."""
+    if lowest is None or len(y := y[lowest.part]) < _SHORTEST:
         return {}
-    columns, density = solved.leading(longest.stop - longest.start, dt)
     names = solved.names
-    found = {term: unevenness(y[longest], columns[:, names.index(term)], density, dt) for term in ("B", "K") if term in names}
+    found = {term: unevenness(y, lowest.columns[:, names.index(term)], lowest.density, dt) for term in ("B", "K") if term in names}
     found = found if any(term.told for term in found.values()) else {}
-    share, density = solved.share("N", longest.stop - longest.start, dt) if "N" in names else (np.zeros(1), np.ones(1))
-    level = unevenness_of_level(y[longest], share, density, dt) if np.any(share > 0.0) else None
-    return found | ({"N": level} if level is not None and level.told else {})
+    share, level = solved.share("N", len(y), dt) if "N" in names else (np.zeros(1), np.ones(1))
+    if np.any(share > 0.0) and (white := unevenness_of_level(y, share, level, dt)).told:
+        found["N"] = white
+    return found
 
 
-def _most(y) -> slice | None:
-    """The longest gap-free stretch, where it is most of the record."""
-    longest = stretches(y)[0]
-    return longest if longest.stop - longest.start >= _MOST * len(y) else None
+def _squares(solved: Solved, covariance, limits: Limits, asked: tuple[str, ...], line: tuple[float, float], confidence: float):
+    """Squared coefficients in SI in the order of the terms asked for, their covariance and limits.
 
-
-def _squares(theta, covariance, limits: Limits, names, terms, ramp: tuple[float, float], cut: bool, confidence: float):
-    """Squared coefficients in the order of `terms`: with the ramp among them, and Q not estimated where its octaves are left out."""
-    slope, error = ramp
-    p = len(terms)
+    The ramp is among them, from the `line` (slope, error); Q is not estimated where its octaves are left out.
+    """
+    p, names, unit = len(asked), solved.names, float(solved.bins.unit)
     own = [i for i, name in enumerate(names) if name != FILTER]
-    where = [terms.index(names[i]) for i in own]
-    squares, spread = np.zeros(p), np.zeros((p, p))
-    ends = {name: np.zeros(p) for name in ("low", "high", "upper", "significance")}
-    squares[where], spread[np.ix_(where, where)] = theta[own], covariance[np.ix_(own, own)]
-    for name, values in ends.items():
-        values[where] = getattr(limits, name)
-    if "R" in terms:
-        i = terms.index("R")
+    where = [asked.index(names[i]) for i in own]
+    squares, spread, ends = np.zeros(p), np.zeros((p, p)), np.zeros((len(limits), p))
+    squares[where], spread[np.ix_(where, where)] = solved.fitted.theta[own] * unit, covariance[np.ix_(own, own)] * unit**2
+    ends[:, where] = limits.scaled(unit)
+    if "R" in asked:
+        i, (slope, error) = asked.index("R"), line
         squares[i], spread[i, i] = slope**2, (2.0 * slope * error) ** 2
         # a straight line is linear in the record: the slope is normal
         away, (both, one) = abs(slope), (np.sqrt(level) * error for level in levels_of(confidence))
-        ends["low"][i], ends["high"][i], ends["upper"][i] = max(away - both, 0.0) ** 2, (away + both) ** 2, (away + one) ** 2
-        ends["significance"][i] = (slope / error) ** 2
-    if cut and "Q" in terms:
-        i = terms.index("Q")
-        squares[i] = ends["low"][i] = ends["significance"][i] = 0.0
-        spread[i, :] = spread[:, i] = 0.0
-    return squares, spread, Limits(**ends)
+        ends[:, i] = max(away - both, 0.0) ** 2, (away + both) ** 2, (away + one) ** 2, (slope / error) ** 2
+    if "Q" in asked and bool(solved.fitted.cut):
+        i = asked.index("Q")
+        squares[i] = spread[i] = spread[:, i] = ends[[0, 3], i] = 0.0
+    return squares, spread, Limits(*ends)
 
 
 def _used(curve: Deviation, solved: Solved, band) -> np.ndarray:
@@ -256,68 +238,10 @@ def _used(curve: Deviation, solved: Solved, band) -> np.ndarray:
     return used
 
 
-def _model_edf(curve: Deviation, found: NoiseFit, modelled, terms: tuple[Term, ...], n: int):
-    """Degrees of freedom of the curve under the fitted terms; `modelled` is the Allan variance of all of the model."""
-    values = [found.noise.coefficient(term.name) for term in terms]
-    squares = np.array([float(np.asarray(value)) ** 2 for value in values])
-    tensor = np.diagonal(covariance_tensor(n, tuple(int(m) for m in curve.m), 1.0 / curve.rate, terms), axis1=2, axis2=3)
+def _model_edf(curve: Deviation, fit: NoiseFit, terms: tuple[Term, ...], n: int):
+    """Degrees of freedom of the curve under the fitted terms."""
+    dt, squares = 1.0 / curve.rate, np.array([float(np.asarray(fit.noise.coefficient(term.name))) ** 2 for term in terms])
+    tensor = np.diagonal(covariance_tensor(n, tuple(int(m) for m in curve.m), dt, terms), axis1=2, axis2=3)
     variance = np.einsum("i,ijm,j->m", squares, tensor, squares)
-    if found.noise.markov or found.noise.sinusoid or "R" in found.terms:
-        modelled = np.asarray(noise_of(terms, values).avar(curve.tau, dt=1.0 / curve.rate))
+    modelled = squares @ np.stack([np.asarray(term.avar(curve.tau, dt)) for term in terms])
     return 2.0 * modelled**2 / np.where(variance > 0.0, variance, np.inf)
-
-
-def _gaps(y, dt: float) -> list[str]:
-    parts = [part.stop - part.start for part in stretches(y)]
-    lost = 1.0 - sum(parts) / len(y)
-    if lost <= 0.0:
-        return []
-    return [
-        f"gaps: {100 * lost:.2g} % of the record is missing or in stretches too short to use; {len(parts)} stretches are left, and nothing "
-        f"slower than the longest of them, {max(parts) * dt:.3g} s, is seen"
-    ]
-
-
-def _apart(found: NoiseFit) -> NoiseFit:
-    """The fit with the process beside the terms proper: `terms` and `covariance` are of these alone."""
-    kept = [i for i, term in enumerate(found.terms) if term != "markov"]
-    return dataclasses.replace(found, terms=tuple(found.terms[i] for i in kept), covariance=found.covariance[np.ix_(kept, kept)])
-
-
-def _described(found: NoiseFit) -> str:
-    """A sentence on the Gauss-Markov process."""
-    ((strength, time),) = found.noise.markov
-    sigma = float(np.asarray(strength)) * np.sqrt(time / 2.0)
-    return f"Gauss-Markov process of correlation time {time:.2g} s: {found.verdict['markov']}, standard deviation {sigma:.3g} (SI units)"
-
-
-def _drifts(ramp: bool, slope: float, warm: float) -> list[str]:
-    said = []
-    if ramp:
-        said.append(
-            f"the record follows a straight line ({abs(slope):.1f} standard errors): B and K take part of it; add R to the terms, or "
-            "remove its cause"
-        )
-    if abs(warm) > _TEMPERATURE:
-        said.append(
-            f"the record follows its temperature ({abs(warm):.1f} standard errors): correct the bias for temperature first, for B and K "
-            "take part of it"
-        )
-    return said
-
-
-def _beside(tried: Scan, fitted: bool) -> list[str]:
-    best = int(np.argmax(tried.gain))
-    if fitted or not tried.gain[best] > PRESENT:
-        return []
-    return [
-        f"a Gauss-Markov process of correlation time about {tried.time[best]:.2g} s beside the other terms explains the spectrum better "
-        f"(likelihood ratio {tried.gain[best]:.1f}): B and K take part of it; add markov to the terms"
-    ]
-
-
-def _instead(tried: Scan, fitted: bool, flicker: str | None) -> tuple[str, ...]:
-    best = int(np.argmax(tried.instead))
-    if fitted or flicker != "present" or tried.gain.max() > PRESENT or not tried.instead[best] > -_ALIKE:
-        return ()
-    return (f"B or one Gauss-Markov process of correlation time about {tried.time[best]:.2g} s: this record cannot tell them apart",)

@@ -11,7 +11,7 @@ import pytest
 from jaxcal import DataError
 from jaxcal.allan import deviation
 from jaxcal.noise import Noise, allan_covariance
-from jaxcal.noise._methods import CURVES, clusters
+from jaxcal.noise._fit import CURVES, clusters
 
 RATE, DT = 100.0, 0.01
 TERMS = ("Q", "N", "B", "K")

@@ -7,7 +7,7 @@ import pytest
 import scipy.fft
 
 from jaxcal.noise import GaussMarkov, Noise
-from jaxcal.noise._ordinates import BINS, bins_of, stretches
+from jaxcal.noise._ordinates import bins_of, stretches
 
 DT = 0.02
 NAMES = ("Q", "N", "B", "K")
@@ -53,7 +53,6 @@ def test_bins_average_ordinates_and_count_them():
     y = Noise(N=1.0, K=0.3).simulate(5000, 1.0 / DT, seed=0)
     bins = bins_of(y, DT, TERMS)
     ordinates = DT * scipy.fft.dct(y - y.mean(), norm="ortho")[1:] ** 2
-    assert bins.weight.shape == (BINS,)
     assert bins.weight.sum() == 4999
     np.testing.assert_allclose((bins.density * bins.unit)[:48], ordinates[:48])
     np.testing.assert_allclose(np.sum(bins.density * bins.weight) * bins.unit, ordinates.sum())

@@ -6,8 +6,8 @@ import scipy.stats
 
 import jaxcal
 from jaxcal.noise import Noise, allan_covariance
-from jaxcal.noise._joint import curve_of
-from jaxcal.noise._skewness import as_normal, response, skewness
+from jaxcal.noise._allanfit import as_normal, response, skewness
+from jaxcal.noise._curve import curve_of
 
 TERMS = ("Q", "N", "B", "K")
 OBJECTS = tuple(Noise().part(term)[2] for term in TERMS)

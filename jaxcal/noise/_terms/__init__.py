@@ -5,13 +5,10 @@ density (`_numeric`). Nothing outside of this folder compares names of terms to 
 """
 
 from ._base import Block as Block, Term as Term
+from ._deterministic import Ramp as Ramp, Sinusoid as Sinusoid
 from ._flicker import Flicker as Flicker
 from ._markov import GaussMarkov as GaussMarkov
-from ._quantisation import Filter as Filter, Quantisation as Quantisation
-from ._ramp import Ramp as Ramp
-from ._sinusoid import Sinusoid as Sinusoid
-from ._walk import RandomWalk as RandomWalk
-from ._white import White as White
+from ._power_law import Filter as Filter, Quantisation as Quantisation, RandomWalk as RandomWalk, White as White
 
 #: the terms that have a letter, in the order of every table
 BUILT_IN: dict[str, Term] = {term.name: term for term in (Quantisation(), White(), Flicker(), RandomWalk(), Ramp())}

@@ -27,8 +27,7 @@ import scipy.special
 from ..._precision import array_module
 from . import _numeric
 from ._base import Term
-from ._walk import angular
-from ._white import outer_difference
+from ._power_law import angular, outer_difference
 
 #: the u up to which flicker with a cut-off is integrated from zero (its integrand has no cancellation there); beyond it, what
 #: lies above the cut-off is taken from the whole. Nodes and weights on (0, 1) and for exp(-y): both good to 1e-14 there

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..._precision import array_module
 from ._base import Block, Term
-from ._walk import RandomWalk, angular
+from ._power_law import RandomWalk, angular
 
 #: tau/Tc below which the closed form loses its digits to cancellation and that of a random walk is exact to 1e-5
 _SHORT = 2e-5

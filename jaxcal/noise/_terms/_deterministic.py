@@ -1,4 +1,4 @@
-"""A spectral line."""
+"""R, a ramp, and a spectral line: what is not random but for its size or phase, and has no density."""
 
 import math
 from typing import Any, ClassVar
@@ -9,7 +9,40 @@ from ..._precision import array_module
 from ._base import Block, Term
 
 
-class Sinusoid(Term):
+class _NoDensity(Term):
+    """A term that contributes nothing to the density."""
+
+    def psd(self, f, dt=None):
+        """Nothing."""
+        return array_module(f, dt).zeros_like(f)
+
+
+class Ramp(_NoDensity):
+    """A straight line in time, of no density."""
+
+    name: ClassVar[str] = "R"
+
+    def avar(self, tau, dt=None):
+        """tau^2/2."""
+        return tau**2 / 2.0
+
+    def lagged(self, h, small, large, dt):
+        """Product of the second differences of two parabolas; a ramp only multiplies the noise of other terms."""
+        return np.full_like(h, dt**2 * small * large / 2.0)
+
+    def simulate(self, n, dt, random):
+        """T."""
+        return dt * np.arange(n)
+
+    def states(self, dt):
+        """The line and its slope, which varies from record to record."""
+        return Block(
+            names=("ramp", "slope"), transition=[[1.0, dt], [0.0, 1.0]], process=np.zeros((2, 2)), output=[1.0, 0.0],
+            initial=[[0.0, 0.0], [0.0, 1.0]],
+        )  # fmt: skip
+
+
+class Sinusoid(_NoDensity):
     """A sinusoid of random phase; a line, and so not part of the density.
 
     Attributes
@@ -19,10 +52,6 @@ class Sinusoid(Term):
 
     frequency: Any
     name: ClassVar[str] = "sinusoid"
-
-    def psd(self, f, dt=None):
-        """Nothing."""
-        return array_module(f, dt).zeros_like(f)
 
     def avar(self, tau, dt=None):
         """[sin^2(a)/a]^2, a = pi f0 tau; for samples sin^4(a)/(m sin(a/m))^2."""

@@ -1,0 +1,69 @@
+"""Fits side by side: lanes of one compiled program on the host, one after another in a trace.
+
+Attempts, bands, correlation times and profiles are small problems of one shape. On the host a batch of them is filled up to a fixed
+number, so that one compilation serves every fit; the loops around are NumPy. In a trace the same functions run in `jax.numpy`.
+"""
+
+from collections.abc import Callable
+from functools import partial
+from types import ModuleType
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+
+from .._compile import jit
+
+_LANES = 16
+
+
+def namespace(*trees: Any) -> ModuleType:
+    """`jax.numpy` where a leaf is traced, otherwise `numpy`: cheaper than `array_module`, which also asks for a trace in progress."""
+    return jnp if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(trees)) else np
+
+
+@partial(jit, static_argnums=0)
+def _first(one: Callable[..., Any], shared: Any, lanes: Any, count: Any, found: Any) -> Any:
+    """The first `count` of the lanes, put into `found`; the others cost nothing."""
+
+    def body(k, found):
+        new = one(shared, jax.tree.map(lambda leaf: leaf[k], lanes))
+        return jax.tree.map(lambda all_, value: all_.at[k].set(value), found, new)
+
+    return jax.lax.fori_loop(0, count, body, found)
+
+
+def filled(array: Any, *shape: int, at: Any = 0, value: Any = 0) -> np.ndarray:
+    """The array at the index `at` (0 for its start) of one of this shape, which holds `value` elsewhere; ten times as fast as `np.pad`."""
+    found = np.full(shape, value, dtype=array.dtype)
+    where = at if isinstance(at, tuple) else (at,) * array.ndim
+    found[tuple(slice(first, first + size) for first, size in zip(where, array.shape, strict=True))] = array
+    return found
+
+
+def run(one: Callable[..., Any], shared: Any, lanes: Any, like: Any) -> Any:
+    """`one(shared, lane)` of every lane; lanes are the first axis of `lanes` and of the result, whose lanes look `like` this."""
+    if namespace(shared, lanes) is jnp:
+        # one at a time: a branch on data would become a choice between both under vmap, with the derivatives of both, and
+        # batches of LAPACK calls in one program have hung on CPUs
+        return jax.lax.map(partial(one, shared), lanes)
+    total, parts = len(jax.tree.leaves(lanes)[0]), []
+    none = jax.tree.map(lambda leaf: np.zeros((_LANES, *np.shape(leaf)), np.result_type(leaf)), like)
+    for k in range(0, total, _LANES):
+        count = min(total - k, _LANES)
+        part = jax.tree.map(lambda leaf: filled(leaf[k : k + count], _LANES, *leaf.shape[1:]), lanes)  # noqa: B023
+        found = _first(one, shared, part, np.asarray(count), none)
+        parts.append(jax.tree.map(lambda leaf: np.asarray(leaf)[:count], found))  # noqa: B023
+    return jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
+
+
+def inverse(matrix: Any) -> Any:
+    """Inverse of a positive semidefinite (p, p) matrix whose rows differ by many powers of ten; rows of zeros stay zero."""
+    xp = namespace(matrix)
+    diagonal = xp.diagonal(matrix)
+    there = diagonal > 0.0
+    scale = xp.sqrt(xp.where(there, diagonal, 1.0))
+    unit = matrix / scale[:, None] / scale[None, :] + xp.diag(xp.where(there, 0.0, 1.0))
+    return xp.where(there[:, None] & there[None, :], xp.linalg.inv(unit) / scale[:, None] / scale[None, :], 0.0)

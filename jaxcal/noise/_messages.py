@@ -1,0 +1,154 @@
+"""What a fit tells its reader: octaves left out, warnings and notes."""
+
+import numpy as np
+
+from ..allan import Deviation
+from ._model import Noise
+from ._ordinates import stretches
+from ._result import NoiseFit
+from ._stationarity import PARTS, Unevenness
+
+#: standard errors above which a record follows a line in time, and its temperature
+RAMP, _TEMPERATURE = 3.0, 4.0
+#: likelihood ratio that a Gauss-Markov process beside the others reaches by chance in 1 % of records (14 correlation times are
+#: tried), and within which flicker and one such process are alike
+_PROCESS, _ALIKE = 9.0, 2.0
+#: standard deviations by which two estimates may be apart
+_APART = 3.0
+
+
+def of_octaves(curve: Deviation, used, modelled, automatic: bool) -> tuple[str, ...]:
+    """One sentence for each octave of cluster time that the fit leaves out, with how far the curve is from the model there."""
+    octave = np.floor(np.log2(curve.m)).astype(int)
+    ratio = curve.deviation / np.where(modelled > 0.0, modelled, 1.0)
+    reason = "the model does not hold there" if automatic else "outside of the band asked for"
+    said = []
+    for number in np.unique(octave[~used]):
+        these = ratio[(octave == number) & ~used]
+        worst = these[np.argmax(np.abs(np.log(np.maximum(these, 1e-300))))]
+        low, high = 2**number / curve.rate, 2 ** (number + 1) / curve.rate
+        said.append(f"{low:.3g} to {high:.3g} s: {reason} (measured deviation {worst:.2f} times the model's)")
+    return tuple(said)
+
+
+def of_misfit(fit: NoiseFit, what: str, holds: bool, where: str, how: str, inflation: float) -> list[str]:
+    """Warnings where the model does not describe the spectrum or the curve."""
+    if not holds:
+        return [
+            f"the noise model does not hold in {where} ({how}): the coefficients describe the {what} roughly, and the intervals are not to "
+            "be relied on; look at the plot for vibration, temperature drift or steps"
+        ]
+    if not inflation > 1.0:
+        return []
+    return [
+        f"the {what} departs from the model slightly, but by more than its noise allows (chance {float(fit.goodness):.1g}): the intervals "
+        f"are widened {np.sqrt(inflation):.1f} times"
+    ]
+
+
+def of_cut(fit: NoiseFit, cut: bool, limit: str = "") -> list[str]:
+    """Warnings about terms that a band without short cluster times does not show."""
+    said, shortest = [], f"{float(fit.band[0]):.3g} s"
+    if cut and "Q" in fit.terms:
+        said.append(f"Q was not fitted: it shows at cluster times below the {shortest} from which the fit starts{limit}")
+    if cut and fit.verdict.get("N") == "not detected":
+        said.append(f"N cannot be told from the other terms in the cluster times that are left, {shortest} and longer")
+    return said
+
+
+def of_curve(curve: Deviation, change: float) -> list[str]:
+    """Warnings about the fit of a curve; `change` is the last one of the weights."""
+    said = []
+    if change > 1e-4:
+        said.append(f"the weights of the fit have not settled (last change {change:.1g}); fit fewer terms or another band")
+    lost = np.max(curve.skipped / (curve.skipped + curve.count))
+    if lost > 0.0:
+        said.append(
+            f"gaps: up to {100 * lost:.2g} % of the differences at a cluster time touch a missing sample and were left out; the intervals "
+            "allow for it"
+        )
+    return said
+
+
+def of_record(y, dt: float, lines: list[tuple[float, float]], slope: float, warm: float) -> list[str]:
+    """Warnings about missing samples, spectral lines, and a line in time or the temperature, followed by so many standard errors."""
+    said, parts = [], [part.stop - part.start for part in stretches(y)]
+    lost = 1.0 - sum(parts) / len(y)
+    if lost > 0.0:
+        said.append(
+            f"gaps: {100 * lost:.2g} % of the record is missing or in stretches too short to use; {len(parts)} stretches are left, and "
+            f"nothing slower than the longest of them, {max(parts) * dt:.3g} s, is seen"
+        )
+    if lines:
+        shown = ", ".join(f"{frequency:.3g}" for _, frequency in lines[:6]) + (" and others" if len(lines) > 6 else "")
+        said.append(f"spectral line{'s' if len(lines) > 1 else ''} at {shown} Hz: left out of the fit, and part of the model as sinusoids")
+    if slope > RAMP:
+        said.append(
+            f"the record follows a straight line ({slope:.1f} standard errors): B and K take part of it; add R to the terms, or "
+            "remove its cause"
+        )
+    if warm > _TEMPERATURE:
+        said.append(
+            f"the record follows its temperature ({warm:.1f} standard errors): correct the bias for temperature first, for B and K "
+            "take part of it"
+        )
+    return said
+
+
+def of_process(time, beside, instead, flicker: str | None) -> tuple[list[str], tuple[str, ...]]:
+    """A warning or a note on a Gauss-Markov process that was not fitted, from the likelihood ratios at the correlation times."""
+    best, alike = int(np.argmax(beside)), int(np.argmax(instead))
+    if beside[best] > _PROCESS:
+        return [
+            f"a Gauss-Markov process of correlation time about {time[best]:.2g} s beside the other terms explains the spectrum better "
+            f"(likelihood ratio {beside[best]:.1f}): B and K take part of it; add markov to the terms"
+        ], ()
+    if flicker != "present" or not instead[alike] > -_ALIKE:
+        return [], ()
+    return [], (f"B or one Gauss-Markov process of correlation time about {time[alike]:.2g} s: this record cannot tell them apart",)
+
+
+def of_markov(fit: NoiseFit) -> str:
+    """A note on the process that was fitted."""
+    ((strength, time),) = fit.noise.markov
+    sigma = float(np.asarray(strength)) * np.sqrt(time / 2.0)
+    return f"Gauss-Markov process of correlation time {time:.2g} s: {fit.verdict['markov']}, standard deviation {sigma:.3g} (SI units)"
+
+
+def of_unevenness(uneven: dict[str, Unevenness], duration: float) -> list[str]:
+    """Warnings where the evidence for a coefficient comes from some parts of the record more than from others."""
+    said = []
+    for what, terms in (("slow wandering", "BK"), ("white noise", "N")):
+        found = {term: uneven[term] for term in terms if term in uneven}
+        if not found:
+            continue
+        worst = min(found.values(), key=lambda one: one.chance)
+        wider = " and ".join(f"{term} {np.sqrt(max(one.factor, 1.0)):.1f} times" for term, one in found.items())
+        start, stop = (duration * edge / PARTS for edge in (worst.part, worst.part + 1))
+        said.append(
+            f"the {what} is uneven in time (chance {worst.chance:.1g}): {100 * worst.share:.3g} % of it falls between {start:.4g} and "
+            f"{stop:.4g} s, an eighth of the record; the intervals of {wider} wider for it; look there for a knock, a draught or warming up"
+        )
+    return said
+
+
+def of_difference(fit: NoiseFit, other: Noise, errors: dict[str, float]) -> list[str]:
+    """Warnings where generalised least squares sees a term differently; `errors` are those of its squared coefficients there.
+
+    Two efficient estimators of one record differ by less than their standard deviations. The difference of the squared
+    coefficients is compared with the larger of the two; terms that the fit does not detect or did not estimate are left out.
+    """
+    said = []
+    for term, error in errors.items():
+        index = fit.terms.index(term)
+        own = float(np.sqrt(fit.covariance[index, index]))
+        if fit.verdict[term] == "not detected" or own <= 0.0:
+            continue
+        first, second = (float(np.asarray(noise.coefficient(term))) for noise in (fit.noise, other))
+        apart = abs(first**2 - second**2) / max(own, error)
+        if apart > _APART:
+            said.append(
+                f"{term} is {first:.3g} by method {fit.method} and {second:.3g} by generalised least squares (SI units), {apart:.1f} "
+                "standard deviations apart: the noise model does not describe this record, or the data were filtered; look at the plot"
+            )
+    return said

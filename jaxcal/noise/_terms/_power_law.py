@@ -1,0 +1,130 @@
+"""Q, N and K: terms whose density is a power of the frequency, and what a filter takes from white noise."""
+
+import math
+from typing import ClassVar
+
+import numpy as np
+
+from ..._precision import array_module
+from ._base import Block, Term
+
+
+def angular(f, dt=None):
+    """2 pi f, which for samples is (2/dt) sin(pi f dt)."""
+    return 2.0 * math.pi * f if dt is None else 2.0 / dt * array_module(f, dt).sin(math.pi * f * dt)
+
+
+def outer_difference(inner, h, small, large):
+    """`Term.lagged` from the second difference with step `small` of the generalised covariance of phase, a function of the lag."""
+    centre = h - small
+    return (inner(centre) - 2.0 * inner(centre + large) + inner(centre + 2 * large)) / (2.0 * small * large)
+
+
+class Quantisation(Term):
+    """Quantisation noise, the derivative of white noise: density dt omega^2, omega = (2/dt) sin(pi f dt). It needs dt."""
+
+    name: ClassVar[str] = "Q"
+
+    def psd(self, f, dt=None):
+        """Dt omega^2; nothing without dt."""
+        return array_module(f, dt).zeros_like(f) if dt is None else dt * angular(f, dt) ** 2
+
+    def avar(self, tau, dt=None):
+        """3/tau^2."""
+        return 3.0 / tau**2
+
+    def ordinates(self, k, n, dt):
+        """(s^2 + (4/n) cos^2(a/2))/dt, a = pi k/n: the second part leaks from high frequencies."""
+        half = np.pi * np.asarray(k) / n / 2.0
+        return ((2.0 * np.sin(half)) ** 2 + 4.0 / n * np.cos(half) ** 2) / dt
+
+    def lagged(self, h, small, large, dt):
+        """From G = 1/dt^2 at lag 0: lives where a cluster ends on another's end."""
+        return outer_difference(lambda x: (np.abs(x) == small) - 2.0 * (x == 0.0), h, small, large) / dt**2
+
+    def simulate(self, n, dt, random):
+        """Differences of white noise."""
+        return np.diff(random.standard_normal(n + 1)) / dt
+
+    def states(self, dt):
+        """The rounding errors of the integrated output after and before the sample."""
+        return Block(
+            names=("next", "last"), transition=[[0.0, 0.0], [1.0, 0.0]], process=[[1.0, 0.0], [0.0, 0.0]],
+            output=[1.0 / dt, -1.0 / dt], initial=np.eye(2),
+        )  # fmt: skip
+
+
+class Filter(Quantisation):
+    """What a low-pass takes from white noise well below its corner: exactly -1 times Q, so that never both are in a solution."""
+
+    name: ClassVar[str] = "filter"
+
+    def ordinates(self, k, n, dt):
+        """-1 times that of Q."""
+        return -super().ordinates(k, n, dt)
+
+
+class White(Term):
+    """Angle or velocity random walk, density 1."""
+
+    name: ClassVar[str] = "N"
+
+    def psd(self, f, dt=None):
+        """1."""
+        return array_module(f, dt).ones_like(f)
+
+    def avar(self, tau, dt=None):
+        """1/tau."""
+        return 1.0 / tau
+
+    def ordinates(self, k, n, dt):
+        """1."""
+        return np.ones(len(k))
+
+    def lagged(self, h, small, large, dt):
+        """From G = -|h|/(2 dt): the second difference of -|x|/2 with step m is -max(m - |x|, 0)."""
+        return outer_difference(lambda x: -np.maximum(small - np.abs(x), 0.0), h, small, large) / dt
+
+    def simulate(self, n, dt, random):
+        """Independent samples."""
+        return random.standard_normal(n) / math.sqrt(dt)
+
+    def states(self, dt):
+        """No state: white noise of variance 1/dt."""
+        return Block(white=1.0 / dt)
+
+
+class RandomWalk(Term):
+    """Rate random walk, density 1/(2 pi f)^2; for samples 2 pi f becomes (2/dt) sin(pi f dt)."""
+
+    name: ClassVar[str] = "K"
+
+    def psd(self, f, dt=None):
+        """1/omega^2."""
+        return 1.0 / angular(f, dt) ** 2
+
+    def avar(self, tau, dt=None):
+        """tau/3, for samples times 1 + 1/(2 m^2)."""
+        return tau / 3.0 if dt is None else tau / 3.0 * (1.0 + 0.5 / (tau / dt) ** 2)
+
+    def ordinates(self, k, n, dt):
+        """dt^2/s^2, exactly."""
+        return (dt / (2.0 * np.sin(np.pi * np.asarray(k) / n / 2.0))) ** 2
+
+    def lagged(self, h, small, large, dt):
+        """From G = dt (|h|^3 - |h|)/12."""
+
+        def inner(x):
+            x = np.abs(x)
+            cubic = np.where(x >= small, 6.0 * small**2 * x, 2.0 * small**3 + 6.0 * small * x**2 - 2.0 * x**3)
+            return (cubic - 2.0 * np.maximum(small - x, 0.0)) / 12.0
+
+        return outer_difference(inner, h, small, large) * dt
+
+    def simulate(self, n, dt, random):
+        """Running sum of white noise."""
+        return math.sqrt(dt) * np.cumsum(random.standard_normal(n))
+
+    def states(self, dt):
+        """One state, from zero."""
+        return Block(names=("walk",), transition=[[1.0]], process=[[dt]], output=[1.0], initial=[[0.0]])
