@@ -16,17 +16,11 @@ BLOCK = 16384
 IN_CACHE = 1 << 18
 _ROW = 32
 _CHUNK = 1 << 16  # samples that pass through the second-level cache together
-_WIDTH = 16  # samples summed one by one, in all rows of so many at once
 
 
 def padded_length(samples: int) -> int:
     """Length of the bucket for a record, a power of two and a block: kernels compile once per bucket, not once per length."""
     return max(1 << samples.bit_length(), BLOCK) + BLOCK
-
-
-def centred_sum(values, start: int, stop: int, centre) -> float:
-    """Sum of values[start:stop] - centre, chunk by chunk: small, so that its digits are not lost. Not finite if a value is not."""
-    return sum(float(np.sum(values[a : min(a + _CHUNK, stop)] - centre)) for a in range(start, stop, _CHUNK))
 
 
 def integrate(values, out, parts: int, run: Callable = map) -> bool:
@@ -35,51 +29,26 @@ def integrate(values, out, parts: int, run: Callable = map) -> bool:
     The mean comes off first, so that the sum stays small: the statistics do not see it, and its digits are not lost. `run`
     maps a function over `parts` stretches of the record, in threads if it is a pool's.
     """
-    if len(values) < IN_CACHE:  # no copies, and no blocks
-        rest = out[1:]
-        shift = np.add.reduce(np.subtract(values, values[0], out=rest)) / len(values)
-        if not np.isfinite(shift):
-            return False
-        out[0] = 0.0
-        np.cumsum(np.subtract(values, values[0] + shift, out=rest), out=rest)
-        return True
-    edges = [len(values) * i // parts for i in range(parts + 1)]
-    spans = list(itertools.pairwise(edges))
-    centre = values[0]
-    sums = np.array(list(run(lambda span: centred_sum(values, span[0], span[1], centre), spans)))
-    if not np.isfinite(sums).all():
-        return False
-    shift = sums.sum() / len(values)
-    mean, before = centre + shift, np.concatenate([[0.0], np.cumsum(sums)]) - shift * np.array(edges)
+    rest, edges = out[1:], [len(values) * i // parts for i in range(parts + 1)]
+    pieces = [[slice(a, min(a + _CHUNK, stop)) for a in range(start, stop, _CHUNK)] for start, stop in itertools.pairwise(edges)]
 
-    def fill(part):
-        (start, stop), carry = spans[part], before[part]
-        for a in range(start, stop, _CHUNK):
-            b = min(a + _CHUNK, stop)
-            piece = values[a:b] - mean
-            piece[0] += carry
-            carry = _running_sum(piece, out[1 + a : 1 + b])
+    def total(part):
+        return sum(float(np.add.reduce(np.subtract(values[piece], values[0], out=rest[piece]))) for piece in part)
+
+    sums = np.array(list(run(total, pieces)))
+    shift = sums.sum() / len(values)
+    if not np.isfinite(shift):
+        return False
+
+    def fill(part, carry):
+        for piece in part:
+            held = np.subtract(values[piece], values[0] + shift, out=rest[piece])
+            held[0] += carry
+            carry = np.cumsum(held, out=held)[-1]
 
     out[0] = 0.0
-    list(run(fill, range(parts)))
+    list(run(fill, pieces, np.cumsum(sums) - sums - shift * np.array(edges[:-1])))
     return True
-
-
-def _running_sum(values, out) -> float:
-    """Running sum of the values, which are spoilt, and its last element: half the time of `np.cumsum`, which waits for every sum."""
-    whole = len(values) // _WIDTH * _WIDTH
-    rows, result = values[:whole].reshape(-1, _WIDTH), out[:whole].reshape(-1, _WIDTH)
-    carry = 0.0
-    if whole:
-        for j in range(1, _WIDTH):
-            rows[:, j] += rows[:, j - 1]
-        result[0] = rows[0]
-        np.add(rows[1:], np.cumsum(rows[:-1, -1])[:, None], out=result[1:])
-        carry = out[whole - 1]
-    if whole < len(values):
-        values[whole] += carry
-        carry = np.cumsum(values[whole:], out=out[whole:])[-1]
-    return float(carry)
 
 
 def _two_sum(a, b):

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..._errors import DataError
 from .._kinds import Kind
+from .._noise_type._segments import Segments, steps
 from ._correlation_sums import LARGEST_ERROR, correlation_sums
 from ._difference_sums import block_sums, cached_sums
 from ._phase import BLOCK, running_sum_of_phase
@@ -16,6 +17,7 @@ from ._phase import BLOCK, running_sum_of_phase
 MANY = 512  # cluster sizes; up to here every record takes the block kernel
 _PER_SAMPLE = 1000  # differences per sample from which correlations cost less
 _MOST = 5e11  # differences that the block kernel is asked for: about half an hour on two cores
+_TOGETHER = 1 << 18  # phase points of many cluster sizes
 _GROUP, _STEP, _FEW = 1024, 256, 32  # cluster sizes per pass of the block kernel; their number is a multiple of 256, of few sizes of 32
 
 
@@ -114,36 +116,17 @@ def _group(parts, missing, sizes, number, less, kind: Kind, rule: str, workers: 
 
 
 def strided_sums(theta, marks, rule: str, sizes, number, order: int) -> tuple[np.ndarray, np.ndarray]:
-    """Sums over every m-th starting point and how many were valid, at ascending cluster sizes.
-
-    Small cluster sizes one by one, over all their terms; large ones all together, term by term: no step is short.
-    """
-    total, count = np.zeros(len(sizes)), np.zeros(len(sizes), dtype=np.int64)
-
-    def squares(points, lost):
-        while len(points) > 1:
-            points = [b - a for a, b in itertools.pairwise(points)]
-        d = points[0]
-        if lost is None:
-            return d * d, np.ones(len(d), dtype=np.int64)
-        valid = lost[-1] == lost[0] if rule == "span" else np.sum(lost, axis=0) == 0
-        return np.where(valid, d * d, 0.0), valid.astype(np.int64)
-
-    few = int(np.searchsorted(sizes, int(np.sqrt(len(theta)))))
-    for i, (size, terms) in enumerate(zip(sizes[:few].tolist(), number[:few].tolist(), strict=True)):
-        held = [slice(j * size, (j + terms - 1) * size + 1, size) for j in range(order + 1)]
-        square, valid = squares([theta[s] for s in held], None if marks is None else [marks[s] for s in held])
-        total[i], count[i] = square.sum(), valid.sum()
-    sizes, number = sizes[few:], number[few:]
-    arrays = [theta] if marks is None else [theta, marks]
-    windows = [[array[j * sizes] for j in range(order)] for array in arrays]
-    for term in range(int(number[0]) if len(number) else 0):
-        left = int(np.searchsorted(-number, -term, side="left"))
-        for array, window in zip(arrays, windows, strict=True):
-            window[:] = [w[:left] for w in window] + [array[(term + order) * sizes[:left]]]
-        square, valid = squares(windows[0], None if marks is None else windows[1])
-        total[few : few + left] += square
-        count[few : few + left] += valid
-        for window in windows:
-            del window[0]
+    """Sums over every m-th starting point and how many were valid, at ascending cluster sizes: series end to end, a stretch at a time."""
+    total, count = np.zeros(len(sizes)), number.copy()
+    for part in np.split(np.arange(len(sizes)), np.flatnonzero(np.diff(np.cumsum(number + order) // _TOGETHER)) + 1):
+        series = Segments(number[part] + order, np)
+        at = (np.arange(series.stops[-1]) - np.repeat(series.starts, series.lengths)) * np.repeat(sizes[part], series.lengths)
+        d = theta[at]
+        for _ in range(order):
+            d, series = steps(d, np), series.shorter
+        if marks is not None:
+            lost = np.lib.stride_tricks.sliding_window_view(np.pad(marks[at], (0, order)), order + 1)
+            valid = lost[:, -1] == lost[:, 0] if rule == "span" else ~lost.any(axis=1)
+            d, count[part] = np.where(valid, d, 0.0), series.sums(valid.astype(np.int64))
+        total[part] = series.sums(d * d)
     return total, count
