@@ -7,16 +7,10 @@ well the parameters are known. Every estimator of jaxcal stands on this package,
 
 from ._covariance import covariance as covariance, intervals as intervals
 from ._fit import solve as solve
-from ._information import (
-    Information as Information,
-    identifiability as identifiability,
-    information as information,
-    leverage as leverage,
-)
+from ._information import Information as Information, information as information
 from ._loss import AbstractLoss as AbstractLoss, Cauchy as Cauchy, Huber as Huber, SoftL1 as SoftL1, Tukey as Tukey
 from ._many import solve_many as solve_many
-from ._outcome import Outcome as Outcome
 from ._parameters import names_of as names_of
 from ._prior import AbstractPrior as AbstractPrior, Gaussian as Gaussian
 from ._profile import Interval as Interval, profile_interval as profile_interval
-from ._result import Fit as Fit
+from ._result import Fit as Fit, Outcome as Outcome, identifiability as identifiability, leverage as leverage

@@ -9,10 +9,9 @@ import scipy.stats
 from .._errors import FitError
 from .._precision import array_module, is_traced
 from .._types import AnyArray, Value
-from ._information import Information, information as information_of, known_of, weighted_rows
+from ._information import Information, information as information_of
 from ._jackknife import refits
-from ._outcome import Outcome, ended
-from ._result import Fit
+from ._result import Fit, Outcome, ended, known_of, weighted_rows
 
 Kind = Literal["model", "sandwich", "jackknife"]
 
@@ -92,7 +91,7 @@ def covariance(
         matrix = refits(fit, fit.problem, labels, count) + bread @ prior @ bread
     else:
         raise FitError(f"There is no covariance of kind {kind!r}; the kinds are 'model', 'sandwich' and 'jackknife'.")
-    lost = xp.logical_or(known.rank < xp.sum(~fit.at_bound), ended(fit.outcome, Outcome.unidentifiable))
+    lost = xp.logical_or(known.rank < xp.sum(~fit.at_bound), ended(fit, Outcome.unidentifiable))
     return xp.where(lost, np.inf, matrix)
 
 
@@ -139,6 +138,8 @@ def intervals(
 
 def _bread(fit: Fit, given: AnyArray | None) -> Information:
     """Inverse of the curvature of the cost, with the mean curvature of the loss."""
+    if given is None and not fit.robust:
+        return known_of(fit)
     xp = array_module(fit.residuals, given)
     if given is None:
         rows = xp.sqrt(xp.abs(fit.mean_curvature)) * fit.jacobian

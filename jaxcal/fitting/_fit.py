@@ -13,12 +13,10 @@ from .._compile import filter_jit
 from .._errors import FitError
 from .._precision import array_module, is_traced
 from .._types import Array
-from ._information import known_of
 from ._loss import AbstractLoss
-from ._outcome import Outcome, ended
 from ._prior import AbstractPrior
 from ._problem import Problem, check, define
-from ._result import Fit, M, to_numpy
+from ._result import Fit, M, Outcome, ended, known_of, to_numpy
 from ._search import cost, search
 
 
@@ -138,7 +136,7 @@ def run(problem: Problem) -> Fit:
     xp, known = array_module(fit.parameters), known_of(fit)
     if problem.priors:
         fit = dataclasses.replace(fit, effective=fit.effective - xp.sum(known.leverage(fit.prior_jacobian)))
-    lost = xp.logical_and(known.rank < xp.sum(~fit.at_bound), ~ended(fit.outcome, Outcome.not_finite))
+    lost = xp.logical_and(known.rank < xp.sum(~fit.at_bound), ~ended(fit, Outcome.not_finite))
     if is_traced(lost):
         return dataclasses.replace(fit, outcome=Outcome.where(lost, Outcome.unidentifiable, fit.outcome))
     return dataclasses.replace(fit, outcome=Outcome.unidentifiable) if lost else fit
@@ -146,7 +144,7 @@ def run(problem: Problem) -> Fit:
 
 def _check_residuals(problem: Problem, fit: Fit) -> None:
     """Refuse residuals that are not finite at the start, and say which (host only)."""
-    if is_traced(fit.parameters) or not ended(fit.outcome, Outcome.not_finite):
+    if is_traced(fit.parameters) or not ended(fit, Outcome.not_finite):
         return
     at_start = np.concatenate([np.asarray(part) for part in filter_jit(lambda given: given.residual(given.values()))(problem)])
     bad = np.flatnonzero(~np.isfinite(at_start))
