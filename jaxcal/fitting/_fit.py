@@ -1,9 +1,10 @@
-"""`solve`: fit any model to residuals."""
+"""`solve`: fit any model to residuals; `solve_many`: the same fit for many data sets."""
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Literal
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,9 +14,8 @@ from .._compile import filter_jit
 from .._errors import FitError
 from .._precision import array_module, is_traced
 from .._types import Array
-from ._loss import AbstractLoss
-from ._prior import AbstractPrior
-from ._problem import Problem, check, define
+from ._loss_and_prior import AbstractLoss, AbstractPrior
+from ._problem import Problem, check, common_dtype, define, to_floats
 from ._result import Fit, M, Outcome, ended, known_of, to_numpy
 from ._search import cost, search
 
@@ -153,3 +153,61 @@ def _check_residuals(problem: Problem, fit: Fit) -> None:
             f"{bad.size} of {at_start.size} residuals are not finite at the start, the first at {bad[:5].tolist()}; "
             "remove NaN and infinite data, or start where the model is defined."
         )
+
+
+def solve_many(
+    residuals: Callable[[Any, Any], Array],
+    start: M,
+    data: Any,
+    *,
+    batched: Any = (True, True),
+    batch: Literal["map", "vmap"] | None = None,
+    **options: Any,
+) -> Fit[M]:
+    """Fit the same model to many data sets in one compiled call.
+
+    Nothing is raised for one bad data set among many: look at `outcome` or `usable`, one per fit.
+
+    Parameters
+    ----------
+    residuals
+        As for `solve`.
+    start, data
+        As for `solve`, with one more axis in front of every leaf that is `batched`.
+    batched
+        Which leaves have that axis: True or False for all of `start`, and for all of `data` (or a tree for each).
+    batch
+        "map" solves one after another, each in as few steps as it needs; "vmap" all at once, each in as many steps as the
+        slowest. By default "map" on a CPU and "vmap" elsewhere.
+    options
+        Those of `solve`, the same for every fit.
+
+    Returns
+    -------
+    Fit whose arrays have the fits as their first axis.
+
+    Examples
+    --------
+    >>> import jax.numpy as jnp
+    >>> from jaxcal.fitting import solve_many
+    >>> y = jnp.array([[1.0, 2.0, 3.0], [4.0, 4.0, 7.0]])
+    >>> fits = solve_many(lambda mean, y: mean - y, 0.0, y, batched=(False, True))
+    >>> print(fits.model.round(3))
+    [2. 5.]
+    """
+    start, data = to_floats((start, data), common_dtype(start, data))
+    mapped, shared = eqx.partition((start, data), batched)
+    first = eqx.combine(jax.tree.map(lambda leaf: leaf[0], mapped), shared)
+    template = define(residuals, *first, **options)
+    if batch is None:
+        batch = "map" if jax.default_backend() == "cpu" else "vmap"
+    return _each(template, mapped, shared, batch == "vmap")
+
+
+@filter_jit
+def _each(template: Problem, mapped: Any, shared: Any, together: bool) -> Fit:
+    def one(item: Any) -> Fit:
+        start, data = eqx.combine(item, shared)
+        return dataclasses.replace(run(dataclasses.replace(template, start=start, data=data)), problem=None)
+
+    return jax.vmap(one)(mapped) if together else jax.lax.map(one, mapped)
