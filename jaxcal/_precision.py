@@ -7,9 +7,9 @@ from types import ModuleType
 from typing import Any, TypeVar
 
 import jax
-import jax.core
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jax.extend.core import get_opaque_trace_state
 
 from ._errors import PrecisionWarning
@@ -22,13 +22,14 @@ _untraced: Any = None
 
 def is_traced(*trees: Any) -> bool:
     """Whether any leaf is a tracer, or a trace is in progress."""
-    if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(trees)):
-        return True
+    for leaf in jax.tree_util.tree_leaves(trees):
+        if isinstance(leaf, Tracer):
+            return True
     global _untraced
     here = get_opaque_trace_state()
     if here == _untraced:
         return False
-    traced = isinstance(jax.lax.full((), 0.0), jax.core.Tracer)
+    traced = isinstance(jax.lax.full((), 0.0), Tracer)
     if not traced:
         _untraced = here
     return traced

@@ -11,12 +11,11 @@ from .._errors import DataError
 from .._files import json_text, write_atomically
 from .._log import Log
 from ..magnetometer import MagModel
-from ._codec import free, from_json, to_json, wrong
+from ._codec import SCHEMA, free, from_json, read_document, to_json, wrong
 from ._compose import composed, inverted
 from ._correct import corrected
 from ._noise import DeviceNoise, device_noise
 from ._parts import Imu, Part, imu_of, magnetometer_of
-from ._schema import SCHEMA, current, read_document
 from ._thermal import Thermal, thermal_of
 
 _SECTIONS = ("noise", "imu", "magnetometer", "temperature")
@@ -196,7 +195,6 @@ class Calibration(eqx.Module):
         path = pathlib.Path(path)
         document = read_document(path)
         try:
-            document = current(document)
             provenance = document.get("provenance")
             if isinstance(provenance, dict):
                 provenance.setdefault("version", None)  # it is not for this version to sign

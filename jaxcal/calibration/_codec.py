@@ -1,4 +1,7 @@
-"""JSON to objects and back. What a file must hold follows from the fields of the classes and their types.
+"""Files of calibrations: JSON to objects and back. What a file must hold follows from the fields of the classes and their types.
+
+The major version of the schema changes where an old reader would misread the file; it refuses. The minor version changes where keys were
+added: an old reader ignores what it does not know.
 
 A type is `float`, `str`, `X | None`, `tuple[X, ...]`, `dict[str, X]`, `Float[np.ndarray, "3 _"]` (numbers of that shape, `_` for any
 length), `Any` (numbers of any shape, text or None), or a class with fields. Of a class that has subclasses, such as a sensor model, the
@@ -6,8 +9,11 @@ key "class" names the one that is meant.
 """
 
 import dataclasses
+import json
 import math
 import os
+import pathlib
+import re
 import types
 import typing
 from typing import Any
@@ -16,19 +22,46 @@ import numpy as np
 
 from .._errors import DataError
 
+_MAJOR = 1
+SCHEMA = f"jaxcal.calibration/{_MAJOR}"
+_LARGEST_FILE = 64 * 2**20  # bytes; a calibration has some thousands
 #: a number above this is damage; raw counts per SI unit stay far below it
 LARGEST = 1e15
 _LARGEST_INTEGER = 2**63
 _REASONS = {"not known": math.nan, "infinite": math.inf, "minus infinite": -math.inf}
 
 
+def read_document(path: pathlib.Path) -> dict[str, Any]:
+    """The JSON document in a file; raises a `DataError` where it is not one that this version reads."""
+    try:
+        size = path.stat().st_size
+        document = json.loads(path.read_text(encoding="utf-8"), parse_constant=_no_constant) if size <= _LARGEST_FILE else None
+    except OSError as error:
+        raise DataError(f"cannot read {path}: {(error.strerror or str(error)).lower()}") from error
+    except RecursionError:
+        raise DataError(f"{path} has lists within lists without end; expected a file written by Calibration.save") from None
+    except ValueError as error:
+        raise DataError(f"{path} is not JSON ({error}); expected a file written by Calibration.save") from error
+    if size > _LARGEST_FILE:
+        raise DataError(f"{path} has {size / 2**20:.0f} MiB; a calibration has some KiB. Is it the log?")
+    schema = document.get("schema") if isinstance(document, dict) else None
+    found = re.fullmatch(r"jaxcal\.calibration/(\d{1,9})(?:\.(\d{1,9}))?", schema) if isinstance(schema, str) else None
+    if found is None:
+        raise DataError(f"{path}: schema is {schema!r:.80}; expected {SCHEMA!r}, as Calibration.save writes it")
+    if int(found[1]) != _MAJOR:
+        what = f"schema is {schema!r}, but this version of jaxcal reads {SCHEMA!r}"
+        raise DataError(f"{path}: {what}; install the version that wrote the file")
+    return document  # type: ignore[return-value]
+
+
+def _no_constant(word: str) -> None:
+    raise ValueError(f"{word} is no number in JSON")
+
+
 def structured(value: Any, kind: Any, path: str) -> Any:
     """`value` as an object of type `kind`: numbers as float64 arrays, lists as tuples, without unknown keys.
 
-    Raises
-    ------
-    DataError
-        Where the value is not of the type; the message names the key by its `path`.
+    Where it is not of the type a `DataError` names the key by its `path`.
     """
     origin, inner = typing.get_origin(kind), typing.get_args(kind)
     if origin in (typing.Union, types.UnionType):
@@ -56,7 +89,7 @@ def structured(value: Any, kind: Any, path: str) -> Any:
 def _object(value: Any, kind: Any, path: str) -> Any:
     if isinstance(value, dict) and "class" in value:
         kind = _class_of(kind, value["class"], f"{path}.class")
-    types_of = hints(kind)
+    types_of = _hints(kind)
     fields = {field.name: field for field in dataclasses.fields(kind)}
     needed = [name for name, one in fields.items() if one.default is one.default_factory is dataclasses.MISSING]
     if not isinstance(value, dict):
@@ -71,7 +104,7 @@ def _object(value: Any, kind: Any, path: str) -> Any:
         raise DataError(f"{path} makes no {kind.__name__}: {error}") from error
 
 
-def hints(kind: type) -> dict[str, Any]:
+def _hints(kind: type) -> dict[str, Any]:
     """Types of the fields of a class; none where one was imported for type checkers alone."""
     try:
         return typing.get_type_hints(kind)
@@ -154,13 +187,7 @@ def wrong(value: Any, expected: str, path: str) -> DataError:
 
 
 def free(value: Any, path: str) -> Any:
-    """A value of the user's own, as JSON can say it.
-
-    Raises
-    ------
-    DataError
-        If it holds something that JSON cannot say.
-    """
+    """A value of the user's own, as JSON can say it; a `DataError` where it cannot."""
     if isinstance(value, (np.ndarray, np.generic)):
         value = value.tolist()
     if isinstance(value, os.PathLike):
@@ -179,24 +206,17 @@ def free(value: Any, path: str) -> Any:
 
 
 def document_of(model: Any, base: type, path: str) -> dict[str, Any]:
-    """The fields of a model as lists, numbers and text, with its class where that is not `base`.
-
-    Raises
-    ------
-    DataError
-        If a field holds something else.
-    """
+    """The fields of a model as lists, numbers and text, with its class where that is not `base`; a `DataError` for anything else."""
     found: dict[str, Any] = {} if type(model) is base else {"class": type(model).__name__}
     for field in dataclasses.fields(model):
-        value, kind, place = getattr(model, field.name), hints(type(model)).get(field.name), f"{path}.{field.name}"
+        value, kind, place = getattr(model, field.name), _hints(type(model)).get(field.name), f"{path}.{field.name}"
         if dataclasses.is_dataclass(value):
             if not (isinstance(kind, type) and isinstance(value, kind)):
                 raise wrong(value, f"a field declared as {type(value).__name__}, for it could not be read", place)
-            found[field.name] = document_of(value, kind, place)
-        elif value is None or isinstance(value, (str, bool, int)):
-            found[field.name] = value
-        else:
-            found[field.name] = numbers(np.asarray(value), (None,) * np.ndim(value), place).tolist()
+            value = document_of(value, kind, place)
+        elif not (value is None or isinstance(value, (str, bool, int))):
+            value = numbers(np.asarray(value), (None,) * np.ndim(value), place).tolist()
+        found[field.name] = value
     return found
 
 

@@ -1,8 +1,12 @@
-"""Calibrations one after the other, and backwards."""
+"""Calibrations one after the other, and backwards.
+
+Accelerometer and gyroscope are one affine model of six axes, y = M x + b, in which the g-sensitivity is a block of M.
+"""
 
 from typing import Any
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from .._errors import DataError
 from .._types import AnyArray
@@ -12,33 +16,29 @@ from ..magnetometer import MagModel
 from ._parts import Covariance, Imu, Part
 from ._thermal import Thermal, polynomials
 
-_IDENTITY = np.eye(3)
-#: entries of the symmetric matrix of an ellipsoid in the order of the covariance
+#: entries of the symmetric matrix of an ellipsoid in the order of the covariance, and the matrices of which they are the coefficients
 QUADRIC = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
+UNITS = np.array([[[float((p, q) in ((i, j), (j, i))) for q in range(3)] for p in range(3)] for i, j in QUADRIC])
+
+
+def entries(matrix: AnyArray) -> AnyArray:
+    """(..., 6) entries of symmetric matrices in the order of `QUADRIC`."""
+    return matrix[..., *np.transpose(QUADRIC)]
 
 
 def composed(new: Any, old: Any) -> dict[str, Any]:
-    """Sections of the calibration that does at once what `old` and then `new` do: C_new C_old, the bias mapped back."""
-    held = {**_parts(old), **_parts(new)}
-    olds, news = ({sensor: _triad(one, sensor) for sensor in ("accel", "gyro")} for one in (old, new))
-    parts: dict[str, Part[Triad]] = {}
-    for sensor in held:
-        if not _parts(old) or not _parts(new):  # the other changes nothing
-            parts[sensor] = held[sensor]
-            continue
-        for one in (_parts(old), _parts(new)):
-            _only_plain(one.get(sensor), f"imu.{sensor}", "a composition")
-        o, n, a_new = olds[sensor], news[sensor], news["accel"]
-        felt = o.matrix @ n.g_sensitivity + o.g_sensitivity @ a_new.matrix if sensor == "gyro" else np.zeros((3, 3))
-        model = Triad(o.matrix @ n.matrix, o.bias + o.matrix @ n.bias + o.g_sensitivity @ a_new.bias, felt)
-        parts[sensor] = Part(model, held[sensor].unit, covariance=_carried(new, old, sensor, o))
+    """Sections of the calibration that does at once what `old` and then `new` do: M_old M_new, the bias mapped back."""
+    (m, b), (n, c) = _affine(old), _affine(new)
+    parts = {**_parts(old), **_parts(new)}
+    if _parts(old) and _parts(new):
+        for sensor, part in (*_parts(old).items(), *_parts(new).items()):
+            _only_plain(part, f"imu.{sensor}", "a composition")
+        models = _triads(m @ n, b + m @ c)
+        parts = {sensor: Part(models[sensor], part.unit, covariance=_carried(new, old, sensor, m)) for sensor, part in parts.items()}
     first = new.imu or old.imu
-    thermal = _thermal(new.temperature, old.temperature, olds)
     imu = None if first is None else Imu(parts.get("accel"), parts.get("gyro"), first.verdict, first.verdict_reason)
-    return {
-        "imu": imu, "magnetometer": _magnetometer(new.magnetometer, old.magnetometer), "temperature": thermal,
-        "noise": new.noise or old.noise,
-    }  # fmt: skip
+    magnetometer, thermal = _magnetometer(new.magnetometer, old.magnetometer), _thermal(new.temperature, old.temperature, m)
+    return {"imu": imu, "magnetometer": magnetometer, "temperature": thermal, "noise": new.noise or old.noise}
 
 
 def inverted(calibration: Any) -> dict[str, Any]:
@@ -46,24 +46,18 @@ def inverted(calibration: Any) -> dict[str, Any]:
     held = _parts(calibration)
     for sensor, part in (*held.items(), ("mag", calibration.magnetometer)):
         _only_plain(part, sensor, "an inverse")
-    accel, gyro = _triad(calibration, "accel"), _triad(calibration, "gyro")
-    c, w = np.linalg.inv(accel.matrix), np.linalg.inv(gyro.matrix)
-    felt = w @ gyro.g_sensitivity @ c
-    models = {"accel": Triad(c, -c @ accel.bias), "gyro": Triad(w, -w @ gyro.bias + felt @ accel.bias, -felt)}
+    m, b = _affine(calibration)
+    inverse = np.linalg.inv(m)
+    models = _triads(inverse, -inverse @ b)
+    of = {sensor: Part(models[sensor], part.unit) for sensor, part in held.items()}
+    imu = Imu(of.get("accel"), of.get("gyro")) if of else None
     mag, thermal = calibration.magnetometer, calibration.temperature
     if mag is not None:
         a = np.linalg.inv(mag.model.soft_iron)
         mag = Part(MagModel(a, -a @ mag.model.hard_iron), mag.unit, mag.field)
     if thermal is not None:
-        powers = _powers_of(thermal, "its inverse")
-        found = {}
-        if "accel" in powers:
-            found["accel"] = -c @ powers["accel"]
-        if "gyro" in powers or ("accel" in powers and np.any(felt)):
-            found["gyro"] = _sum(*[-w @ powers["gyro"]] * ("gyro" in powers), *[felt @ powers["accel"]] * ("accel" in powers))
+        found = _mapped(-inverse, _powers_of(thermal, "its inverse"), {})
         thermal = polynomials(thermal.reference, thermal.minimum, thermal.maximum, **found)
-    of = {sensor: Part(models[sensor], part.unit) for sensor, part in held.items()}
-    imu = Imu(of.get("accel"), of.get("gyro")) if of else None
     return {"imu": imu, "magnetometer": mag, "temperature": thermal, "noise": None}
 
 
@@ -71,10 +65,16 @@ def _parts(calibration: Any) -> dict[str, Part[Triad]]:
     return {} if calibration.imu is None else calibration.imu.parts
 
 
-def _triad(calibration: Any, sensor: str) -> Triad:
-    """A sensor's model; the identity where there is none."""
-    part = _parts(calibration).get(sensor)
-    return Triad(_IDENTITY, np.zeros(3)) if part is None else part.model
+def _affine(calibration: Any) -> tuple[AnyArray, AnyArray]:
+    """M (6, 6) and b (6,) of accelerometer and gyroscope; the identity for a sensor that is not there."""
+    nothing = Triad(np.eye(3), np.zeros(3))
+    accel, gyro = (nothing if (part := _parts(calibration).get(sensor)) is None else part.model for sensor in ("accel", "gyro"))
+    matrix = np.block([[accel.matrix, np.zeros((3, 3))], [gyro.g_sensitivity, gyro.matrix]])
+    return matrix, np.concatenate([accel.bias, gyro.bias])
+
+
+def _triads(matrix: AnyArray, bias: AnyArray) -> dict[str, Triad]:
+    return {"accel": Triad(matrix[:3, :3], bias[:3]), "gyro": Triad(matrix[3:, 3:], bias[3:], matrix[3:, :3])}
 
 
 def _only_plain(part: Part[Any] | None, what: str, wish: str) -> None:
@@ -86,24 +86,21 @@ def _only_plain(part: Part[Any] | None, what: str, wish: str) -> None:
         )
 
 
-def _carried(new: Any, old: Any, sensor: str, o: Triad) -> Covariance | None:
+def _carried(new: Any, old: Any, sensor: str, m: AnyArray) -> Covariance | None:
     """Covariance of the product: the old numbers are what was applied, and exact; the new fit knows all that is uncertain."""
     if sensor not in _parts(new):
         return _parts(old)[sensor].covariance
-    covariance = _parts(new)[sensor].covariance
-    size = 21 if sensor == "gyro" else 12
+    covariance, size = _parts(new)[sensor].covariance, 21 if sensor == "gyro" else 12
     if covariance is None or covariance.values.shape != (size, size):
         return None
-    slope = np.zeros((size, size))
-    slope[:9, :9] = np.kron(o.matrix, _IDENTITY)
-    slope[9:12, 9:12] = o.matrix
-    slope[12:, 12:] = np.kron(o.matrix, _IDENTITY)[: size - 12, : size - 12]
+    own, felt = (m[3:, 3:] if sensor == "gyro" else m[:3, :3]), m[3:, :3]
+    slope = block_diag(np.kron(own, np.eye(3)), own, np.kron(own, np.eye(3)))[:size, :size]
     values = slope @ covariance.values @ slope.T
     accel = _parts(new).get("accel")
-    if sensor == "gyro" and np.any(o.g_sensitivity) and accel is not None and accel.covariance is not None:
+    if sensor == "gyro" and np.any(felt) and accel is not None and accel.covariance is not None:
         extra = np.zeros((21, 12))
-        extra[9:12, 9:12] = o.g_sensitivity
-        extra[12:, :9] = np.kron(o.g_sensitivity, _IDENTITY)
+        extra[9:12, 9:12] = felt
+        extra[12:, :9] = np.kron(felt, np.eye(3))
         values = values + extra @ accel.covariance.values @ extra.T
     return Covariance(covariance.parameters, values)
 
@@ -113,29 +110,20 @@ def _magnetometer(new: Part[MagModel] | None, old: Part[MagModel] | None) -> Par
         return new if old is None else old
     for part in (old, new):
         _only_plain(part, "the magnetometer", "a composition")
-    s, covariance = old.model.soft_iron, new.covariance
-    if covariance is not None and covariance.parameters[6:] == ("b_x", "b_y", "b_z"):
-        # A_raw = S^-T A S^-1 and b_raw = S b + h, A as its six entries xx, xy, yy, xz, yz, zz
+    s, covariance = old.model.soft_iron, None
+    if new.covariance is not None and new.covariance.parameters[6:] == ("b_x", "b_y", "b_z"):
+        # A_raw = S^-T A S^-1 and b_raw = S b + h, A as its six entries
         c = np.linalg.inv(s)
-        slope = np.zeros((9, 9))
-        slope[6:, 6:] = s
-        for k, (i, j) in enumerate(QUADRIC):
-            unit = np.zeros((3, 3))
-            unit[i, j] = unit[j, i] = 1.0
-            turned = c.T @ unit @ c
-            slope[:6, k] = [turned[p, q] for p, q in QUADRIC]
-        covariance = Covariance(covariance.parameters, slope @ covariance.values @ slope.T)
-    else:
-        covariance = None
+        slope = block_diag(entries(c.T @ UNITS @ c).T, s)
+        covariance = Covariance(new.covariance.parameters, slope @ new.covariance.values @ slope.T)
     model = MagModel(s @ new.model.soft_iron, old.model.hard_iron + s @ new.model.hard_iron)
     return Part(model, si_unit("mag"), new.field, covariance, None, new.verdict, new.verdict_reason)
 
 
-def _thermal(new: Thermal | None, old: Thermal | None, o: dict[str, Triad]) -> Thermal | None:
+def _thermal(new: Thermal | None, old: Thermal | None, m: AnyArray) -> Thermal | None:
     if new is None:
         return old
-    plain = all(np.array_equal(part.matrix, _IDENTITY) for part in o.values()) and not np.any(o["gyro"].g_sensitivity)
-    if old is None and plain:
+    if old is None and np.array_equal(m, np.eye(6)):
         return new  # the same before the old correction as after it
     older = {} if old is None else _powers_of(old, "a composition")
     newer = _powers_of(new, "a composition")
@@ -148,15 +136,7 @@ def _thermal(new: Thermal | None, old: Thermal | None, o: dict[str, Triad]) -> T
     low, high = max(one.minimum for one in sections), min(one.maximum for one in sections)
     if not low < high:
         raise DataError("the thermal models have no temperature in common")
-    found = {}
-    for sensor in ("accel", "gyro"):
-        parts = [older[sensor]] if sensor in older else []
-        parts += [o[sensor].matrix @ newer[sensor]] if sensor in newer else []
-        if sensor == "gyro" and np.any(o["gyro"].g_sensitivity) and "accel" in newer:
-            parts.append(o["gyro"].g_sensitivity @ newer["accel"])
-        if parts:
-            found[sensor] = _sum(*parts)
-    return polynomials(reference, low, high, **found)
+    return polynomials(reference, low, high, **_mapped(m, newer, older))
 
 
 def _powers_of(thermal: Thermal, what: str) -> dict[str, AnyArray]:
@@ -166,7 +146,14 @@ def _powers_of(thermal: Thermal, what: str) -> dict[str, AnyArray]:
     return found
 
 
-def _sum(*powers: AnyArray) -> AnyArray:
-    """Coefficients of a sum of polynomials."""
-    width = max(part.shape[1] for part in powers)
-    return np.sum([np.pad(part, ((0, 0), (0, width - part.shape[1]))) for part in powers], axis=0)
+def _mapped(matrix: AnyArray, powers: dict[str, AnyArray], further: dict[str, AnyArray]) -> dict[str, AnyArray]:
+    """Coefficients of polynomials of both sensors through a matrix of six axes, plus further ones."""
+    found = {}
+    for sensor, own in (("accel", slice(0, 3)), ("gyro", slice(3, 6))):
+        blocks = {"accel": matrix[own, :3], "gyro": matrix[own, 3:]}
+        parts = [further[sensor]] if sensor in further else []
+        parts += [blocks[name] @ rows for name, rows in powers.items() if name == sensor or np.any(blocks[name])]
+        if parts:
+            width = max(part.shape[1] for part in parts)
+            found[sensor] = np.sum([np.pad(part, ((0, 0), (0, width - part.shape[1]))) for part in parts], axis=0)
+    return found

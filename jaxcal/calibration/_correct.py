@@ -11,9 +11,7 @@ from .._log import Log
 from .._types import AnyArray
 from ..temperature import Steps, ThermalModel, thermometer
 from ._parts import Part
-from ._thermal import AXES, Thermal
-
-_SENSORS = ("gyro", "accel", "mag")
+from ._thermal import AXES, SENSORS, Thermal
 
 
 def corrected(calibration: Any, log: Log) -> Log:
@@ -21,7 +19,7 @@ def corrected(calibration: Any, log: Log) -> Log:
     notes, warnings = [], []
     _same_recording(calibration, log, warnings)
     parts = {**({} if calibration.imu is None else calibration.imu.parts), "mag": calibration.magnetometer}
-    values: dict[str, Any] = {name: np.array(getattr(log, name)) for name in _SENSORS if getattr(log, name) is not None}
+    values: dict[str, Any] = {name: np.array(getattr(log, name)) for name in SENSORS if getattr(log, name) is not None}
     done = []
     for sensor in values:
         offset = _thermal(calibration.temperature, log, sensor, values[sensor], sensor in parts, notes, warnings)
@@ -30,7 +28,11 @@ def corrected(calibration: Any, log: Log) -> Log:
             done.append(sensor)
     for sensor in ("accel", "gyro", "mag"):  # a gyroscope's model takes the corrected accelerometer
         part = parts.get(sensor)
-        if part is not None and _whole(values, sensor, warnings):
+        if part is None or sensor not in values:
+            continue
+        if values[sensor].shape[1:] != (3,):
+            warnings.append(f"{sensor} has no three axes in the log; its matrix and bias are not corrected")
+        else:
             values[sensor] = _modelled(part, sensor, log, values, warnings)
             done.append(sensor)
     if not done:
@@ -57,15 +59,6 @@ def _modelled(part: Part[Any], sensor: str, log: Log, values: dict[str, Any], wa
     return part.correct(values[sensor], conditions, sensor)
 
 
-def _whole(values: dict[str, Any], sensor: str, warnings: list[str]) -> bool:
-    if sensor not in values:
-        return False
-    if values[sensor].shape[1:] != (3,):
-        warnings.append(f"{sensor} has no three axes in the log; its matrix and bias are not corrected")
-        return False
-    return True
-
-
 def _thermal(
     thermal: Thermal | None, log: Log, sensor: str, y: AnyArray, has_bias: bool, notes: list[str], warnings: list[str]
 ) -> AnyArray | None:
@@ -74,9 +67,8 @@ def _thermal(
     models = {} if thermal is None else {axis: model for axis, model in thermal.of(sensor).items() if axis in axes}
     if thermal is None or not models:
         return None
-    t = thermometer(log)
+    t, kept = thermometer(log), False
     offset = np.zeros((len(t), len(axes)))
-    kept = False
     for i, axis in enumerate(axes):
         name = f"{sensor}_{axis}"
         if axis not in models:

@@ -1,5 +1,6 @@
 """`difference`: what changed between two calibrations of one device, and whether it is more than their uncertainty."""
 
+import dataclasses
 from collections.abc import Sequence
 from functools import partial
 from typing import Any
@@ -13,7 +14,7 @@ from .._precision import host_float64
 from .._types import AnyArray
 from .._units import noise_units, si_unit
 from ._calibration import Calibration
-from ._compose import QUADRIC
+from ._compose import QUADRIC, UNITS, entries
 from ._parts import Part
 from ._thermal import Thermal
 
@@ -137,7 +138,7 @@ def _magnetometer(a: Part[Any], b: Part[Any], notes: Sequence[str]) -> PartDiffe
         scale = a.field / part.field if known else 1.0  # type: ignore[operator]
         turns.append(turn)
         numbers = part.parameters
-        values.append(np.array([*(scale * shape[i, j] for i, j in QUADRIC), *part.model.hard_iron, *(numbers[name] for name in further)]))
+        values.append(np.array([*(scale * entries(shape)), *part.model.hard_iron, *(numbers[name] for name in further)]))
         quadric = _ordered(part, [*(f"A_{_AXES[i]}{_AXES[j]}" for i, j in QUADRIC), "b_x", "b_y", "b_z", *further])
         strength = part.field if part.field else np.nan
         spreads.append(None if quadric is None or not np.isfinite(strength) else _of_root(quadric, shape / strength, scale * strength))
@@ -153,11 +154,7 @@ def _magnetometer(a: Part[Any], b: Part[Any], notes: Sequence[str]) -> PartDiffe
 def _of_root(spread: AnyArray, root: AnyArray, scale: float) -> AnyArray:
     """Covariance of scale W and of the hard iron, from that of A = W W and of the hard iron."""
     slope = np.eye(len(spread))
-    for k, (i, j) in enumerate(QUADRIC):
-        unit = np.zeros((3, 3))
-        unit[i, j] = unit[j, i] = 1.0
-        moved = solve_sylvester(root, root, unit)
-        slope[:6, k] = [scale * moved[p, q] for p, q in QUADRIC]
+    slope[:6, :6] = scale * np.transpose([entries(solve_sylvester(root, root, unit)) for unit in UNITS])
     return slope @ spread @ slope.T
 
 
@@ -171,14 +168,13 @@ def _noise(sensor: str, i: int, a: Any, b: Any, notes: Sequence[str]) -> PartDif
         held = None if one.covariance is None else one.covariance.axis(i)
         squares.append(None if held is None else held.of([f"{term}^2" for term in terms]))
     spread, said = _sum(squares)
-    part = _part("", terms, [""] * len(terms), first**2, second**2, spread, (*notes, *said))
+    units = [noise_units(term, sensor)[-1] for term in terms]
+    part = _part(f"noise {sensor}_{_AXES[i]}", terms, units, first**2, second**2, spread, (*notes, *said))
     with np.errstate(divide="ignore", invalid="ignore"):
         # to first order, of each coefficient from its square
         error = np.sqrt(sum(np.diag(s) / (4 * value**2) for s, value in zip(squares, (first, second), strict=True) if s is not None))
     error = np.where(np.isfinite(error), error, np.nan) * np.ones(len(terms))
-    units = tuple(noise_units(term, sensor)[-1] for term in terms)
-    return PartDifference(f"noise {sensor}_{_AXES[i]}", tuple(terms), units, first, second, error,
-                          part.chi_square, part.degrees_of_freedom, part.probability, part.notes)  # fmt: skip
+    return dataclasses.replace(part, first=first, second=second, standard_error=error)
 
 
 def _temperature(sensor: str, a: Thermal, b: Thermal) -> PartDifference | None:

@@ -12,10 +12,9 @@ from .._units import si_unit
 from ..noise import NoiseFit, Term
 from ._codec import LARGEST, checked_unit, document_of, structured, wrong
 from ._parts import Covariance
+from ._thermal import AXES, CHANNELS, SENSORS
 
 TERMS = ("Q", "N", "B", "K", "R")
-AXES = ("x", "y", "z")
-SENSORS = ("gyro", "accel", "mag")
 _FASTEST = 1e12  # Hz
 Axes = Float[np.ndarray, "3"]
 
@@ -86,13 +85,7 @@ class DeviceNoise(eqx.Module):
 
 
 def device_noise(noise: Any) -> DeviceNoise | None:
-    """The noise of a device, from the fits of its channels or from the stored form.
-
-    Raises
-    ------
-    DataError
-        If a channel is unknown, if the fits do not belong together, or if the stored form is not complete.
-    """
+    """The noise of a device, from the fits of its channels or from the stored form, checked."""
     if noise is None or isinstance(noise, DeviceNoise):
         return noise
     if isinstance(noise, dict) and noise and all(isinstance(fit, NoiseFit) for fit in noise.values()):
@@ -113,10 +106,9 @@ def device_noise(noise: Any) -> DeviceNoise | None:
 
 
 def _stored_form(fits: dict[str, NoiseFit]) -> dict[str, Any]:
-    known = [f"{sensor}_{axis}" for sensor in SENSORS for axis in AXES]
     for name in fits:
-        if name not in known:
-            raise DataError(f"noise holds a channel {name!r}; expected the channels of a log: {', '.join(known)}")
+        if name not in CHANNELS:
+            raise DataError(f"noise holds a channel {name!r}; expected the channels of a log: {', '.join(CHANNELS)}")
     rates = {float(fit.deviation.rate) for fit in fits.values()}
     if len(rates) > 1:
         raise DataError(f"the channels have different rates ({sorted(rates)} Hz); make one calibration for each recording")
@@ -133,7 +125,6 @@ def _stored_sensor(sensor: str, axes: list[NoiseFit | None]) -> dict[str, Any]:
     terms, method, confidence = measured[0].terms, measured[0].method, measured[0].confidence
     if any((fit.terms, fit.method, fit.confidence) != (terms, method, confidence) for fit in measured):
         raise DataError(f"the axes of {sensor} were fitted with different terms, methods or confidence; fit them in one call")
-
     if not all(fit.verdict for fit in measured):
         raise DataError(f"method {method!r} gives {sensor} no intervals and no verdicts; fit it with whittle, gls, edf or wavelet")
 

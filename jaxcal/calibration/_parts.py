@@ -131,13 +131,7 @@ class Imu(eqx.Module):
 
 
 def imu_of(value: Any) -> Imu | None:
-    """The inertial part of a calibration: an `ImuFit`, the stored form, or sensor -> `Triad` or `Part`.
-
-    Raises
-    ------
-    DataError
-        If the fit was refused, or a key is missing or holds something else than it should.
-    """
+    """The inertial part of a calibration, checked: an `ImuFit`, the stored form, or sensor -> `Triad` or `Part`."""
     if value is None or isinstance(value, Imu):
         return value
     if isinstance(value, ImuFit):
@@ -150,13 +144,7 @@ def imu_of(value: Any) -> Imu | None:
 
 
 def magnetometer_of(value: Any) -> Part[MagModel] | None:
-    """The magnetometer of a calibration: a `MagFit` in tesla, the stored form, a `MagModel`, or a `Part`.
-
-    Raises
-    ------
-    DataError
-        As `imu_of`; or if the fit is not in tesla.
-    """
+    """The magnetometer of a calibration, checked: a `MagFit` in tesla, the stored form, a `MagModel`, or a `Part`."""
     if isinstance(value, MagFit):
         if value.model is None or value.verdict == "refused":
             raise DataError(f"the magnetometer fit is refused, and is no calibration: {value.reason}")

@@ -67,12 +67,11 @@ class Thermal(eqx.Module):
     def powers(self, sensor: str) -> AnyArray | None:
         """(3, degree) coefficients of a sensor whose axes are all plain polynomials over the range; None of any other."""
         models = self.of(sensor)
+        limits = (self.reference, self.minimum, self.maximum, 0, 0)
         plain = [
             np.asarray(model.curve.coefficients)
             for model in models.values()
-            if isinstance(model.curve, Powers)
-            and (model.curve.reference, model.low, model.high) == (self.reference, self.minimum, self.maximum)
-            and not (model.lag or model.play)
+            if isinstance(model.curve, Powers) and (model.curve.reference, model.low, model.high, model.lag, model.play) == limits
         ]
         same = len(plain) == len(AXES) and len({len(row) for row in plain}) == 1
         return np.stack(plain) if same else None
@@ -81,12 +80,9 @@ class Thermal(eqx.Module):
         """The stored form, in which plain polynomials of a sensor are the rows of a matrix."""
         found: dict[str, Any] = {"unit": si_unit("temperature"), **{key: getattr(self, key) for key in ("reference", "minimum", "maximum")}}
         found |= {sensor: rows for sensor in ("accel", "gyro") if (rows := self.powers(sensor)) is not None}
-        single = {
-            name: _document(model, f"temperature.channels.{name}")
-            for name, model in self.channels.items()
-            if name.partition("_")[0] not in found
-        }
-        return found | ({"channels": single} if single else {})
+        single = {name: model for name, model in self.channels.items() if name.partition("_")[0] not in found}
+        channels = {name: _document(model, f"temperature.channels.{name}") for name, model in single.items()}
+        return found | ({"channels": channels} if channels else {})
 
 
 def polynomials(reference: float, minimum: float, maximum: float, **sensors: AnyArray) -> Thermal:
@@ -122,15 +118,9 @@ _RANGE = ("minimum", "maximum", "lag", "play")
 
 
 def thermal_of(value: Any) -> Thermal | None:
-    """The thermal part of a calibration: fits (channel -> `TemperatureFit`), the stored form, or a `Thermal`.
+    """The thermal part of a calibration, checked: fits (channel -> `TemperatureFit`), the stored form, or a `Thermal`.
 
     The reference temperature of fits is the middle of the range that all channels share.
-
-    Raises
-    ------
-    DataError
-        If a channel is unknown, is a scale factor, or the channels have no temperature in common; or a key is missing or holds
-        something else than it should.
     """
     if value is None:
         return None
@@ -209,10 +199,10 @@ def _check_model(model: ThermalModel, path: str) -> None:
         if not 0 <= getattr(model, key) < _LONGEST:
             raise wrong(getattr(model, key), "a number from 0", f"{path}.{key}")
     held = _document(model, path)
-    for key in ("coefficients", "nodes", "pieces", "height", "centre", "width"):
+    limits = {"coefficients": (1, _MOST_POWERS), "nodes": (1, _MOST_NODES), "pieces": (1, _MOST_NODES)}
+    for key, (least, most) in (limits | dict.fromkeys(("height", "centre", "width"), (0, _MOST_NODES))).items():
         if isinstance(held.get(key), list):
-            jumps = key in ("height", "centre", "width")
-            _check_numbers(np.array(held[key]), f"{path}.{key}", _MOST_POWERS if key == "coefficients" else _MOST_NODES, 0 if jumps else 1)
+            _check_numbers(np.array(held[key]), f"{path}.{key}", most, least)
     if isinstance(curve, Steps):
         if len({len(held[key]) for key in ("height", "centre", "width")}) > 1:
             raise DataError(f"{path}: height, centre and width have different lengths; expected one of each for every jump")

@@ -6,17 +6,17 @@ well the parameters are known. Every estimator of jaxcal stands on this package,
 """
 
 from ._covariance import covariance as covariance, intervals as intervals
-from ._fit import solve as solve
-from ._information import (
-    Information as Information,
-    identifiability as identifiability,
-    information as information,
-    leverage as leverage,
+from ._fit import solve as solve, solve_many as solve_many
+from ._information import Information as Information, information as information
+from ._loss_and_prior import (
+    AbstractLoss as AbstractLoss,
+    AbstractPrior as AbstractPrior,
+    Cauchy as Cauchy,
+    Gaussian as Gaussian,
+    Huber as Huber,
+    SoftL1 as SoftL1,
+    Tukey as Tukey,
 )
-from ._loss import AbstractLoss as AbstractLoss, Cauchy as Cauchy, Huber as Huber, SoftL1 as SoftL1, Tukey as Tukey
-from ._many import solve_many as solve_many
-from ._outcome import Outcome as Outcome
-from ._parameters import names_of as names_of
-from ._prior import AbstractPrior as AbstractPrior, Gaussian as Gaussian
+from ._problem import names_of as names_of
 from ._profile import Interval as Interval, profile_interval as profile_interval
-from ._result import Fit as Fit
+from ._result import Fit as Fit, Outcome as Outcome, identifiability as identifiability, leverage as leverage

@@ -1,18 +1,21 @@
 """Covariance of fitted parameters: of the model, of a sandwich over blocks of residuals, and from refits without one block at a time."""
 
+import dataclasses
 from typing import Any, Literal
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import scipy.stats
 
+from .._compile import filter_jit
 from .._errors import FitError
 from .._precision import array_module, is_traced
-from .._types import AnyArray, Value
-from ._information import Information, information as information_of, known_of, weighted_rows
-from ._jackknife import refits
-from ._outcome import Outcome, ended
-from ._result import Fit
+from .._types import AnyArray, Array, Value
+from ._information import Information, information as information_of
+from ._problem import Problem
+from ._result import Fit, Outcome, ended, known_of, to_numpy, weighted_rows
+from ._search import search
 
 Kind = Literal["model", "sandwich", "jackknife"]
 
@@ -89,10 +92,10 @@ def covariance(
         if fit.problem is None:
             raise FitError("A fit out of many does not keep its data; solve it by itself for a jackknife.")
         labels, count = _labels(fit, _BLOCKS if blocks is None else blocks)
-        matrix = refits(fit, fit.problem, labels, count) + bread @ prior @ bread
+        matrix = _refits(fit, fit.problem, labels, count) + bread @ prior @ bread
     else:
         raise FitError(f"There is no covariance of kind {kind!r}; the kinds are 'model', 'sandwich' and 'jackknife'.")
-    lost = xp.logical_or(known.rank < xp.sum(~fit.at_bound), ended(fit.outcome, Outcome.unidentifiable))
+    lost = xp.logical_or(known.rank < xp.sum(~fit.at_bound), ended(fit, Outcome.unidentifiable))
     return xp.where(lost, np.inf, matrix)
 
 
@@ -139,6 +142,8 @@ def intervals(
 
 def _bread(fit: Fit, given: AnyArray | None) -> Information:
     """Inverse of the curvature of the cost, with the mean curvature of the loss."""
+    if given is None and not fit.robust:
+        return known_of(fit)
     xp = array_module(fit.residuals, given)
     if given is None:
         rows = xp.sqrt(xp.abs(fit.mean_curvature)) * fit.jacobian
@@ -197,3 +202,34 @@ def _meat(fit: Fit, labels: AnyArray, count: int) -> AnyArray:
     score = xp.einsum("bij,bj->bi", vectors, score)
     score = score @ (rows.T @ share + fit.prior_jacobian.T @ (fit.prior_jacobian @ root)).T
     return score.T @ score
+
+
+@filter_jit
+def _without(problem: Problem, keep: Array) -> tuple[Array, Array]:
+    """Parameters of the refits, (m, p), and which of them converged and are determined."""
+
+    def refit(kept: Array) -> tuple[Array, Array]:
+        found = search(dataclasses.replace(problem, keep=kept))
+        r = found.rows.residuals
+        weight = jnp.ones_like(r) if problem.loss is None else problem.loss.weight(r)
+        rows = jnp.concatenate([jnp.sqrt(weight)[:, None] * found.rows.jacobian, found.rows.prior_jacobian])
+        rank = information_of(jax.lax.stop_gradient(rows), held=found.held).rank
+        return found.x, found.flat & (rank == jnp.sum(~found.held)) & jnp.all(jnp.isfinite(found.x))
+
+    return jax.lax.map(refit, keep)
+
+
+def _refits(fit: Fit, problem: Problem, labels: AnyArray, count: int) -> AnyArray:
+    """Jackknife covariance: (m - 1) / m times the sum of squares of the refits' deviations from their mean, for m blocks.
+
+    Every refit starts at the solution. A block of padding alone is none. It is infinite where a refit fails.
+    """
+    xp = array_module(fit.residuals)
+    problem = dataclasses.replace(problem, start=fit.model, starts=None)
+    out = labels[None, :] == xp.arange(count)[:, None]
+    x, usable = to_numpy(_without(problem, jnp.asarray(~out)))
+    real = xp.any(out & xp.asarray(fit.counted)[None, :], axis=1)
+    m = xp.sum(real, dtype=x.dtype)
+    mean = xp.sum(xp.where(real[:, None], x, 0), axis=0) / m
+    deviation = xp.where(real[:, None], x - mean[None, :], 0)
+    return xp.where(xp.all(usable | ~real) & (m > 1), (m - 1) / m * (deviation.T @ deviation), xp.inf)

@@ -1,9 +1,10 @@
-"""`solve`: fit any model to residuals."""
+"""`solve`: fit any model to residuals; `solve_many`: the same fit for many data sets."""
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Literal
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,12 +14,9 @@ from .._compile import filter_jit
 from .._errors import FitError
 from .._precision import array_module, is_traced
 from .._types import Array
-from ._information import known_of
-from ._loss import AbstractLoss
-from ._outcome import Outcome, ended
-from ._prior import AbstractPrior
-from ._problem import Problem, check, define
-from ._result import Fit, M, to_numpy
+from ._loss_and_prior import AbstractLoss, AbstractPrior
+from ._problem import Problem, check, common_dtype, define, to_floats
+from ._result import Fit, M, Outcome, ended, known_of, to_numpy
 from ._search import cost, search
 
 
@@ -138,7 +136,7 @@ def run(problem: Problem) -> Fit:
     xp, known = array_module(fit.parameters), known_of(fit)
     if problem.priors:
         fit = dataclasses.replace(fit, effective=fit.effective - xp.sum(known.leverage(fit.prior_jacobian)))
-    lost = xp.logical_and(known.rank < xp.sum(~fit.at_bound), ~ended(fit.outcome, Outcome.not_finite))
+    lost = xp.logical_and(known.rank < xp.sum(~fit.at_bound), ~ended(fit, Outcome.not_finite))
     if is_traced(lost):
         return dataclasses.replace(fit, outcome=Outcome.where(lost, Outcome.unidentifiable, fit.outcome))
     return dataclasses.replace(fit, outcome=Outcome.unidentifiable) if lost else fit
@@ -146,7 +144,7 @@ def run(problem: Problem) -> Fit:
 
 def _check_residuals(problem: Problem, fit: Fit) -> None:
     """Refuse residuals that are not finite at the start, and say which (host only)."""
-    if is_traced(fit.parameters) or not ended(fit.outcome, Outcome.not_finite):
+    if is_traced(fit.parameters) or not ended(fit, Outcome.not_finite):
         return
     at_start = np.concatenate([np.asarray(part) for part in filter_jit(lambda given: given.residual(given.values()))(problem)])
     bad = np.flatnonzero(~np.isfinite(at_start))
@@ -155,3 +153,61 @@ def _check_residuals(problem: Problem, fit: Fit) -> None:
             f"{bad.size} of {at_start.size} residuals are not finite at the start, the first at {bad[:5].tolist()}; "
             "remove NaN and infinite data, or start where the model is defined."
         )
+
+
+def solve_many(
+    residuals: Callable[[Any, Any], Array],
+    start: M,
+    data: Any,
+    *,
+    batched: Any = (True, True),
+    batch: Literal["map", "vmap"] | None = None,
+    **options: Any,
+) -> Fit[M]:
+    """Fit the same model to many data sets in one compiled call.
+
+    Nothing is raised for one bad data set among many: look at `outcome` or `usable`, one per fit.
+
+    Parameters
+    ----------
+    residuals
+        As for `solve`.
+    start, data
+        As for `solve`, with one more axis in front of every leaf that is `batched`.
+    batched
+        Which leaves have that axis: True or False for all of `start`, and for all of `data` (or a tree for each).
+    batch
+        "map" solves one after another, each in as few steps as it needs; "vmap" all at once, each in as many steps as the
+        slowest. By default "map" on a CPU and "vmap" elsewhere.
+    options
+        Those of `solve`, the same for every fit.
+
+    Returns
+    -------
+    Fit whose arrays have the fits as their first axis.
+
+    Examples
+    --------
+    >>> import jax.numpy as jnp
+    >>> from jaxcal.fitting import solve_many
+    >>> y = jnp.array([[1.0, 2.0, 3.0], [4.0, 4.0, 7.0]])
+    >>> fits = solve_many(lambda mean, y: mean - y, 0.0, y, batched=(False, True))
+    >>> print(fits.model.round(3))
+    [2. 5.]
+    """
+    start, data = to_floats((start, data), common_dtype(start, data))
+    mapped, shared = eqx.partition((start, data), batched)
+    first = eqx.combine(jax.tree.map(lambda leaf: leaf[0], mapped), shared)
+    template = define(residuals, *first, **options)
+    if batch is None:
+        batch = "map" if jax.default_backend() == "cpu" else "vmap"
+    return _each(template, mapped, shared, batch == "vmap")
+
+
+@filter_jit
+def _each(template: Problem, mapped: Any, shared: Any, together: bool) -> Fit:
+    def one(item: Any) -> Fit:
+        start, data = eqx.combine(item, shared)
+        return dataclasses.replace(run(dataclasses.replace(template, start=start, data=data)), problem=None)
+
+    return jax.vmap(one)(mapped) if together else jax.lax.map(one, mapped)

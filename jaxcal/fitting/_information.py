@@ -1,14 +1,11 @@
 """What the rows of a Jacobian say of the parameters: rank, covariance and leverage from one decomposition."""
 
-import dataclasses
-
 import equinox as eqx
 import jax
 import numpy as np
 
 from .._precision import array_module
 from .._types import AnyArray, Value
-from ._result import Fit
 
 
 class Information(eqx.Module):
@@ -21,7 +18,7 @@ class Information(eqx.Module):
     triangle : (p, p) factor R of the Jacobian with columns of unit length.
     column : (p,) lengths of the columns (one where a column is zero).
     held : (p,) parameters that count as fixed, such as those at a bound.
-    names : the parameters in order, of a fit.
+    names : the parameters in order.
     """
 
     singular_values: AnyArray
@@ -91,7 +88,9 @@ class Information(eqx.Module):
         )
 
 
-def information(jacobian: AnyArray, *, held: AnyArray | None = None, tolerance: float | None = None) -> Information:
+def information(
+    jacobian: AnyArray, *, held: AnyArray | None = None, tolerance: float | None = None, names: tuple[str, ...] = ()
+) -> Information:
     """Rank, covariance and leverage of the parameters from the Jacobian of whitened residuals.
 
     The columns are scaled to unit length, so that the units of the parameters do not matter. The condition number is not squared, as it
@@ -106,6 +105,8 @@ def information(jacobian: AnyArray, *, held: AnyArray | None = None, tolerance: 
         (p,) True for parameters that are fixed; by default none.
     tolerance
         Singular values below it, relative to columns of unit length, count as zero; by default 10 p times the rounding error.
+    names
+        Names of the parameters, for `Information.sentence`.
 
     Returns
     -------
@@ -129,64 +130,5 @@ def information(jacobian: AnyArray, *, held: AnyArray | None = None, tolerance: 
     triangle = xp.linalg.qr(xp.concatenate([rows / column[None, :], xp.diag(fixed.astype(rows.dtype))]), mode="r")
     _, s, vectors = xp.linalg.svd(triangle)
     floor = 10 * p * xp.finfo(s.dtype).eps if tolerance is None else tolerance
-    return Information(xp.where(s > floor, s, 0), vectors if xp is np else jax.lax.stop_gradient(vectors), triangle, column, fixed)
-
-
-def weighted_rows(fit: Fit) -> tuple[AnyArray, AnyArray]:
-    """Rows of the Jacobian that the solution sees: those of the data times the roots of their weights, and those of the priors."""
-    return array_module(fit.residuals).sqrt(fit.weights)[:, None] * fit.jacobian, fit.prior_jacobian
-
-
-def known_of(fit: Fit) -> Information:
-    """Information of data and priors at the solution."""
-    return information(array_module(fit.residuals).concatenate(weighted_rows(fit)), held=fit.at_bound)
-
-
-def leverage(fit: Fit) -> AnyArray:
-    """Share of each residual in its own prediction, the diagonal of the hat matrix W^1/2 J (J'WJ + K'K)^-1 J' W^1/2.
-
-    A residual of leverage one is fitted exactly, whatever was measured. W are the weights of a robust loss, K the Jacobian of the priors.
-
-    Parameters
-    ----------
-    fit
-        Any fit of `solve`.
-
-    Returns
-    -------
-    (n,) between 0 and 1; the sum is the number of parameters, less what the priors determine.
-
-    Examples
-    --------
-    >>> import jax.numpy as jnp
-    >>> from jaxcal.fitting import leverage, solve
-    >>> fit = solve(lambda slope, data: slope * data[0] - data[1], 0.0, (jnp.array([1.0, 1.0, 2.0]), jnp.array([1.0, 1.2, 2.1])))
-    >>> print(leverage(fit).round(3))
-    [0.167 0.167 0.667]
-    """
-    return known_of(fit).leverage(weighted_rows(fit)[0])
-
-
-def identifiability(fit: Fit) -> Information:
-    """Which parameters of a fit the data determine, and which combination they determine least.
-
-    Parameters
-    ----------
-    fit
-        Any fit, converged or not.
-
-    Returns
-    -------
-    Information of data and priors; its `sentence` names the parameters.
-
-    Examples
-    --------
-    >>> import jax.numpy as jnp
-    >>> from jaxcal.fitting import identifiability, solve
-    >>> def residuals(model, y):
-    ...     return model["scale"] * (9.81 + model["bias"]) - y
-    >>> fit = solve(residuals, {"bias": 0.0, "scale": 1.0}, jnp.array([9.9, 9.8, 9.9]))
-    >>> print(identifiability(fit).sentence.split(";")[0])
-    The data determine 1 of 2 parameters and cannot tell apart bias, scale
-    """
-    return dataclasses.replace(known_of(fit), names=fit.names)
+    vectors = vectors if xp is np else jax.lax.stop_gradient(vectors)
+    return Information(xp.where(s > floor, s, 0), vectors, triangle, column, fixed, names)

@@ -1,4 +1,4 @@
-"""`Problem`: residuals, start, bounds and options of one fit, checked on the host before anything is compiled."""
+"""`Problem`: residuals, start, bounds and options of one fit, checked on the host; and its parameters as one named vector."""
 
 import dataclasses
 from collections.abc import Callable
@@ -6,17 +6,77 @@ from typing import Any
 
 import equinox as eqx
 import jax
+import jax.flatten_util
 import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
+from jax.core import Tracer
 
 from .._errors import FitError
 from .._precision import array_module, is_traced
 from .._types import AnyArray, Array
-from ._parameters import common_dtype, names_of, spread, to_floats, vector_of
-from ._prior import AbstractPrior
 
 _STATIC = {"static": True}
+
+
+def is_float(leaf: Any) -> bool:
+    """Whether a leaf is a parameter: a Python float or a floating-point array."""
+    dtype = getattr(leaf, "dtype", None)
+    return isinstance(leaf, float) or getattr(dtype, "kind", "") == "f" or (dtype is not None and jnp.issubdtype(dtype, jnp.floating))
+
+
+def to_floats(tree: Any, dtype: Any) -> Any:
+    """Cast floating leaves (Python floats as well) to one dtype, and leave the rest alone; what is not of JAX becomes an array of NumPy.
+
+    A compiled program takes arrays of NumPy as they are, in a tenth of the time that it takes to make arrays of JAX from them.
+    """
+
+    def cast(leaf: Any) -> Any:
+        if not is_float(leaf) or (not isinstance(leaf, float) and leaf.dtype == dtype):
+            return leaf
+        return (jnp if isinstance(leaf, jax.Array) else np).asarray(leaf, dtype=dtype)
+
+    return jax.tree.map(cast, tree)
+
+
+def common_dtype(*trees: Any) -> Any:
+    """Widest floating dtype among the arrays, or JAX's default where there are only Python numbers."""
+    found = [leaf.dtype for leaf in jax.tree.leaves(trees) if hasattr(leaf, "dtype") and is_float(leaf)]
+    return jax.dtypes.canonicalize_dtype(np.result_type(*found)) if found else jnp.zeros(()).dtype
+
+
+def names_of(model: Any) -> list[str]:
+    """One name per entry of every floating leaf, e.g. `bias[2]` or `matrix[0,1]`."""
+    names = []
+    for path, leaf in jax.tree_util.tree_leaves_with_path(model):
+        if not eqx.is_inexact_array(leaf):
+            continue
+        base = jax.tree_util.keystr(path, simple=True, separator=".") or "parameter"
+        entries = np.ndindex(leaf.shape) if leaf.ndim else [()]
+        names += [base + (f"[{','.join(map(str, entry))}]" if entry else "") for entry in entries]
+    return names
+
+
+def spread(spec: Any, model: Any, what: str) -> np.ndarray | Array:
+    """One value per entry of the floating leaves of a model, from a number, or from a tree like `model` or a prefix of it."""
+    xp = jnp if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(spec)) else np
+
+    def fill(value: Any, part: Any) -> list:
+        # for a number from a number `broadcast_to` would take most of the time
+        return [xp.ravel(value if np.shape(value) == leaf.shape else xp.broadcast_to(value, leaf.shape)) for leaf in jax.tree.leaves(part)]
+
+    try:
+        parts = jax.tree.leaves(jax.tree.map(fill, spec, eqx.filter(model, eqx.is_inexact_array)))
+    except ValueError as error:
+        raise FitError(f"{what} is not shaped like the start; give one value, or a tree of values like the start.") from error
+    return xp.concatenate(parts)
+
+
+def vector_of(model: Any) -> tuple[Array, Callable[[Array], Any]]:
+    """All floating leaves as one vector, and the function that puts a vector back."""
+    parameters, rest = eqx.partition(model, eqx.is_inexact_array)
+    vector, unravel = jax.flatten_util.ravel_pytree(parameters)
+    return vector, lambda x: eqx.combine(unravel(x), rest)
 
 
 @jax.tree_util.register_dataclass
@@ -75,10 +135,12 @@ class Problem:
         return jnp.ravel(r) if self.keep is None else jnp.where(self.keep, jnp.ravel(r), 0), prior
 
 
-def define(residuals, start, data, *, free, bounds, loss, priors, solver, starts, max_steps, rtol) -> Problem:
+def define(
+    residuals, start, data, *, free=None, bounds=None, loss=None, priors=(), solver=None, starts=None, max_steps=128, rtol=None
+) -> Problem:
     """Bring the arguments of `solve` into one shape and dtype."""
     dtype = common_dtype(start, data)
-    priors = (priors,) if isinstance(priors, AbstractPrior) else tuple(priors)
+    priors = (priors,) if hasattr(priors, "residuals") else tuple(priors)
     start, data, loss, priors = (to_floats(tree, dtype) for tree in (start, data, loss, priors))
     names = names_of(start)
     index = np.arange(len(names)) if free is None else np.flatnonzero(spread(free, start, "`free`"))
@@ -121,16 +183,12 @@ def check(problem: Problem) -> None:
         return
     one = [np.ravel(leaf) for leaf in jax.tree.leaves(problem.start) if eqx.is_inexact_array(leaf)]
     values = np.concatenate(one)[None, list(problem.free)] if problem.starts is None else np.asarray(problem.starts)
-    lower, upper = np.asarray(problem.lower), np.asarray(problem.upper)
-    if (np.isfinite(values) & (lower <= values) & (values <= upper)).all():
-        return
-    for i, name in enumerate(problem.names):
-        if not np.isfinite(values[:, i]).all():
-            raise FitError(f"The start has {name} = {values[:, i].tolist()}; give a finite number.")
+    lower, upper = problem.lower, problem.upper
+    good = np.isfinite(values) & (lower <= values) & (values <= upper)
+    for i in np.flatnonzero(~good.all(axis=0)):
+        name, value, bounds = problem.names[i], values[:, i].tolist(), f"[{lower[i]:g}, {upper[i]:g}]"
+        if not np.isfinite(value).all():
+            raise FitError(f"The start has {name} = {value}; give a finite number.")
         if not lower[i] <= upper[i]:
-            raise FitError(f"The bounds of {name} are [{lower[i]:g}, {upper[i]:g}]; the lower one must not exceed the upper.")
-        if not ((lower[i] <= values[:, i]) & (values[:, i] <= upper[i])).all():
-            raise FitError(
-                f"The bounds [{lower[i]:g}, {upper[i]:g}] exclude the start {name} = {values[:, i].tolist()}; "
-                "move the start or widen the bounds."
-            )
+            raise FitError(f"The bounds of {name} are {bounds}; the lower one must not exceed the upper.")
+        raise FitError(f"The bounds {bounds} exclude the start {name} = {value}; move the start or widen the bounds.")

@@ -1,5 +1,6 @@
-"""`Fit`: what a solve returns."""
+"""`Fit`: what a solve returns; `Outcome`: how it ended, as sentences that say what to do."""
 
+import functools
 from typing import Any, Generic, TypeVar
 
 import equinox as eqx
@@ -10,10 +11,30 @@ import scipy.special
 from .._errors import FitError
 from .._precision import array_module, is_traced
 from .._types import AnyArray, Value
-from ._outcome import Outcome, ended
+from ._information import Information, information
 from ._problem import Problem
 
 M = TypeVar("M")
+
+
+class Outcome(eqx.Enumeration):
+    """How a fit ended; `Outcome[item]` is the sentence."""
+
+    converged = "The fit converged."
+    at_bound = "The fit converged with a parameter at its bound, where its interval is one-sided; widen the bound unless it is a fact."
+    unidentifiable = "The data do not determine every parameter; hold one fixed, add a prior, or record data that move it."
+    stalled = "The fit stopped where its residuals still slope; look for a kink in the model, and run in float64."
+    step_limit = "The fit reached its step limit before it converged; start closer, try several starts, or raise max_steps."
+    not_finite = "The residuals became infinite or NaN; bound the parameters to where the model is defined, or start closer."
+
+
+def weighted_rows(fit: "Fit") -> tuple[AnyArray, AnyArray]:
+    """Rows of the Jacobian that the solution sees: those of the data times the roots of their weights, and those of the priors."""
+    return array_module(fit.residuals).sqrt(fit.weights)[:, None] * fit.jacobian, fit.prior_jacobian
+
+
+def _informed(fit: "Fit") -> Information:
+    return information(array_module(fit.residuals).concatenate(weighted_rows(fit)), held=fit.at_bound, names=fit.names)
 
 
 class Fit(eqx.Module, Generic[M]):
@@ -58,7 +79,7 @@ class Fit(eqx.Module, Generic[M]):
     @property
     def usable(self) -> Value | np.bool_:
         """True where the fit converged, inside its bounds or on one."""
-        return ended(self.outcome, Outcome.converged, Outcome.at_bound)
+        return array_module(self.residuals).logical_or(ended(self, Outcome.converged), ended(self, Outcome.at_bound))
 
     @property
     def counted(self) -> Value:
@@ -118,7 +139,70 @@ class Fit(eqx.Module, Generic[M]):
             raise FitError(self.message)
         return self
 
+    #: on the host, where several functions need it, and each time it would take a twentieth of a small fit
+    _known = functools.cached_property(_informed)
+
+
+def known_of(fit: Fit) -> Information:
+    """Information of data and priors at the solution."""
+    return _informed(fit) if is_traced(fit.residuals) else fit._known
+
+
+def ended(fit: Fit, item: Any) -> Any:
+    """Whether the outcome of a fit is an item of `Outcome`, without the operation of JAX that `==` of Equinox takes."""
+    return fit.outcome._value == item._value
+
 
 def to_numpy(tree: Any) -> Any:
     """The same tree with arrays of NumPy, outside of a trace."""
     return tree if is_traced(tree) else jax.tree.map(lambda leaf: np.asarray(leaf) if eqx.is_array(leaf) else leaf, tree)
+
+
+def leverage(fit: Fit) -> AnyArray:
+    """Share of each residual in its own prediction, the diagonal of the hat matrix W^1/2 J (J'WJ + K'K)^-1 J' W^1/2.
+
+    A residual of leverage one is fitted exactly, whatever was measured. W are the weights of a robust loss, K the Jacobian of the priors.
+
+    Parameters
+    ----------
+    fit
+        Any fit of `solve`.
+
+    Returns
+    -------
+    (n,) between 0 and 1; the sum is the number of parameters, less what the priors determine.
+
+    Examples
+    --------
+    >>> import jax.numpy as jnp
+    >>> from jaxcal.fitting import leverage, solve
+    >>> fit = solve(lambda slope, data: slope * data[0] - data[1], 0.0, (jnp.array([1.0, 1.0, 2.0]), jnp.array([1.0, 1.2, 2.1])))
+    >>> print(leverage(fit).round(3))
+    [0.167 0.167 0.667]
+    """
+    return known_of(fit).leverage(weighted_rows(fit)[0])
+
+
+def identifiability(fit: Fit) -> Information:
+    """Which parameters of a fit the data determine, and which combination they determine least.
+
+    Parameters
+    ----------
+    fit
+        Any fit, converged or not.
+
+    Returns
+    -------
+    Information of data and priors; its `sentence` names the parameters.
+
+    Examples
+    --------
+    >>> import jax.numpy as jnp
+    >>> from jaxcal.fitting import identifiability, solve
+    >>> def residuals(model, y):
+    ...     return model["scale"] * (9.81 + model["bias"]) - y
+    >>> fit = solve(residuals, {"bias": 0.0, "scale": 1.0}, jnp.array([9.9, 9.8, 9.9]))
+    >>> print(identifiability(fit).sentence.split(";")[0])
+    The data determine 1 of 2 parameters and cannot tell apart bias, scale
+    """
+    return known_of(fit)
