@@ -8,13 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._errors import DataError
-from ._attitude import INCLINATION
-from ._ellipsoid._algebraic import algebraic, constrained, li_griffiths
-from ._ellipsoid._consistent import consistent
-from ._ellipsoid._elementary import axes, minmax
+from ._ellipsoid._algebraic import algebraic, axes, consistent, constrained, li_griffiths, minmax
+from ._ellipsoid._kinds import SOLID
 from ._ellipsoid._orthogonal import loss_of
+from ._field import INCLINATION
 
-SOLID = ("sphere", "diagonal", "symmetric")
 #: method -> model -> algebraic fit
 DIRECT: dict[str, dict[str, Any]] = {
     "minmax": {"diagonal": minmax},
@@ -41,12 +39,10 @@ def checked(m, method, model, field, loss, inclination, choose, penalty, field_e
         raise DataError(f"{bad.size} readings are not finite, the first in row {bad[0]}; leave them out.")
     if np.abs(m).max() > 1e100 or 0 < np.ptp(m) < 1e-100:
         raise DataError("The readings leave the range in which their fourth powers are numbers; give them in tesla or counts.")
-    if method not in METHODS:
-        raise DataError(f"There is no method {method!r}; known are {', '.join(map(repr, METHODS))}.")
-    if model not in MODELS:
-        raise DataError(f"There is no model {model!r}; known are {', '.join(map(repr, MODELS))}.")
-    if choose not in ("bic", "held_out"):
-        raise DataError(f"There is no way to choose {choose!r}; known are 'bic' and 'held_out'.")
+    ways = ("bic", "held_out")
+    for given, known, what in ((method, METHODS, "method"), (model, MODELS, "model"), (choose, ways, "way to choose")):
+        if given not in known:
+            raise DataError(f"There is no {what} {given!r}; known are {', '.join(map(repr, known))}.")
     allowed = {"ml": MODELS, "radial": ("auto", *SOLID)}.get(method, ("auto", *DIRECT.get(method, ())))
     if model not in allowed:
         raise DataError(f"Method {method!r} has no model {model!r}; it has {', '.join(map(repr, allowed))}. Method 'ml' has all.")
@@ -54,9 +50,7 @@ def checked(m, method, model, field, loss, inclination, choose, penalty, field_e
         raise DataError(f"Method {method!r} takes no loss; use method='ml' with loss={loss!r}.")
     if not (isinstance(penalty, (int, float)) and 0 <= penalty < np.inf):
         raise DataError(f"The penalty is {penalty!r}; give its weight: 0.5, 1 for Jeffreys' prior, or 0 for none.")
-    norm, dip = norm_and_dip(field, inclination)
-    if norm is not None and model == "planar":
-        raise DataError("Readings in a plane do not show the whole field: leave out `field` with model='planar'.")
+    norm, dip = norm_and_dip(field, inclination, model)
     if field_error is not None:
         if norm is None or method != "ml":
             raise DataError("A field error needs the `field` that it is of, and method='ml'.")
@@ -67,24 +61,17 @@ def checked(m, method, model, field, loss, inclination, choose, penalty, field_e
     return m, norm, float(dip)
 
 
-def norm_and_dip(field: Any, inclination: Any) -> tuple[Any, Any]:
+def norm_and_dip(field: Any, inclination: Any, model: str = "") -> tuple[Any, Any]:
     """Norm of the field, traced or not, and its dip: the one given, that of the vector, or that of Ankara."""
-    norm, dip = (jnp.linalg.norm(jnp.atleast_1d(field)), None) if isinstance(field, jax.core.Tracer) else _field_of(field)
+    if field is not None and model == "planar":
+        raise DataError("Readings in a plane do not show the whole field: leave out `field` with model='planar'.")
+    norm = dip = None
+    if isinstance(field, jax.core.Tracer):
+        norm = jnp.linalg.norm(jnp.atleast_1d(field))
+    elif field is not None:
+        vector = np.asarray(field, dtype=float)
+        norm = float(np.linalg.norm(vector))
+        if vector.shape not in ((), (3,)) or not 0 < norm < np.inf or (vector.ndim == 0 and vector < 0):
+            raise DataError(f"The field is {field!r}; give its norm, or the vector (north, east, down), in the unit of the readings.")
+        dip = float(np.arctan2(vector[2], np.hypot(vector[0], vector[1]))) if vector.ndim else None
     return norm, next(angle for angle in (inclination, dip, INCLINATION) if angle is not None)
-
-
-def _field_of(field: Any) -> tuple[float | None, float | None]:
-    """Norm and dip."""
-    if field is None:
-        return None, None
-    vector = np.asarray(field, dtype=float)
-    if (
-        vector.shape not in ((), (3,))
-        or not np.isfinite(vector).all()
-        or not np.linalg.norm(vector) > 0
-        or (vector.ndim == 0 and vector < 0)
-    ):
-        raise DataError(f"The field is {field!r}; give its norm, or the vector (north, east, down), in the unit of the readings.")
-    if vector.ndim == 0:
-        return float(vector), None
-    return float(np.linalg.norm(vector)), float(np.arctan2(vector[2], np.hypot(vector[0], vector[1])))

@@ -1,32 +1,31 @@
 """`fit`: hard and soft iron from readings in a field of constant norm."""
 
 import dataclasses
+import functools
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from .._errors import DataError
 from .._precision import host_float64, is_traced
 from ..fitting import AbstractLoss
 from ._aligned import with_rotation
-from ._checks import DIRECT, SOLID, checked, norm_and_dip
-from ._design._coverage import covered, sphere_grid
+from ._checks import DIRECT, checked, norm_and_dip
+from ._design._coverage import Coverage, covered, sphere_grid
 from ._design._heading_error import heading_departure, heading_error, information, needed
-from ._ellipsoid._algebraic import Frame, NotEllipsoid, extents
-from ._ellipsoid._orthogonal import Found, described, loss_of
-from ._ellipsoid._penalised import geometric, left_out, refined
-from ._ellipsoid._penalty import Size
-from ._ellipsoid._select import by_bic, by_held_out, candidates
-from ._ellipsoid._shape import NAMES, PLANAR_NAMES, covariance_of, model_of, radius_of, root
-from ._ellipsoid._start import COUNT, PLANAR, parameters_of
-from ._ellipsoid._subsample import LONG, all_distances, thinned
+from ._ellipsoid._algebraic import NotEllipsoid, extents
+from ._ellipsoid._kinds import COUNT, NAMES, PLANAR, PLANAR_NAMES, SOLID, parameters_of
+from ._ellipsoid._orthogonal import described, estimate, geometric, left_out, loss_of, refined
+from ._ellipsoid._residuals import Size
+from ._ellipsoid._select import LONG, all_distances, by_bic, by_held_out, candidates, thinned
+from ._ellipsoid._shape import Found, Frame, covariance_of, directions_of, in_plane, model_of, radius_of
 from ._model import MagModel
-from ._own_model import fit_model
-from ._result import MagFit, refusal
+from ._own_model import fit_model, one_by_one
+from ._result import LIMITS, NEAR_PLANAR, NEAR_PLANAR_SENTENCE, NOT_JUDGED, OUTLIER, MagFit, judge, outliers, refusal
 from ._rotation._align import align
 from ._rotation._joint import checked_joint, jointly
-from ._traced import traced
-from ._verdict import NEAR_PLANAR, NEAR_PLANAR_SENTENCE, OUTLIER, judge, outliers
 
 _LINE = 0.01  # second singular value of the centred readings, of 0.58 for a full sphere
 _FEW = 64
@@ -45,7 +44,7 @@ def fit(
     loss: str | AbstractLoss | None = None,
     inclination: float | None = None,
     choose: str = "bic",
-    limits: tuple[float, float] = (np.deg2rad(1.0), np.deg2rad(5.0)),
+    limits: tuple[float, float] = LIMITS,
     per_direction: int | None = 32,
     penalty: float = 0.5,
     aid: Any = None,
@@ -93,8 +92,8 @@ def fit(
 
     conditions : name -> array of one row a reading: what `measure` and `correct` of a model object take beside the field.
 
-    Under `jit`, `vmap` and `grad` the fit is that of method "ml" for model "sphere", "diagonal" or "symmetric": the curvature term is
-    decided by an expression, and nothing else is: there is no penalty, no thinning, and `verdict` is "not judged".
+    Under `jit`, `vmap` and `grad` the fit is that of method "ml" for model "sphere", "diagonal", "symmetric" or "planar", which is an
+    ellipse there. An expression decides on the curvature term; there is no penalty and no thinning, and `verdict` is "not judged".
 
     Returns
     -------
@@ -124,28 +123,26 @@ def fit(
     Math. 98 (2004) 177 (consistent); the magnetometer paper's equations 6 to 16 (constrained); the thesis, chapter 6.
     """
     if isinstance(model, MagModel):
-        return _of_model(m, model, field, inclination, conditions or {}, limits, method, loss, field_error, aid)
+        if method != "ml" or loss is not None or field_error is not None or aid is not None:
+            raise DataError("A model object is fitted by method='ml', without `loss`, `field_error` and `aid`.")
+        return fit_model(m, model, field, inclination, conditions or {}, limits)
     if conditions:
         raise DataError("Conditions need a model object whose `measure` and `correct` take them; give it as `model`.")
     if is_traced(m, field):
         given = {"method": method != "ml", "loss": loss is not None, "field_error": field_error is not None, "aid": aid is not None}
-        return traced(m, model, field, inclination, [name for name, there in given.items() if there])
+        return _traced(m, model, field, inclination, [name for name, there in given.items() if there])
     m, norm, dip = checked(m, method, model, field, loss, inclination, choose, penalty, field_error)
     loss = loss_of(loss)
     if joint:
         checked_joint(method, model, aid, loss, field_error)
     whole, used = m, None
     if per_direction is not None and len(m) > LONG and method not in _EXTREMES:
-        used = thinned(Frame.of(m).scaled(m), _at_least_one(per_direction), loss)
+        used = thinned(Frame.of(m).scaled(m), per_direction, loss)
         m = m[used]
     distinct = _distinct(m)
     frame = Frame.of(m)
     if distinct < 2 or frame.scale < 1e-12 * np.abs(m).max():
-        return refusal(
-            method,
-            dip,
-            f"There are {distinct} distinct readings; a sphere needs at least 5, and soft iron 10.",
-        )
+        return refusal(method, dip, f"There are {distinct} distinct readings; a sphere needs at least 5, and soft iron 10.")
     u = frame.scaled(m)
     prior = None if field_error is None or norm is None else Size(float(np.log(norm / frame.scale)), float(field_error))
     spread = extents(u)
@@ -158,25 +155,24 @@ def fit(
         kind = "symmetric" if method == "radial" else next(iter(DIRECT[method]))
     least = kind or ("circle" if planar else "sphere")
     if distinct <= COUNT[least]:
-        return refusal(
-            method,
-            dip,
-            f"There are {distinct} distinct readings; model {'planar' if planar else least!r} needs at least {COUNT[least] + 1}.",
-        )
+        name = "planar" if planar else least
+        return refusal(method, dip, f"There are {distinct} distinct readings; model {name!r} needs at least {COUNT[least] + 1}.")
     plane, notes, unseen = None, [], np.zeros(9)
     try:
         if planar:
             plane = np.linalg.svd(u, full_matrices=False)[2]
             plane[2] *= np.sign(np.linalg.det(plane))
-            u = np.concatenate([u @ plane[:2].T, np.zeros((len(u), 1))], axis=1)
+            u = in_plane(u, plane)
         if kind is None:
             fits = candidates(u, PLANAR if planar else SOLID, loss, distinct)
             chosen = fits[by_held_out(fits, u, loss) if choose == "held_out" and not planar else by_bic(fits, u)]
             notes = _unseen(fits, chosen, distinct, frame, dip, limits[0])
             unseen = left_out(fits, chosen, u, loss, penalty)
             found = refined(chosen, u, loss, penalty, prior)
+        elif method in ("ml", "radial"):
+            found = geometric(u, kind, loss, "orthogonal" if method == "ml" else "radial", penalty, prior)
         else:
-            found = _single(u, method, kind, loss, penalty, prior)
+            found = described(parameters_of(kind, *DIRECT[method][kind](u)), u, kind)
     except NotEllipsoid as error:
         return refusal(method, dip, (f"{NEAR_PLANAR_SENTENCE} " if flat else "") + f"{str(error)[0].upper()}{str(error)[1:]}.")
     if planar == "chosen":
@@ -189,12 +185,6 @@ def fit(
     return jointly(after, whole, aid, limits=limits, rows=used) if joint else after
 
 
-def _at_least_one(per_direction: int) -> int:
-    if per_direction < 1:
-        raise DataError(f"{per_direction} readings per direction were asked for; at least one is needed, or None for all.")
-    return int(per_direction)
-
-
 def _distinct(m: np.ndarray) -> int:
     """Number of distinct readings, of the first few alone where those are enough for any model."""
     few = len(np.unique(m[:_FEW], axis=0))
@@ -204,16 +194,18 @@ def _distinct(m: np.ndarray) -> int:
 def _of_all(result: MagFit, found: Found, frame: Frame, m: np.ndarray, used: int) -> MagFit:
     """The fit of some readings, with the residuals, outliers and coverage of all."""
     u = frame.scaled(m)
-    if result.plane is not None:
-        u = np.concatenate([u @ result.plane[:2].T, np.zeros((len(u), 1))], axis=1)
-    distance = all_distances(found, u)
+    distance = all_distances(found, u if result.plane is None else in_plane(u, result.plane))
     far = np.flatnonzero(np.abs(distance) > OUTLIER * 1.4826 * np.median(np.abs(distance)))
-    matrix = np.linalg.inv(np.asarray(result.model.soft_iron))  # type: ignore[union-attr]
-    corrected = (m - np.asarray(result.model.hard_iron)) @ matrix.T  # type: ignore[union-attr]
     said = f"{used} of {len(m)} readings were fitted, evenly from all directions; residuals and outliers are those of all."
     return dataclasses.replace(
-        result, residual=distance * frame.scale, outliers=far, coverage=covered(corrected), used=used, warnings=(*result.warnings, said)
-    )
+        result, residual=distance * frame.scale, outliers=far, coverage=_covered(result.model, m), used=used,
+        warnings=(*result.warnings, said),
+    )  # fmt: skip
+
+
+def _covered(model: Any, m: np.ndarray) -> Coverage:
+    """Coverage of the corrected readings, by NumPy: nothing to compile for each length of log."""
+    return covered((m - model.hard_iron) @ np.linalg.inv(model.soft_iron).T)
 
 
 def _unseen(fits: dict[str, Found], chosen: Found, distinct: int, frame: Frame, dip: float, limit: float) -> list[str]:
@@ -229,15 +221,9 @@ def _unseen(fits: dict[str, Found], chosen: Found, distinct: int, frame: Frame, 
     return [f"{few} cannot show {what}; model {chosen.kind!r} was fitted, and what it leaves out was not seen to be absent."]
 
 
-def _single(u, method, kind, loss, penalty, prior) -> Found:
-    if method in ("ml", "radial"):
-        return geometric(u, kind, loss, "orthogonal" if method == "ml" else "radial", penalty, prior)
-    return described(parameters_of(kind, *DIRECT[method][kind](u)), u, kind)
-
-
 def _result(m, u, frame, found, method, norm, dip, loss, limits, plane, notes, penalty, field_error, unseen) -> MagFit:
     planar = plane is not None
-    radius = np.linalg.det(found.shape[:2, :2]) ** -0.25 if planar else radius_of(found.shape)
+    radius = radius_of(found.shape, planar)
     covariance = covariance_of(found, frame, unseen)
     raw = found.shape / frame.scale**2
     error = heading_error(raw, covariance, dip)
@@ -247,37 +233,32 @@ def _result(m, u, frame, found, method, norm, dip, loss, limits, plane, notes, p
             error = np.hypot(error, heading_departure(found, best, dip))
         except NotEllipsoid:
             error = np.full(2, np.inf)
-    y = (u - found.centre) @ root(found.shape)
-    units = y / np.maximum(np.linalg.norm(y, axis=1, keepdims=True), 1e-300)
-    told = information(units, found.kind, found.noise / radius)
-    judged = judge(found, u, error, told, limits, loss, planar, notes)
+    told = information(directions_of(found, u), found.kind, found.noise / radius)
+    verdict, reason = judge(found, u, error, told, limits, loss, planar, notes)
     size = radius if norm is None else norm / frame.scale
-    wanted = np.zeros((0, 3))
-    if planar:
-        # across the plane nothing is known: the same scale as in it, and the readings' own mean as offset
-        matrix = plane[:2].T @ root(found.shape)[:2, :2] @ plane[:2] + np.outer(plane[2], plane[2]) / radius
-        model = MagModel(np.linalg.inv(matrix * size), frame.centre + frame.scale * (found.centre[:2] @ plane[:2]))
-    else:
-        model = model_of(found.shape, found.centre, frame, size)
-        if np.isfinite(covariance).all():
-            wanted = needed(raw, covariance, sphere_grid())
+    model = model_of(found.shape, found.centre, frame, size, plane)
+    mean = radius * frame.scale
+    warnings = () if norm is None or 0.8 <= mean / norm <= 1.25 else (
+        f"The readings have a mean field of {mean:.4g}, the given one is {norm:.4g}: the units differ, the sensitivity is off, or the "
+        "readings cover too little of the sphere.",
+    )  # fmt: skip
     return MagFit(
         model=model,
         covariance=covariance,
         heading_error=error,
-        coverage=covered((m - model.hard_iron) @ np.linalg.inv(model.soft_iron).T),  # NumPy: nothing to compile for each length of log
+        coverage=_covered(model, m),
         residual=found.distance * frame.scale,
         noise=float(found.noise * frame.scale),
         field=float(size * frame.scale),
         outliers=outliers(found),
         used=len(m),
-        needed=wanted,
+        needed=np.zeros((0, 3)) if planar or not np.isfinite(covariance).all() else needed(raw, covariance, sphere_grid()),
         condition=told.condition,
         inclination=dip,
         plane=plane,
-        verdict=judged.verdict,
-        reason=judged.reason,
-        warnings=_warnings(radius * frame.scale, norm),
+        verdict=verdict,
+        reason=reason,
+        warnings=warnings,
         names=PLANAR_NAMES if planar else NAMES,
         method=method,
         kind=found.kind,
@@ -286,20 +267,42 @@ def _result(m, u, frame, found, method, norm, dip, loss, limits, plane, notes, p
     )
 
 
-def _warnings(radius: float, norm: float | None) -> tuple[str, ...]:
-    if norm is None or 0.8 <= radius / norm <= 1.25:
-        return ()
-    return (
-        f"The readings have a mean field of {radius:.4g}, the given one is {norm:.4g}: the units differ, the sensitivity is off, or the "
-        "readings cover too little of the sphere.",
-    )
+def _traced(m: Any, model: str, field: Any, inclination: Any, refused: list[str]) -> MagFit:
+    """The fit under `jit`, `vmap` and `grad`: of a given kind by maximum likelihood, not judged."""
+    if model not in (*SOLID, "planar") or refused:
+        said = ", ".join(f"`{name}`" for name in refused) or f"model={model!r}"
+        raise DataError(
+            "A traced fit has its structure fixed by model='sphere', 'diagonal', 'symmetric' or 'planar' and method='ml'; "
+            f"{said} is decided on the host. Leave it out, or call `fit` outside of jit, vmap and grad."
+        )
+    kind = "ellipse" if model == "planar" else model
+    if m.ndim != 2 or m.shape[1] != 3 or len(m) <= COUNT[kind]:
+        raise DataError(f"The readings have shape {m.shape}; model {model!r} needs (n, 3) with at least {COUNT[kind] + 1} rows.")
+    norm, dip = norm_and_dip(field, inclination, model)
+    told = one_by_one(functools.partial(_pure, kind), dip, m, norm)
+    names = PLANAR_NAMES if model == "planar" else NAMES
+    return dataclasses.replace(refusal("ml", dip, NOT_JUDGED), verdict="not judged", kind=kind, names=names, used=len(m), **told)
 
 
-def _of_model(m, model, field, inclination, conditions, limits, method, loss, field_error, aid) -> MagFit:
-    if method != "ml" or loss is not None or field_error is not None or aid is not None:
-        raise DataError("A model object is fitted by method='ml', without `loss`, `field_error` and `aid`.")
-    if on_trace := is_traced(m, model, field, conditions):
-        norm, dip = norm_and_dip(field, inclination)
-    else:
-        m, norm, dip = checked(m, method, "auto", field, loss, inclination, "bic", 0.0, field_error)
-    return fit_model(m, model, norm, dip, conditions, limits, on_trace)
+def _pure(kind: str, dip: float, m: Any, norm: Any) -> dict[str, Any]:
+    """What a traced fit knows, from the readings and the norm of the field."""
+    frame = Frame.of(m)
+    u = frame.scaled(m)
+    plane = _plane(u) if kind in PLANAR else None
+    found = estimate(u if plane is None else in_plane(u, plane), kind)
+    size = radius_of(found.shape, plane is not None) if norm is None else norm / frame.scale
+    covariance = covariance_of(found, frame)
+    return {
+        "model": model_of(found.shape, found.centre, frame, size, plane), "covariance": covariance, "field": size * frame.scale,
+        "heading_error": heading_error(found.shape / frame.scale**2, covariance, dip), "noise": found.noise * frame.scale,
+        "residual": found.distance * frame.scale, "plane": plane,
+    }  # fmt: skip
+
+
+def _plane(u: Any) -> Any:
+    """Axes of the plane nearest to readings and its normal, (3, 3), with the derivative of the normal; a turn about it changes nothing."""
+    scatter = u.T @ u
+    values, axes = jax.lax.stop_gradient(jnp.linalg.eigh(scatter))
+    normal, inside = axes[:, 0], axes[:, :0:-1].T
+    tilt = inside @ scatter @ normal / (values[:0:-1] - values[0])  # zero: it has the derivative alone
+    return jnp.concatenate([inside + tilt[:, None] * normal[None, :], (normal - tilt @ inside)[None, :]])

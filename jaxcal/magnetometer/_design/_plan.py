@@ -12,7 +12,8 @@ import scipy.optimize
 from ..._errors import DataError
 from ..._precision import array_module, host_float64
 from ..._types import AnyArray, Array
-from .._attitude import INCLINATION
+from .._ellipsoid._residuals import natural_rows
+from .._field import INCLINATION, unit_field
 from ._heading_error import grids, heading_slopes
 
 _STARTS = 4
@@ -34,34 +35,19 @@ class Plan(eqx.Module):
     repeats: int
 
 
-def _directions(attitudes: Array, inclination: Array) -> Array:
-    """Field in body axes (see `body_field`), traced."""
-    azimuth, elevation, bank = attitudes[:, 0], attitudes[:, 1], attitudes[:, 2]
-    north, down = jnp.cos(inclination), jnp.sin(inclination)
-    x, y = north * jnp.cos(azimuth), -north * jnp.sin(azimuth)
-    ct, st, cp, sp = jnp.cos(elevation), jnp.sin(elevation), jnp.cos(bank), jnp.sin(bank)
-    forward, across = x * ct - down * st, x * st + down * ct
-    return jnp.stack([forward, y * cp + across * sp, -y * sp + across * cp], axis=1)
-
-
 def _variance(attitudes: Array, inclination: Array, weight: Array) -> Array:
     """Mean square heading error per noise variance (relative to the field) for sensors near C = I: trace of bound times weight."""
-    x, y, z = _directions(attitudes, inclination).T
-    rows = jnp.stack([x * x, 2 * x * y, y * y, 2 * x * z, 2 * y * z, z * z, -2 * x, -2 * y, -2 * z], axis=1) / 2
-    information = rows.T @ rows
+    rows = natural_rows(unit_field(attitudes, inclination, jnp), jnp)
     # a ridge far below what a usable plan has keeps the derivative finite at singular plans
-    information = information + 1e-9 * len(rows) * jnp.eye(9, dtype=rows.dtype)
+    information = rows.T @ rows + 1e-9 * len(rows) * jnp.eye(9, dtype=rows.dtype)
     return jnp.trace(jnp.linalg.solve(information, weight))
 
 
 @functools.cache
 def _weights(inclination: float) -> np.ndarray:
     """Mean of the outer products of the heading's slopes, at level and tilted, (2, 9, 9)."""
-    found = []
-    for attitudes, directions in grids(inclination):
-        slopes = heading_slopes(np.eye(3), attitudes, directions)
-        found.append(slopes.T @ slopes / len(slopes))
-    return np.array(found)
+    slopes = [heading_slopes(np.eye(3), *grid) for grid in grids(inclination)]
+    return np.array([rows.T @ rows / len(rows) for rows in slopes])
 
 
 _slope = jax.jit(jax.value_and_grad(lambda a, i, w: jnp.log(_variance(a, i, w))))
@@ -161,19 +147,16 @@ def plan(
         raise DataError(f"A plan needs {_FEWEST} attitudes or more, a positive noise, and an inclination within 90 degrees; got {count}.")
     rng, weight = np.random.default_rng(seed), jnp.asarray(_weights(float(inclination)).mean(axis=0))
     bounds = [(None, None), elevation, bank] * count
-    best, least = None, np.inf
 
     def cost(x):
         value, slope = _slope(jnp.asarray(x.reshape(count, 3)), jnp.asarray(inclination), weight)
         return float(value), np.asarray(slope).ravel()
 
+    tries = []
     for _ in range(_STARTS):
         turns = np.stack([rng.uniform(0, 2 * np.pi, count), rng.uniform(*elevation, count), rng.uniform(*bank, count)], axis=1)
-        found = scipy.optimize.minimize(cost, turns.ravel(), jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": 200})
-        if found.fun < least:
-            best, least = found.x.reshape(count, 3), float(found.fun)
-    if best is None:
-        raise DataError("No start of the plan gave a finite bound.")
+        tries.append(scipy.optimize.minimize(cost, turns.ravel(), jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": 200}))
+    best = min(tries, key=lambda found: found.fun if np.isfinite(found.fun) else np.inf).x.reshape(count, 3)
     best[:, 0] %= 2 * np.pi
     error = predict(best, noise, inclination=inclination)
     if not error.max() < np.pi:

@@ -1,26 +1,27 @@
 """`align`: the rotation that a fit of norms cannot see, from the vertical, from rates, or from known headings."""
 
+import functools
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ..._errors import DataError
 from ..._precision import host_float64
 from ..._types import AnyArray
-from ...fitting import covariance, solve
-from .._ellipsoid._start import padded_length
+from ...fitting import Fit, covariance, solve
+from .._ellipsoid._shape import filled, unit
 from .._model import MagModel
-from ._residuals import Known, Poses, Turns, dip_residuals, heading_residuals, turn_residuals
-from ._segments import attitudes_in_segments, permutations, rotation_vector, turn
+from ._residuals import Poses, Turns, dip_residuals, heading_residuals, turn_residuals
+from ._turning import SEGMENT, array, attitudes_in_segments, like, permutations
 
 _STILL = 0.03  # departure of the specific force from its median beyond which a pose is not at rest
-SEGMENT = 2.0  # rad travelled in one segment: rates of a slightly wrong scale go astray with the angle
-_WEAK, _REFUSED = np.deg2rad(1.0), np.deg2rad(5.0)
+#: standard deviation in rad above which a verdict is "weak", and above which it is "refused"
+LIMITS = (np.deg2rad(1.0), np.deg2rad(5.0))
 _FEWEST = 5
-_AXES = ("x", "y", "z")
 
 
 class Alignment(eqx.Module):
@@ -169,47 +170,27 @@ def align(m: Any, model: MagModel, aid: Any) -> Alignment:
     return aid._align((m - np.asarray(model.hard_iron)) @ np.linalg.inv(np.asarray(model.soft_iron)).T, model)
 
 
-def array(values: Any, name: str) -> np.ndarray:
-    values = np.asarray(values, dtype=float)
-    if values.ndim != 2 or values.shape[1] != 3:
-        raise DataError(f"The {name} have shape {values.shape}; expected (n, 3), one row per reading.")
-    return values
-
-
-def like(values: Any, y: np.ndarray, name: str) -> np.ndarray:
-    values = array(values, name)
-    if len(values) != len(y):
-        raise DataError(f"There are {len(y)} readings and {len(values)} rows of {name}; give one for each reading.")
-    return values
-
-
-def _padded(values: np.ndarray) -> np.ndarray:
-    size = padded_length(len(values))
-    return np.concatenate([values, np.repeat(values[:1], size - len(values), axis=0)])
-
-
-def _weight(count: int) -> np.ndarray:
-    full = np.zeros(padded_length(count))
-    full[:count] = 1.0
-    return full
-
-
-def unit(v: np.ndarray) -> np.ndarray:
-    return v / np.linalg.norm(v, axis=1, keepdims=True)
-
-
 def _enough(count: int, what: str) -> None:
     if count < _FEWEST:
         raise DataError(f"{count} {what} are left to align with; at least {_FEWEST} are needed, in attitudes that differ.")
 
 
-@eqx.filter_jit
-def _compiled(function, parameters, data):
+@functools.partial(jax.jit, static_argnums=0)
+def _values(function: Callable, parameters: dict[str, Any], data: Any) -> jax.Array:
     return function(parameters, data)
 
 
-def _values(function, parameters, data) -> np.ndarray:
-    return np.asarray(_compiled(function, *jax.tree.map(jnp.asarray, (parameters, data))))
+def _turned(
+    function: Callable, start: dict[str, Any], data: Any, free: Any = None
+) -> tuple[np.ndarray, dict[str, Any], np.ndarray, list[Fit]]:
+    """Rotation, other parameters, covariance of the rotation, and two fits: the second from the solution, about which that is a turn."""
+    start, fits = {"rho": np.zeros(3), **start}, []
+    for _ in range(2):
+        fits.append(solve(function, start, data, free=free))
+        turn = Rotation.from_rotvec(np.array(fits[-1].model["rho"])).as_matrix()
+        start, data = {**fits[-1].model, "rho": np.zeros(3)}, eqx.tree_at(lambda d: d.base, data, data.base @ turn)
+    order = [i for i, name in enumerate(fits[-1].names) if name.startswith("rho")]
+    return data.base, start, np.asarray(covariance(fits[-1], scaled=True))[np.ix_(order, order)], fits
 
 
 def still(accel: np.ndarray) -> np.ndarray:
@@ -230,16 +211,11 @@ def _by_dip(y, model, accel, dip, mounting) -> Alignment:
         base = min(permutations(), key=lambda p: np.std(np.sum(y * (f @ p.T), axis=1)))
     before = np.sum(y * (f @ base.T), axis=1)
     s = float(np.mean(before)) if dip is None else -float(np.sin(dip))
-    rotation, fit = base, None
-    for _ in range(2):  # the second time from the solution, so that the covariance is that of a turn about it
-        data = Poses(_padded(y), _padded(f), _weight(len(y)), rotation)
-        fit = solve(dip_residuals, {"rho": np.zeros(3), "s": s}, data, free={"rho": True, "s": dip is None})
-        rotation, s = rotation @ np.asarray(turn(fit.model["rho"])), float(fit.model["s"])
+    data = Poses(filled(y, y[:1]), filled(f, f[:1]), filled(np.ones(len(y))), base)
+    rotation, found, matrix, fits = _turned(dip_residuals, {"s": s}, data, {"rho": True, "s": dip is None})
     spread = np.array([np.std(np.arcsin(np.clip(p, -1, 1))) for p in (before, np.sum(y * (f @ rotation.T), axis=1))])
-    names = list(fit.names)  # type: ignore[union-attr]
-    order = [i for i, name in enumerate(names) if "rho" in name]
-    matrix = np.asarray(covariance(fit, scaled=True))[np.ix_(order, order)]  # type: ignore[arg-type]
-    return alignment_of(model, rotation, base, matrix, spread, len(y), "accel", fit, dip=-float(np.arcsin(np.clip(s, -1, 1))))
+    dip = -float(np.arcsin(np.clip(found["s"], -1, 1)))
+    return alignment_of(model, rotation, base, matrix, spread, len(y), "accel", fits[-1], dip=dip)
 
 
 def _by_headings(y, model, accel, headings) -> Alignment:
@@ -249,14 +225,11 @@ def _by_headings(y, model, accel, headings) -> Alignment:
     kept = np.isfinite(headings) & np.isfinite(up).all(axis=1) & np.isfinite(y).all(axis=1)
     _enough(int(kept.sum()), "known headings")
     y, up, headings = y[kept], up[kept], headings[kept]
-    rotation, fit, spread = np.eye(3), None, []
-    for _ in range(2):
-        data = Known(_padded(y), _padded(up), _padded(headings), _weight(len(y)), rotation)
-        start = {"rho": np.zeros(3)}
-        fit = solve(heading_residuals, start, data)
-        spread.append(np.sqrt(np.mean(_values(heading_residuals, start, data)[: len(y)] ** 2)))
-        rotation = rotation @ np.asarray(turn(jnp.asarray(fit.model["rho"])))
-    return alignment_of(model, rotation, np.eye(3), np.asarray(covariance(fit, scaled=True)), np.array(spread), len(y), "headings", fit)  # type: ignore[arg-type]
+    data = Poses(filled(y, y[:1]), filled(up, up[:1]), filled(np.ones(len(y))), np.eye(3), filled(headings))
+    rotation, _, matrix, fits = _turned(heading_residuals, {}, data)
+    before = _values(heading_residuals, {"rho": np.zeros(3)}, data)
+    spread = np.sqrt([np.sum(np.square(off)) / len(y) for off in (before, fits[0].residuals)])
+    return alignment_of(model, rotation, np.eye(3), matrix, spread, len(y), "headings", fits[-1])
 
 
 def _by_rates(y, model, gyro, rate) -> Alignment:
@@ -265,48 +238,33 @@ def _by_rates(y, model, gyro, rate) -> Alignment:
     kept = (segment >= 0) & np.isfinite(y).all(axis=1)
     _enough(int(kept.sum()), "readings with rates")
     number, member = np.unique(segment[kept], return_inverse=True)
-    y, attitude, slope, count = y[kept] / size, attitude[kept], slope[kept], len(y[kept])
-    rotation, bias, fit, spread = np.eye(3), np.zeros(3), None, []
-    for _ in range(2):
-        data = Turns(
-            _padded(y), _padded(attitude), _padded(slope), _padded(member), _weight(count), rotation, np.ones(len(_weight(len(number))))
-        )
-        begin = {"rho": np.zeros(3), "bias": bias}
-        fit = solve(turn_residuals, begin, data)
-        spread.append(np.sqrt(np.sum(_values(turn_residuals, begin, data) ** 2) / (3 * max(count - len(number), 1))))
-        rotation, bias = rotation @ np.asarray(turn(fit.model["rho"])), np.asarray(fit.model["bias"])
+    count = len(member)
+    rows = [filled(x, x[:1]) for x in (y[kept] / size, attitude[kept], slope[kept], member)]
+    data = Turns(*rows, filled(np.ones(count)), np.eye(3), filled(np.ones(len(number)), 1.0))
+    rotation, found, matrix, fits = _turned(turn_residuals, {"bias": np.zeros(3)}, data)
+    before = _values(turn_residuals, {"rho": np.zeros(3), "bias": np.zeros(3)}, data)
+    spread = np.sqrt([np.sum(np.square(off)) / (3 * max(count - len(number), 1)) for off in (before, fits[0].residuals)])
     # each segment's field was estimated too
-    free = np.asarray(fit.degrees_of_freedom)  # type: ignore[union-attr]
-    matrix = np.asarray(covariance(fit, scaled=True)) * free / max(free - 3 * len(number), 1)  # type: ignore[arg-type]
-    order = [i for i, name in enumerate(fit.names) if "rho" in name]  # type: ignore[union-attr]
-    return alignment_of(model, rotation, np.eye(3), matrix[np.ix_(order, order)], np.array(spread), count, "gyro", fit, bias=bias)
+    free = np.asarray(fits[-1].degrees_of_freedom)
+    matrix = matrix * free / max(free - 3 * len(number), 1)
+    return alignment_of(model, rotation, np.eye(3), matrix, spread, count, "gyro", fits[-1], bias=np.asarray(found["bias"]))
 
 
 def alignment_of(model, rotation, base, matrix, spread, used, source, fit, dip=float("nan"), bias=None) -> Alignment:
-    rho = rotation_vector(base.T @ rotation)
+    rho = Rotation.from_matrix(base.T @ rotation).as_rotvec()
     angle = float(np.linalg.norm(rho))
     along = rho / angle if angle > 1e-12 else np.full(3, 3**-0.5)
     known = bool(fit.usable) and np.isfinite(matrix).all()
-    worst, axes = np.linalg.eigh(matrix if known else np.eye(3))
-    most = float(np.sqrt(max(worst[-1], 0.0))) if known else np.inf
-    axis = _AXES[int(np.argmax(np.abs(axes[:, -1])))]
-    if not known:
-        verdict, reason = "refused", f"The attitudes do not determine the rotation: {fit.message} Tilt the sensor about two axes."
-    else:
-        verdict = "good" if most <= _WEAK else "weak" if most <= _REFUSED else "refused"
-        degrees = np.rad2deg([angle, most])
+    matrix = matrix if known else np.full((3, 3), np.inf)
+    verdict, reason = "refused", f"The attitudes do not determine the rotation: {fit.message} Tilt the sensor about two axes."
+    if known:
+        worst, axes = np.linalg.eigh(matrix)
+        most = float(np.sqrt(max(worst[-1], 0.0)))
+        verdict = "good" if most <= LIMITS[0] else "weak" if most <= LIMITS[1] else "refused"
+        degrees, axis = np.rad2deg([angle, most]), "xyz"[int(np.argmax(np.abs(axes[:, -1])))]
         reason = f"The rotation is {degrees[0]:.2g} degrees; it is least certain about {axis}, by {degrees[1]:.2g} degrees."
     return Alignment(
-        model=MagModel(np.asarray(model.soft_iron) @ rotation, np.asarray(model.hard_iron)),
-        rotation=rotation,
-        covariance=matrix if known else np.full((3, 3), np.inf),
-        angle=angle,
-        angle_error=float(np.sqrt(along @ matrix @ along)) if known else np.inf,
-        dip=dip,
-        spread=spread,
-        bias=np.zeros(3) if bias is None else bias,
-        used=used,
-        verdict=verdict,
-        reason=reason,
-        source=source,
+        model=MagModel(np.asarray(model.soft_iron) @ rotation, np.asarray(model.hard_iron)), rotation=rotation, covariance=matrix,
+        angle=angle, angle_error=float(np.sqrt(along @ matrix @ along)) if known else np.inf, dip=dip, spread=spread,
+        bias=np.zeros(3) if bias is None else bias, used=used, verdict=verdict, reason=reason, source=source,
     )  # fmt: skip

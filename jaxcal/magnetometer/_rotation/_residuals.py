@@ -1,31 +1,37 @@
-"""What a second sensor says about the rotation that norms cannot see: residuals, traced."""
+"""Residuals of what a second sensor says, traced: about the rotation alone, and about rotation and ellipsoid together.
+
+In the joint fit, noise of a reading across the surface is in the distance, noise along it in the second sensor's residual: to first order
+they are independent. Both are lengths among the readings. Angles of the corrected field would be smaller on a larger ellipsoid, and the
+fit would drift there.
+"""
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+from ..._rotation import exponential, matrix
 from ..._types import Any, Array
-from .._heading import heading
-from ._segments import turn
+from .._ellipsoid._distance import mean_curvature, signed_distance
+from .._ellipsoid._kinds import basis_of, upper_and_centre
+from .._field import heading
+
+#: U by rows, centre, rotation vector; then the bias of the rates, or the sine
+CENTRE, TURN, EXTRA = slice(6, 9), slice(9, 12), slice(12, None)
+
+
+def turn(rho: Array) -> Array:
+    """Rotation matrix exp([rho]x), (3, 3)."""
+    return matrix(exponential(rho))
 
 
 class Poses(eqx.Module):
-    """Paired unit vectors: corrected field y, specific force f (n, 3), weight (n,), and the rotation to start from."""
+    """Corrected field y and specific force f (n, 3), weight (n,), the rotation to start from, and known magnetic headings (n,)."""
 
     y: Any
     f: Any
     weight: Any
     base: Any
-
-
-class Known(eqx.Module):
-    """Corrected field, specific force (n, 3), magnetic headings and weight (n,), and the rotation to start from."""
-
-    y: Any
-    f: Any
-    angle: Any
-    weight: Any
-    base: Any
+    angle: Any = None
 
 
 class Turns(eqx.Module):
@@ -50,7 +56,7 @@ def dip_residuals(parameters: dict[str, Array], data: Poses) -> Array:
     return data.weight * (jnp.sum(data.y * force, axis=1) - parameters["s"])
 
 
-def heading_residuals(parameters: dict[str, Array], data: Known) -> Array:
+def heading_residuals(parameters: dict[str, Array], data: Poses) -> Array:
     """Heading of the turned field less the known one, in rad, within half a turn."""
     found = heading(data.y @ (data.base @ turn(parameters["rho"])), data.f)
     off = jnp.where(jnp.isfinite(found), found - data.angle, 0.0)
@@ -73,3 +79,89 @@ def turn_residuals(parameters: dict[str, Array], data: Turns) -> Array:
     number = jax.ops.segment_sum(data.weight, data.member, num_segments=count)
     mean = total / jnp.maximum(number, 1)[:, None]
     return still - data.weight[:, None] * mean[data.member]
+
+
+class Joint(eqx.Module):
+    """Scaled readings of the magnetometer, with the data of a second sensor beside them.
+
+    u : (n, 3). weight, paired : (n,), zero for padding, and for readings without its data. sigma : (2,) of a reading across the
+    surface, and of what the sensor says. noise2 : as in `Readings`. base : (3, 3) rotation to start from.
+    """
+
+    u: Any
+    weight: Any
+    paired: Any
+    sigma: Any
+    noise2: Any
+    base: Any
+
+
+class JointTurns(Joint):
+    """Beside attitudes from rates: sigma is that along the surface; paired is below one where the noise of the rates adds up.
+
+    member, attitude, slope : as in `Turns`. tangent : (n, 3, 2) two directions along the surface. metric, inverse : (n, 3, 3) and
+    (segments, 3, 3), the weights with which a segment's field is averaged, and the inverse of their sum.
+    """
+
+    member: Any
+    attitude: Any
+    slope: Any
+    tangent: Any
+    metric: Any
+    inverse: Any
+
+
+class JointPoses(Joint):
+    """Beside unit specific forces (n, 3): sigma is that of a direction of the force in rad."""
+
+    force: Any
+
+
+def _on_surface(parameters: Array, data: Any) -> tuple[Array, Array, Array, Array]:
+    """U, unit directions of the points next to the readings, the normals there, and the weighted distances over their sigma.
+
+    The points are the nearest ones but for the square of the distance.
+    """
+    upper, centre = upper_and_centre(parameters[:9], jnp.asarray(basis_of("symmetric"), dtype=parameters.dtype))
+    shape, z = upper.T @ upper, data.u - centre[None, :]
+    distance = signed_distance(shape, z)
+    normal = _unit(z @ shape)
+    unit = _unit((z - distance[:, None] * normal) @ upper.T)
+    levelled = distance - data.noise2 * mean_curvature(shape, z)
+    return upper, unit, normal, data.weight * levelled / data.sigma[0]
+
+
+def _unit(v: Array) -> Array:
+    square = jnp.sum(v**2, axis=1, keepdims=True)
+    return v / jnp.sqrt(jnp.where(square > 0, square, 1))
+
+
+def joint_turn_residuals(parameters: Array, data: JointTurns) -> Array:
+    """Distances, and how far the readings lie along the surface from where the field of their segment, turned back, puts them.
+
+    That field is the least-squares estimate; its weights are those at the start, whose derivative has no part to first order.
+    """
+    upper, unit, _, across = _on_surface(parameters, data)
+    rotation = data.base @ turn(parameters[TURN])
+    body = unit @ rotation
+    body = body - jnp.cross(jnp.einsum("nij,j->ni", data.slope, parameters[EXTRA]), body)
+    still = jnp.einsum("nij,nj->ni", data.attitude, body)
+    total = jax.ops.segment_sum(jnp.einsum("nij,nj->ni", data.metric, still), data.member, num_segments=len(data.inverse))
+    field = jnp.einsum("sij,sj->si", data.inverse, total)
+    off = body - jnp.einsum("nji,nj->ni", data.attitude, field[data.member])
+    along = jnp.einsum("nik,ni->nk", data.tangent, off @ rotation.T @ jnp.linalg.inv(upper).T)
+    return jnp.concatenate([across, (data.paired[:, None] * along / data.sigma[1]).ravel()])
+
+
+def joint_pose_residuals(parameters: Array, data: JointPoses) -> Array:
+    """Distances, and products y'f less the sine over their standard deviation, which both sensors' noise gives."""
+    upper, unit, normal, across = _on_surface(parameters, data)
+    rotation = data.base @ turn(parameters[TURN])
+    force = data.force @ rotation.T
+    product = jnp.sum(unit * force, axis=1)
+    by_reading = force @ upper
+    by_reading = by_reading - jnp.sum(by_reading * normal, axis=1)[:, None] * normal
+    variance = data.sigma[0] ** 2 * jnp.sum(by_reading**2, axis=1) + data.sigma[1] ** 2 * (1 - product**2)
+    # a force along the field tells nothing; padding neither
+    off = jnp.where(variance > 0, product - parameters[12], 0) / jnp.sqrt(jnp.where(variance > 0, variance, 1))
+    return jnp.concatenate([across, data.paired * off])
