@@ -1,8 +1,6 @@
 """Magnetometers: hard and soft iron from readings in many attitudes, heading, coverage."""
 
-from ._aligned import aligned as aligned
 from ._design._coverage import Coverage as Coverage, coverage as coverage
-from ._design._plan import Plan as Plan, plan as plan, predict as predict
 from ._ellipsoid._residuals import residuals as residuals
 from ._field import body_field as body_field, earth_field as earth_field, heading as heading, scenario as scenario
 from ._fit import fit as fit
@@ -16,8 +14,15 @@ from ._rotation._align import (
     Headings as Headings,
     align as align,
 )
+from ._rotation._joint import aligned as aligned
 from ._rotation._turning import HardIron as HardIron, hard_iron_by_turning as hard_iron_by_turning
-from ._uncertainty import bootstrap as bootstrap, heading_uncertainty as heading_uncertainty
+from ._uncertainty import (
+    Plan as Plan,
+    bootstrap as bootstrap,
+    heading_uncertainty as heading_uncertainty,
+    plan as plan,
+    predict as predict,
+)
 from ._vehicle import (
     AttitudeFit as AttitudeFit,
     CurrentTerms as CurrentTerms,

@@ -5,32 +5,43 @@ import functools
 from typing import Any
 
 import jax
+import jax.core
 import jax.numpy as jnp
 import numpy as np
 
 from .._errors import DataError
 from .._precision import host_float64, is_traced
 from ..fitting import AbstractLoss
-from ._aligned import with_rotation
-from ._checks import DIRECT, checked, norm_and_dip
-from ._design._coverage import Coverage, covered, sphere_grid
+from ._design._coverage import covered, sphere_grid
 from ._design._heading_error import heading_departure, heading_error, information, needed
-from ._ellipsoid._algebraic import NotEllipsoid, extents
+from ._ellipsoid._algebraic import NotEllipsoid, algebraic, axes, consistent, constrained, extents, li_griffiths, minmax
 from ._ellipsoid._kinds import COUNT, NAMES, PLANAR, PLANAR_NAMES, SOLID, parameters_of
 from ._ellipsoid._orthogonal import described, estimate, geometric, left_out, loss_of, refined
 from ._ellipsoid._residuals import Size
 from ._ellipsoid._select import LONG, all_distances, by_bic, by_held_out, candidates, thinned
 from ._ellipsoid._shape import Found, Frame, covariance_of, directions_of, in_plane, model_of, radius_of
+from ._field import INCLINATION
 from ._model import MagModel
 from ._own_model import fit_model, one_by_one
-from ._result import LIMITS, NEAR_PLANAR, NEAR_PLANAR_SENTENCE, NOT_JUDGED, OUTLIER, MagFit, judge, outliers, refusal
+from ._result import LIMITS, NEAR_PLANAR, NEAR_PLANAR_SENTENCE, NOT_JUDGED, MagFit, judge, outliers, refusal
 from ._rotation._align import align
-from ._rotation._joint import checked_joint, jointly
+from ._rotation._joint import checked_joint, jointly, with_rotation
 
 _LINE = 0.01  # second singular value of the centred readings, of 0.58 for a full sphere
 _FEW = 64
 _EXACT = ("ml", "consistent")
 _EXTREMES = ("minmax", "axes")
+#: method -> model -> algebraic fit
+_DIRECT: dict[str, dict[str, Any]] = {
+    "minmax": {"diagonal": minmax},
+    "axes": {"symmetric": axes},
+    "constrained": {"symmetric": constrained},
+    "li_griffiths": {"symmetric": li_griffiths},
+    "algebraic": {kind: functools.partial(algebraic, kind=kind) for kind in reversed(SOLID)},
+    "consistent": {"symmetric": lambda u: consistent(u)[:2]},
+}
+_METHODS = ("ml", "consistent", "algebraic", "li_griffiths", "constrained", "radial", "axes", "minmax")
+_MODELS = ("auto", *SOLID, "planar")
 
 
 @host_float64
@@ -125,13 +136,17 @@ def fit(
     if isinstance(model, MagModel):
         if method != "ml" or loss is not None or field_error is not None or aid is not None:
             raise DataError("A model object is fitted by method='ml', without `loss`, `field_error` and `aid`.")
-        return fit_model(m, model, field, inclination, conditions or {}, limits)
+        if traced := is_traced(m, model, field, conditions):
+            norm, dip = _norm_and_dip(field, inclination)
+        else:
+            m, norm, dip = _checked(m, method, "auto", field, loss, inclination, choose, penalty, field_error)
+        return fit_model(m, model, norm, dip, conditions or {}, limits, traced)
     if conditions:
         raise DataError("Conditions need a model object whose `measure` and `correct` take them; give it as `model`.")
     if is_traced(m, field):
         given = {"method": method != "ml", "loss": loss is not None, "field_error": field_error is not None, "aid": aid is not None}
         return _traced(m, model, field, inclination, [name for name, there in given.items() if there])
-    m, norm, dip = checked(m, method, model, field, loss, inclination, choose, penalty, field_error)
+    m, norm, dip = _checked(m, method, model, field, loss, inclination, choose, penalty, field_error)
     loss = loss_of(loss)
     if joint:
         checked_joint(method, model, aid, loss, field_error)
@@ -152,7 +167,7 @@ def fit(
     planar = "asked" if model == "planar" else "chosen" if flat and model == "auto" and method == "ml" else None
     kind = None if model == "auto" or planar else model
     if kind is None and method != "ml":
-        kind = "symmetric" if method == "radial" else next(iter(DIRECT[method]))
+        kind = "symmetric" if method == "radial" else next(iter(_DIRECT[method]))
     least = kind or ("circle" if planar else "sphere")
     if distinct <= COUNT[least]:
         name = "planar" if planar else least
@@ -172,14 +187,25 @@ def fit(
         elif method in ("ml", "radial"):
             found = geometric(u, kind, loss, "orthogonal" if method == "ml" else "radial", penalty, prior)
         else:
-            found = described(parameters_of(kind, *DIRECT[method][kind](u)), u, kind)
+            found = described(parameters_of(kind, *_DIRECT[method][kind](u)), u, kind)
     except NotEllipsoid as error:
         return refusal(method, dip, (f"{NEAR_PLANAR_SENTENCE} " if flat else "") + f"{str(error)[0].upper()}{str(error)[1:]}.")
     if planar == "chosen":
         notes = ["The readings are near-planar, and were fitted in their plane.", *notes]
-    result = _result(m, u, frame, found, method, norm, dip, loss, limits, plane, notes, penalty, field_error, unseen)
-    result = result if used is None else _of_all(result, found, frame, whole, len(used))
-    if result.model is None or aid is None:
+    told = _told(found, frame, norm, dip, plane, unseen)
+    if method not in _EXACT:
+        try:
+            best = geometric(u, "symmetric" if _distinct(u) > COUNT["symmetric"] else found.kind, loss, penalty=penalty)
+            told["heading_error"] = np.hypot(told["heading_error"], heading_departure(found, best, dip))
+        except NotEllipsoid:
+            told["heading_error"] = np.full(2, np.inf)
+    known = information(directions_of(found, u), found.kind, found.noise / radius_of(found.shape, plane is not None))
+    verdict, reason = judge(found, u, told["heading_error"], known, limits, loss, notes)
+    result = dataclasses.replace(
+        refusal(method, dip, reason), verdict=verdict, condition=known.condition, kind=found.kind, penalty=found.penalty,
+        field_error=field_error, names=NAMES if plane is None else PLANAR_NAMES, **told, **_of_all(found, frame, whole, told, norm),
+    )  # fmt: skip
+    if aid is None:
         return result
     after = with_rotation(result, align(whole, result.model, aid), field)
     return jointly(after, whole, aid, limits=limits, rows=used) if joint else after
@@ -191,80 +217,40 @@ def _distinct(m: np.ndarray) -> int:
     return few if few > COUNT["symmetric"] else len(np.unique(m, axis=0))
 
 
-def _of_all(result: MagFit, found: Found, frame: Frame, m: np.ndarray, used: int) -> MagFit:
-    """The fit of some readings, with the residuals, outliers and coverage of all."""
-    u = frame.scaled(m)
-    distance = all_distances(found, u if result.plane is None else in_plane(u, result.plane))
-    far = np.flatnonzero(np.abs(distance) > OUTLIER * 1.4826 * np.median(np.abs(distance)))
-    said = f"{used} of {len(m)} readings were fitted, evenly from all directions; residuals and outliers are those of all."
-    return dataclasses.replace(
-        result, residual=distance * frame.scale, outliers=far, coverage=_covered(result.model, m), used=used,
-        warnings=(*result.warnings, said),
-    )  # fmt: skip
-
-
-def _covered(model: Any, m: np.ndarray) -> Coverage:
-    """Coverage of the corrected readings, by NumPy: nothing to compile for each length of log."""
-    return covered((m - model.hard_iron) @ np.linalg.inv(model.soft_iron).T)
+def _of_all(found: Found, frame: Frame, m: np.ndarray, told: dict[str, Any], norm: float | None) -> dict[str, Any]:
+    """What a fit, of these readings or of some of them, says of all."""
+    model, plane, used = told["model"], told["plane"], len(found.distance)
+    mean, warnings = frame.scale * radius_of(found.shape, plane is not None), []
+    if norm is not None and not 0.8 <= mean / norm <= 1.25:
+        warnings.append(
+            f"The readings have a mean field of {mean:.4g}, the given one is {norm:.4g}: the units differ, the sensitivity is off, or the "
+            "readings cover too little of the sphere."
+        )
+    distance, far, wanted = found.distance, outliers(found.distance, found.weight), np.zeros((0, 3))
+    if used < len(m):
+        u = frame.scaled(m)
+        distance = all_distances(found, u if plane is None else in_plane(u, plane))
+        far = outliers(distance)
+        warnings.append(f"{used} of {len(m)} readings were fitted, evenly from all directions; residuals and outliers are those of all.")
+    if plane is None and np.isfinite(told["covariance"]).all():
+        wanted = needed(found.shape / frame.scale**2, told["covariance"], sphere_grid())
+    # corrected by NumPy: nothing to compile for each length of log
+    corrected = (m - model.hard_iron) @ np.linalg.inv(model.soft_iron).T
+    return {
+        "residual": distance * frame.scale, "outliers": far, "coverage": covered(corrected), "needed": wanted, "used": used,
+        "warnings": tuple(warnings),
+    }  # fmt: skip
 
 
 def _unseen(fits: dict[str, Found], chosen: Found, distinct: int, frame: Frame, dip: float, limit: float) -> list[str]:
     """A smaller model says little where the largest could not be tried, or leaves the heading open: what is left out was not seen."""
     largest = "ellipse" if chosen.kind in PLANAR else "symmetric"
     full = fits.get(largest)
-    if chosen.kind == largest:
-        return []
-    if full is not None and full.converged and heading_error(full.shape / frame.scale**2, covariance_of(full, frame), dip)[0] <= limit:
+    if chosen.kind == largest or (full is not None and full.converged and _told(full, frame, None, dip)["heading_error"][0] <= limit):
         return []
     few = f"{distinct} distinct readings" if distinct <= COUNT[largest] else "The readings"
     what = "an ellipse" if chosen.kind in PLANAR else "a full soft iron matrix"
     return [f"{few} cannot show {what}; model {chosen.kind!r} was fitted, and what it leaves out was not seen to be absent."]
-
-
-def _result(m, u, frame, found, method, norm, dip, loss, limits, plane, notes, penalty, field_error, unseen) -> MagFit:
-    planar = plane is not None
-    radius = radius_of(found.shape, planar)
-    covariance = covariance_of(found, frame, unseen)
-    raw = found.shape / frame.scale**2
-    error = heading_error(raw, covariance, dip)
-    if method not in _EXACT:
-        try:
-            best = geometric(u, "symmetric" if _distinct(u) > COUNT["symmetric"] else found.kind, loss, penalty=penalty)
-            error = np.hypot(error, heading_departure(found, best, dip))
-        except NotEllipsoid:
-            error = np.full(2, np.inf)
-    told = information(directions_of(found, u), found.kind, found.noise / radius)
-    verdict, reason = judge(found, u, error, told, limits, loss, planar, notes)
-    size = radius if norm is None else norm / frame.scale
-    model = model_of(found.shape, found.centre, frame, size, plane)
-    mean = radius * frame.scale
-    warnings = () if norm is None or 0.8 <= mean / norm <= 1.25 else (
-        f"The readings have a mean field of {mean:.4g}, the given one is {norm:.4g}: the units differ, the sensitivity is off, or the "
-        "readings cover too little of the sphere.",
-    )  # fmt: skip
-    return MagFit(
-        model=model,
-        covariance=covariance,
-        heading_error=error,
-        coverage=_covered(model, m),
-        residual=found.distance * frame.scale,
-        noise=float(found.noise * frame.scale),
-        field=float(size * frame.scale),
-        outliers=outliers(found),
-        used=len(m),
-        needed=np.zeros((0, 3)) if planar or not np.isfinite(covariance).all() else needed(raw, covariance, sphere_grid()),
-        condition=told.condition,
-        inclination=dip,
-        plane=plane,
-        verdict=verdict,
-        reason=reason,
-        warnings=warnings,
-        names=PLANAR_NAMES if planar else NAMES,
-        method=method,
-        kind=found.kind,
-        penalty=found.penalty,
-        field_error=field_error,
-    )
 
 
 def _traced(m: Any, model: str, field: Any, inclination: Any, refused: list[str]) -> MagFit:
@@ -278,7 +264,7 @@ def _traced(m: Any, model: str, field: Any, inclination: Any, refused: list[str]
     kind = "ellipse" if model == "planar" else model
     if m.ndim != 2 or m.shape[1] != 3 or len(m) <= COUNT[kind]:
         raise DataError(f"The readings have shape {m.shape}; model {model!r} needs (n, 3) with at least {COUNT[kind] + 1} rows.")
-    norm, dip = norm_and_dip(field, inclination, model)
+    norm, dip = _norm_and_dip(field, inclination, model)
     told = one_by_one(functools.partial(_pure, kind), dip, m, norm)
     names = PLANAR_NAMES if model == "planar" else NAMES
     return dataclasses.replace(refusal("ml", dip, NOT_JUDGED), verdict="not judged", kind=kind, names=names, used=len(m), **told)
@@ -290,12 +276,16 @@ def _pure(kind: str, dip: float, m: Any, norm: Any) -> dict[str, Any]:
     u = frame.scaled(m)
     plane = _plane(u) if kind in PLANAR else None
     found = estimate(u if plane is None else in_plane(u, plane), kind)
+    return {**_told(found, frame, norm, dip, plane), "residual": found.distance * frame.scale}
+
+
+def _told(found: Found, frame: Frame, norm: Any, dip: float, plane: Any = None, bias: np.ndarray | None = None) -> dict[str, Any]:
+    """What a `MagFit` has of an ellipsoid, traced or not."""
     size = radius_of(found.shape, plane is not None) if norm is None else norm / frame.scale
-    covariance = covariance_of(found, frame)
+    covariance = covariance_of(found, frame, bias)
     return {
         "model": model_of(found.shape, found.centre, frame, size, plane), "covariance": covariance, "field": size * frame.scale,
-        "heading_error": heading_error(found.shape / frame.scale**2, covariance, dip), "noise": found.noise * frame.scale,
-        "residual": found.distance * frame.scale, "plane": plane,
+        "heading_error": heading_error(found.shape / frame.scale**2, covariance, dip), "noise": found.noise * frame.scale, "plane": plane,
     }  # fmt: skip
 
 
@@ -306,3 +296,54 @@ def _plane(u: Any) -> Any:
     normal, inside = axes[:, 0], axes[:, :0:-1].T
     tilt = inside @ scatter @ normal / (values[:0:-1] - values[0])  # zero: it has the derivative alone
     return jnp.concatenate([inside + tilt[:, None] * normal[None, :], (normal - tilt @ inside)[None, :]])
+
+
+def _checked(m, method, model, field, loss, inclination, choose, penalty, field_error) -> tuple[np.ndarray, float | None, float]:
+    """Readings, norm of the field and dip; every option known and at home with the method."""
+    try:
+        m = np.asarray(m, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise DataError("The readings are not numbers; give an array of shape (n, 3).") from error
+    if m.ndim != 2 or m.shape[1] != 3 or not len(m):
+        raise DataError(f"The readings have shape {m.shape}; expected (n, 3), one row per reading.")
+    bad = np.flatnonzero(~np.isfinite(m).all(axis=1))
+    if bad.size:
+        raise DataError(f"{bad.size} readings are not finite, the first in row {bad[0]}; leave them out.")
+    if np.abs(m).max() > 1e100 or 0 < np.ptp(m) < 1e-100:
+        raise DataError("The readings leave the range in which their fourth powers are numbers; give them in tesla or counts.")
+    ways = ("bic", "held_out")
+    for given, known, what in ((method, _METHODS, "method"), (model, _MODELS, "model"), (choose, ways, "way to choose")):
+        if given not in known:
+            raise DataError(f"There is no {what} {given!r}; known are {', '.join(map(repr, known))}.")
+    allowed = {"ml": _MODELS, "radial": ("auto", *SOLID)}.get(method, ("auto", *_DIRECT.get(method, ())))
+    if model not in allowed:
+        raise DataError(f"Method {method!r} has no model {model!r}; it has {', '.join(map(repr, allowed))}. Method 'ml' has all.")
+    if loss_of(loss) is not None and method not in ("ml", "radial"):
+        raise DataError(f"Method {method!r} takes no loss; use method='ml' with loss={loss!r}.")
+    if not (isinstance(penalty, (int, float)) and 0 <= penalty < np.inf):
+        raise DataError(f"The penalty is {penalty!r}; give its weight: 0.5, 1 for Jeffreys' prior, or 0 for none.")
+    norm, dip = _norm_and_dip(field, inclination, model)
+    if field_error is not None:
+        if norm is None or method != "ml":
+            raise DataError("A field error needs the `field` that it is of, and method='ml'.")
+        if not (isinstance(field_error, (int, float)) and 0 < field_error < 1):
+            raise DataError(f"The field error is {field_error!r}; give the relative standard deviation of `field`, such as 0.02.")
+    if not abs(dip) < np.pi / 2:
+        raise DataError(f"The inclination is {dip:g} rad; it must lie between -pi/2 and pi/2, where there is a horizontal field.")
+    return m, norm, float(dip)
+
+
+def _norm_and_dip(field: Any, inclination: Any, model: str = "") -> tuple[Any, Any]:
+    """Norm of the field, traced or not, and its dip: the one given, that of the vector, or that of Ankara."""
+    if field is not None and model == "planar":
+        raise DataError("Readings in a plane do not show the whole field: leave out `field` with model='planar'.")
+    norm = dip = None
+    if isinstance(field, jax.core.Tracer):
+        norm = jnp.linalg.norm(jnp.atleast_1d(field))
+    elif field is not None:
+        vector = np.asarray(field, dtype=float)
+        norm = float(np.linalg.norm(vector))
+        if vector.shape not in ((), (3,)) or not 0 < norm < np.inf or (vector.ndim == 0 and vector < 0):
+            raise DataError(f"The field is {field!r}; give its norm, or the vector (north, east, down), in the unit of the readings.")
+        dip = float(np.arctan2(vector[2], np.hypot(vector[0], vector[1]))) if vector.ndim else None
+    return norm, next(angle for angle in (inclination, dip, INCLINATION) if angle is not None)

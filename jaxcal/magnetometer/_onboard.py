@@ -9,7 +9,7 @@ import numpy as np
 
 from .._errors import DataError
 from .._types import AnyArray
-from ._ellipsoid._algebraic import ORDERS, NotEllipsoid, ellipsoid_of, null_of, psi_of
+from ._ellipsoid._algebraic import ORDERS, PSI, NotEllipsoid, ellipsoid_of, null_of
 from ._ellipsoid._shape import Frame, model_of, radius_of
 from ._model import MagModel
 from ._rotation._turning import array
@@ -211,7 +211,7 @@ class Moments(eqx.Module):
         if not spread > 1e-9:
             raise DataError("All readings are the same.")
         own = self.moved(self.centre + self.scale * mean, self.scale * spread)
-        psi = psi_of(np.asarray(own.sums) / own.count)
+        psi = PSI @ (np.asarray(own.sums) / own.count)
         try:
             if method == "consistent":
                 shape, centre, noise = null_of(psi)

@@ -14,11 +14,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._compile import filter_jit
 from .._errors import DataError
-from .._precision import is_traced
 from .._types import Array
 from ..fitting import Fit, covariance, identifiability, solve
-from ._checks import checked, norm_and_dip
 from ._design._coverage import covered
 from ._design._heading_error import rms_heading
 from ._ellipsoid._algebraic import extents, traced_start
@@ -27,10 +26,11 @@ from ._ellipsoid._orthogonal import CURVED
 from ._ellipsoid._residuals import surface_distances
 from ._ellipsoid._shape import Frame, model_of, radius_of
 from ._model import MagModel
-from ._result import NEAR_PLANAR, NEAR_PLANAR_SENTENCE, NOT_JUDGED, OUTLIER, MagFit, Reasons, refusal
+from ._result import NEAR_PLANAR, NEAR_PLANAR_SENTENCE, NOT_JUDGED, MagFit, Reasons, expected, outliers, refusal
 
 _ENTRY = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
 _UPPER = np.triu_indices(3)
+_SOFT = [f"soft_iron[{i},{j}]" for i, j in zip(*_UPPER, strict=True)]
 _PRECISE = 1e-8
 
 
@@ -45,34 +45,20 @@ class Leaves(eqx.Module):
         return eqx.tree_at(lambda m: m.soft_iron, self.rest, self.soft_iron[_ENTRY] @ turn, is_leaf=lambda leaf: leaf is None)
 
 
-def _leaves(model: MagModel) -> tuple[Leaves, Array]:
-    """Leaves of a model, and Q of its polar decomposition S Q."""
-    left, _, right = jnp.linalg.svd(jnp.asarray(model.soft_iron))
-    turn = left @ right
-    return Leaves((jnp.asarray(model.soft_iron) @ turn.T)[_UPPER], eqx.tree_at(lambda m: m.soft_iron, model, None)), turn
-
-
-class Given(eqx.Module):
-    """Readings, norm of the field, conditions, variance of the curvature term, and Q."""
-
-    m: Any
-    field: Any
-    conditions: Any
-    noise2: Any
-    turn: Any
-
-
-def _whitened(leaves: Leaves, data: Given) -> Array:
-    return surface_distances(leaves.model(data.turn), data.m, data.field, data.conditions, data.noise2)
+def _whitened(leaves: Leaves, data: tuple) -> Array:
+    turn, *rest = data
+    return surface_distances(leaves.model(turn), *rest)
 
 
 def _start(model: MagModel, m: Any, field: Any, conditions: Any) -> tuple[Leaves, Array, Any]:
-    """The given model, or that with the iron of the algebraic fit where its distances are less; Q; and the norm of the field."""
+    """The given model, or that with the iron of the algebraic fit where its distances are less; Q of its soft iron S Q; and the field."""
     frame = Frame.of(m)
     shape, centre = shape_and_centre(traced_start(frame.scaled(m), "symmetric"), basis_of("symmetric"))
     norm = radius_of(shape) * frame.scale if field is None else jnp.asarray(field, dtype=m.dtype)
     iron = model_of(shape, centre, frame, norm / frame.scale)
-    given, turn = _leaves(model)
+    left, _, right = jnp.linalg.svd(model.soft_iron)
+    turn = left @ right
+    given = Leaves((model.soft_iron @ turn.T)[_UPPER], eqx.tree_at(lambda m: m.soft_iron, model, None))
     other = Leaves(iron.soft_iron[_UPPER], eqx.tree_at(lambda r: r.hard_iron, given.rest, iron.hard_iron))
     cost = [jnp.nan_to_num(jnp.sum(surface_distances(x.model(turn), m, norm, conditions, 0.0) ** 2), nan=jnp.inf) for x in (given, other)]
     pick = lambda a, b: jnp.where(cost[1] < cost[0], b, a) if eqx.is_inexact_array(b) else a  # noqa: E731
@@ -84,7 +70,7 @@ def _pure(dip: float, model: MagModel, m: Any, field: Any, conditions: Any) -> t
     begin, turn, norm = _start(model, m, field, conditions)
     noise2 = jnp.zeros((), m.dtype)
     for last in (False, True):
-        found = solve(_whitened, begin, Given(m, norm, conditions, noise2, turn), rtol=_PRECISE)
+        found = solve(_whitened, begin, (turn, m, norm, conditions, noise2), rtol=_PRECISE)
         variance = jnp.sum(found.residuals**2) / (len(m) - found.parameters.size)
         noise = jnp.sqrt(variance)
         if not last:
@@ -107,34 +93,23 @@ def _pure(dip: float, model: MagModel, m: Any, field: Any, conditions: Any) -> t
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0, 1))
 def one_by_one(pure: Callable, dip: float, *given: Any) -> Any:
-    """`pure(dip, *given)`, of which a batch runs one after another, each in as few steps as it needs.
-
-    Together they would all take as many steps as the slowest, and stand still now and then in LAPACK. Their derivatives run together all
-    the same, as `custom_vmap` has none.
-    """
+    """`pure(dip, *given)`, of which a batch runs one after another, each in as few steps as it needs: together LAPACK may hang."""
     return jax.custom_batching.sequential_vmap(functools.partial(pure, dip))(*given)
 
 
+# derivatives run together all the same, as `custom_vmap` has none
 @one_by_one.defjvp
 def _(pure: Callable, dip: float, primals: tuple, tangents: tuple) -> tuple:
     return jax.jvp(functools.partial(pure, dip), primals, tangents)
 
 
-_compiled = eqx.filter_jit(one_by_one)
+_compiled = filter_jit(one_by_one)
 
 
-def _named(names: tuple[str, ...]) -> tuple[str, ...]:
-    """Names of the leaves by their paths in the model."""
-    soft = [f"soft_iron[{i},{j}]" for i, j in zip(*_UPPER, strict=True)]
-    return (*soft, *(name.removeprefix("rest.") for name in names[6:]))
-
-
-def fit_model(m: Any, model: MagModel, field: Any, inclination: Any, conditions: dict[str, Any], limits: tuple[float, float]) -> MagFit:
-    """`fit` for a model object."""
-    if traced := is_traced(m, model, field, conditions):
-        norm, dip = norm_and_dip(field, inclination)
-    else:
-        m, norm, dip = checked(m, "ml", "auto", field, None, inclination, "bic", 0.0, None)
+def fit_model(
+    m: Any, model: MagModel, norm: Any, dip: float, conditions: dict[str, Any], limits: tuple[float, float], traced: bool
+) -> MagFit:
+    """`fit` for a model object; `norm` and `dip` of the field."""
     conditions = {name: jnp.asarray(value, dtype=float) for name, value in conditions.items()}
     for name, value in conditions.items():
         if value.ndim < 1 or len(value) != len(m):
@@ -146,21 +121,19 @@ def fit_model(m: Any, model: MagModel, field: Any, inclination: Any, conditions:
     if len(m) <= count:
         raise DataError(f"There are {len(m)} readings; this model has {count} parameters and needs at least {count + 1}.")
     found, told = (one_by_one if traced else _compiled)(_pure, dip, model, jnp.asarray(m), norm, conditions)
+    names = (*_SOFT, *(name.removeprefix("rest.") for name in found.names[6:]))
     result = dataclasses.replace(
-        refusal("ml", dip, NOT_JUDGED), verdict="not judged", names=_named(found.names), used=len(m), kind=type(model).__name__, **told
+        refusal("ml", dip, NOT_JUDGED), verdict="not judged", names=names, used=len(m), kind=type(model).__name__, **told
     )
-    return result if traced else _judged(result, found, m, conditions, limits)
-
-
-def _judged(result: MagFit, found: Fit, m: np.ndarray, conditions: dict[str, Any], limits: tuple[float, float]) -> MagFit:
+    if traced:
+        return result
     result = jax.tree.map(lambda leaf: np.asarray(leaf) if eqx.is_array(leaf) else leaf, result)
     noise, field = float(result.noise), float(result.field)
     y = np.asarray(result.model.correct(jnp.asarray(m), **conditions))  # type: ignore[union-attr]
     back = np.asarray(result.model.measure(jnp.asarray(y), **conditions))  # type: ignore[union-attr]
     if not np.allclose(back, m, rtol=1e-6, atol=1e-6 * np.abs(m).max()):
         raise DataError(f"`measure` and `correct` of {result.kind} do not undo one another; `correct` must be its inverse.")
-    off = np.abs(result.residual)
-    far = np.flatnonzero(off > max(OUTLIER * 1.4826 * np.median(off), 1e-9 * field))
+    far = outliers(result.residual / field)
     identified, reasons = identifiability(found), Reasons([], [])
     if not bool(found.usable) or not np.isfinite(result.covariance).all():
         reasons.refused.append(f"The fit has no solution that the readings determine: {found.message} {identified.sentence}")
@@ -170,9 +143,8 @@ def _judged(result: MagFit, found: Fit, m: np.ndarray, conditions: dict[str, Any
         reasons.heading(result.heading_error, limits, f". {identified.sentence}")
     reasons.scatter(noise / field, "surface of this model")
     reasons.outliers(len(far), len(m))
-    level, tilted = np.rad2deg(result.heading_error)
-    said = f"The heading error to expect is {level:.2g} degrees rms at level and {tilted:.2g} at 20 degrees of tilt, but for the rotation."
+    said = reasons.text(f"The {expected(result.heading_error)}, excluding a rotation common to all readings.")
     return dataclasses.replace(
-        result, verdict=reasons.verdict, reason=reasons.text() or said, coverage=covered(y), outliers=far,
+        result, verdict=reasons.verdict, reason=said, coverage=covered(y), outliers=far,
         condition=float(identified.condition), noise=noise, field=field,
     )  # fmt: skip

@@ -11,7 +11,7 @@ from .._results import NORMAL95, Result, Row
 from .._types import AnyArray
 from ._design._heading_error import Information
 from ._ellipsoid._algebraic import NotEllipsoid, ellipsoid_of, extents, nearest_quadric, sampson
-from ._ellipsoid._kinds import COUNT, ENTRIES, NAMES
+from ._ellipsoid._kinds import COUNT, ENTRIES, NAMES, PLANAR
 from ._ellipsoid._shape import Found, radius_of
 from ._model import MagModel
 
@@ -22,7 +22,7 @@ NEAR_PLANAR = 0.05  # smallest singular value of the centred readings, of 0.58 f
 NEAR_PLANAR_SENTENCE = (
     "The readings are near-planar: they leave the field across their plane open. Turn about a second axis, or use model='planar'."
 )
-OUTLIER = 4.0
+_OUTLIER = 4.0
 _MANY_OUTLIERS = 0.01
 _NOISY, _TOO_NOISY = 0.1, 0.2
 _ILL, _SINGULAR = 1000.0, 1e8
@@ -144,13 +144,20 @@ def refusal(method: str, dip: float, reason: str) -> MagFit:
     )  # fmt: skip
 
 
+def expected(error: np.ndarray) -> str:
+    """The heading error of a good fit, in words."""
+    level, tilted = np.rad2deg(error)
+    where = f"at level and {tilted:.2g} at 20 degrees of tilt" if np.isfinite(tilted) else "in the plane"
+    return f"heading error to expect is {level:.2g} degrees rms {where}"
+
+
 class Reasons(NamedTuple):
     """Sentences that speak against a fit."""
 
     refused: list[str]
     weak: list[str]
 
-    def add(self, grave: bool, sentence: str) -> None:
+    def add(self, grave: bool | np.bool_, sentence: str) -> None:
         """One more, that refuses the fit or weakens it."""
         (self.refused if grave else self.weak).append(sentence)
 
@@ -180,16 +187,15 @@ class Reasons(NamedTuple):
         """The word for them."""
         return "refused" if self.refused else "weak" if self.weak else "good"
 
-    def text(self, *notes: str) -> str:
+    def text(self, otherwise: str) -> str:
         """All of them, the gravest first."""
-        return " ".join([*self.refused, *self.weak, *notes])
+        return " ".join([*self.refused, *self.weak]) or otherwise
 
 
-def outliers(found: Found) -> np.ndarray:
-    """Readings off by four robust standard deviations, or with less than a third of their weight."""
-    size = np.abs(found.distance)
-    spread = 1.4826 * np.median(size)
-    return np.flatnonzero((size > max(OUTLIER * spread, 1e-9)) | (found.weight < 0.33))
+def outliers(distance: np.ndarray, weight: Any = 1.0) -> np.ndarray:
+    """Readings off by four robust standard deviations, or with less than a third of their weight; distances in scaled units."""
+    size = np.abs(distance)
+    return np.flatnonzero((size > max(_OUTLIER * 1.4826 * np.median(size), 1e-9)) | (np.asarray(weight) < 0.33))
 
 
 def _other_quadric(found: Found, u: np.ndarray) -> str | None:
@@ -207,38 +213,32 @@ def _other_quadric(found: Found, u: np.ndarray) -> str | None:
 
 def _structural(found: Found, u: np.ndarray, told: Information, planar: bool) -> list[str]:
     """Reasons that lie in the geometry of the readings, whatever their noise."""
-    reasons = []
-    if not planar:
-        if extents(u - u.mean(axis=0))[-1] < NEAR_PLANAR:
-            reasons.append(NEAR_PLANAR_SENTENCE)
-        elif other := _other_quadric(found, u):
-            reasons.append(f"{other[0].upper()}{other[1:]}, and they lie on it more than twice as close as on any ellipsoid.")
-    if not reasons and (not told.condition <= _SINGULAR or not np.isfinite(found.covariance).all()):
-        reasons.append(f"The readings do not determine {told.weakest}.")
-    elif not reasons and told.by_noise > _BY_NOISE:
-        reasons.append(f"The readings show {told.weakest} through their noise only, and so do not determine it.")
-    return reasons
+    if not planar and extents(u - u.mean(axis=0))[-1] < NEAR_PLANAR:
+        return [NEAR_PLANAR_SENTENCE]
+    if not planar and (other := _other_quadric(found, u)):
+        return [f"{other[0].upper()}{other[1:]}, and they lie on it more than twice as close as on any ellipsoid."]
+    if not told.condition <= _SINGULAR or not np.isfinite(found.covariance).all():
+        return [f"The readings do not determine {told.weakest}."]
+    if told.by_noise > _BY_NOISE:
+        return [f"The readings show {told.weakest} through their noise only, and so do not determine it."]
+    return []
 
 
 def judge(
-    found: Found, u: np.ndarray, error: np.ndarray, told: Information, limits: tuple[float, float], loss: Any, planar: bool,
-    notes: list[str],
+    found: Found, u: np.ndarray, error: np.ndarray, told: Information, limits: tuple[float, float], loss: Any, notes: list[str],
 ) -> tuple[str, str]:  # fmt: skip
     """Verdict, and the sentences that lead to it."""
+    planar = found.kind in PLANAR
     reasons = Reasons(_structural(found, u, told, planar), list(notes))
     if not reasons.refused:
         _by_size(found, error, told, limits, reasons)
-    far = len(outliers(found))
+    far = len(outliers(found.distance, found.weight))
     if far > 0.4 * len(u):
         reasons.refused.append(f"{far} of {len(u)} readings are outliers: no majority of the readings agrees.")
     elif loss is None:
         reasons.outliers(far, len(u), "use loss='huber' or 'tukey', or leave them out")
-    note = ["It holds for headings in the plane of the readings only."] if planar else []
-    if reasons.verdict != "good":
-        return reasons.verdict, reasons.text(*note)
-    level, tilted = np.rad2deg(error)
-    extent = f"{level:.2g} degrees rms" + (" in the plane" if planar else f" at level and {tilted:.2g} at 20 degrees of tilt")
-    return "good", " ".join([f"The heading error to expect is {extent}, excluding a rotation common to all readings.", *note])
+    said = reasons.text(f"The {expected(error)}, excluding a rotation common to all readings.")
+    return reasons.verdict, said + (" It holds for headings in the plane of the readings only." if planar else "")
 
 
 def _by_size(found: Found, error: np.ndarray, told: Information, limits: tuple[float, float], reasons: Reasons) -> None:

@@ -169,32 +169,16 @@ def fit_attitudes(m: Any, field: Any, *, current: Any = None) -> AttitudeFit:
     return AttitudeFit(MagModel(found[:, :3], found[:, 3]), found[:, 4:], error, noise)
 
 
-class Iron(eqx.Module):
-    """An ellipsoid {x : |U (x - b)| = s} of scaled readings, and the fields of currents (3, c): what is fitted, or held, of them."""
-
-    upper: Any
-    centre: Any
-    log_size: Any
-    terms: Any
+def _distances(iron: dict[str, Array], data: tuple[Array, Array, Array]) -> Array:
+    """Weighted distances to {x : |U (x - b)| = s} of readings less the fields of currents; given are readings, currents and weight."""
+    u, current, weight = data
+    shape = iron["upper"].T @ iron["upper"] * jnp.exp(-2 * iron["log_size"])
+    return weight * signed_distance(shape, u - current @ iron["terms"].T - iron["centre"][None, :])
 
 
-class Powered(eqx.Module):
-    """Scaled readings (n, 3), currents (n, c), and weight (n,), zero for padding."""
-
-    u: Any
-    current: Any
-    weight: Any
-
-
-def _distances(iron: Iron, data: Powered) -> Array:
-    """Weighted orthogonal distances of the readings less the fields of the currents."""
-    shape = iron.upper.T @ iron.upper * jnp.exp(-2 * iron.log_size)
-    return data.weight * signed_distance(shape, data.u - data.current @ iron.terms.T - iron.centre[None, :])
-
-
-def _fitted(u: np.ndarray, current: np.ndarray, start: Iron, free: Iron) -> tuple[Fit, np.ndarray]:
-    """The fit, and the covariance of what was free."""
-    found = solve(_distances, start, Powered(filled(u, u[:1]), filled(current), filled(np.ones(len(u)))), free=free)
+def _fitted(u: np.ndarray, current: np.ndarray, start: dict[str, Any], free: dict[str, Any]) -> tuple[Fit, np.ndarray]:
+    """The fit, and the covariance of what was free: of centre, size, terms and U in this order."""
+    found = solve(_distances, start, (filled(u, u[:1]), filled(current), filled(np.ones(len(u)))), free=free)
     return found, np.asarray(covariance(found, scaled=True))
 
 
@@ -243,11 +227,11 @@ def fit_current(m: Any, current: Any, **options: Any) -> CurrentTerms:
         raise DataError(f"The readings determine no ellipsoid to begin with. {first.reason}")
     frame = Frame.of(m)
     u, (shape, centre) = frame.scaled(m), ellipsoid_of_model(first.model, frame, first.field)
-    start = Iron(np.linalg.cholesky(shape).T, centre, 0.0, np.zeros((3, columns.shape[1])))
-    free = Iron(np.triu(np.ones((3, 3), dtype=bool)), True, False, True)
+    start = {"upper": np.linalg.cholesky(shape).T, "centre": centre, "log_size": 0.0, "terms": np.zeros((3, columns.shape[1]))}
+    free = {"upper": np.triu(np.ones((3, 3), dtype=bool)), "centre": True, "log_size": False, "terms": True}
     found, matrix = _fitted(u, (columns - columns.mean(axis=0)) / size, start, free)
-    scale, count = frame.scale / size, start.terms.size
-    terms, error = np.asarray(found.model.terms) * scale, np.sqrt(np.diag(matrix)[-count:]).reshape(3, -1) * scale
+    scale = frame.scale / size
+    terms, error = np.asarray(found.model["terms"]) * scale, np.sqrt(np.diag(matrix)[3:-6]).reshape(3, -1) * scale
     calibrated = fit(m - columns @ terms.T, **{"model": "symmetric", **options})
     units = u / np.maximum(np.linalg.norm(u, axis=1, keepdims=True), 1e-12)
     table = np.corrcoef(np.concatenate([units, columns], axis=1).T)
@@ -294,12 +278,14 @@ def fit_offset(m: Any, model: MagModel, *, field: float | int | None = None) -> 
     z = (m - m.mean(axis=0)) @ inverse.T
     *centre, _ = np.linalg.lstsq(np.column_stack([2 * z, np.ones(len(z))]), np.sum(z**2, axis=1), rcond=None)[0]
     size = np.sqrt(np.mean(np.sum((z - centre) ** 2, axis=1))) if field is None else float(field)
-    start = Iron(inverse, np.asarray(model.soft_iron) @ np.array(centre) / frame.scale, np.log(size / frame.scale), np.zeros((3, 0)))
-    found, matrix = _fitted(frame.scaled(m), np.zeros((len(m), 0)), start, Iron(False, True, field is None, False))
+    centre = np.asarray(model.soft_iron) @ np.array(centre) / frame.scale
+    start = {"upper": inverse, "centre": centre, "log_size": np.log(size / frame.scale), "terms": np.zeros((3, 0))}
+    free = {"upper": False, "centre": True, "log_size": field is None, "terms": False}
+    found, matrix = _fitted(frame.scaled(m), np.zeros((len(m), 0)), start, free)
     matrix = matrix[:3, :3] * frame.scale**2
     if not bool(found.usable) or not np.isfinite(matrix).all():
         raise DataError(f"The readings do not determine the hard iron: {found.message}")
-    return MagModel(model.soft_iron, frame.centre + frame.scale * np.asarray(found.model.centre)), matrix
+    return MagModel(model.soft_iron, frame.centre + frame.scale * np.asarray(found.model["centre"])), matrix
 
 
 def fit_several(readings: dict[str, Any], **options: Any) -> dict[str, MagFit]:

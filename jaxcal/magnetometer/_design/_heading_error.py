@@ -2,9 +2,8 @@
 
 import functools
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
-import equinox as eqx
 import numpy as np
 
 from ..._precision import array_module
@@ -128,17 +127,12 @@ def _angle(attitudes: np.ndarray, y: np.ndarray) -> np.ndarray:
     return np.arctan2(-right, forward)
 
 
-class Information(eqx.Module):
-    """How well directions determine a model.
-
-    condition : ratio of the largest to the smallest singular value on the unit sphere.
-    weakest : the parameters of the smallest, in words.
-    by_noise : share of the smallest singular value's square that noise along the sphere alone would give.
-    """
+class Information(NamedTuple):
+    """Condition number on the unit sphere, share of its least singular value squared that noise alone gives, and what is weakest."""
 
     condition: float
     by_noise: float
-    weakest: str = eqx.field(static=True)
+    weakest: str
 
 
 def information(directions: np.ndarray, kind: str, relative_noise: float) -> Information:

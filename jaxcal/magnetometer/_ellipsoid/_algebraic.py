@@ -29,10 +29,10 @@ class NotEllipsoid(FitError):
     """The quadric that fits is not an ellipsoid."""
 
 
-def monomials(u: Any) -> tuple[Any, Any]:
-    """Quadratic (n, 6) and linear (n, 4) columns."""
+def monomials(u: Any) -> Any:
+    """Columns (n, 10)."""
     xp, (x, y, z) = array_module(u), u.T
-    return xp.stack([x * x, x * y, y * y, x * z, y * z, z * z], axis=1), xp.stack([x, y, z, xp.ones_like(x)], axis=1)
+    return xp.stack([x * x, x * y, y * y, x * z, y * z, z * z, x, y, z, xp.ones_like(x)], axis=1)
 
 
 #: entries of a symmetric matrix from a..f; the paper's printed one belongs to another order of the monomials
@@ -88,26 +88,25 @@ def ellipsoid_of(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return shape, x0
 
 
-def _eliminated(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Scatter of the first columns after the best combination of the second is taken off, and that combination."""
-    q2, r2 = np.linalg.qr(second, mode="reduced")
-    rest = first - q2 @ (q2.T @ first)
-    return rest.T @ rest, -np.linalg.lstsq(r2, q2.T @ first, rcond=None)[0]
-
-
-def _admissible(scatter: np.ndarray, constraint: np.ndarray) -> np.ndarray:
-    """Eigenvector of S q = lambda C q with q'Cq > 0: there is one, as C has one positive eigenvalue."""
-    values, vectors = scipy.linalg.eig(scatter, constraint)  # type: ignore[misc]  # its type depends on flags left out
+def _constrained(u: np.ndarray, chosen: tuple[int, ...], rest: tuple[int, ...], constraint: np.ndarray) -> np.ndarray:
+    """Theta of least algebraic residual under q'Cq = 1 for the `chosen` coefficients q, with the best of the `rest`; others are zero."""
+    columns = monomials(u)
+    first, (q2, r2) = columns[:, chosen], np.linalg.qr(columns[:, rest], mode="reduced")
+    left = first - q2 @ (q2.T @ first)
+    # S q = lambda C q has one solution with q'Cq > 0, as C has one positive eigenvalue
+    values, vectors = scipy.linalg.eig(left.T @ left, constraint)  # type: ignore[misc]  # its type depends on flags left out
     pairs = []
-    for value, vector in zip(values, vectors.T, strict=True):
-        vector = np.real(vector)
+    for value, vector in zip(values, np.real(vectors).T, strict=True):
         size = vector @ constraint @ vector
         # eigenvalues may be infinite where the constraint has no rank
         if np.isfinite(value) and np.all(np.isfinite(vector)) and size > 1e-12 * (vector @ vector):
             pairs.append((abs(value), vector / np.sqrt(size)))
     if not pairs:
         raise NotEllipsoid(NOT_ELLIPSOID.format("quadric that the constraint excludes"))
-    return min(pairs, key=lambda pair: pair[0])[1]
+    theta = np.zeros(10)
+    theta[list(chosen)] = q = min(pairs, key=lambda pair: pair[0])[1]
+    theta[list(rest)] = -np.linalg.lstsq(r2, q2.T @ first, rcond=None)[0] @ q
+    return theta
 
 
 #: kind -> the coefficients of theta that are free, and those that are one, or one less the others of the squares
@@ -127,9 +126,8 @@ def linear(u: Any, kind: str) -> Any:
     fixed, moves = np.zeros(10, u.dtype), np.eye(10, dtype=u.dtype)[:, list(free)]
     fixed[list(one)] = 1.0
     moves[one[0]] -= moves[[i for i in (0, 2) if i in free]].sum(axis=0)
-    xp = array_module(u)
-    columns = xp.concatenate(monomials(u), axis=1)
-    return fixed + moves @ xp.linalg.lstsq(columns @ moves, -columns @ fixed, rcond=None)[0]
+    columns = monomials(u)
+    return fixed + moves @ array_module(u).linalg.lstsq(columns @ moves, -columns @ fixed, rcond=None)[0]
 
 
 def algebraic(u: np.ndarray, kind: str = "symmetric") -> tuple[np.ndarray, np.ndarray]:
@@ -139,47 +137,36 @@ def algebraic(u: np.ndarray, kind: str = "symmetric") -> tuple[np.ndarray, np.nd
 
 def li_griffiths(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Least squares under 4J - I^2 = 1 (Q. Li and J. G. Griffiths, GMP 2004): always an ellipsoid, biased towards spheres."""
-    constraint = np.zeros((6, 6))
-    constraint[np.ix_((0, 2, 5), (0, 2, 5))] = 1.0
-    constraint[(0, 2, 5), (0, 2, 5)] = -1.0
-    constraint[(1, 3, 4), (1, 3, 4)] = -1.0
-    first, second = monomials(u)
-    scatter, rest = _eliminated(first, second)
-    q = _admissible(scatter, constraint)
-    return ellipsoid_of(np.concatenate([q, rest @ q]))
+    constraint = np.diag([-2.0, -1.0, -2.0, -1.0, -1.0, -2.0])
+    constraint[np.ix_((0, 2, 5), (0, 2, 5))] += 1.0
+    return ellipsoid_of(_constrained(u, tuple(range(6)), (6, 7, 8, 9), constraint))
+
+
+#: of a, b and c: 4ac - b^2
+_DISCRIMINANT = np.array([[0.0, 0.0, 2.0], [0.0, -1.0, 0.0], [2.0, 0.0, 0.0]])
 
 
 def constrained(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Least squares under 4ac - b^2 = 1 (the magnetometer paper, equations 11 to 16), as a problem of three unknowns.
-
-    The condition makes the sections z = const ellipses and no more; a hyperboloid about z passes it, and is reported.
-    """
-    first, second = monomials(u)
-    scatter, rest = _eliminated(first[:, :3], np.concatenate([first[:, 3:], second], axis=1))
-    q = _admissible(scatter, np.array([[0.0, 0.0, 2.0], [0.0, -1.0, 0.0], [2.0, 0.0, 0.0]]))
-    return ellipsoid_of(np.concatenate([q, rest @ q]))
+    """Least squares under 4ac - b^2 = 1 (the magnetometer paper, equations 11 to 16): an ellipsoid, or a hyperboloid about z."""
+    return ellipsoid_of(_constrained(u, (0, 1, 2), tuple(range(3, 10)), _DISCRIMINANT))
 
 
 def ellipse(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Fitzgibbon's ellipse in the plane z = 0: here 4ac - b^2 = 1 is the right condition."""
-    x, y = u[:, 0], u[:, 1]
-    scatter, rest = _eliminated(np.stack([x * x, x * y, y * y], axis=1), np.stack([x, y, np.ones_like(x)], axis=1))
-    a, b, c = q = _admissible(scatter, np.array([[0.0, 0.0, 2.0], [0.0, -1.0, 0.0], [2.0, 0.0, 0.0]]))
-    p, r, k = rest @ q
-    # any third axis does: the readings have no third coordinate
-    return ellipsoid_of(np.array([a, b, c, 0.0, 0.0, a, p, r, 0.0, k]))
+    theta = _constrained(u, (0, 1, 2), (6, 7, 9), _DISCRIMINANT)
+    theta[5] = theta[0]  # any third axis does: the readings have no third coordinate
+    return ellipsoid_of(theta)
 
 
 def sampson(theta: np.ndarray, u: np.ndarray) -> np.ndarray:
     """First-order distance of readings to any quadric."""
-    first, second = monomials(u)
     gradient = 2 * u @ matrix_of(theta[:6]) + theta[6:9]
-    return (first @ theta[:6] + second @ theta[6:]) / np.maximum(np.linalg.norm(gradient, axis=1), 1e-12)
+    return monomials(u) @ theta / np.maximum(np.linalg.norm(gradient, axis=1), 1e-12)
 
 
 def nearest_quadric(u: np.ndarray) -> np.ndarray:
     """Quadric of unit theta with the least algebraic residual, of any kind."""
-    return np.linalg.svd(triangle(np.concatenate(monomials(u), axis=1)))[2][-1]
+    return np.linalg.svd(triangle(monomials(u)))[2][-1]
 
 
 def minmax(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -190,9 +177,8 @@ def minmax(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def axes(u: np.ndarray, vectors: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Rotate to the principal axes, divide by the semi-axes, rotate back (thesis 6.5 to 6.9; it stops before the last step).
 
-    The rotation is that of the covariance's eigenvectors: the thesis's plane angles are these where one plane alone is tilted.
+    The axes are the columns of `vectors`, or the covariance's eigenvectors: the thesis's plane angles where one plane alone is tilted.
     Every direction counts the same, however many readings it has: uneven chance alone turns the axes of 4000 readings by degrees.
-    Other axes can be given as the columns of `vectors`.
     """
     centre = (u.max(axis=0) + u.min(axis=0)) / 2
     z = u - centre
@@ -206,43 +192,25 @@ def axes(u: np.ndarray, vectors: np.ndarray | None = None) -> tuple[np.ndarray, 
     return (vectors / radii**2) @ vectors.T, centre
 
 
-#: exponents (x, y, z) of the ten monomials
-_EXPONENTS = ((2, 0, 0), (1, 1, 0), (0, 2, 0), (1, 0, 1), (0, 1, 1), (0, 0, 2), (1, 0, 0), (0, 1, 0), (0, 0, 1), (0, 0, 0))
-#: Hermite coefficients: t_e(x) = sum of c * s2^k x^(e - 2k) over (k, c)
-_HERMITE = (((0, 1.0),), ((0, 1.0),), ((0, 1.0), (1, -1.0)), ((0, 1.0), (1, -3.0)), ((0, 1.0), (1, -6.0), (2, 3.0)))
 _LARGEST = 0.6  # noise, in units of the readings' rms radius, beyond which there is nothing to fit
-
-
-def _tables() -> tuple[list[tuple[int, ...]], np.ndarray]:
-    """The 35 moments, and the (3, 10, 10, 35) coefficients of Psi = Psi0 + s2 Psi1 + s2^2 Psi2 in them."""
-    orders = [e for e in itertools.product(range(5), repeat=3) if sum(e) <= 4]
-    where = {e: i for i, e in enumerate(orders)}
-    table = np.zeros((3, 10, 10, len(orders)))
-    for (j, first), (k, second) in itertools.product(enumerate(_EXPONENTS), repeat=2):
-        total = tuple(a + b for a, b in zip(first, second, strict=True))
-        for terms in itertools.product(*(_HERMITE[e] for e in total)):
-            power = sum(k for k, _ in terms)
-            moment = tuple(e - 2 * k for e, (k, _) in zip(total, terms, strict=True))
-            table[power, j, k, where[moment]] += np.prod([c for _, c in terms])
-    return orders, table
-
-
-ORDERS, _TABLE = _tables()
+#: exponents (x, y, z) of the ten monomials, of their 100 products, and of the 35 moments, which are all among the products
+_EXPONENTS = ((2, 0, 0), (1, 1, 0), (0, 2, 0), (1, 0, 1), (0, 1, 1), (0, 0, 2), (1, 0, 0), (0, 1, 0), (0, 0, 1), (0, 0, 0))
 _PRODUCTS = [tuple(a + b for a, b in zip(*pair, strict=True)) for pair in itertools.product(_EXPONENTS, repeat=2)]
-#: where each moment stands among the products of the ten monomials
+ORDERS = [e for e in itertools.product(range(5), repeat=3) if sum(e) <= 4]
 _PLACES = [_PRODUCTS.index(order) for order in ORDERS]
 
 
-def adjusted(u: np.ndarray) -> np.ndarray:
-    """Psi0, Psi1 and Psi2 of centred and scaled readings, per reading, (3, 10, 10)."""
-    # a product of two monomials is one of up to fourth order, and all of those are such products
-    columns = np.concatenate(monomials(u), axis=1)
-    return psi_of((columns.T @ columns).ravel()[_PLACES] / len(u))
+def _table() -> np.ndarray:
+    """(3, 10, 10, 35) coefficients of Psi = Psi0 + s2 Psi1 + s2^2 Psi2 in the moments: exp(-s2/2 D) of the products, D the Laplacian."""
+    laplacian = np.zeros((len(ORDERS),) * 2)
+    for order, axis in itertools.product(ORDERS, range(3)):
+        if (e := order[axis]) > 1:
+            laplacian[ORDERS.index(order), ORDERS.index((*order[:axis], e - 2, *order[axis + 1 :]))] = e * (e - 1)
+    first = np.eye(len(ORDERS))[[ORDERS.index(order) for order in _PRODUCTS]]
+    return np.stack([first, -first @ laplacian / 2, first @ laplacian @ laplacian / 8]).reshape(3, 10, 10, -1)
 
 
-def psi_of(moments: np.ndarray) -> np.ndarray:
-    """Psi0, Psi1 and Psi2 from the mean moments in the order of `ORDERS`, (3, 10, 10)."""
-    return _TABLE @ moments
+PSI = _table()
 
 
 def consistent(u: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
@@ -251,7 +219,8 @@ def consistent(u: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     I. Markovsky, A. Kukush and S. Van Huffel, Numer. Math. 98 (2004) 177; V. Renaudin, M. H. Afzal and G. Lachapelle,
     J. Sensors 2010, 967245.
     """
-    return null_of(adjusted(u))
+    columns = monomials(u)
+    return null_of(PSI @ ((columns.T @ columns).ravel()[_PLACES] / len(u)))
 
 
 def null_of(psi: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
@@ -309,10 +278,7 @@ def away(found: tuple[np.ndarray, np.ndarray], u: np.ndarray) -> np.ndarray:
 
 
 def robust_start(u: np.ndarray, kind: str) -> tuple[np.ndarray, np.ndarray]:
-    """Fit of least median distance: random subsets, the best of them refitted to the nearer half until it settles.
-
-    P. J. Rousseeuw and K. Van Driessen, Technometrics 41 (1999) 212 (the concentration steps).
-    """
+    """Fit of least median distance: the best of random subsets, refitted to the nearer half (Rousseeuw, Technometrics 41, 1999, 212)."""
     rng, half = np.random.default_rng(0), (len(u) + COUNT[kind] + 1) // 2
 
     def attempt(readings):

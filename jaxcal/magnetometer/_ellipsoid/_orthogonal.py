@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..._compile import jit
 from ..._errors import DataError
 from ..._precision import array_module, is_traced
 from ..._types import AnyArray
@@ -42,11 +43,7 @@ def bounds_of(kind: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def attempt(function: Callable, start: AnyArray, data: Readings, kind: str, loss: AbstractLoss | None = None) -> Fit:
-    """Fit; several rows of `start` are tried, and the best is kept.
-
-    Residuals beyond those of the readings, of penalty and prior, move the fit and are then dropped: covariance and weights are
-    those of the readings.
-    """
+    """Best fit from the rows of `start`. The residuals of penalty and prior are dropped from it: its covariance is that of the readings."""
     begin, starts = (start, None) if start.ndim == 1 else (start[0], start)
     fit = solve(function, begin, data, loss=loss, bounds=bounds_of(kind), starts=starts, rtol=_PRECISE)
     own = lambda f: (f.residuals, f.jacobian, f.weights, f.curvature)  # noqa: E731
@@ -86,20 +83,15 @@ def described_by(fit: Fit, scale: float, count: int, kind: str, noise2: Any = 0.
 
 
 def curvature_variance(found: Found) -> Any:
-    """Variance whose curvature term counts, zero where the noise is too small for it, or so large that there is no surface.
-
-    Readings in a plane have no noise across it, so of the two curvatures one does.
-    """
+    """Variance whose curvature term counts, zero where the noise is too small for it, or so large that there is no surface."""
     xp, radius = array_module(found), radius_of(found.shape)
     curved = (0.5 * radius > found.noise) & (found.noise > CURVED * radius)
+    # readings in a plane have no noise across it, so of the two curvatures one counts
     return xp.where(curved, (0.5 if found.kind in PLANAR else 1.0) * found.noise**2, 0.0)
 
 
 def estimate(u: Any, kind: str) -> Found:
-    """Maximum likelihood of scaled readings as one pure function: runs under `jit`, `vmap` and `grad`, and judges nothing.
-
-    The rounds are those of `flat` and of the fits with the curvature term, each decision in them an expression.
-    """
+    """Maximum likelihood of scaled readings as one pure function: `flat` and the rounds of `refined`, each decision an expression."""
     basis, weight, one = jnp.asarray(basis_of(kind), dtype=u.dtype), jnp.ones(len(u), dtype=u.dtype), jnp.ones((), u.dtype)
 
     def again(carry: tuple, _: None) -> tuple:
@@ -134,7 +126,7 @@ def _robust(function: Callable, begin: np.ndarray, u: np.ndarray, kind: str, los
     return fit, last  # type: ignore[possibly-unbound]
 
 
-@functools.partial(jax.jit, static_argnums=0)
+@functools.partial(jit, static_argnums=0)
 def _linearised(function: Callable, parameters: Any, data: Readings) -> tuple[Any, Any]:
     return function(parameters, data), jax.jacfwd(function)(parameters, data)
 
@@ -161,16 +153,22 @@ def refined(found: Found, u: np.ndarray, loss: AbstractLoss | None = None, penal
     bias = _step(found, u, penalty)[1] if penalty else 0.0
     if found.converged and bias < _IDLE:
         penalty = 0.0
-    if not penalty and size is None:
-        return _curvature_corrected(found, u, loss)
-    return _penalised(found, u, loss, penalty, bias, size)
+    if penalty or size is not None:
+        return _penalised(found, u, loss, penalty, bias, size)
+    scale, last = 1.0 if loss is None else found.noise, np.inf
+    for _ in range(ROUNDS):
+        noise2 = float(curvature_variance(found))
+        if not noise2 or abs(found.noise - last) < SETTLED * last:
+            break
+        fit = attempt(orthogonal, found.parameters, padded(u, found.kind, scale, noise2), found.kind, loss)
+        last, found = found.noise, described_by(fit, scale, len(u), found.kind, noise2)
+    return found
 
 
 def left_out(fits: dict[str, Found], chosen: Found, u: np.ndarray, loss: AbstractLoss | None, penalty: float) -> np.ndarray:
-    """Bias of a chosen model by what it leaves out, (9,), as far as the largest model shows it.
+    """Bias of a chosen model by what it leaves out, (9,), as far as the largest model shows it: want of evidence makes none more certain.
 
-    The step to the largest model is that bias and noise, whose share of the likelihood ratio is one for each parameter left out
-    (positive-part James and Stein). A model that is chosen for want of evidence is not more certain than one that is not.
+    The step to the largest is that bias and noise, whose share of the likelihood ratio is one a parameter (positive-part James and Stein).
     """
     largest = next(iter(fits.values()))
     more = COUNT[largest.kind] - COUNT[chosen.kind]
@@ -197,23 +195,9 @@ def _step(found: Found, u: np.ndarray, penalty: float) -> tuple[Any, float]:
     return step, float(np.sqrt(max(penalty * slope @ step, 0.0)))
 
 
-def _curvature_corrected(found: Found, u: np.ndarray, loss: AbstractLoss | None) -> Found:
-    scale = 1.0 if loss is None else found.noise
-    for _ in range(ROUNDS):
-        if not (noise2 := float(curvature_variance(found))):
-            break
-        fit = attempt(orthogonal, found.parameters, padded(u, found.kind, scale, noise2), found.kind, loss)
-        last, found = found.noise, described_by(fit, scale, len(u), found.kind, noise2)
-        if abs(found.noise - last) < SETTLED * last:
-            break
-    return found
-
-
 def _penalised(found: Found, u: np.ndarray, loss: AbstractLoss | None, penalty: float, bias: float, size: Size | None) -> Found:
-    """The fit with penalty and prior; from a sphere too where the fit without them may have run off.
-
-    The noise is that of the fit without them, whose degrees of freedom are known: what they add to the distances is none.
-    """
+    """The fit with penalty and prior; from a sphere too where the fit without them may have run off."""
+    # the noise is that of the fit without them, whose degrees of freedom are known
     alone, noise, begin = found, max(found.noise, 1e-12), [found.parameters]
     scale = 1.0 if loss is None else noise
     if not found.converged or bias > _FAR:

@@ -104,13 +104,7 @@ def half_log_det(upper: Any, z: Any, weight: Any, basis: Any, idle: Any, xp: Mod
 
 
 class Readings(eqx.Module):
-    """What a fit is given.
-
-    u : (n, 3) scaled readings. weight : (n,), zero for padding. scale : of a residual.
-    noise2 : noise variance that the curvature term takes off.
-    basis : (12, 9) from the parameters to U by rows and the centre; columns of zeros have no meaning.
-    penalty : `Penalty` of `penalised`, which alone has one.
-    """
+    """Scaled readings (n, 3), weight (n,), zero for padding, scale of a residual, noise variance of the curvature term, `basis_of`."""
 
     u: Any
     weight: Any
@@ -127,10 +121,7 @@ def distances(parameters: Array, data: Readings) -> Array:
 
 
 def orthogonal(parameters: Array, data: Readings) -> Array:
-    """Weighted orthogonal distances less sigma^2 times the mean curvature, over the scale.
-
-    Noise along the curved surface gives the distances that mean; with noise2 = 0 it stays in.
-    """
+    """Weighted orthogonal distances over the scale, less what noise along the curved surface adds: sigma^2 times the mean curvature."""
     shape, centre = shape_and_centre(parameters, data.basis)
     return data.weight * corrected_distance(shape, data.u - centre[None, :], data.noise2) / data.scale
 
@@ -152,11 +143,9 @@ def radial(parameters: Array, data: Readings) -> Array:
 
 
 def surface_distances(model: MagModel, m: Any, field: Any, conditions: Any, noise2: Any) -> Array:
-    """Signed distance of each reading to the surface on which its conditions would put a field of this norm, curvature corrected.
-
-    About the corrected reading the model is C_i h + b_i, and its surface there an ellipsoid.
-    """
+    """Signed distance of each reading to the surface on which its conditions would put a field of this norm, curvature corrected."""
     m = jnp.asarray(m)
+    # about the corrected reading the model is C_i h + b_i, and its surface there an ellipsoid
     h = jnp.asarray(model.correct(m, **conditions))
     measured, push = jax.linearize(lambda h: model.measure(h, **conditions), h)
     first, second, third = (push(jnp.broadcast_to(axis, h.shape)) for axis in jnp.eye(3, dtype=h.dtype))

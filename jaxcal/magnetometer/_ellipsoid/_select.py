@@ -26,10 +26,7 @@ _CHUNK = 16_384
 
 
 def candidates(u: np.ndarray, kinds: tuple[str, ...], loss: AbstractLoss | None, distinct: int) -> dict[str, Found]:
-    """Fits of every kind for which there are enough readings, the largest first, without the curvature term.
-
-    Left out are those that are no ellipsoid, and those that the largest excludes by far.
-    """
+    """Fits of all kinds that have enough readings and are not excluded by far, the largest first, without the curvature term."""
     fits, failure, count = {}, None, 0
     for kind in sorted(kinds, key=lambda kind: -COUNT[kind]):
         if distinct <= COUNT[kind]:
@@ -107,10 +104,7 @@ def _smallest(score: dict[str, float], tie: float) -> str:
 
 
 def thinned(u: np.ndarray, per_bin: int, loss: AbstractLoss | None) -> np.ndarray:
-    """Indices of at most so many readings in each of 500 directions, evenly over their times.
-
-    The directions are those of a rough fit of some 4,000 of them.
-    """
+    """Indices of at most so many readings in each of 500 directions, evenly over their times, by a rough fit of some 4,000."""
     if per_bin < 1:
         raise DataError(f"{per_bin} readings per direction were asked for; at least one is needed, or None for all.")
     few = u[:: max(len(u) // _FIRST, 1)]

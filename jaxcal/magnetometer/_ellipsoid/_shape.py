@@ -33,9 +33,8 @@ class Frame(eqx.Module):
 class Found(eqx.Module):
     """An ellipsoid in scaled readings: shape and centre, (9, 9) covariance of its parameters, noise, distances and weights.
 
-    noise2 : the variance whose curvature term was taken off the distances.
-    penalty : weight of the penalty on directions in a corner, zero where it had no part; bias : how far it moved the fit, in
-        standard errors of what the readings alone say. conflict : of the field that the readings alone give and the known one.
+    noise2 : the variance whose curvature term was taken off the distances. penalty : its weight; bias : how far it moved the fit,
+    conflict : how far the field that the readings alone give is from the known one, both in standard errors.
     """
 
     parameters: AnyArray
@@ -76,10 +75,7 @@ def entries_of(found: Found) -> np.ndarray:
 
 
 def covariance_of(found: Found, frame: Frame, bias: np.ndarray | None = None) -> Any:
-    """Covariance of the shape's entries and the centre in the units of the readings: (9, 9), or (5, 5) in a plane.
-
-    bias : (9,) of them in scaled units; its square is added.
-    """
+    """Covariance of the shape's entries and the centre, (9, 9), or (5, 5) in a plane; the square of a bias in scaled units is added."""
     xp = array_module(found, frame)
     rows = np.arange(9) if found.kind not in PLANAR else np.array(PLANAR_ROWS)
     size = xp.where(rows < 6, frame.scale**-2, frame.scale)
@@ -143,12 +139,9 @@ def in_plane(u: Any, plane: Any) -> Any:
 
 
 def model_of(shape: Any, centre: Any, frame: Frame, size: Any, plane: Any = None) -> MagModel:
-    """The model with a symmetric soft iron, for a field of norm `size` in scaled units.
-
-    Across a plane nothing is known: the scale there is that in the plane, and the offset is the readings' own mean.
-    """
+    """The model with a symmetric soft iron, for a field of norm `size` in scaled units."""
     xp, matrix = array_module(shape), root(shape)
-    if plane is not None:
+    if plane is not None:  # across it nothing is known: the same scale as in it, and the readings' own mean
         matrix = plane[:2].T @ matrix[:2, :2] @ plane[:2] + xp.outer(plane[2], plane[2]) / radius_of(shape, True)
         centre = centre[:2] @ plane[:2]
     return MagModel(xp.linalg.inv(matrix * size), frame.centre + frame.scale * centre)

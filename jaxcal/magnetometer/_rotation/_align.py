@@ -9,13 +9,14 @@ import jax
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ..._compile import jit
 from ..._errors import DataError
 from ..._precision import host_float64
 from ..._types import AnyArray
 from ...fitting import Fit, covariance, solve
 from .._ellipsoid._shape import filled, unit
 from .._model import MagModel
-from ._residuals import Poses, Turns, dip_residuals, heading_residuals, turn_residuals
+from ._residuals import dip_residuals, heading_residuals, turn_residuals
 from ._turning import SEGMENT, array, attitudes_in_segments, like, permutations
 
 _STILL = 0.03  # departure of the specific force from its median beyond which a pose is not at rest
@@ -76,7 +77,22 @@ class Accelerometer(eqx.Module):
             raise DataError(f"There is no mounting {self.mounting!r}; known are 'near' and 'any'.")
 
     def _align(self, y: np.ndarray, model: MagModel) -> "Alignment":
-        return _by_dip(y, model, like(self.accel, y, "specific force"), self.dip, self.mounting)
+        accel = like(self.accel, y, "specific force")
+        kept = still(accel) & np.isfinite(y).all(axis=1)
+        _enough(int(kept.sum()), "poses at rest")
+        y, f = unit(y[kept]), unit(accel[kept])
+        base = np.eye(3)
+        if self.mounting == "any":
+            # the best constant: about it the products scatter least
+            base = min(permutations(), key=lambda p: np.std(np.sum(y * (f @ p.T), axis=1)))
+        before = np.sum(y * (f @ base.T), axis=1)
+        s = float(np.mean(before)) if self.dip is None else -float(np.sin(self.dip))
+        data = {"y": filled(y, y[:1]), "f": filled(f, f[:1]), "weight": filled(np.ones(len(y))), "base": base}
+        rotation, found, matrix, fits = _turned(dip_residuals, {"s": s}, data, {"rho": True, "s": self.dip is None})
+        spread = np.array([np.std(np.arcsin(np.clip(p, -1, 1))) for p in (before, np.sum(y * (f @ rotation.T), axis=1))])
+        return alignment_of(
+            model, rotation, base, matrix, spread, len(y), "accel", fits[-1], dip=-float(np.arcsin(np.clip(found["s"], -1, 1)))
+        )
 
 
 class Gyroscope(eqx.Module):
@@ -96,7 +112,22 @@ class Gyroscope(eqx.Module):
             raise DataError(f"The rates are integrated: give the readings per second, a positive `rate`; got {self.rate!r}.")
 
     def _align(self, y: np.ndarray, model: MagModel) -> "Alignment":
-        return _by_rates(y, model, like(self.gyro, y, "rates"), float(self.rate))
+        segment, attitude, slope = attitudes_in_segments(like(self.gyro, y, "rates"), float(self.rate), SEGMENT)
+        size = np.sqrt(np.nanmean(np.sum(y**2, axis=1)))
+        kept = (segment >= 0) & np.isfinite(y).all(axis=1)
+        _enough(int(kept.sum()), "readings with rates")
+        number, member = np.unique(segment[kept], return_inverse=True)
+        count = len(member)
+        rows = {"y": y[kept] / size, "attitude": attitude[kept], "slope": slope[kept], "member": member}
+        data = {name: filled(x, x[:1]) for name, x in rows.items()}
+        data |= {"weight": filled(np.ones(count)), "base": np.eye(3), "segments": filled(np.ones(len(number)))}
+        rotation, found, matrix, fits = _turned(turn_residuals, {"bias": np.zeros(3)}, data)
+        before = _values(turn_residuals, {"rho": np.zeros(3), "bias": np.zeros(3)}, data)
+        spread = np.sqrt([np.sum(np.square(off)) / (3 * max(count - len(number), 1)) for off in (before, fits[0].residuals)])
+        # each segment's field was estimated too
+        free = np.asarray(fits[-1].degrees_of_freedom)
+        matrix = matrix * free / max(free - 3 * len(number), 1)
+        return alignment_of(model, rotation, np.eye(3), matrix, spread, count, "gyro", fits[-1], bias=np.asarray(found["bias"]))
 
 
 class Headings(eqx.Module):
@@ -114,7 +145,19 @@ class Headings(eqx.Module):
     declination: float | int = 0.0
 
     def _align(self, y: np.ndarray, model: MagModel) -> "Alignment":
-        return _by_headings(y, model, self.accel, np.asarray(self.headings, dtype=float) - self.declination)
+        headings = np.asarray(self.headings, dtype=float) - self.declination
+        up = np.tile([0.0, 0.0, -9.81], (len(y), 1)) if self.accel is None else like(self.accel, y, "specific force")
+        if headings.shape != (len(y),):
+            raise DataError(f"The headings have shape {headings.shape}; give one for each of {len(y)} readings, NaN where none is known.")
+        kept = np.isfinite(headings) & np.isfinite(up).all(axis=1) & np.isfinite(y).all(axis=1)
+        _enough(int(kept.sum()), "known headings")
+        y, up, headings = y[kept], up[kept], headings[kept]
+        data = {"y": filled(y, y[:1]), "f": filled(up, up[:1]), "angle": filled(headings)}
+        data |= {"weight": filled(np.ones(len(y))), "base": np.eye(3)}
+        rotation, _, matrix, fits = _turned(heading_residuals, {}, data)
+        before = _values(heading_residuals, {"rho": np.zeros(3)}, data)
+        spread = np.sqrt([np.sum(np.square(off)) / len(y) for off in (before, fits[0].residuals)])
+        return alignment_of(model, rotation, np.eye(3), matrix, spread, len(y), "headings", fits[-1])
 
 
 Aid = Accelerometer | Gyroscope | Headings
@@ -175,7 +218,7 @@ def _enough(count: int, what: str) -> None:
         raise DataError(f"{count} {what} are left to align with; at least {_FEWEST} are needed, in attitudes that differ.")
 
 
-@functools.partial(jax.jit, static_argnums=0)
+@functools.partial(jit, static_argnums=0)
 def _values(function: Callable, parameters: dict[str, Any], data: Any) -> jax.Array:
     return function(parameters, data)
 
@@ -188,9 +231,9 @@ def _turned(
     for _ in range(2):
         fits.append(solve(function, start, data, free=free))
         turn = Rotation.from_rotvec(np.array(fits[-1].model["rho"])).as_matrix()
-        start, data = {**fits[-1].model, "rho": np.zeros(3)}, eqx.tree_at(lambda d: d.base, data, data.base @ turn)
+        start, data = {**fits[-1].model, "rho": np.zeros(3)}, {**data, "base": data["base"] @ turn}
     order = [i for i, name in enumerate(fits[-1].names) if name.startswith("rho")]
-    return data.base, start, np.asarray(covariance(fits[-1], scaled=True))[np.ix_(order, order)], fits
+    return data["base"], start, np.asarray(covariance(fits[-1], scaled=True))[np.ix_(order, order)], fits
 
 
 def still(accel: np.ndarray) -> np.ndarray:
@@ -199,55 +242,6 @@ def still(accel: np.ndarray) -> np.ndarray:
     there = np.isfinite(size) & (size > 0)
     usual = np.median(size[there]) if there.any() else np.inf
     return there & (np.abs(size / usual - 1) < _STILL)
-
-
-def _by_dip(y, model, accel, dip, mounting) -> Alignment:
-    kept = still(accel) & np.isfinite(y).all(axis=1)
-    _enough(int(kept.sum()), "poses at rest")
-    y, f = unit(y[kept]), unit(accel[kept])
-    base = np.eye(3)
-    if mounting == "any":
-        # the best constant: about it the products scatter least
-        base = min(permutations(), key=lambda p: np.std(np.sum(y * (f @ p.T), axis=1)))
-    before = np.sum(y * (f @ base.T), axis=1)
-    s = float(np.mean(before)) if dip is None else -float(np.sin(dip))
-    data = Poses(filled(y, y[:1]), filled(f, f[:1]), filled(np.ones(len(y))), base)
-    rotation, found, matrix, fits = _turned(dip_residuals, {"s": s}, data, {"rho": True, "s": dip is None})
-    spread = np.array([np.std(np.arcsin(np.clip(p, -1, 1))) for p in (before, np.sum(y * (f @ rotation.T), axis=1))])
-    dip = -float(np.arcsin(np.clip(found["s"], -1, 1)))
-    return alignment_of(model, rotation, base, matrix, spread, len(y), "accel", fits[-1], dip=dip)
-
-
-def _by_headings(y, model, accel, headings) -> Alignment:
-    up = np.tile([0.0, 0.0, -9.81], (len(y), 1)) if accel is None else like(accel, y, "specific force")
-    if headings.shape != (len(y),):
-        raise DataError(f"The headings have shape {headings.shape}; give one for each of {len(y)} readings, NaN where none is known.")
-    kept = np.isfinite(headings) & np.isfinite(up).all(axis=1) & np.isfinite(y).all(axis=1)
-    _enough(int(kept.sum()), "known headings")
-    y, up, headings = y[kept], up[kept], headings[kept]
-    data = Poses(filled(y, y[:1]), filled(up, up[:1]), filled(np.ones(len(y))), np.eye(3), filled(headings))
-    rotation, _, matrix, fits = _turned(heading_residuals, {}, data)
-    before = _values(heading_residuals, {"rho": np.zeros(3)}, data)
-    spread = np.sqrt([np.sum(np.square(off)) / len(y) for off in (before, fits[0].residuals)])
-    return alignment_of(model, rotation, np.eye(3), matrix, spread, len(y), "headings", fits[-1])
-
-
-def _by_rates(y, model, gyro, rate) -> Alignment:
-    segment, attitude, slope = attitudes_in_segments(gyro, rate, SEGMENT)
-    size = np.sqrt(np.nanmean(np.sum(y**2, axis=1)))
-    kept = (segment >= 0) & np.isfinite(y).all(axis=1)
-    _enough(int(kept.sum()), "readings with rates")
-    number, member = np.unique(segment[kept], return_inverse=True)
-    count = len(member)
-    rows = [filled(x, x[:1]) for x in (y[kept] / size, attitude[kept], slope[kept], member)]
-    data = Turns(*rows, filled(np.ones(count)), np.eye(3), filled(np.ones(len(number)), 1.0))
-    rotation, found, matrix, fits = _turned(turn_residuals, {"bias": np.zeros(3)}, data)
-    before = _values(turn_residuals, {"rho": np.zeros(3), "bias": np.zeros(3)}, data)
-    spread = np.sqrt([np.sum(np.square(off)) / (3 * max(count - len(number), 1)) for off in (before, fits[0].residuals)])
-    # each segment's field was estimated too
-    free = np.asarray(fits[-1].degrees_of_freedom)
-    matrix = matrix * free / max(free - 3 * len(number), 1)
-    return alignment_of(model, rotation, np.eye(3), matrix, spread, count, "gyro", fits[-1], bias=np.asarray(found["bias"]))
 
 
 def alignment_of(model, rotation, base, matrix, spread, used, source, fit, dip=float("nan"), bias=None) -> Alignment:

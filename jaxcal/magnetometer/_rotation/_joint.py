@@ -1,28 +1,30 @@
 """Hard iron, soft iron and rotation together, from norms and a second sensor."""
 
+import contextlib
 import dataclasses
 import functools
 from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
-import jax
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ..._compile import jit
 from ..._errors import DataError
+from ..._precision import host_float64
 from ..._types import AnyArray
 from ...fitting import Fit, information, solve
 from .._design._coverage import covered, sphere_grid
-from .._design._heading_error import needed
+from .._design._heading_error import needed, turned_heading_error
 from .._ellipsoid._algebraic import NotEllipsoid, algebraic, triangle
 from .._ellipsoid._kinds import NAMES, basis_of, parameters_of, upper_and_centre
 from .._ellipsoid._orthogonal import CURVED
 from .._ellipsoid._select import LONG, all_distances, thinned
 from .._ellipsoid._shape import Found, Frame, covariance_of, ellipsoid_of_model, filled, model_of, padded_length, radius_of, root, unit
 from .._result import LIMITS, MagFit, outliers
-from ._align import Accelerometer, Gyroscope, alignment_of, still
-from ._joint_verdict import judged
+from ._align import Accelerometer, Alignment, Gyroscope, align, alignment_of, still
+from ._joint_verdict import judged, shares
 from ._residuals import CENTRE, EXTRA, TURN, JointPoses, JointTurns, joint_pose_residuals, joint_turn_residuals
 from ._turning import SEGMENT, array, attitudes_in_segments, centred, like, permutations
 
@@ -33,22 +35,22 @@ _NO_DIGIT = 1e-10  # singular value below which a combination of parameters take
 _FEWEST = 13
 _DIAGONAL, _FLAT = [0, 3, 5], 1e-3
 _PER_DIRECTION = 32
+_DIPS = np.deg2rad(5.0)
 
 
 def checked_joint(method: str, model: str, aid: Any, loss: Any, field_error: Any) -> None:
     """Options that `joint` needs, and those that it has no part in."""
     if not isinstance(aid, Accelerometer | Gyroscope):
         raise DataError("A joint fit needs an `aid`, Accelerometer or Gyroscope; known headings are aligned to after the fit.")
-    if method != "ml":
-        raise DataError(f"A joint fit is one of maximum likelihood: leave out method={method!r}, or joint.")
-    if field_error is not None:
-        raise DataError("A joint fit takes the size from the readings alone: leave out the field error, or joint.")
-    if loss is not None:
-        raise DataError(
-            f"A joint fit has no robust loss: leave out loss={loss!r}, or joint; take away the outliers of a fit without joint."
-        )
-    if model not in ("auto", "symmetric"):
-        raise DataError(f"A joint fit has the full soft iron: leave out model={model!r}, or joint.")
+    out = {
+        f"is one of maximum likelihood: leave out method={method!r}, or joint": method != "ml",
+        "takes the size from the readings alone: leave out the field error, or joint": field_error is not None,
+        f"has no robust loss: leave out loss={loss!r}, or joint; take away the outliers of a fit without joint": loss is not None,
+        f"has the full soft iron: leave out model={model!r}, or joint": model not in ("auto", "symmetric"),
+    }
+    for why, wrong in out.items():
+        if wrong:
+            raise DataError(f"A joint fit {why}.")
 
 
 class Solution(eqx.Module):
@@ -69,25 +71,12 @@ class Solution(eqx.Module):
         return _upper(self.parameters)
 
     @property
-    def padded(self) -> int:
-        """Number of readings with their padding: so many residuals are distances."""
-        return len(self.data.u)
-
-    @property
-    def size_along(self) -> float:
-        """Standard deviation that a residual of the second sensor was divided by, of a field of norm one."""
-        if isinstance(self.data, JointTurns):
-            return float(self.data.sigma[1])
-        by_reading, by_force = _shares(self.data, self.parameters, self.base)
-        return float(np.sqrt(np.mean(self.data.sigma[0] ** 2 * by_reading + self.data.sigma[1] ** 2 * by_force)))
-
-    @property
     def matrix(self) -> np.ndarray:
         """W: the unit field in the second sensor's axes is W (u - centre)."""
         return self.base.T @ self.upper
 
 
-@functools.partial(jax.jit, static_argnames=("function",))
+@functools.partial(jit, static_argnums=0)
 def _attempt(function: Callable, start: AnyArray, data: Any, bounds: Any) -> Fit:
     fit = solve(function, start, data, bounds=bounds, rtol=_PRECISE, max_steps=_STEPS)
     return eqx.tree_at(lambda f: f.problem, fit, None)
@@ -96,7 +85,6 @@ def _attempt(function: Callable, start: AnyArray, data: Any, bounds: Any) -> Fit
 class Pairs(eqx.Module):
     """What the second sensor said, on the rows that are fitted: of all rows at first, as rates are integrated before any is left out."""
 
-    m: np.ndarray
     rows: np.ndarray
     force: Any = None
     paired: Any = None
@@ -108,11 +96,15 @@ class Pairs(eqx.Module):
     def of(m: np.ndarray, rows: np.ndarray, aid: Accelerometer | Gyroscope) -> "Pairs":
         if isinstance(aid, Gyroscope):
             gyro = like(aid.gyro, m, "rates")
-            return Pairs(m, rows, gyro=gyro, rate=float(aid.rate), step=_noise_of(gyro) / float(aid.rate))
+            # white noise of the rates, from their second differences; motion that is as fast counts as noise
+            second = np.diff(gyro, 2, axis=0)
+            second = np.abs(second[np.isfinite(second).all(axis=1)])
+            noise = 1.4826 * float(np.median(second)) / np.sqrt(6) if len(second) else 0.0
+            return Pairs(rows, gyro=gyro, rate=float(aid.rate), step=noise / float(aid.rate))
         force = like(aid.accel, m, "specific force")
         rest = still(force)
         safe = np.where(rest[:, None], force, [0.0, 0.0, 1.0])
-        return Pairs(m, rows, force=unit(safe)[rows], paired=rest[rows])
+        return Pairs(rows, force=unit(safe)[rows], paired=rest[rows])
 
     @property
     def function(self) -> Callable:
@@ -149,26 +141,11 @@ class Pairs(eqx.Module):
         )  # fmt: skip
 
 
-def _noise_of(gyro: np.ndarray) -> float:
-    """Standard deviation of white noise of the rates, from their second differences; motion that is as fast counts as noise."""
-    second = np.diff(gyro, 2, axis=0)
-    second = second[np.isfinite(second).all(axis=1)]
-    return 1.4826 * float(np.median(np.abs(second))) / np.sqrt(6) if len(second) else 0.0
-
-
 def _across(normal: np.ndarray) -> np.ndarray:
     """Two unit vectors at right angles to each normal, (n, 3, 2)."""
     normal = unit(normal)
     first = unit(np.cross(normal, np.eye(3)[np.argmin(np.abs(normal), axis=1)]))
     return np.stack([first, np.cross(normal, first)], axis=2)
-
-
-def _sphere_start(u: np.ndarray, base: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-    """A sphere with the axes merely exchanged: a rotation found with an ellipsoid that ran off is no start."""
-    try:
-        return [(parameters_of("symmetric", *algebraic(u, "sphere")), _nearest(base))]
-    except NotEllipsoid:
-        return []
 
 
 def _nearest(rotation: np.ndarray) -> np.ndarray:
@@ -229,23 +206,12 @@ def _sizes(fit: Fit, data: Any, parameters, base, sigma, accel: bool) -> np.ndar
     if not accel:
         return np.array([first, max(sigma[1] * np.sqrt(ratio[1]), _LEAST)])
     # what the noise of the readings does not explain is that of the force
-    by_reading, by_force = _shares(data, parameters, base)
+    by_reading, by_force = shares(data, parameters, base)
     there, r = data.paired > 0, residuals[n:]
     before = sigma[0] ** 2 * by_reading + sigma[1] ** 2 * by_force
     total = np.sum((before * r**2)[there]) * there.sum() / max(there.sum() - taken[n:].sum(), 1.0)
     more = (total - first**2 * np.sum(by_reading[there])) / max(np.sum(by_force[there]), 1e-300)
     return np.array([first, np.sqrt(max(more, _LEAST**2))])
-
-
-def _shares(data: JointPoses, parameters, base) -> tuple[np.ndarray, np.ndarray]:
-    """Variance of the products per variance of a reading, and of the force's direction."""
-    upper = _upper(parameters)
-    y = unit((data.u - parameters[CENTRE]) @ upper.T)
-    force = data.force @ base.T
-    normal = unit(y @ upper)
-    slope = force @ upper
-    slope = slope - np.sum(slope * normal, axis=1, keepdims=True) * normal
-    return np.sum(slope**2, axis=1), 1 - np.sum(y * force, axis=1) ** 2
 
 
 def jointly(
@@ -264,7 +230,11 @@ def jointly(
     u = frame.scaled(m[rows])
     begin = parameters_of("symmetric", *ellipsoid_of_model(after.model, frame, after.field))  # type: ignore[arg-type]
     base = _upper(begin) @ np.asarray(after.model.soft_iron) * after.field / frame.scale  # type: ignore[union-attr]
-    begins = [(begin, base), *(_sphere_start(u, base) if after.verdict != "good" else [])]
+    begins = [(begin, base)]
+    if after.verdict != "good":
+        # a rotation found with an ellipsoid that ran off is no start: also a sphere, with the axes merely exchanged
+        with contextlib.suppress(NotEllipsoid):
+            begins.append((parameters_of("symmetric", *algebraic(u, "sphere")), _nearest(base)))
     tries = [_solved(u, pairs, *begin, after.noise / frame.scale, dip) for begin in begins]
     return _result(after, min(tries, key=_order), frame, u, whole, limits, isinstance(aid, Gyroscope))
 
@@ -286,7 +256,7 @@ def _order(found: Solution) -> tuple[bool, float]:
     pairs = data.paired > 0
     along = 2 * np.sum(pairs) * np.log(found.sigma[1])
     if isinstance(data, JointPoses):
-        by_reading, by_force = _shares(data, found.parameters, found.base)
+        by_reading, by_force = shares(data, found.parameters, found.base)
         along = 0.5 * np.sum(np.log(found.sigma[0] ** 2 + found.sigma[1] ** 2 * by_force / np.maximum(by_reading, 1e-12))[pairs])
     return not bool(found.fit.usable), float(found.count * np.log(found.sigma[0]) + along)
 
@@ -303,11 +273,11 @@ def _result(after: MagFit, found: Solution, frame: Frame, u, whole, limits, rate
         bool(found.fit.usable), "symmetric", noise2=found.noise2,
     )  # fmt: skip
     left = _spread(found, u)
-    verdict = judged(found, left, after.inclination, limits, len(outliers(ellipsoid)))
-    ellipsoid = eqx.tree_at(lambda f: f.covariance, ellipsoid, verdict.covariance[:9, :9])
+    joint, turned, told = judged(found, left, after.inclination, limits, len(outliers(ellipsoid.distance, ellipsoid.weight)))
+    ellipsoid = eqx.tree_at(lambda f: f.covariance, ellipsoid, joint[:9, :9])
     covariance = covariance_of(ellipsoid, frame)
     said = alignment_of(
-        model_of(shape, centre, frame, size), rotation, _nearest(rotation), verdict.turned, np.array([after.alignment.spread[0], left]),
+        model_of(shape, centre, frame, size), rotation, _nearest(rotation), turned, np.array([after.alignment.spread[0], left]),
         int(np.sum(found.data.paired > 0)), after.alignment.source, found.fit,
         dip=float("nan") if rates else -float(np.arcsin(np.clip(found.parameters[12], -1, 1))), bias=found.bias,
     )  # fmt: skip
@@ -318,9 +288,73 @@ def _result(after: MagFit, found: Solution, frame: Frame, u, whole, limits, rate
     if np.isfinite(covariance).all():
         wanted = needed(shape / frame.scale**2, covariance, sphere_grid()) @ rotation
     return dataclasses.replace(
-        after, model=said.model, covariance=covariance, heading_error=verdict.heading_error,
-        coverage=covered((frame.scaled(whole) - centre) @ matrix.T), residual=ellipsoid.distance * frame.scale,
-        noise=float(found.sigma[0]) * frame.scale, field=size * frame.scale, outliers=outliers(ellipsoid), used=n, needed=wanted,
-        condition=verdict.condition, plane=None, verdict=verdict.verdict, reason=verdict.reason, names=NAMES, kind="symmetric",
-        alignment=said, penalty=0.0, field_error=None, joint=True,
+        after, model=said.model, covariance=covariance, coverage=covered((frame.scaled(whole) - centre) @ matrix.T),
+        residual=ellipsoid.distance * frame.scale, outliers=outliers(ellipsoid.distance, ellipsoid.weight), needed=wanted, used=n,
+        noise=float(found.sigma[0]) * frame.scale, field=size * frame.scale, plane=None, names=NAMES, kind="symmetric", alignment=said,
+        penalty=0.0, field_error=None, joint=True, **told,
+    )  # fmt: skip
+
+
+@host_float64
+def aligned(found: MagFit, m: Any, aid: Any, *, joint: bool = False) -> MagFit:
+    """A fit with the rotation that another sensor shows, where that sensor has readings of its own.
+
+    Parameters
+    ----------
+    found : a fit with a model, of these readings or of some of them.
+    m : (n, 3) readings; rows with NaN are left out.
+    aid : `Accelerometer`, `Gyroscope` or `Headings`, one row for each reading.
+    joint : fit these readings anew, norms and other sensor together, as `fit` with `joint` does; `found` is where it starts.
+
+    Returns
+    -------
+    The fit, its `alignment`, the model with the rotation in it, and the rotation's uncertainty in `heading_error`.
+
+    Raises
+    ------
+    DataError
+        As `align` does, and for a fit without a model.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> from jaxcal.magnetometer import Accelerometer, aligned, body_field, scenario
+    >>> m, up = body_field(scenario("all"), 50.0), -9.81 * body_field(scenario("all"), 1.0, np.pi / 2)
+    >>> aligned(jaxcal.magnetometer.fit(m), m, Accelerometer(up)).alignment.verdict
+    'good'
+
+    References
+    ----------
+    The rotation is that of `align`; the heading error adds its variance to that of the norms.
+    """
+    if found.model is None:
+        raise DataError(f"The fit has no model to turn: {found.reason}")
+    if joint:
+        checked_joint(found.method, "auto", aid, None, None)
+    after = with_rotation(found, align(m, found.model, aid), None)
+    return jointly(after, m, aid) if joint else after
+
+
+def with_rotation(result: MagFit, alignment: Alignment, field: Any) -> MagFit:
+    """The fit with the rotation in its soft iron and in its heading error; a rotation that is not determined stays out."""
+    warnings = list(result.warnings)
+    if alignment.verdict == "refused":
+        verdict = "weak" if result.verdict == "good" else result.verdict
+        reason = f"{result.reason} The rotation against the other sensor was not found. {alignment.reason}"
+        return dataclasses.replace(result, alignment=alignment, verdict=verdict, reason=reason)
+    if np.ndim(field) == 1 and not abs(alignment.dip - result.inclination) < _DIPS:
+        degrees = np.rad2deg([alignment.dip, result.inclination])
+        if np.isfinite(alignment.dip):
+            warnings.append(
+                f"The dip found is {degrees[0]:.1f} degrees, that of the given field {degrees[1]:.1f}: the specific force points up at "
+                "rest; where it agrees but for the sign, give it negated."
+            )
+    error = np.hypot(result.heading_error, turned_heading_error(np.asarray(alignment.covariance), result.inclination))
+    planar = result.plane is not None
+    reason = result.reason.replace("excluding a rotation common to all readings", "excluding the alignment error")
+    verdict = alignment.verdict if result.verdict == "good" else result.verdict
+    return dataclasses.replace(
+        result, model=alignment.model, alignment=alignment, heading_error=result.heading_error if planar else error, verdict=verdict,
+        reason=f"{reason} {alignment.reason}", warnings=tuple(warnings),
     )  # fmt: skip

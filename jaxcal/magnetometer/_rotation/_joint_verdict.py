@@ -1,19 +1,20 @@
 """What a joint fit knows: covariance of ellipsoid and rotation together, heading error, what stays open, verdict."""
 
 import functools
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
 import numpy as np
 
+from ..._compile import jit
 from ...fitting import information
 from .._design._heading_error import WORDS, rms_heading
 from .._ellipsoid._algebraic import triangle
-from .._ellipsoid._kinds import ENTRIES
-from .._ellipsoid._shape import radius_of, root, root_slopes
-from .._result import Reasons
-from ._residuals import CENTRE, TURN
+from .._ellipsoid._kinds import ENTRIES, basis_of, upper_and_centre
+from .._ellipsoid._shape import radius_of, root, root_slopes, unit
+from .._result import Reasons, expected
+from ._residuals import CENTRE, TURN, JointPoses
 
 _ALL = (*WORDS, "rotation about x", "rotation about y", "rotation about z")
 _OPEN = 1e-8  # smallest singular value, of the largest
@@ -24,29 +25,12 @@ _MUCH, _FOURFOLD = 0.05, 4.0
 _ASKEW = np.deg2rad(2.0)
 
 
-class Known(NamedTuple):
-    """Covariance of the parameters, that of the rotation, predicted heading error, and what to think of it."""
-
-    covariance: np.ndarray
-    turned: np.ndarray
-    heading_error: np.ndarray
-    condition: float
-    verdict: str
-    reason: str
-
-
-def _changes(found: Any) -> np.ndarray:
-    """Derivative of W = Q'U with respect to the parameters, (p, 3, 3)."""
-    changes = np.zeros((len(found.parameters), 3, 3))
+def _natural(found: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Derivatives of W = Q'U, (p, 3, 3), of 12 numbers on the unit sphere (six of the shape, centre, rotation), and of the last three."""
+    matrix, changes = found.matrix, np.zeros((len(found.parameters), 3, 3))
     changes[range(6), *np.triu_indices(3)] = 1.0
     changes[:6] = found.base.T @ changes[:6]
-    changes[TURN] = -np.cross(np.eye(3)[:, None], found.matrix.T[None]).transpose(0, 2, 1)
-    return changes
-
-
-def _natural(found: Any) -> tuple[np.ndarray, np.ndarray]:
-    """From the parameters to changes on the unit sphere, (12, p): six of the shape, centre, rotation vector; and that one, (3, p)."""
-    matrix, changes = found.matrix, _changes(found)
+    changes[TURN] = -np.cross(np.eye(3)[:, None], matrix.T[None]).transpose(0, 2, 1)
     inverse = np.linalg.inv(matrix)
     relative = changes @ inverse
     form = (relative + np.swapaxes(relative, 1, 2))[:, *ENTRIES].T
@@ -54,25 +38,11 @@ def _natural(found: Any) -> tuple[np.ndarray, np.ndarray]:
     centre[:, CENTRE] = matrix
     # the symmetric root turned: W = Q'S, so that dQ' = (dW - Q'dS) S^-1
     shape = matrix.T @ matrix
-    symmetric = root(shape)
     by_shape = changes.transpose(0, 2, 1) @ matrix + matrix.T @ changes
     roots = np.einsum("pe,eij->pij", by_shape[:, *ENTRIES], root_slopes(shape))
-    rotation = symmetric @ inverse
-    turned = (rotation.T @ roots - changes) @ inverse
+    turned = ((root(shape) @ inverse).T @ roots - changes) @ inverse
     angles = np.stack([turned[:, 2, 1] - turned[:, 1, 2], turned[:, 0, 2] - turned[:, 2, 0], turned[:, 1, 0] - turned[:, 0, 1]]) / 2
-    return np.concatenate([form, centre, angles]), angles
-
-
-def _heading_error(found: Any, covariance: np.ndarray, inclination: float) -> np.ndarray:
-    """Root mean square heading error at level and tilted: shape, centre and rotation with all that they have in common."""
-    matrix, changes = found.matrix, _changes(found)
-
-    def change(directions: np.ndarray) -> np.ndarray:
-        slopes = np.einsum("pij,nj->nip", changes, directions @ np.linalg.inv(matrix).T)
-        slopes[:, :, CENTRE] -= matrix
-        return slopes
-
-    return rms_heading(change, covariance, inclination)
+    return changes, np.concatenate([form, centre, angles]), angles
 
 
 def _covariance(found: Any) -> tuple[np.ndarray, bool]:
@@ -84,7 +54,7 @@ def _covariance(found: Any) -> tuple[np.ndarray, bool]:
     return inverse @ inverse.T, bool(known.rank == np.sum(~held)) and not held[:9].any()
 
 
-@functools.partial(jax.jit, static_argnames="function")
+@functools.partial(jit, static_argnums=0)
 def _along(function, parameters, data, ways):
     return jax.vmap(lambda way: jax.jvp(lambda p: function(p, data), (parameters,), (way,))[1])(ways)
 
@@ -106,13 +76,26 @@ def _words(ways: np.ndarray) -> str:
     return ", ".join(chosen)
 
 
+def shares(data: JointPoses, parameters: np.ndarray, base: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Variance of the products per variance of a reading, and of the force's direction."""
+    upper = upper_and_centre(parameters[:9], basis_of("symmetric"))[0]
+    y = unit((data.u - parameters[CENTRE]) @ upper.T)
+    force = data.force @ base.T
+    normal = unit(y @ upper)
+    slope = force @ upper
+    slope = slope - np.sum(slope * normal, axis=1, keepdims=True) * normal
+    return np.sum(slope**2, axis=1), 1 - np.sum(y * force, axis=1) ** 2
+
+
 def _condition(found: Any, natural: np.ndarray) -> float:
     """Condition number on the unit sphere, both kinds of residual as lengths of one size: that of the attitudes, whatever the noise."""
-    jacobian = np.asarray(found.fit.jacobian)
-    size = np.full(len(jacobian), found.size_along)
-    size[: found.padded] = found.data.sigma[0]
-    heard = np.repeat(found.data.paired, (len(jacobian) - found.padded) // found.padded)
-    size[found.padded :] /= np.where(heard > 0, heard, 1.0)
+    jacobian, data, n = np.asarray(found.fit.jacobian), found.data, len(found.data.u)
+    along = data.sigma[1]
+    if isinstance(data, JointPoses):  # of a field of norm one
+        by_reading, by_force = shares(data, found.parameters, found.base)
+        along = np.sqrt(np.mean(data.sigma[0] ** 2 * by_reading + along**2 * by_force))
+    heard = np.repeat(data.paired, (len(jacobian) - n) // n)
+    size = np.concatenate([np.full(n, data.sigma[0]), along / np.where(heard > 0, heard, 1.0)])
     known = information(triangle(jacobian * size[:, None]), held=np.asarray(found.fit.at_bound), tolerance=_OPEN)
     if known.rank < np.sum(~known.held):
         return np.inf
@@ -120,20 +103,12 @@ def _condition(found: Any, natural: np.ndarray) -> float:
     return float(values[0] / values[-1])
 
 
-def _contradiction(across: float, along: float, reasons: Reasons) -> None:
-    """Where rates put readings farther from where they are than the noise of the readings does."""
-    if along**2 - across**2 > _LITTLE**2 and along > _MORE * across:
-        reasons.add(
-            along > _MUCH and along > _FOURFOLD * across,
-            f"The readings are off by {100 * along:.2g} % of the field from where the rates put them, and scatter by {100 * across:.2g} % "
-            "about the ellipsoid: look at the times, axes, signs and scale of the rates.",
-        )
-
-
-def judged(found: Any, spread: float, inclination: float, limits: tuple[float, float], outliers: int) -> Known:
-    """Verdict with the sentences that lead to it, the gravest first."""
+def judged(
+    found: Any, spread: float, inclination: float, limits: tuple[float, float], outliers: int
+) -> tuple[np.ndarray, np.ndarray, dict[str, Any]]:
+    """Covariance of the parameters and of the rotation; predicted heading error, condition, and verdict with its sentences."""
     covariance, known = _covariance(found)
-    natural, angles = _natural(found)
+    changes, natural, angles = _natural(found)
     values, vectors = np.linalg.eigh(natural @ covariance @ natural.T)
     condition = _condition(found, natural) if known else np.inf
     rates = hasattr(found.data, "attitude")
@@ -142,7 +117,13 @@ def judged(found: Any, spread: float, inclination: float, limits: tuple[float, f
     # the parameters that change with each direction, whatever the others do
     ways = (covariance @ natural.T @ vectors / np.maximum(values, 1e-300)).T
     by_noise = _by_noise(found, ways) if known and np.isfinite(ways).all() else np.zeros(12)
-    error = _heading_error(found, covariance, inclination) if known else np.full(2, np.inf)
+
+    def change(directions: np.ndarray) -> np.ndarray:
+        slopes = np.einsum("pij,nj->nip", changes, directions @ np.linalg.inv(found.matrix).T)
+        slopes[:, :, CENTRE] -= found.matrix
+        return slopes
+
+    error = rms_heading(change, covariance, inclination) if known else np.full(2, np.inf)
     weakest = _words(vectors[:, -1:].T)
     if not known:
         gone = values > 1e-4 * values[-1]
@@ -155,7 +136,13 @@ def judged(found: Any, spread: float, inclination: float, limits: tuple[float, f
     if not reasons.refused or across < 1:
         reasons.scatter(across)
     if rates:
-        _contradiction(across, spread * np.sqrt(1.5), reasons)
+        along = spread * np.sqrt(1.5)
+        if along**2 - across**2 > _LITTLE**2 and along > _MORE * across:
+            reasons.add(
+                along > _MUCH and along > _FOURFOLD * across,
+                f"The readings are off by {100 * along:.2g} % of the field from where the rates put them, and scatter by "
+                f"{100 * across:.2g} % about the ellipsoid: look at the times, axes, signs and scale of the rates.",
+            )
     elif found.sigma[1] > _ASKEW:
         degrees = np.rad2deg(found.sigma[1])
         reasons.weak.append(
@@ -166,11 +153,8 @@ def judged(found: Any, spread: float, inclination: float, limits: tuple[float, f
         if condition > _ILL:
             reasons.weak.append(f"Readings and {sensor} hardly determine {weakest} (condition number {condition:.3g}).")
     reasons.outliers(outliers, found.count)
-    level, tilted = np.rad2deg(error)
-    said = (
-        f"Norms and {sensor} were fitted together; the heading error to expect is {level:.2g} degrees rms at level and {tilted:.2g} "
-        "at 20 degrees of tilt, that of the rotation included."
-    )
     turned = angles @ covariance @ angles.T if known else np.full((3, 3), np.inf)
     covariance = covariance if known else np.full_like(covariance, np.inf)
-    return Known(covariance, turned, error, condition, reasons.verdict, reasons.text() or said)
+    said = f"Norms and {sensor} were fitted together; the {expected(error)}, that of the rotation included."
+    told = {"heading_error": error, "condition": condition, "verdict": reasons.verdict, "reason": reasons.text(said)}
+    return covariance, turned, told

@@ -24,61 +24,32 @@ def turn(rho: Array) -> Array:
     return matrix(exponential(rho))
 
 
-class Poses(eqx.Module):
-    """Corrected field y and specific force f (n, 3), weight (n,), the rotation to start from, and known magnetic headings (n,)."""
-
-    y: Any
-    f: Any
-    weight: Any
-    base: Any
-    angle: Any = None
-
-
-class Turns(eqx.Module):
-    """Corrected field y (n, 3) beside attitudes from rates (see `attitudes_in_segments`).
-
-    member : (n, ) segment of each reading. weight : (n,), zero for padding; the other fields (n, 3, 3), or (3, 3) for `base`.
-    ones : (segments,) of ones, for their number.
-    """
-
-    y: Any
-    attitude: Any
-    slope: Any
-    member: Any
-    weight: Any
-    base: Any
-    ones: Any
-
-
-def dip_residuals(parameters: dict[str, Array], data: Poses) -> Array:
+def dip_residuals(parameters: dict[str, Array], data: dict[str, Array]) -> Array:
     """Products y'Qf less s: in a uniform field at rest the angle between field and vertical is the same in all poses."""
-    force = data.f @ (data.base @ turn(parameters["rho"])).T
-    return data.weight * (jnp.sum(data.y * force, axis=1) - parameters["s"])
+    force = data["f"] @ (data["base"] @ turn(parameters["rho"])).T
+    return data["weight"] * (jnp.sum(data["y"] * force, axis=1) - parameters["s"])
 
 
-def heading_residuals(parameters: dict[str, Array], data: Poses) -> Array:
+def heading_residuals(parameters: dict[str, Array], data: dict[str, Array]) -> Array:
     """Heading of the turned field less the known one, in rad, within half a turn."""
-    found = heading(data.y @ (data.base @ turn(parameters["rho"])), data.f)
-    off = jnp.where(jnp.isfinite(found), found - data.angle, 0.0)
-    return data.weight * jnp.arctan2(jnp.sin(off), jnp.cos(off))
+    found = heading(data["y"] @ (data["base"] @ turn(parameters["rho"])), data["f"])
+    off = jnp.where(jnp.isfinite(found), found - data["angle"], 0.0)
+    return data["weight"] * jnp.arctan2(jnp.sin(off), jnp.cos(off))
 
 
-def turn_residuals(parameters: dict[str, Array], data: Turns) -> Array:
-    """Field in the axes of each segment's first reading, less its mean there: it stands still while the sensor turns.
+def _turned_back(body: Array, bias: Array, attitude: Array, slope: Array) -> tuple[Array, Array]:
+    """Vectors with the bias taken off the attitude, to first order: in the axes of the reading, and of its segment's first."""
+    body = body - jnp.cross(jnp.einsum("nij,j->ni", slope, bias), body)
+    return body, jnp.einsum("nij,nj->ni", attitude, body)
 
-    That mean is the least-squares estimate of the segment's field, so the residuals are those of all readings, each used once.
-    """
-    rotation = data.base @ turn(parameters["rho"])
-    shift = jnp.einsum("nij,j->ni", data.slope, parameters["bias"])
-    # first order in the bias: over one segment it turns the attitude by little
-    body = data.y @ rotation
-    body = body - jnp.cross(shift, body)
-    still = data.weight[:, None] * jnp.einsum("nij,nj->ni", data.attitude, body)
-    count = len(data.ones)
-    total = jax.ops.segment_sum(still, data.member, num_segments=count)
-    number = jax.ops.segment_sum(data.weight, data.member, num_segments=count)
+
+def turn_residuals(parameters: dict[str, Array], data: dict[str, Array]) -> Array:
+    """Field in the axes of each segment's first reading, less its mean, the least-squares estimate: it stands still as the sensor turns."""
+    member, weight, y = data["member"], data["weight"], data["y"] @ (data["base"] @ turn(parameters["rho"]))
+    still = weight[:, None] * _turned_back(y, parameters["bias"], data["attitude"], data["slope"])[1]
+    total, number = (jax.ops.segment_sum(x, member, num_segments=len(data["segments"])) for x in (still, weight))
     mean = total / jnp.maximum(number, 1)[:, None]
-    return still - data.weight[:, None] * mean[data.member]
+    return still - weight[:, None] * mean[member]
 
 
 class Joint(eqx.Module):
@@ -99,8 +70,8 @@ class Joint(eqx.Module):
 class JointTurns(Joint):
     """Beside attitudes from rates: sigma is that along the surface; paired is below one where the noise of the rates adds up.
 
-    member, attitude, slope : as in `Turns`. tangent : (n, 3, 2) two directions along the surface. metric, inverse : (n, 3, 3) and
-    (segments, 3, 3), the weights with which a segment's field is averaged, and the inverse of their sum.
+    member : (n,) segment of a reading. attitude, slope : (n, 3, 3), of `attitudes_in_segments`. tangent : (n, 3, 2) along the surface.
+    metric, inverse : (n, 3, 3) and (segments, 3, 3), weights with which a segment's field is averaged, and the inverse of their sum.
     """
 
     member: Any
@@ -118,10 +89,7 @@ class JointPoses(Joint):
 
 
 def _on_surface(parameters: Array, data: Any) -> tuple[Array, Array, Array, Array]:
-    """U, unit directions of the points next to the readings, the normals there, and the weighted distances over their sigma.
-
-    The points are the nearest ones but for the square of the distance.
-    """
+    """U, directions of the points next to the readings to first order, the normals there, and the weighted distances over their sigma."""
     upper, centre = upper_and_centre(parameters[:9], jnp.asarray(basis_of("symmetric"), dtype=parameters.dtype))
     shape, z = upper.T @ upper, data.u - centre[None, :]
     distance = signed_distance(shape, z)
@@ -137,16 +105,12 @@ def _unit(v: Array) -> Array:
 
 
 def joint_turn_residuals(parameters: Array, data: JointTurns) -> Array:
-    """Distances, and how far the readings lie along the surface from where the field of their segment, turned back, puts them.
-
-    That field is the least-squares estimate; its weights are those at the start, whose derivative has no part to first order.
-    """
+    """Distances, and how far the readings lie along the surface from where the field of their segment, turned back, puts them."""
     upper, unit, _, across = _on_surface(parameters, data)
     rotation = data.base @ turn(parameters[TURN])
-    body = unit @ rotation
-    body = body - jnp.cross(jnp.einsum("nij,j->ni", data.slope, parameters[EXTRA]), body)
-    still = jnp.einsum("nij,nj->ni", data.attitude, body)
+    body, still = _turned_back(unit @ rotation, parameters[EXTRA], data.attitude, data.slope)
     total = jax.ops.segment_sum(jnp.einsum("nij,nj->ni", data.metric, still), data.member, num_segments=len(data.inverse))
+    # the least-squares estimate, with weights of the start, whose derivative has no part to first order
     field = jnp.einsum("sij,sj->si", data.inverse, total)
     off = body - jnp.einsum("nji,nj->ni", data.attitude, field[data.member])
     along = jnp.einsum("nik,ni->nk", data.tangent, off @ rotation.T @ jnp.linalg.inv(upper).T)

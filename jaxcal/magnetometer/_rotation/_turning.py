@@ -1,6 +1,5 @@
 """Rotations integrated from rates; and `hard_iron_by_turning`, hard iron from a few turns, without readings in all directions."""
 
-import itertools
 from typing import Any
 
 import equinox as eqx
@@ -32,22 +31,16 @@ def like(values: Any, y: np.ndarray, name: str) -> np.ndarray:
 
 def permutations() -> np.ndarray:
     """The 24 rotations that take axes to axes, (24, 3, 3), the unit matrix first."""
-    signed = [
-        np.diag(signs)[list(order)] for order in itertools.permutations(range(3)) for signs in itertools.product((1.0, -1.0), repeat=3)
-    ]
-    return np.array([matrix for matrix in signed if np.linalg.det(matrix) > 0])
+    found = Rotation.create_group("O").as_matrix().round()
+    return found[np.argsort(-np.trace(found, axis1=1, axis2=2), kind="stable")]
 
 
 def attitudes_in_segments(gyro: np.ndarray, rate: float, most: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Attitude of each sample relative to the first of its segment, from rates (n, 3).
 
-    A segment ends where the angle travelled reaches `most` rad, after 10 s, or at a sample that is NaN, which belongs to none.
-
-    Returns
-    -------
-    segment : (n,) number of its segment, -1 for none.
-    attitude : (n, 3, 3) from the body axes of the sample to those of the segment's first.
-    slope : (n, 3, 3) derivative of the rotation vector, in the axes of the sample, with respect to a bias of the rates.
+    A segment ends where the angle travelled reaches `most` rad, after 10 s, or at a sample that is NaN, which belongs to none. Returned
+    are the number of its segment (n,), -1 for none; the attitude (n, 3, 3) from the body axes of the sample to those of the segment's
+    first; and the derivative (n, 3, 3) of the rotation vector, in the axes of the sample, with respect to a bias of the rates.
     """
     n, good = len(gyro), np.asarray(np.isfinite(gyro).all(axis=1))
     step = np.where(good[1:, None] & good[:-1, None], (gyro[1:] + gyro[:-1]) / 2 / rate, 0.0)
