@@ -9,7 +9,7 @@ from .._types import AnyArray
 from ..calibration import Calibration
 from ..imu import Triad
 from ..magnetometer import Moments
-from ..magnetometer._onboard._gate import APART, CELLS, MOST
+from ..magnetometer._onboard import APART, CELLS, MOST
 from ._models import correction, cubics, gyro_bias, triads, unknown_field
 from ._options import Options, Product, number
 

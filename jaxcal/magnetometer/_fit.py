@@ -1,37 +1,47 @@
 """`fit`: hard and soft iron from readings in a field of constant norm."""
 
 import dataclasses
+import functools
 from typing import Any
 
+import jax
+import jax.core
+import jax.numpy as jnp
 import numpy as np
 
 from .._errors import DataError
 from .._precision import host_float64, is_traced
 from ..fitting import AbstractLoss
-from ._aligned import with_rotation
-from ._checks import DIRECT, SOLID, checked, norm_and_dip
 from ._design._coverage import covered, sphere_grid
 from ._design._heading_error import heading_departure, heading_error, information, needed
-from ._ellipsoid._algebraic import Frame, NotEllipsoid, extents
-from ._ellipsoid._orthogonal import Found, described, loss_of
-from ._ellipsoid._penalised import geometric, left_out, refined
-from ._ellipsoid._penalty import Size
-from ._ellipsoid._select import by_bic, by_held_out, candidates
-from ._ellipsoid._shape import NAMES, PLANAR_NAMES, covariance_of, model_of, radius_of, root
-from ._ellipsoid._start import COUNT, PLANAR, parameters_of
-from ._ellipsoid._subsample import LONG, all_distances, thinned
+from ._ellipsoid._algebraic import NotEllipsoid, algebraic, axes, consistent, constrained, extents, li_griffiths, minmax
+from ._ellipsoid._kinds import COUNT, NAMES, PLANAR, PLANAR_NAMES, SOLID, parameters_of
+from ._ellipsoid._orthogonal import described, estimate, geometric, left_out, loss_of, refined
+from ._ellipsoid._residuals import Size
+from ._ellipsoid._select import LONG, all_distances, by_bic, by_held_out, candidates, thinned
+from ._ellipsoid._shape import Found, Frame, covariance_of, directions_of, in_plane, model_of, radius_of
+from ._field import INCLINATION
 from ._model import MagModel
-from ._own_model import fit_model
-from ._result import MagFit, refusal
+from ._own_model import fit_model, one_by_one
+from ._result import LIMITS, NEAR_PLANAR, NEAR_PLANAR_SENTENCE, NOT_JUDGED, MagFit, judge, outliers, refusal
 from ._rotation._align import align
-from ._rotation._joint import checked_joint, jointly
-from ._traced import traced
-from ._verdict import NEAR_PLANAR, NEAR_PLANAR_SENTENCE, OUTLIER, judge, outliers
+from ._rotation._joint import checked_joint, jointly, with_rotation
 
 _LINE = 0.01  # second singular value of the centred readings, of 0.58 for a full sphere
 _FEW = 64
 _EXACT = ("ml", "consistent")
 _EXTREMES = ("minmax", "axes")
+#: method -> model -> algebraic fit
+_DIRECT: dict[str, dict[str, Any]] = {
+    "minmax": {"diagonal": minmax},
+    "axes": {"symmetric": axes},
+    "constrained": {"symmetric": constrained},
+    "li_griffiths": {"symmetric": li_griffiths},
+    "algebraic": {kind: functools.partial(algebraic, kind=kind) for kind in reversed(SOLID)},
+    "consistent": {"symmetric": lambda u: consistent(u)[:2]},
+}
+_METHODS = ("ml", "consistent", "algebraic", "li_griffiths", "constrained", "radial", "axes", "minmax")
+_MODELS = ("auto", *SOLID, "planar")
 
 
 @host_float64
@@ -45,7 +55,7 @@ def fit(
     loss: str | AbstractLoss | None = None,
     inclination: float | None = None,
     choose: str = "bic",
-    limits: tuple[float, float] = (np.deg2rad(1.0), np.deg2rad(5.0)),
+    limits: tuple[float, float] = LIMITS,
     per_direction: int | None = 32,
     penalty: float = 0.5,
     aid: Any = None,
@@ -93,8 +103,8 @@ def fit(
 
     conditions : name -> array of one row a reading: what `measure` and `correct` of a model object take beside the field.
 
-    Under `jit`, `vmap` and `grad` the fit is that of method "ml" for model "sphere", "diagonal" or "symmetric": the curvature term is
-    decided by an expression, and nothing else is: there is no penalty, no thinning, and `verdict` is "not judged".
+    Under `jit`, `vmap` and `grad` the fit is that of method "ml" for model "sphere", "diagonal", "symmetric" or "planar", which is an
+    ellipse there. An expression decides on the curvature term; there is no penalty and no thinning, and `verdict` is "not judged".
 
     Returns
     -------
@@ -124,28 +134,30 @@ def fit(
     Math. 98 (2004) 177 (consistent); the magnetometer paper's equations 6 to 16 (constrained); the thesis, chapter 6.
     """
     if isinstance(model, MagModel):
-        return _of_model(m, model, field, inclination, conditions or {}, limits, method, loss, field_error, aid)
+        if method != "ml" or loss is not None or field_error is not None or aid is not None:
+            raise DataError("A model object is fitted by method='ml', without `loss`, `field_error` and `aid`.")
+        if traced := is_traced(m, model, field, conditions):
+            norm, dip = _norm_and_dip(field, inclination)
+        else:
+            m, norm, dip = _checked(m, method, "auto", field, loss, inclination, choose, penalty, field_error)
+        return fit_model(m, model, norm, dip, conditions or {}, limits, traced)
     if conditions:
         raise DataError("Conditions need a model object whose `measure` and `correct` take them; give it as `model`.")
     if is_traced(m, field):
         given = {"method": method != "ml", "loss": loss is not None, "field_error": field_error is not None, "aid": aid is not None}
-        return traced(m, model, field, inclination, [name for name, there in given.items() if there])
-    m, norm, dip = checked(m, method, model, field, loss, inclination, choose, penalty, field_error)
+        return _traced(m, model, field, inclination, [name for name, there in given.items() if there])
+    m, norm, dip = _checked(m, method, model, field, loss, inclination, choose, penalty, field_error)
     loss = loss_of(loss)
     if joint:
         checked_joint(method, model, aid, loss, field_error)
     whole, used = m, None
     if per_direction is not None and len(m) > LONG and method not in _EXTREMES:
-        used = thinned(Frame.of(m).scaled(m), _at_least_one(per_direction), loss)
+        used = thinned(Frame.of(m).scaled(m), per_direction, loss)
         m = m[used]
     distinct = _distinct(m)
     frame = Frame.of(m)
     if distinct < 2 or frame.scale < 1e-12 * np.abs(m).max():
-        return refusal(
-            method,
-            dip,
-            f"There are {distinct} distinct readings; a sphere needs at least 5, and soft iron 10.",
-        )
+        return refusal(method, dip, f"There are {distinct} distinct readings; a sphere needs at least 5, and soft iron 10.")
     u = frame.scaled(m)
     prior = None if field_error is None or norm is None else Size(float(np.log(norm / frame.scale)), float(field_error))
     spread = extents(u)
@@ -155,44 +167,48 @@ def fit(
     planar = "asked" if model == "planar" else "chosen" if flat and model == "auto" and method == "ml" else None
     kind = None if model == "auto" or planar else model
     if kind is None and method != "ml":
-        kind = "symmetric" if method == "radial" else next(iter(DIRECT[method]))
+        kind = "symmetric" if method == "radial" else next(iter(_DIRECT[method]))
     least = kind or ("circle" if planar else "sphere")
     if distinct <= COUNT[least]:
-        return refusal(
-            method,
-            dip,
-            f"There are {distinct} distinct readings; model {'planar' if planar else least!r} needs at least {COUNT[least] + 1}.",
-        )
+        name = "planar" if planar else least
+        return refusal(method, dip, f"There are {distinct} distinct readings; model {name!r} needs at least {COUNT[least] + 1}.")
     plane, notes, unseen = None, [], np.zeros(9)
     try:
         if planar:
             plane = np.linalg.svd(u, full_matrices=False)[2]
             plane[2] *= np.sign(np.linalg.det(plane))
-            u = np.concatenate([u @ plane[:2].T, np.zeros((len(u), 1))], axis=1)
+            u = in_plane(u, plane)
         if kind is None:
             fits = candidates(u, PLANAR if planar else SOLID, loss, distinct)
             chosen = fits[by_held_out(fits, u, loss) if choose == "held_out" and not planar else by_bic(fits, u)]
             notes = _unseen(fits, chosen, distinct, frame, dip, limits[0])
             unseen = left_out(fits, chosen, u, loss, penalty)
             found = refined(chosen, u, loss, penalty, prior)
+        elif method in ("ml", "radial"):
+            found = geometric(u, kind, loss, "orthogonal" if method == "ml" else "radial", penalty, prior)
         else:
-            found = _single(u, method, kind, loss, penalty, prior)
+            found = described(parameters_of(kind, *_DIRECT[method][kind](u)), u, kind)
     except NotEllipsoid as error:
         return refusal(method, dip, (f"{NEAR_PLANAR_SENTENCE} " if flat else "") + f"{str(error)[0].upper()}{str(error)[1:]}.")
     if planar == "chosen":
         notes = ["The readings are near-planar, and were fitted in their plane.", *notes]
-    result = _result(m, u, frame, found, method, norm, dip, loss, limits, plane, notes, penalty, field_error, unseen)
-    result = result if used is None else _of_all(result, found, frame, whole, len(used))
-    if result.model is None or aid is None:
+    told = _told(found, frame, norm, dip, plane, unseen)
+    if method not in _EXACT:
+        try:
+            best = geometric(u, "symmetric" if _distinct(u) > COUNT["symmetric"] else found.kind, loss, penalty=penalty)
+            told["heading_error"] = np.hypot(told["heading_error"], heading_departure(found, best, dip))
+        except NotEllipsoid:
+            told["heading_error"] = np.full(2, np.inf)
+    known = information(directions_of(found, u), found.kind, found.noise / radius_of(found.shape, plane is not None))
+    verdict, reason = judge(found, u, told["heading_error"], known, limits, loss, notes)
+    result = dataclasses.replace(
+        refusal(method, dip, reason), verdict=verdict, condition=known.condition, kind=found.kind, penalty=found.penalty,
+        field_error=field_error, names=NAMES if plane is None else PLANAR_NAMES, **told, **_of_all(found, frame, whole, told, norm),
+    )  # fmt: skip
+    if aid is None:
         return result
     after = with_rotation(result, align(whole, result.model, aid), field)
     return jointly(after, whole, aid, limits=limits, rows=used) if joint else after
-
-
-def _at_least_one(per_direction: int) -> int:
-    if per_direction < 1:
-        raise DataError(f"{per_direction} readings per direction were asked for; at least one is needed, or None for all.")
-    return int(per_direction)
 
 
 def _distinct(m: np.ndarray) -> int:
@@ -201,105 +217,133 @@ def _distinct(m: np.ndarray) -> int:
     return few if few > COUNT["symmetric"] else len(np.unique(m, axis=0))
 
 
-def _of_all(result: MagFit, found: Found, frame: Frame, m: np.ndarray, used: int) -> MagFit:
-    """The fit of some readings, with the residuals, outliers and coverage of all."""
-    u = frame.scaled(m)
-    if result.plane is not None:
-        u = np.concatenate([u @ result.plane[:2].T, np.zeros((len(u), 1))], axis=1)
-    distance = all_distances(found, u)
-    far = np.flatnonzero(np.abs(distance) > OUTLIER * 1.4826 * np.median(np.abs(distance)))
-    matrix = np.linalg.inv(np.asarray(result.model.soft_iron))  # type: ignore[union-attr]
-    corrected = (m - np.asarray(result.model.hard_iron)) @ matrix.T  # type: ignore[union-attr]
-    said = f"{used} of {len(m)} readings were fitted, evenly from all directions; residuals and outliers are those of all."
-    return dataclasses.replace(
-        result, residual=distance * frame.scale, outliers=far, coverage=covered(corrected), used=used, warnings=(*result.warnings, said)
-    )
+def _of_all(found: Found, frame: Frame, m: np.ndarray, told: dict[str, Any], norm: float | None) -> dict[str, Any]:
+    """What a fit, of these readings or of some of them, says of all."""
+    model, plane, used = told["model"], told["plane"], len(found.distance)
+    mean, warnings = frame.scale * radius_of(found.shape, plane is not None), []
+    if norm is not None and not 0.8 <= mean / norm <= 1.25:
+        warnings.append(
+            f"The readings have a mean field of {mean:.4g}, the given one is {norm:.4g}: the units differ, the sensitivity is off, or the "
+            "readings cover too little of the sphere."
+        )
+    distance, far, wanted = found.distance, outliers(found.distance, found.weight), np.zeros((0, 3))
+    if used < len(m):
+        u = frame.scaled(m)
+        distance = all_distances(found, u if plane is None else in_plane(u, plane))
+        far = outliers(distance)
+        warnings.append(f"{used} of {len(m)} readings were fitted, evenly from all directions; residuals and outliers are those of all.")
+    if plane is None and np.isfinite(told["covariance"]).all():
+        wanted = needed(found.shape / frame.scale**2, told["covariance"], sphere_grid())
+    # corrected by NumPy: nothing to compile for each length of log
+    corrected = (m - model.hard_iron) @ np.linalg.inv(model.soft_iron).T
+    return {
+        "residual": distance * frame.scale, "outliers": far, "coverage": covered(corrected), "needed": wanted, "used": used,
+        "warnings": tuple(warnings),
+    }  # fmt: skip
 
 
 def _unseen(fits: dict[str, Found], chosen: Found, distinct: int, frame: Frame, dip: float, limit: float) -> list[str]:
     """A smaller model says little where the largest could not be tried, or leaves the heading open: what is left out was not seen."""
     largest = "ellipse" if chosen.kind in PLANAR else "symmetric"
     full = fits.get(largest)
-    if chosen.kind == largest:
-        return []
-    if full is not None and full.converged and heading_error(full.shape / frame.scale**2, covariance_of(full, frame), dip)[0] <= limit:
+    if chosen.kind == largest or (full is not None and full.converged and _told(full, frame, None, dip)["heading_error"][0] <= limit):
         return []
     few = f"{distinct} distinct readings" if distinct <= COUNT[largest] else "The readings"
     what = "an ellipse" if chosen.kind in PLANAR else "a full soft iron matrix"
     return [f"{few} cannot show {what}; model {chosen.kind!r} was fitted, and what it leaves out was not seen to be absent."]
 
 
-def _single(u, method, kind, loss, penalty, prior) -> Found:
-    if method in ("ml", "radial"):
-        return geometric(u, kind, loss, "orthogonal" if method == "ml" else "radial", penalty, prior)
-    return described(parameters_of(kind, *DIRECT[method][kind](u)), u, kind)
+def _traced(m: Any, model: str, field: Any, inclination: Any, refused: list[str]) -> MagFit:
+    """The fit under `jit`, `vmap` and `grad`: of a given kind by maximum likelihood, not judged."""
+    if model not in (*SOLID, "planar") or refused:
+        said = ", ".join(f"`{name}`" for name in refused) or f"model={model!r}"
+        raise DataError(
+            "A traced fit has its structure fixed by model='sphere', 'diagonal', 'symmetric' or 'planar' and method='ml'; "
+            f"{said} is decided on the host. Leave it out, or call `fit` outside of jit, vmap and grad."
+        )
+    kind = "ellipse" if model == "planar" else model
+    if m.ndim != 2 or m.shape[1] != 3 or len(m) <= COUNT[kind]:
+        raise DataError(f"The readings have shape {m.shape}; model {model!r} needs (n, 3) with at least {COUNT[kind] + 1} rows.")
+    norm, dip = _norm_and_dip(field, inclination, model)
+    told = one_by_one(functools.partial(_pure, kind), dip, m, norm)
+    names = PLANAR_NAMES if model == "planar" else NAMES
+    return dataclasses.replace(refusal("ml", dip, NOT_JUDGED), verdict="not judged", kind=kind, names=names, used=len(m), **told)
 
 
-def _result(m, u, frame, found, method, norm, dip, loss, limits, plane, notes, penalty, field_error, unseen) -> MagFit:
-    planar = plane is not None
-    radius = np.linalg.det(found.shape[:2, :2]) ** -0.25 if planar else radius_of(found.shape)
-    covariance = covariance_of(found, frame, unseen)
-    raw = found.shape / frame.scale**2
-    error = heading_error(raw, covariance, dip)
-    if method not in _EXACT:
-        try:
-            best = geometric(u, "symmetric" if _distinct(u) > COUNT["symmetric"] else found.kind, loss, penalty=penalty)
-            error = np.hypot(error, heading_departure(found, best, dip))
-        except NotEllipsoid:
-            error = np.full(2, np.inf)
-    y = (u - found.centre) @ root(found.shape)
-    units = y / np.maximum(np.linalg.norm(y, axis=1, keepdims=True), 1e-300)
-    told = information(units, found.kind, found.noise / radius)
-    judged = judge(found, u, error, told, limits, loss, planar, notes)
-    size = radius if norm is None else norm / frame.scale
-    wanted = np.zeros((0, 3))
-    if planar:
-        # across the plane nothing is known: the same scale as in it, and the readings' own mean as offset
-        matrix = plane[:2].T @ root(found.shape)[:2, :2] @ plane[:2] + np.outer(plane[2], plane[2]) / radius
-        model = MagModel(np.linalg.inv(matrix * size), frame.centre + frame.scale * (found.centre[:2] @ plane[:2]))
-    else:
-        model = model_of(found.shape, found.centre, frame, size)
-        if np.isfinite(covariance).all():
-            wanted = needed(raw, covariance, sphere_grid())
-    return MagFit(
-        model=model,
-        covariance=covariance,
-        heading_error=error,
-        coverage=covered((m - model.hard_iron) @ np.linalg.inv(model.soft_iron).T),  # NumPy: nothing to compile for each length of log
-        residual=found.distance * frame.scale,
-        noise=float(found.noise * frame.scale),
-        field=float(size * frame.scale),
-        outliers=outliers(found),
-        used=len(m),
-        needed=wanted,
-        condition=told.condition,
-        inclination=dip,
-        plane=plane,
-        verdict=judged.verdict,
-        reason=judged.reason,
-        warnings=_warnings(radius * frame.scale, norm),
-        names=PLANAR_NAMES if planar else NAMES,
-        method=method,
-        kind=found.kind,
-        penalty=found.penalty,
-        field_error=field_error,
-    )
+def _pure(kind: str, dip: float, m: Any, norm: Any) -> dict[str, Any]:
+    """What a traced fit knows, from the readings and the norm of the field."""
+    frame = Frame.of(m)
+    u = frame.scaled(m)
+    plane = _plane(u) if kind in PLANAR else None
+    found = estimate(u if plane is None else in_plane(u, plane), kind)
+    return {**_told(found, frame, norm, dip, plane), "residual": found.distance * frame.scale}
 
 
-def _warnings(radius: float, norm: float | None) -> tuple[str, ...]:
-    if norm is None or 0.8 <= radius / norm <= 1.25:
-        return ()
-    return (
-        f"The readings have a mean field of {radius:.4g}, the given one is {norm:.4g}: the units differ, the sensitivity is off, or the "
-        "readings cover too little of the sphere.",
-    )
+def _told(found: Found, frame: Frame, norm: Any, dip: float, plane: Any = None, bias: np.ndarray | None = None) -> dict[str, Any]:
+    """What a `MagFit` has of an ellipsoid, traced or not."""
+    size = radius_of(found.shape, plane is not None) if norm is None else norm / frame.scale
+    covariance = covariance_of(found, frame, bias)
+    return {
+        "model": model_of(found.shape, found.centre, frame, size, plane), "covariance": covariance, "field": size * frame.scale,
+        "heading_error": heading_error(found.shape / frame.scale**2, covariance, dip), "noise": found.noise * frame.scale, "plane": plane,
+    }  # fmt: skip
 
 
-def _of_model(m, model, field, inclination, conditions, limits, method, loss, field_error, aid) -> MagFit:
-    if method != "ml" or loss is not None or field_error is not None or aid is not None:
-        raise DataError("A model object is fitted by method='ml', without `loss`, `field_error` and `aid`.")
-    if on_trace := is_traced(m, model, field, conditions):
-        norm, dip = norm_and_dip(field, inclination)
-    else:
-        m, norm, dip = checked(m, method, "auto", field, loss, inclination, "bic", 0.0, field_error)
-    return fit_model(m, model, norm, dip, conditions, limits, on_trace)
+def _plane(u: Any) -> Any:
+    """Axes of the plane nearest to readings and its normal, (3, 3), with the derivative of the normal; a turn about it changes nothing."""
+    scatter = u.T @ u
+    values, axes = jax.lax.stop_gradient(jnp.linalg.eigh(scatter))
+    normal, inside = axes[:, 0], axes[:, :0:-1].T
+    tilt = inside @ scatter @ normal / (values[:0:-1] - values[0])  # zero: it has the derivative alone
+    return jnp.concatenate([inside + tilt[:, None] * normal[None, :], (normal - tilt @ inside)[None, :]])
+
+
+def _checked(m, method, model, field, loss, inclination, choose, penalty, field_error) -> tuple[np.ndarray, float | None, float]:
+    """Readings, norm of the field and dip; every option known and at home with the method."""
+    try:
+        m = np.asarray(m, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise DataError("The readings are not numbers; give an array of shape (n, 3).") from error
+    if m.ndim != 2 or m.shape[1] != 3 or not len(m):
+        raise DataError(f"The readings have shape {m.shape}; expected (n, 3), one row per reading.")
+    bad = np.flatnonzero(~np.isfinite(m).all(axis=1))
+    if bad.size:
+        raise DataError(f"{bad.size} readings are not finite, the first in row {bad[0]}; leave them out.")
+    if np.abs(m).max() > 1e100 or 0 < np.ptp(m) < 1e-100:
+        raise DataError("The readings leave the range in which their fourth powers are numbers; give them in tesla or counts.")
+    ways = ("bic", "held_out")
+    for given, known, what in ((method, _METHODS, "method"), (model, _MODELS, "model"), (choose, ways, "way to choose")):
+        if given not in known:
+            raise DataError(f"There is no {what} {given!r}; known are {', '.join(map(repr, known))}.")
+    allowed = {"ml": _MODELS, "radial": ("auto", *SOLID)}.get(method, ("auto", *_DIRECT.get(method, ())))
+    if model not in allowed:
+        raise DataError(f"Method {method!r} has no model {model!r}; it has {', '.join(map(repr, allowed))}. Method 'ml' has all.")
+    if loss_of(loss) is not None and method not in ("ml", "radial"):
+        raise DataError(f"Method {method!r} takes no loss; use method='ml' with loss={loss!r}.")
+    if not (isinstance(penalty, (int, float)) and 0 <= penalty < np.inf):
+        raise DataError(f"The penalty is {penalty!r}; give its weight: 0.5, 1 for Jeffreys' prior, or 0 for none.")
+    norm, dip = _norm_and_dip(field, inclination, model)
+    if field_error is not None:
+        if norm is None or method != "ml":
+            raise DataError("A field error needs the `field` that it is of, and method='ml'.")
+        if not (isinstance(field_error, (int, float)) and 0 < field_error < 1):
+            raise DataError(f"The field error is {field_error!r}; give the relative standard deviation of `field`, such as 0.02.")
+    if not abs(dip) < np.pi / 2:
+        raise DataError(f"The inclination is {dip:g} rad; it must lie between -pi/2 and pi/2, where there is a horizontal field.")
+    return m, norm, float(dip)
+
+
+def _norm_and_dip(field: Any, inclination: Any, model: str = "") -> tuple[Any, Any]:
+    """Norm of the field, traced or not, and its dip: the one given, that of the vector, or that of Ankara."""
+    if field is not None and model == "planar":
+        raise DataError("Readings in a plane do not show the whole field: leave out `field` with model='planar'.")
+    norm = dip = None
+    if isinstance(field, jax.core.Tracer):
+        norm = jnp.linalg.norm(jnp.atleast_1d(field))
+    elif field is not None:
+        vector = np.asarray(field, dtype=float)
+        norm = float(np.linalg.norm(vector))
+        if vector.shape not in ((), (3,)) or not 0 < norm < np.inf or (vector.ndim == 0 and vector < 0):
+            raise DataError(f"The field is {field!r}; give its norm, or the vector (north, east, down), in the unit of the readings.")
+        dip = float(np.arctan2(vector[2], np.hypot(vector[0], vector[1]))) if vector.ndim else None
+    return norm, next(angle for angle in (inclination, dip, INCLINATION) if angle is not None)

@@ -1,18 +1,33 @@
-"""`MagFit`: a magnetometer calibration with what is known about it."""
+"""`MagFit`: a magnetometer calibration with what is known about it; and whether it is good, weak or refused, and why."""
 
-import dataclasses
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import numpy as np
+import scipy.special
 import scipy.stats
 
 from .._results import NORMAL95, Result, Row
 from .._types import AnyArray
-from ._ellipsoid._shape import NAMES
+from ._design._heading_error import Information
+from ._ellipsoid._algebraic import NotEllipsoid, ellipsoid_of, extents, nearest_quadric, sampson
+from ._ellipsoid._kinds import COUNT, ENTRIES, NAMES, PLANAR
+from ._ellipsoid._shape import Found, radius_of
 from ._model import MagModel
 
 NOT_JUDGED = "The fit was traced: nothing was chosen and nothing is judged. Call `fit` outside of jit, vmap and grad for a verdict."
+#: rms heading error in rad above which a verdict is "weak", and above which it is "refused"
+LIMITS = (np.deg2rad(1.0), np.deg2rad(5.0))
+NEAR_PLANAR = 0.05  # smallest singular value of the centred readings, of 0.58 for a full sphere
+NEAR_PLANAR_SENTENCE = (
+    "The readings are near-planar: they leave the field across their plane open. Turn about a second axis, or use model='planar'."
+)
+_OUTLIER = 4.0
+_MANY_OUTLIERS = 0.01
+_NOISY, _TOO_NOISY = 0.1, 0.2
+_ILL, _SINGULAR = 1000.0, 1e8
+_BY_NOISE = 0.5
+_BY_PENALTY, _CONFLICT = 0.5, 3.0  # standard errors
 
 
 class MagFit(Result):
@@ -82,10 +97,10 @@ class MagFit(Result):
         """Value of each parameter by its name, in the units of the readings."""
         values = np.asarray(self.values)
         if self.model is not None and not len(values):
-            matrix, hard = np.linalg.inv(np.asarray(self.model.soft_iron)) / self.field, np.asarray(self.model.hard_iron)
-            shape, basis = matrix.T @ matrix, np.eye(3) if self.plane is None else np.asarray(self.plane)[:2]
-            shape, j = basis @ shape @ basis.T, [(0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)][: 6 if self.plane is None else 3]
-            values = np.concatenate([shape[tuple(np.transpose(j))], basis @ hard])
+            basis = np.eye(3) if self.plane is None else np.asarray(self.plane)[:2]
+            matrix = np.linalg.inv(np.asarray(self.model.soft_iron)) @ basis.T / self.field
+            entries = tuple(place[: len(self.names) - len(basis)] for place in ENTRIES)
+            values = np.concatenate([(matrix.T @ matrix)[entries], basis @ np.asarray(self.model.hard_iron)])
         return dict(zip(self.names, values.tolist(), strict=True)) if len(values) else {}
 
     @property
@@ -103,23 +118,17 @@ class MagFit(Result):
         rows = [Row(f"hard iron {axis}", b, b - h, b + h, "unit") for axis, b, h in zip("xyz", hard, half, strict=True)]
         soft = np.asarray(self.model.soft_iron)
         rows += [Row(f"soft iron {a}{b}", soft[i, j]) for i, a in enumerate("xyz") for j, b in enumerate("xyz")]
-        known = getattr(self, "interval", {})
-        for field in dataclasses.fields(self.model)[2:]:  # those of a subclass
-            values = np.asarray(getattr(self.model, field.name))
-            for entry in np.ndindex(values.shape) if np.issubdtype(values.dtype, np.floating) else ():
-                name = field.name + (f"[{','.join(map(str, entry))}]" if entry else "")
-                rows.append(Row(name, values[entry], *known.get(name, (np.nan, np.nan))))
+        # the parameters beyond the nine of the ellipsoid are those of a subclass
+        known = self.interval
+        rows += [Row(name, value, *known[name]) for name, value in list(self.parameters.items())[9:]]
         return [*rows, Row("field", self.field, unit="unit"), Row("noise of a reading", self.noise, unit="unit")]
 
     @property
     def hard_iron_error(self) -> np.ndarray:
         """(3,) standard deviation of the hard iron, in the unit of the readings; infinite along a plane's normal."""
-        if self.plane is None and self.names and "hard_iron[0]" in self.names:
-            first = self.names.index("hard_iron[0]")
-            return np.sqrt(np.diag(self.covariance)[first : first + 3])
-        if len(self.covariance) == 9:
-            return np.sqrt(np.diag(self.covariance)[6:])
-        if self.plane is None or not np.isfinite(self.covariance).all():
+        if self.plane is None:
+            return np.sqrt(np.diag(self.covariance)[6:9])
+        if not np.isfinite(self.covariance).all():
             return np.full(3, np.inf)
         basis = np.asarray(self.plane)[:2]
         spread = np.sqrt(np.einsum("ik,ij,jk->k", basis, self.covariance[3:, 3:], basis))
@@ -133,3 +142,126 @@ def refusal(method: str, dip: float, reason: str) -> MagFit:
         field=np.inf, outliers=np.zeros(0, dtype=int), used=0, needed=np.zeros((0, 3)), condition=np.inf, inclination=dip, plane=None,
         verdict="refused", reason=reason, warnings=(), names=NAMES, method=method, kind="none",
     )  # fmt: skip
+
+
+def expected(error: np.ndarray) -> str:
+    """The heading error of a good fit, in words."""
+    level, tilted = np.rad2deg(error)
+    where = f"at level and {tilted:.2g} at 20 degrees of tilt" if np.isfinite(tilted) else "in the plane"
+    return f"heading error to expect is {level:.2g} degrees rms {where}"
+
+
+class Reasons(NamedTuple):
+    """Sentences that speak against a fit."""
+
+    refused: list[str]
+    weak: list[str]
+
+    def add(self, grave: bool | np.bool_, sentence: str) -> None:
+        """One more, that refuses the fit or weakens it."""
+        (self.refused if grave else self.weak).append(sentence)
+
+    def heading(self, error: np.ndarray, limits: tuple[float, float], rest: str) -> bool:
+        """Whether the predicted heading error is too large."""
+        (level, tilted), (least, most) = np.rad2deg(error), np.rad2deg(limits)
+        if not level <= least:
+            large = "by more than 30 degrees" if not level <= 30 else f"by {level:.2g} degrees rms"
+            at = f" at level and {tilted:.2g} at 20 degrees of tilt" if level <= 30 and np.isfinite(tilted) else ""
+            self.add(not level <= most, f"The heading would be wrong {large}{at}{rest}")
+        return not level <= least
+
+    def scatter(self, relative: float, surface: str = "ellipsoid") -> None:
+        """The noise, over the field."""
+        if relative > _NOISY:
+            grave = relative > _TOO_NOISY
+            far = "; they do not lie on one" if grave else ""
+            self.add(grave, f"The readings scatter by {100 * relative:.0f} % of the field about the best {surface}{far}.")
+
+    def outliers(self, number: int, count: int, cure: str = "leave them out") -> None:
+        """Readings that are far off, as more than chance."""
+        if number > max(_MANY_OUTLIERS * count, 2):
+            self.weak.append(f"{number} of {count} readings are outliers; {cure}.")
+
+    @property
+    def verdict(self) -> str:
+        """The word for them."""
+        return "refused" if self.refused else "weak" if self.weak else "good"
+
+    def text(self, otherwise: str) -> str:
+        """All of them, the gravest first."""
+        return " ".join([*self.refused, *self.weak]) or otherwise
+
+
+def outliers(distance: np.ndarray, weight: Any = 1.0) -> np.ndarray:
+    """Readings off by four robust standard deviations, or with less than a third of their weight; distances in scaled units."""
+    size = np.abs(distance)
+    return np.flatnonzero((size > max(_OUTLIER * 1.4826 * np.median(size), 1e-9)) | (np.asarray(weight) < 0.33))
+
+
+def _other_quadric(found: Found, u: np.ndarray) -> str | None:
+    """Why the readings lie on another quadric than an ellipsoid, if they lie on it twice as close."""
+    kept = found.weight > 0.5
+    theta = nearest_quadric(u[kept])
+    try:
+        ellipsoid_of(theta)
+    except NotEllipsoid as error:
+        far = np.sqrt(np.mean(found.distance[kept] ** 2))
+        if far > 1e-6 and 2 * np.sqrt(np.mean(sampson(theta, u[kept]) ** 2)) < far:
+            return str(error)
+    return None
+
+
+def _structural(found: Found, u: np.ndarray, told: Information, planar: bool) -> list[str]:
+    """Reasons that lie in the geometry of the readings, whatever their noise."""
+    if not planar and extents(u - u.mean(axis=0))[-1] < NEAR_PLANAR:
+        return [NEAR_PLANAR_SENTENCE]
+    if not planar and (other := _other_quadric(found, u)):
+        return [f"{other[0].upper()}{other[1:]}, and they lie on it more than twice as close as on any ellipsoid."]
+    if not told.condition <= _SINGULAR or not np.isfinite(found.covariance).all():
+        return [f"The readings do not determine {told.weakest}."]
+    if told.by_noise > _BY_NOISE:
+        return [f"The readings show {told.weakest} through their noise only, and so do not determine it."]
+    return []
+
+
+def judge(
+    found: Found, u: np.ndarray, error: np.ndarray, told: Information, limits: tuple[float, float], loss: Any, notes: list[str],
+) -> tuple[str, str]:  # fmt: skip
+    """Verdict, and the sentences that lead to it."""
+    planar = found.kind in PLANAR
+    reasons = Reasons(_structural(found, u, told, planar), list(notes))
+    if not reasons.refused:
+        _by_size(found, error, told, limits, reasons)
+    far = len(outliers(found.distance, found.weight))
+    if far > 0.4 * len(u):
+        reasons.refused.append(f"{far} of {len(u)} readings are outliers: no majority of the readings agrees.")
+    elif loss is None:
+        reasons.outliers(far, len(u), "use loss='huber' or 'tukey', or leave them out")
+    said = reasons.text(f"The {expected(error)}, excluding a rotation common to all readings.")
+    return reasons.verdict, said + (" It holds for headings in the plane of the readings only." if planar else "")
+
+
+def _by_size(found: Found, error: np.ndarray, told: Information, limits: tuple[float, float], reasons: Reasons) -> None:
+    """Reasons that are a matter of degree: scatter, predicted heading error, condition."""
+    if not found.converged:
+        reasons.refused.append(f"The fit did not converge: {found.message or 'it ran off, as fits of this cost do with partial coverage.'}")
+    reasons.scatter(found.noise / radius_of(found.shape))
+    freedom = max(len(found.distance) - COUNT[found.kind], 1)
+    # five per cent of noise estimates are too small by this factor or more
+    doubt = float(np.sqrt(freedom / (2 * scipy.special.gammaincinv(freedom / 2, 0.05))))
+    level, least = np.rad2deg([error[0], limits[0]])
+    if not reasons.heading(error, limits, f"; least certain is {told.weakest}.") and level * doubt > least:
+        reasons.weak.append(
+            f"{len(found.distance)} readings leave the noise uncertain by a factor of {doubt:.2g}: the heading may be wrong by "
+            f"{level * doubt:.2g} degrees rms."
+        )
+    if found.conflict > _CONFLICT:
+        reasons.weak.append(
+            f"The field that the readings alone give is {found.conflict:.2g} standard errors from the given one: its unit, the "
+            "sensitivity, or the field error is off."
+        )
+    if found.bias > _BY_PENALTY:
+        size = f"by {found.bias:.2g} standard errors" if found.bias < 100 else "without limit"
+        reasons.weak.append(f"The readings alone leave the ellipsoid open: the penalty on small coverage moved it {size}.")
+    if told.condition > _ILL:
+        reasons.weak.append(f"The readings hardly determine {told.weakest} (condition number {told.condition:.0f}).")

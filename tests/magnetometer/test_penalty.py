@@ -7,7 +7,7 @@ import pytest
 import scipy.optimize
 
 from jaxcal.magnetometer import MagModel, bootstrap, fit, residuals
-from jaxcal.magnetometer._ellipsoid._penalty import BASES, Penalty, half_log_det, natural_rows, penalty_residual
+from jaxcal.magnetometer._ellipsoid._residuals import BASES, Penalty, half_log_det, natural_rows, penalty_residual
 
 from . import cases
 

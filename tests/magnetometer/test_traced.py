@@ -53,7 +53,38 @@ def test_the_derivative_is_that_of_finite_differences(kind):
         assert float(by_norm) == pytest.approx(float(finite), rel=1e-4)
 
 
-@pytest.mark.parametrize(("options", "words"), [({}, "model='auto'"), ({"loss": "huber", "model": "sphere"}, "`loss` is decided")])
+def test_a_planar_fit_is_that_of_the_host_and_has_its_derivative():
+    """Turns about a tilted axis: the fit has to find the plane, and its normal moves with the readings."""
+    angle = np.arange(40) * np.pi / 20
+    around = cases.MILD.measure(np.stack([np.cos(angle), np.sin(angle), 0.4 + 0 * angle], axis=1) @ cases.PAPER.soft_iron)
+    m = around + 0.01 * np.random.default_rng(0).normal(size=around.shape)
+    one, traced = fit(m, model="planar"), jax.jit(lambda m: fit(m, model="planar"))(m)
+    assert one.kind == traced.kind == "ellipse"
+    assert traced.names == one.names
+    for name in ("hard_iron", "soft_iron"):
+        np.testing.assert_allclose(getattr(traced.model, name), getattr(one.model, name), rtol=1e-7, atol=1e-8)
+    assert np.abs(np.asarray(traced.plane) @ one.plane.T).round(9).tolist() == np.eye(3).tolist()
+    np.testing.assert_allclose(np.diag(traced.covariance), np.diag(one.covariance), rtol=1e-6)
+    np.testing.assert_allclose(traced.heading_error, one.heading_error, rtol=1e-6)
+
+    @jax.jit
+    def value(m):
+        found = fit(m, model="planar")
+        return found.model.hard_iron @ jnp.array([1.0, 2.0, -1.0]) + found.model.soft_iron[0, 2] + 10 * found.noise + found.heading_error[0]
+
+    slope, change = jax.jit(jax.grad(value))(m), np.random.default_rng(1).normal(size=m.shape)
+    finite = (value(m + 1e-6 * change) - value(m - 1e-6 * change)) / 2e-6
+    assert float(np.sum(slope * change)) == pytest.approx(float(finite), rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({}, "model='auto'"),
+        ({"field": 1.0, "model": "planar"}, "do not show the whole field"),
+        ({"loss": "huber", "model": "sphere"}, "`loss` is decided"),
+    ],
+)
 def test_what_the_host_decides_is_not_traced(options, words):
     with pytest.raises(DataError, match=words):
         jax.jit(lambda m: fit(m, **options).noise)(jnp.asarray(TUMBLES[0]))

@@ -1,18 +1,17 @@
 """From the covariance of an ellipsoid to the heading error it causes, and which parameters the readings leave open (host, NumPy)."""
 
 import functools
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
-import equinox as eqx
 import numpy as np
 
 from ..._precision import array_module
-from .._attitude import body_field, rotation
 from .._ellipsoid._algebraic import matrix_of, triangle
-from .._ellipsoid._orthogonal import Found
-from .._ellipsoid._penalty import BASES, natural_rows
-from .._ellipsoid._shape import root, root_slopes
-from .._ellipsoid._start import PLANAR, PLANAR_ROWS
+from .._ellipsoid._kinds import PLANAR, PLANAR_ROWS
+from .._ellipsoid._residuals import BASES, natural_rows
+from .._ellipsoid._shape import Found, root, root_slopes
+from .._field import unit_field
 
 WORDS = (
     "scale along x", "coupling of x and y", "scale along y", "coupling of x and z", "coupling of y and z", "scale along z",
@@ -23,32 +22,39 @@ _IN_PLANE = {
     6: "hard iron along the plane's first axis", 7: "hard iron along the plane's second axis",
 }  # fmt: skip
 _TILT = np.deg2rad(20.0)
+_HEADINGS = np.arange(24) * np.pi / 12
+
+
+def tilted(headings: np.ndarray, tilt: float) -> np.ndarray:
+    """Attitudes at some headings: level, or tilted in each of eight directions, (8 n, 3)."""
+    way = np.repeat(np.arange(8 if tilt else 1) * np.pi / 4, len(headings))
+    elevation, bank = np.arcsin(np.sin(tilt) * np.cos(way)), np.arctan2(np.sin(tilt) * np.sin(way), np.cos(tilt))
+    return np.stack([np.resize(headings, len(way)), elevation, bank], axis=1)
 
 
 @functools.lru_cache(maxsize=64)
 def grids(inclination: float) -> list[tuple[np.ndarray, np.ndarray]]:
     """Attitudes and unit fields at level, and at 20 degrees of tilt in eight directions."""
-    headings = np.arange(24) * np.pi / 12
-    level = np.stack([headings, 0 * headings, 0 * headings], axis=1)
-    way = np.repeat(np.arange(8) * np.pi / 4, 24)
-    elevation = np.arcsin(np.sin(_TILT) * np.cos(way))
-    bank = np.arctan2(np.sin(_TILT) * np.sin(way), np.cos(_TILT))
-    tilted = np.stack([np.tile(headings, 8), elevation, bank], axis=1)
-    return [(attitudes, np.asarray(body_field(attitudes, 1.0, inclination))) for attitudes in (level, tilted)]
+    both = [tilted(_HEADINGS, tilt) for tilt in (0.0, _TILT)]
+    return [(attitudes, unit_field(attitudes, inclination)) for attitudes in both]
 
 
-def _levelled(attitudes: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Body vectors (n, ..., 3) turned back by bank and elevation."""
-    turned = attitudes.copy()
-    turned[:, 0] = 0.0
-    return np.einsum("nji,n...j->n...i", rotation(turned), y)
+def _level_axes(attitudes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Unit vectors forward and to the right in the horizontal plane, in body axes, (n, 3) each."""
+    _, elevation, bank = attitudes.T
+    ct, st, cp, sp = np.cos(elevation), np.sin(elevation), np.cos(bank), np.sin(bank)
+    return np.stack([ct, sp * st, cp * st], axis=1), np.stack([0 * ct, cp, -sp], axis=1)
+
+
+def _level_parts(attitudes: np.ndarray, y: np.ndarray) -> list[np.ndarray]:
+    """Components of body vectors along those axes, (n,) each."""
+    return [np.sum(y * axis, axis=1) for axis in _level_axes(attitudes)]
 
 
 def _across(attitudes: np.ndarray, directions: np.ndarray) -> np.ndarray:
     """Derivative of the magnetic heading with respect to the corrected field, (n, 3)."""
-    x, y, _ = np.moveaxis(_levelled(attitudes, directions), -1, 0)
-    along_x, along_y, _ = np.moveaxis(_levelled(attitudes, np.broadcast_to(np.eye(3), (len(directions), 3, 3))), -1, 0)
-    return (y[:, None] * along_x - x[:, None] * along_y) / (x**2 + y**2)[:, None]
+    (forward, right), (x, y) = _level_axes(attitudes), _level_parts(attitudes, directions)
+    return (y[:, None] * forward - x[:, None] * right) / (x**2 + y**2)[:, None]
 
 
 @functools.lru_cache(maxsize=64)
@@ -56,48 +62,53 @@ def grids_across(inclination: float) -> list[np.ndarray]:
     return [_across(*grid) for grid in grids(inclination)]
 
 
-def heading_slopes(shape: np.ndarray, attitudes: np.ndarray, directions: np.ndarray) -> np.ndarray:
-    """Derivative of the magnetic heading with respect to the shape's entries and the centre, (n, 9)."""
-    return _heading_slopes(shape, directions, _across(attitudes, directions))
-
-
-def _heading_slopes(shape: Any, directions: np.ndarray, across: np.ndarray) -> Any:
+def _change(shape: Any, directions: np.ndarray) -> Any:
+    """Derivative of corrected unit fields with respect to the shape's entries and the centre, (n, 3, 9)."""
     xp, matrix = array_module(shape), root(shape)
-    z = directions @ xp.linalg.inv(matrix)
-    by_shape = (across[:, :, None] * z[:, None, :]).reshape(-1, 9) @ root_slopes(shape).reshape(6, 9).T
-    return xp.concatenate([by_shape, -across @ matrix], axis=1)
+    by_shape = xp.einsum("eij,nj->nie", root_slopes(shape), directions @ xp.linalg.inv(matrix))
+    return xp.concatenate([by_shape, xp.broadcast_to(-matrix, (len(directions), 3, 3))], axis=2)
+
+
+def heading_slopes(shape: Any, attitudes: np.ndarray, directions: np.ndarray) -> Any:
+    """Derivative of the magnetic heading with respect to the shape's entries and the centre, (n, 9)."""
+    return array_module(shape).einsum("ni,nip->np", _across(attitudes, directions), _change(shape, directions))
+
+
+def planar_slopes(shape: Any, headings: np.ndarray) -> Any:
+    """The same in a plane, with respect to what a plane has of them, (n, 5)."""
+    level = tilted(headings, 0.0)
+    return heading_slopes(shape, level, unit_field(level, 0.0))[:, np.array(PLANAR_ROWS)]
+
+
+def rms_heading(change: Callable[[np.ndarray], Any], covariance: Any, inclination: float) -> Any:
+    """Root mean square heading error in rad, at level and at 20 degrees of tilt, of parameters that are known to `covariance` (p, p).
+
+    change : from unit fields in body axes (n, 3) to the derivative of the corrected ones with respect to the parameters, (n, 3, p).
+    """
+    both = zip(grids(inclination), grids_across(inclination), strict=True)
+    slopes = [array_module(covariance).einsum("ni,nip->np", across, change(directions)) for (_, directions), across in both]
+    return _rms(slopes, covariance)
+
+
+def _rms(slopes: list[Any], covariance: Any) -> Any:
+    """Roots of the mean variance s'Cs over all rows s of each array; infinite where the covariance is."""
+    xp = array_module(slopes, covariance)
+    known = xp.isfinite(covariance).all()
+    safe = xp.where(known, covariance, 0.0)
+    return xp.where(known, xp.sqrt(xp.stack([(rows @ safe * rows).sum(axis=1).mean() for rows in slopes])), xp.inf)
 
 
 def heading_error(shape: Any, covariance: Any, inclination: float) -> Any:
-    """Predicted rms heading error in rad, at level and at 20 degrees of tilt; in a plane there is no tilt."""
-    xp = array_module(shape, covariance)
-    known = xp.isfinite(covariance).all()
-    safe = xp.where(known, covariance, 0.0)
+    """Predicted rms heading error of an ellipsoid; in a plane there is no tilt."""
     if len(covariance) == 5:
-        attitudes = grids(inclination)[0][0]
-        directions = np.stack([np.cos(attitudes[:, 0]), -np.sin(attitudes[:, 0]), np.zeros(len(attitudes))], axis=1)
-        errors = [rms(heading_slopes(shape, attitudes, directions)[:, PLANAR_ROWS], safe), np.inf]
-    else:
-        level, tilted = (directions for _, directions in grids(inclination))
-        slopes = _heading_slopes(shape, np.concatenate([level, tilted]), np.concatenate(grids_across(inclination)))
-        errors = [rms(part, safe) for part in (slopes[: len(level)], slopes[len(level) :])]
-    return xp.where(known, xp.stack(errors), xp.inf)
-
-
-def rms(slopes: Any, covariance: Any) -> Any:
-    """Root of the mean variance s'Cs over all rows s."""
-    return array_module(slopes, covariance).sqrt((slopes @ covariance * slopes).sum(axis=1).mean())
+        xp = array_module(covariance)
+        return xp.concatenate([_rms([planar_slopes(shape, _HEADINGS)], covariance), xp.full(1, np.inf)])
+    return rms_heading(lambda directions: _change(shape, directions), covariance, inclination)
 
 
 def turned_heading_error(covariance: np.ndarray, inclination: float) -> np.ndarray:
-    """Root mean square heading error, at level and tilted, of a rotation about the body axes that is known to `covariance`."""
-    errors = []
-    for attitudes, directions in grids(inclination):
-        change = np.cross(np.eye(3)[None], directions[:, None])
-        x, y, _ = np.moveaxis(_levelled(attitudes, directions), -1, 0)
-        dx, dy, _ = np.moveaxis(_levelled(attitudes, change), -1, 0)
-        errors.append(rms((y[:, None] * dx - x[:, None] * dy) / (x**2 + y**2)[:, None], covariance))
-    return np.array(errors)
+    """That of a rotation about the body axes."""
+    return rms_heading(lambda directions: np.cross(np.eye(3), directions[:, None]).swapaxes(1, 2), covariance, inclination)
 
 
 def heading_departure(first: Found, second: Found, inclination: float) -> np.ndarray:
@@ -111,22 +122,17 @@ def heading_departure(first: Found, second: Found, inclination: float) -> np.nda
     return np.array(departures)
 
 
-def _angle(attitudes, y):
-    level = _levelled(attitudes, y)
-    return np.arctan2(-level[:, 1], level[:, 0])
+def _angle(attitudes: np.ndarray, y: np.ndarray) -> np.ndarray:
+    forward, right = _level_parts(attitudes, y)
+    return np.arctan2(-right, forward)
 
 
-class Information(eqx.Module):
-    """How well directions determine a model.
-
-    condition : ratio of the largest to the smallest singular value on the unit sphere.
-    weakest : the parameters of the smallest, in words.
-    by_noise : share of the smallest singular value's square that noise along the sphere alone would give.
-    """
+class Information(NamedTuple):
+    """Condition number on the unit sphere, share of its least singular value squared that noise alone gives, and what is weakest."""
 
     condition: float
     by_noise: float
-    weakest: str = eqx.field(static=True)
+    weakest: str
 
 
 def information(directions: np.ndarray, kind: str, relative_noise: float) -> Information:

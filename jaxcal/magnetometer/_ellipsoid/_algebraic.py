@@ -1,45 +1,38 @@
-"""Algebraic fits of a quadric to readings: those of a linear constraint, traced or not; Li-Griffiths, constrained and ellipse (NumPy).
+"""Ellipsoids fitted without iteration, and the starts of the iterative fits: linear and quadratic constraints, consistent, extremes.
 
 A quadric is theta = [a..f | p, r, s, k] over the monomials [x^2, xy, y^2, xz, yz, z^2 | x, y, z, 1]. Every fit works on readings
-that are centred and scaled, and eliminates the linear part exactly.
+that are centred and scaled, and eliminates the linear part exactly. What is traced says so; the rest is NumPy on the host.
 """
 
+import itertools
 from typing import Any
 
-import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 import scipy.linalg
+import scipy.optimize
 
 from ..._errors import FitError
 from ..._precision import array_module
-from ..._types import AnyArray
+from .._design._coverage import bins
+from ._kinds import COUNT, PLANAR, parameters_of
+from ._shape import unit
 
 NOT_ELLIPSOID = "the data do not determine an ellipsoid: the quadric nearest to the readings is a {}"
+_ENOUGH_FOR_ADJUSTED = 30
+_SUBSETS = 200
+_SUBSET = 12  # readings: three more than a symmetric fit needs, so that noise does not decide
+_KEPT, _ROUNDS = 10, 4
 
 
 class NotEllipsoid(FitError):
     """The quadric that fits is not an ellipsoid."""
 
 
-class Frame(eqx.Module):
-    """Centring and scaling u = (m - centre) / scale of readings."""
-
-    centre: AnyArray
-    scale: Any
-
-    @staticmethod
-    def of(m: AnyArray) -> "Frame":
-        centre = m.mean(axis=0)
-        return Frame(centre, ((m - centre[None, :]) ** 2).sum(axis=1).mean() ** 0.5)
-
-    def scaled(self, m: Any) -> Any:
-        return (m - self.centre[None, :]) / self.scale
-
-
-def monomials(u: Any) -> tuple[Any, Any]:
-    """Quadratic (n, 6) and linear (n, 4) columns."""
+def monomials(u: Any) -> Any:
+    """Columns (n, 10)."""
     xp, (x, y, z) = array_module(u), u.T
-    return xp.stack([x * x, x * y, y * y, x * z, y * z, z * z], axis=1), xp.stack([x, y, z, xp.ones_like(x)], axis=1)
+    return xp.stack([x * x, x * y, y * y, x * z, y * z, z * z, x, y, z, xp.ones_like(x)], axis=1)
 
 
 #: entries of a symmetric matrix from a..f; the paper's printed one belongs to another order of the monomials
@@ -95,93 +88,219 @@ def ellipsoid_of(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return shape, x0
 
 
-def _eliminated(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Scatter of the first columns after the best combination of the second is taken off, and that combination."""
-    q2, r2 = np.linalg.qr(second, mode="reduced")
-    rest = first - q2 @ (q2.T @ first)
-    return rest.T @ rest, -np.linalg.lstsq(r2, q2.T @ first, rcond=None)[0]
-
-
-def _admissible(scatter: np.ndarray, constraint: np.ndarray) -> np.ndarray:
-    """Eigenvector of S q = lambda C q with q'Cq > 0: there is one, as C has one positive eigenvalue."""
-    values, vectors = scipy.linalg.eig(scatter, constraint)  # type: ignore[misc]  # its type depends on flags left out
+def _constrained(u: np.ndarray, chosen: tuple[int, ...], rest: tuple[int, ...], constraint: np.ndarray) -> np.ndarray:
+    """Theta of least algebraic residual under q'Cq = 1 for the `chosen` coefficients q, with the best of the `rest`; others are zero."""
+    columns = monomials(u)
+    first, (q2, r2) = columns[:, chosen], np.linalg.qr(columns[:, rest], mode="reduced")
+    left = first - q2 @ (q2.T @ first)
+    # S q = lambda C q has one solution with q'Cq > 0, as C has one positive eigenvalue
+    values, vectors = scipy.linalg.eig(left.T @ left, constraint)  # type: ignore[misc]  # its type depends on flags left out
     pairs = []
-    for value, vector in zip(values, vectors.T, strict=True):
-        vector = np.real(vector)
+    for value, vector in zip(values, np.real(vectors).T, strict=True):
         size = vector @ constraint @ vector
         # eigenvalues may be infinite where the constraint has no rank
         if np.isfinite(value) and np.all(np.isfinite(vector)) and size > 1e-12 * (vector @ vector):
             pairs.append((abs(value), vector / np.sqrt(size)))
     if not pairs:
         raise NotEllipsoid(NOT_ELLIPSOID.format("quadric that the constraint excludes"))
-    return min(pairs, key=lambda pair: pair[0])[1]
+    theta = np.zeros(10)
+    theta[list(chosen)] = q = min(pairs, key=lambda pair: pair[0])[1]
+    theta[list(rest)] = -np.linalg.lstsq(r2, q2.T @ first, rcond=None)[0] @ q
+    return theta
 
 
-#: kind -> the coefficients of theta that are free; those of the squares sum to one, or with a sphere are one each
+#: kind -> the coefficients of theta that are free, and those that are one, or one less the others of the squares
 _FREE = {
-    "symmetric": (0, 1, 2, 3, 4, 6, 7, 8, 9), "diagonal": (0, 2, 6, 7, 8, 9), "sphere": (6, 7, 8, 9), "circle": (6, 7, 9),
+    "symmetric": ((0, 1, 2, 3, 4, 6, 7, 8, 9), (5,)), "diagonal": ((0, 2, 6, 7, 8, 9), (5,)), "sphere": ((6, 7, 8, 9), (0, 2, 5)),
+    "ellipse": ((0, 1, 6, 7, 9), (2, 5)), "circle": ((6, 7, 9), (0, 2, 5)),
 }  # fmt: skip
 
 
 def linear(u: Any, kind: str) -> Any:
-    """Theta of least algebraic residual under a constraint that is linear; invariant to rotation and shift.
+    """Theta of least algebraic residual under a constraint that is linear, traced or not; invariant to rotation and shift.
 
-    a + c + f = 1 for the symmetric and the diagonal kind (Y. Petrov's ellipsoid_fit), a = c = f = 1 for a sphere, and in the plane
-    z = 0 for a circle.
+    a + c + f = 1 for the symmetric and the diagonal kind (Y. Petrov's ellipsoid_fit), a = c = f = 1 for a sphere; in the plane z = 0
+    a + c = 1 for an ellipse, a = c = 1 for a circle, and any f.
     """
-    fixed, moves = np.zeros(10, u.dtype), np.eye(10, dtype=u.dtype)[:, list(_FREE[kind])]
-    fixed[[5] if kind in ("symmetric", "diagonal") else [0, 2, 5]] = 1.0
-    moves[5] = -moves[0] - moves[2]
-    xp = array_module(u)
-    columns = xp.concatenate(monomials(u), axis=1)
-    return fixed + moves @ xp.linalg.lstsq(columns @ moves, -columns @ fixed, rcond=None)[0]
+    free, one = _FREE[kind]
+    fixed, moves = np.zeros(10, u.dtype), np.eye(10, dtype=u.dtype)[:, list(free)]
+    fixed[list(one)] = 1.0
+    moves[one[0]] -= moves[[i for i in (0, 2) if i in free]].sum(axis=0)
+    columns = monomials(u)
+    return fixed + moves @ array_module(u).linalg.lstsq(columns @ moves, -columns @ fixed, rcond=None)[0]
 
 
 def algebraic(u: np.ndarray, kind: str = "symmetric") -> tuple[np.ndarray, np.ndarray]:
-    """Shape matrix and centre of `linear`."""
-    return ellipsoid_of(linear(u, kind))
+    """Shape matrix and centre of the algebraic fit of a kind."""
+    return ellipse(u) if kind == "ellipse" else ellipsoid_of(linear(u, kind))
 
 
 def li_griffiths(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Least squares under 4J - I^2 = 1 (Q. Li and J. G. Griffiths, GMP 2004): always an ellipsoid, biased towards spheres."""
-    constraint = np.zeros((6, 6))
-    constraint[np.ix_((0, 2, 5), (0, 2, 5))] = 1.0
-    constraint[(0, 2, 5), (0, 2, 5)] = -1.0
-    constraint[(1, 3, 4), (1, 3, 4)] = -1.0
-    first, second = monomials(u)
-    scatter, rest = _eliminated(first, second)
-    q = _admissible(scatter, constraint)
-    return ellipsoid_of(np.concatenate([q, rest @ q]))
+    constraint = np.diag([-2.0, -1.0, -2.0, -1.0, -1.0, -2.0])
+    constraint[np.ix_((0, 2, 5), (0, 2, 5))] += 1.0
+    return ellipsoid_of(_constrained(u, tuple(range(6)), (6, 7, 8, 9), constraint))
+
+
+#: of a, b and c: 4ac - b^2
+_DISCRIMINANT = np.array([[0.0, 0.0, 2.0], [0.0, -1.0, 0.0], [2.0, 0.0, 0.0]])
 
 
 def constrained(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Least squares under 4ac - b^2 = 1 (the magnetometer paper, equations 11 to 16), as a problem of three unknowns.
-
-    The condition makes the sections z = const ellipses and no more; a hyperboloid about z passes it, and is reported.
-    """
-    first, second = monomials(u)
-    scatter, rest = _eliminated(first[:, :3], np.concatenate([first[:, 3:], second], axis=1))
-    q = _admissible(scatter, np.array([[0.0, 0.0, 2.0], [0.0, -1.0, 0.0], [2.0, 0.0, 0.0]]))
-    return ellipsoid_of(np.concatenate([q, rest @ q]))
+    """Least squares under 4ac - b^2 = 1 (the magnetometer paper, equations 11 to 16): an ellipsoid, or a hyperboloid about z."""
+    return ellipsoid_of(_constrained(u, (0, 1, 2), tuple(range(3, 10)), _DISCRIMINANT))
 
 
 def ellipse(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Fitzgibbon's ellipse in the plane z = 0: here 4ac - b^2 = 1 is the right condition."""
-    x, y = u[:, 0], u[:, 1]
-    scatter, rest = _eliminated(np.stack([x * x, x * y, y * y], axis=1), np.stack([x, y, np.ones_like(x)], axis=1))
-    a, b, c = q = _admissible(scatter, np.array([[0.0, 0.0, 2.0], [0.0, -1.0, 0.0], [2.0, 0.0, 0.0]]))
-    p, r, k = rest @ q
-    # any third axis does: the readings have no third coordinate
-    return ellipsoid_of(np.array([a, b, c, 0.0, 0.0, a, p, r, 0.0, k]))
+    theta = _constrained(u, (0, 1, 2), (6, 7, 9), _DISCRIMINANT)
+    theta[5] = theta[0]  # any third axis does: the readings have no third coordinate
+    return ellipsoid_of(theta)
 
 
 def sampson(theta: np.ndarray, u: np.ndarray) -> np.ndarray:
     """First-order distance of readings to any quadric."""
-    first, second = monomials(u)
     gradient = 2 * u @ matrix_of(theta[:6]) + theta[6:9]
-    return (first @ theta[:6] + second @ theta[6:]) / np.maximum(np.linalg.norm(gradient, axis=1), 1e-12)
+    return monomials(u) @ theta / np.maximum(np.linalg.norm(gradient, axis=1), 1e-12)
 
 
 def nearest_quadric(u: np.ndarray) -> np.ndarray:
     """Quadric of unit theta with the least algebraic residual, of any kind."""
-    return np.linalg.svd(triangle(np.concatenate(monomials(u), axis=1)))[2][-1]
+    return np.linalg.svd(triangle(monomials(u)))[2][-1]
+
+
+def minmax(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Centre and semi-axes along x, y and z from the extremes (thesis 6.1 to 6.4)."""
+    return axes(u, np.eye(3))
+
+
+def axes(u: np.ndarray, vectors: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Rotate to the principal axes, divide by the semi-axes, rotate back (thesis 6.5 to 6.9; it stops before the last step).
+
+    The axes are the columns of `vectors`, or the covariance's eigenvectors: the thesis's plane angles where one plane alone is tilted.
+    Every direction counts the same, however many readings it has: uneven chance alone turns the axes of 4000 readings by degrees.
+    """
+    centre = (u.max(axis=0) + u.min(axis=0)) / 2
+    z = u - centre
+    if vectors is None:
+        cell = bins(unit(z))
+        vectors = np.linalg.eigh(z.T @ (z / np.bincount(cell)[cell][:, None]))[1]
+    turned = z @ vectors
+    radii = np.ptp(turned, axis=0) / 2
+    if not radii.min() > 0:
+        raise NotEllipsoid(NOT_ELLIPSOID.format("flat one: the readings do not vary along one axis"))
+    return (vectors / radii**2) @ vectors.T, centre
+
+
+_LARGEST = 0.6  # noise, in units of the readings' rms radius, beyond which there is nothing to fit
+#: exponents (x, y, z) of the ten monomials, of their 100 products, and of the 35 moments, which are all among the products
+_EXPONENTS = ((2, 0, 0), (1, 1, 0), (0, 2, 0), (1, 0, 1), (0, 1, 1), (0, 0, 2), (1, 0, 0), (0, 1, 0), (0, 0, 1), (0, 0, 0))
+_PRODUCTS = [tuple(a + b for a, b in zip(*pair, strict=True)) for pair in itertools.product(_EXPONENTS, repeat=2)]
+ORDERS = [e for e in itertools.product(range(5), repeat=3) if sum(e) <= 4]
+_PLACES = [_PRODUCTS.index(order) for order in ORDERS]
+
+
+def _table() -> np.ndarray:
+    """(3, 10, 10, 35) coefficients of Psi = Psi0 + s2 Psi1 + s2^2 Psi2 in the moments: exp(-s2/2 D) of the products, D the Laplacian."""
+    laplacian = np.zeros((len(ORDERS),) * 2)
+    for order, axis in itertools.product(ORDERS, range(3)):
+        if (e := order[axis]) > 1:
+            laplacian[ORDERS.index(order), ORDERS.index((*order[:axis], e - 2, *order[axis + 1 :]))] = e * (e - 1)
+    first = np.eye(len(ORDERS))[[ORDERS.index(order) for order in _PRODUCTS]]
+    return np.stack([first, -first @ laplacian / 2, first @ laplacian @ laplacian / 8]).reshape(3, 10, 10, -1)
+
+
+PSI = _table()
+
+
+def consistent(u: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """Shape matrix, centre and noise (units of u) at the smallest noise that makes Psi singular.
+
+    I. Markovsky, A. Kukush and S. Van Huffel, Numer. Math. 98 (2004) 177; V. Renaudin, M. H. Afzal and G. Lachapelle,
+    J. Sensors 2010, 967245.
+    """
+    columns = monomials(u)
+    return null_of(PSI @ ((columns.T @ columns).ravel()[_PLACES] / len(u)))
+
+
+def null_of(psi: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """The same from Psi0, Psi1 and Psi2."""
+
+    def least(s2: float) -> float:
+        return float(np.linalg.eigvalsh(psi[0] + s2 * (psi[1] + s2 * psi[2]))[0])
+
+    s2 = 0.0
+    if least(0.0) > 1e-14:  # else the readings are exact
+        low, high = 0.0, 0.02**2
+        while least(high) > 0:
+            low, high = high, 1.69 * high
+            if high > _LARGEST**2:
+                raise NotEllipsoid(NOT_ELLIPSOID.format("quadric hidden in noise"))
+        s2 = float(scipy.optimize.brentq(least, low, high, xtol=1e-16))  # type: ignore[arg-type]
+    theta = np.linalg.eigh(psi[0] + s2 * (psi[1] + s2 * psi[2]))[1][:, 0]
+    return *ellipsoid_of(theta), float(np.sqrt(s2))
+
+
+def start(u: np.ndarray, kind: str) -> tuple[np.ndarray, np.ndarray]:
+    """Shape and centre of the first of the algebraic fits, in order of merit, that is an ellipsoid."""
+    kinds = dict.fromkeys((kind, "circle" if kind in PLANAR else "sphere"))
+    attempts = [lambda one=one: algebraic(u, one) for one in kinds]
+    if kind == "symmetric":
+        exact = [lambda: consistent(u)[:2]] if len(u) >= _ENOUGH_FOR_ADJUSTED else []
+        attempts = [*exact, attempts[0], lambda: li_griffiths(u), attempts[1]]
+    reason: NotEllipsoid | None = None
+    for attempt in attempts:
+        try:
+            return attempt()
+        except NotEllipsoid as error:
+            reason = reason or error
+    raise reason or NotEllipsoid(NOT_ELLIPSOID.format("quadric of another kind"))
+
+
+def traced_start(u: Any, kind: str) -> Any:
+    """Parameters of the linear algebraic fit, or where that is no ellipsoid of the sphere: `start` without a choice on the host."""
+    best, sphere = (shape_of(linear(u, which)) for which in (kind, "circle" if kind in PLANAR else "sphere"))
+    values = jnp.linalg.eigvalsh(jnp.where(jnp.isfinite(best[0]), best[0], -1.0))
+    good = (values[0] > 1e-6 * values[-1]) & jnp.all(jnp.isfinite(best[1]))
+    # the sphere is one about the readings' mean where it has no real points
+    real = sphere[0][0, 0] > 0
+    round_ = (jnp.where(real, sphere[0], jnp.eye(3, dtype=u.dtype)), jnp.where(real, sphere[1], 0.0))
+    shape, centre = (jnp.where(good, a, b) for a, b in zip(best, round_, strict=True))
+    return parameters_of(kind, shape, centre)
+
+
+def away(found: tuple[np.ndarray, np.ndarray], u: np.ndarray) -> np.ndarray:
+    """Size of the first-order distance to an ellipsoid."""
+    z = u - found[1]
+    normal = z @ found[0]
+    r = np.sqrt(np.maximum(np.sum(z * normal, axis=1), 1e-12))
+    return np.abs((r - 1) * r) / np.maximum(np.linalg.norm(normal, axis=1), 1e-12)
+
+
+def robust_start(u: np.ndarray, kind: str) -> tuple[np.ndarray, np.ndarray]:
+    """Fit of least median distance: the best of random subsets, refitted to the nearer half (Rousseeuw, Technometrics 41, 1999, 212)."""
+    rng, half = np.random.default_rng(0), (len(u) + COUNT[kind] + 1) // 2
+
+    def attempt(readings):
+        try:
+            found = algebraic(readings, kind)
+        except (NotEllipsoid, np.linalg.LinAlgError):
+            return []
+        return [(float(np.median(away(found, u))), found)]
+
+    def best(tries):
+        return sorted(tries, key=lambda one: one[0])
+
+    tries = [one for _ in range(_SUBSETS) for one in attempt(u[rng.choice(len(u), min(len(u), _SUBSET), replace=False)])]
+    tries = best(tries)[:_KEPT] + attempt(u)
+    for _ in range(_ROUNDS):
+        tries += [new for _, found in tries for new in attempt(u[np.argsort(away(found, u))[:half]])]
+        tries = best(tries)[:_KEPT]
+    if not tries:
+        return start(u, kind)
+    least, found = tries[0]
+    near = u[away(found, u) <= 3 * 1.4826 * max(least, 1e-12)]
+    try:
+        return start(near, kind) if len(near) > 2 * COUNT[kind] else found
+    except NotEllipsoid:
+        return found

@@ -51,24 +51,17 @@ def foot(shape: Float[Array, "3 3"], z: Float[Array, "n 3"]) -> tuple[Float[Arra
     fixed, far = jax.lax.stop_gradient(shape), jax.lax.stop_gradient(z)
     apply = _pencil(fixed, far)
     lowest = -1 / _largest_eigenvalue(fixed)
-
-    def step(t):
-        new = _newton(apply, fixed, far, t)
-        return jnp.where(new > lowest, new, (t + lowest) / 2)
-
     # Newton doubles the digits: half of them, and the step after the loop brings all.
     half = jnp.finfo(far.dtype).eps ** 0.5
 
-    def go_on(carry):
-        i, _, settled = carry
-        return (i < _ITERATIONS) & ~settled
-
     def again(carry):
         i, t, _ = carry
-        new = step(t)
+        new = _newton(apply, fixed, far, t)
+        new = jnp.where(new > lowest, new, (t + lowest) / 2)
         return i + 1, new, jnp.all(jnp.abs(new - t) <= half * (new - lowest))
 
-    _, t, _ = jax.lax.while_loop(go_on, again, (0, jnp.zeros_like(far[:, 0]), jnp.asarray(False)))
+    begin = (0, jnp.zeros_like(far[:, 0]), jnp.asarray(False))
+    _, t, _ = jax.lax.while_loop(lambda carry: (carry[0] < _ITERATIONS) & ~carry[2], again, begin)
     # A step from the root has the derivative of the root (implicit function theorem).
     apply = _pencil(shape, z)
     t = _newton(apply, shape, z, jax.lax.stop_gradient(t))
@@ -83,8 +76,7 @@ def signed_distance(shape: Float[Array, "3 3"], z: Float[Array, "n 3"]) -> Float
 
     .. math:: \mathrm d d = \frac{y^T\,\mathrm dA\,y}{2|g|} + \frac{g^T \mathrm dz}{|g|}.
     """
-    t, y = foot(shape, z)
-    return t * jnp.linalg.norm(y @ shape, axis=1)
+    return _distance_slopes(shape, z)[0]
 
 
 @signed_distance.defjvp
@@ -118,16 +110,7 @@ def mean_curvature(shape: Float[Array, "3 3"], z: Float[Array, "n 3"]) -> Float[
 
     .. math:: \kappa = \frac{T\,g^Tg - g^TAg}{2|g|^3}.
     """
-    return _curvature(shape, z)[0]
-
-
-def _curvature(shape, z):
-    normal = z @ shape
-    bent = jnp.trace(shape) * normal - normal @ shape
-    square = jnp.sum(normal**2, axis=1)
-    square = jnp.where(square > 0, square, 1)  # no direction at the centre
-    cube = square * jnp.sqrt(square)
-    return jnp.sum(normal * bent, axis=1) / (2 * cube), normal, bent, square, cube
+    return _curvature_slopes(shape, z)[0]
 
 
 @mean_curvature.defjvp
@@ -137,7 +120,12 @@ def _(primals, tangents):
 
 def _curvature_slopes(shape, z):
     """Mean curvature, and its derivatives with respect to the nine entries of A and to z."""
-    curvature, normal, bent, square, cube = _curvature(shape, z)
+    normal = z @ shape
+    bent = jnp.trace(shape) * normal - normal @ shape
+    square = jnp.sum(normal**2, axis=1)
+    square = jnp.where(square > 0, square, 1)  # no direction at the centre
+    cube = square * jnp.sqrt(square)
+    curvature = jnp.sum(normal * bent, axis=1) / (2 * cube)
     by_normal = bent / cube[:, None] - (3 * curvature / square)[:, None] * normal
     trace = jnp.eye(3, dtype=shape.dtype).reshape(1, 9) * square[:, None]
     return curvature, _outer(z, by_normal) + (trace - _outer(normal, normal)) / (2 * cube)[:, None], by_normal @ shape

@@ -1,6 +1,8 @@
-"""Iterative fits of scaled readings, orthogonal and radial, with robust losses, through the package's one solver."""
+"""Iterative fits of scaled readings through the package's one solver: orthogonal and radial, robust, curvature corrected, penalised."""
 
+import contextlib
 import dataclasses
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -9,53 +11,30 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..._compile import jit
 from ..._errors import DataError
-from ..._precision import is_traced
+from ..._precision import array_module, is_traced
 from ..._types import AnyArray
-from ...fitting import AbstractLoss, Cauchy, Fit, Huber, Tukey, covariance, solve
-from ._algebraic import triangle
-from ._penalty import Penalty
-from ._residuals import Readings, orthogonal, radial, shape_and_centre
-from ._start import COUNT, PLANAR, basis_of, padded_length, parameters_of, robust_start, start, traced_start
+from ...fitting import AbstractLoss, Cauchy, Fit, Huber, Tukey, covariance, identifiability, information, solve
+from ._algebraic import NotEllipsoid, robust_start, start, traced_start, triangle
+from ._kinds import COUNT, PLANAR, basis_of, parameters_of, shape_and_centre, upper_and_centre
+from ._residuals import Penalty, Readings, Size, half_log_det, orthogonal, penalised, radial
+from ._shape import Found, entries_of, filled, radius_of
 
 LOSSES: dict[str, AbstractLoss] = {"huber": Huber(), "cauchy": Cauchy(), "tukey": Tukey()}
 CURVED = 0.02  # noise over radius above which the curvature term is worth a fit
 ROUNDS, SETTLED = 3, 3e-3  # of fits with the curvature term, and the change of the noise that ends them
 _ROBUST_ROUNDS = 5
 _PRECISE = 1e-8  # step to go, relative to the statistical uncertainty
-_SINGULAR = 1e12
-
-
-class Found(eqx.Module):
-    """An ellipsoid in scaled readings: shape and centre, (9, 9) covariance of its parameters, noise, distances and weights.
-
-    noise2 : the variance whose curvature term was taken off the distances.
-    penalty : weight of the penalty on directions in a corner, zero where it had no part; bias : how far it moved the fit, in
-        standard errors of what the readings alone say. conflict : of the field that the readings alone give and the known one.
-    """
-
-    parameters: AnyArray
-    shape: AnyArray
-    centre: AnyArray
-    covariance: AnyArray
-    noise: Any
-    distance: AnyArray
-    weight: AnyArray
-    converged: Any
-    kind: str = eqx.field(static=True)
-    message: str = eqx.field(static=True, default="")
-    noise2: Any = 0.0
-    penalty: float = 0.0
-    bias: float = 0.0
-    conflict: float = 0.0
+_LOST = 1e-12  # singular value of columns of unit length, below which readings leave a parameter open
+_IDLE = 0.1  # standard errors: a penalty that moves a fit by less is left out
+_FAR = 1.0  # standard errors: beyond, the fit without the penalty may have run off
+_SINGULAR = 1e8
 
 
 def padded(u: np.ndarray, kind: str, scale: float = 1.0, noise2: float = 0.0, penalty: Penalty | None = None) -> Readings:
     """Readings filled up to a power of two with weight zero, so that logs of any length share a compiled program."""
-    size = padded_length(len(u))
-    full = np.concatenate([u, np.repeat(u[:1], size - len(u), axis=0)])
-    weight = (np.arange(size) < len(u)).astype(float)
-    return Readings(full, weight, np.float64(scale), np.float64(noise2), basis_of(kind), penalty)
+    return Readings(filled(u, u[:1]), filled(np.ones(len(u))), np.float64(scale), np.float64(noise2), basis_of(kind), penalty)
 
 
 def bounds_of(kind: str) -> tuple[np.ndarray, np.ndarray]:
@@ -65,11 +44,7 @@ def bounds_of(kind: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def attempt(function: Callable, start: AnyArray, data: Readings, kind: str, loss: AbstractLoss | None = None) -> Fit:
-    """Fit; several rows of `start` are tried, and the best is kept.
-
-    Residuals beyond those of the readings, of penalty and prior, move the fit and are then dropped: covariance and weights are
-    those of the readings.
-    """
+    """Best fit from the rows of `start`. The residuals of penalty and prior are dropped from it: its covariance is that of the readings."""
     begin, starts = (start, None) if start.ndim == 1 else (start[0], start)
     fit = solve(function, begin, data, loss=loss, bounds=bounds_of(kind), starts=starts, rtol=_PRECISE)
     if fit.residuals.size == len(data.u):
@@ -104,35 +79,22 @@ def described_by(fit: Fit, scale: float, count: int, kind: str, noise2: Any = 0.
     else:
         noise = scale * xp.sqrt(xp.sum(residuals**2) / max(count - COUNT[kind], 1))
     return Found(
-        parameters,
-        *shape_and_centre(parameters, basis_of(kind)),
-        xp.where(xp.isfinite(matrix).all(), matrix, xp.inf),
-        noise,
-        scale * residuals[:count],
-        xp.asarray(fit.weights)[:count],
-        fit.usable if traced else bool(fit.usable),
-        kind,
-        "" if traced or fit.usable else fit.message,
-        noise2,
-    )
+        parameters, *shape_and_centre(parameters, basis_of(kind)), xp.where(xp.isfinite(matrix).all(), matrix, xp.inf), noise,
+        scale * residuals[:count], xp.asarray(fit.weights)[:count], fit.usable if traced else bool(fit.usable), kind,
+        "" if traced or fit.usable else fit.message, noise2,
+    )  # fmt: skip
 
 
 def curvature_variance(found: Found) -> Any:
-    """Variance whose curvature term counts, zero where the noise is too small for it, or so large that there is no surface.
-
-    Readings in a plane have no noise across it, so of the two curvatures one does.
-    """
-    xp = jnp if is_traced(found) else np
-    radius = xp.linalg.det(found.shape) ** (-1 / 6)
+    """Variance whose curvature term counts, zero where the noise is too small for it, or so large that there is no surface."""
+    xp, radius = array_module(found), radius_of(found.shape)
     curved = (0.5 * radius > found.noise) & (found.noise > CURVED * radius)
+    # readings in a plane have no noise across it, so of the two curvatures one counts
     return xp.where(curved, (0.5 if found.kind in PLANAR else 1.0) * found.noise**2, 0.0)
 
 
 def estimate(u: Any, kind: str) -> Found:
-    """Maximum likelihood of scaled readings as one pure function: runs under `jit`, `vmap` and `grad`, and judges nothing.
-
-    The rounds are those of `flat` and of the fits with the curvature term, each decision in them an expression.
-    """
+    """Maximum likelihood of scaled readings as one pure function: `flat` and the rounds of `refined`, each decision an expression."""
     basis, weight, one = jnp.asarray(basis_of(kind), dtype=u.dtype), jnp.ones(len(u), dtype=u.dtype), jnp.ones((), u.dtype)
 
     def again(carry: tuple, _: None) -> tuple:
@@ -167,33 +129,118 @@ def _robust(function: Callable, begin: np.ndarray, u: np.ndarray, kind: str, los
     return fit, last  # type: ignore[possibly-unbound]
 
 
-@eqx.filter_jit
-def _linear_terms(function: Callable, parameters: Any, data: Readings) -> tuple[Any, Any]:
+@functools.partial(jit, static_argnums=0)
+def _linearised(function: Callable, parameters: Any, data: Readings) -> tuple[Any, Any]:
     return function(parameters, data), jax.jacfwd(function)(parameters, data)
-
-
-def _linearised(function: Callable, parameters: AnyArray, data: Readings) -> tuple[Any, Any]:
-    return _linear_terms(function, *jax.tree.map(jnp.asarray, (parameters, data)))
 
 
 def described(parameters: AnyArray, u: np.ndarray, kind: str) -> Found:
     """An ellipsoid that another method found, with the covariance that the readings allow there (the Cramer-Rao bound)."""
     residuals, jacobian = (np.asarray(x)[: len(u)] for x in _linearised(orthogonal, parameters, padded(u, kind)))
     noise = float(np.sqrt(np.sum(residuals**2) / max(len(u) - COUNT[kind], 1)))
-    bound = noise**2 * inverse_information(jacobian, np.arange(9) < COUNT[kind])
+    known = information(triangle(jacobian), held=np.arange(9) >= COUNT[kind], tolerance=_LOST)
+    bound = noise**2 * known.covariance if known.rank == COUNT[kind] else np.full((9, 9), np.inf)
     return Found(parameters, *shape_and_centre(parameters, basis_of(kind)), bound, noise, residuals, np.ones(len(u)), True, kind)
 
 
-def inverse_information(jacobian: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """Inverse of J'J, zero for parameters that are held; infinite where the rows do not determine all others to half the digits."""
-    column = np.linalg.norm(jacobian[:, free], axis=0)
-    factor = triangle(jacobian[:, free] / np.where(column > 0, column, 1))
-    inverse = np.zeros((jacobian.shape[1],) * 2)
-    if len(factor) < free.sum() or not np.linalg.cond(factor) < _SINGULAR:
-        return np.full_like(inverse, np.inf)
-    root = np.linalg.inv(factor) / column[:, None]
-    inverse[np.ix_(free, free)] = root @ root.T
-    return inverse
+def geometric(
+    u: np.ndarray, kind: str, loss: AbstractLoss | None = None, cost: str = "orthogonal", penalty: float = 0.0, size: Size | None = None
+) -> Found:
+    """Least squares of orthogonal (or radial) distances, from the best algebraic start."""
+    found = flat(u, kind, loss, cost)
+    return found if cost == "radial" else refined(found, u, loss, penalty, size)
+
+
+def refined(found: Found, u: np.ndarray, loss: AbstractLoss | None = None, penalty: float = 0.0, size: Size | None = None) -> Found:
+    """The fit with the curvature term where the noise matters, the penalty where that does, and the size that is known."""
+    bias = _step(found, u, penalty)[1] if penalty else 0.0
+    if found.converged and bias < _IDLE:
+        penalty = 0.0
+    if penalty or size is not None:
+        return _penalised(found, u, loss, penalty, bias, size)
+    scale, last = 1.0 if loss is None else found.noise, np.inf
+    for _ in range(ROUNDS):
+        noise2 = float(curvature_variance(found))
+        if not noise2 or abs(found.noise - last) < SETTLED * last:
+            break
+        fit = attempt(orthogonal, found.parameters, padded(u, found.kind, scale, noise2), found.kind, loss)
+        last, found = found.noise, described_by(fit, scale, len(u), found.kind, noise2)
+    return found
+
+
+def left_out(fits: dict[str, Found], chosen: Found, u: np.ndarray, loss: AbstractLoss | None, penalty: float) -> np.ndarray:
+    """Bias of a chosen model by what it leaves out, (9,), as far as the largest model shows it: want of evidence makes none more certain.
+
+    The step to the largest is that bias and noise, whose share of the likelihood ratio is one a parameter (positive-part James and Stein).
+    """
+    largest = next(iter(fits.values()))
+    more = COUNT[largest.kind] - COUNT[chosen.kind]
+    if not more:
+        return np.zeros(9)
+    if penalty and not (largest.converged and _step(largest, u, penalty)[1] < _IDLE):
+        largest = refined(largest, u, loss, penalty)
+    if not np.isfinite(largest.covariance).all():
+        return np.zeros(9)  # the verdict says that it could not be tried
+    weight = largest.weight
+    gain = float(np.sum(weight * chosen.distance**2) - np.sum(weight * largest.distance**2)) / max(largest.noise, 1e-300) ** 2
+    return np.sqrt(max(1 - more / max(gain, 1e-300), 0.0)) * (entries_of(largest) - entries_of(chosen))
+
+
+def _step(found: Found, u: np.ndarray, penalty: float) -> tuple[Any, float]:
+    """How far the penalty moves a fit, to first order: in the parameters, and in standard errors of the readings alone."""
+    if not np.isfinite(found.covariance).all():
+        return np.zeros(9), np.inf
+    upper, centre = upper_and_centre(found.parameters, basis_of(found.kind))
+    form = Penalty.of(found.kind, found.noise, penalty)
+    _, by_upper, by_z = half_log_det(upper, u - centre, (found.weight > 0.5).astype(float), form.basis, form.idle)
+    slope = basis_of(found.kind).T @ np.concatenate([by_upper.ravel(), -by_z.sum(axis=0)])
+    step = penalty * found.covariance @ slope
+    return step, float(np.sqrt(max(penalty * slope @ step, 0.0)))
+
+
+def _penalised(found: Found, u: np.ndarray, loss: AbstractLoss | None, penalty: float, bias: float, size: Size | None) -> Found:
+    """The fit with penalty and prior; from a sphere too where the fit without them may have run off."""
+    # the noise is that of the fit without them, whose degrees of freedom are known
+    alone, noise, begin = found, max(found.noise, 1e-12), [found.parameters]
+    scale = 1.0 if loss is None else noise
+    if not found.converged or bias > _FAR:
+        with contextlib.suppress(NotEllipsoid):  # then the one start has to do
+            begin.append(parameters_of(found.kind, *start(u[found.weight > 0.5], "circle" if found.kind in PLANAR else "sphere")))
+    noise2 = float(curvature_variance(found))
+    data = padded(u, found.kind, scale, noise2, Penalty.of(found.kind, noise, penalty, size))
+    fit = attempt(penalised, np.array(begin), data, found.kind, loss)
+    found = described_by(fit, scale, len(u), found.kind, noise2)
+    # penalty and prior make a solution where the readings have none, so the solver does not say that they have none
+    known = identifiability(fit).condition < _SINGULAR
+    covariance = found.covariance * (noise / max(found.noise, 1e-300)) ** 2 if known else np.full((9, 9), np.inf)
+    found = eqx.tree_at(lambda f: (f.noise, f.covariance, f.penalty), found, (noise, covariance, penalty))
+    if penalty:
+        # what it moved the fit by is a bias: known in size, so part of the uncertainty
+        step, bias = _step(found, u, penalty)
+        found = eqx.tree_at(lambda f: (f.covariance, f.bias), found, (found.covariance + np.outer(step, step), bias))
+    return found if size is None else _with_size(found, alone, size)
+
+
+def _log_size(found: Found) -> tuple[float, np.ndarray]:
+    """Logarithm of the mean semi-axis, and its derivative with respect to the parameters."""
+    diagonal = np.diag(upper_and_centre(found.parameters, basis_of(found.kind))[0])
+    slope = np.zeros(12)
+    slope[[0, 4, 8]] = -1 / (3 * diagonal)
+    return -float(np.mean(np.log(np.abs(diagonal)))), basis_of(found.kind).T @ slope
+
+
+def _with_size(found: Found, alone: Found, size: Size) -> Found:
+    """The prior's information in the covariance, and how far it is from what the readings alone say."""
+    value, slope = _log_size(alone)
+    conflict = 0.0
+    if alone.converged and np.isfinite(alone.covariance).all():
+        conflict = abs(value - size.log) / float(np.sqrt(size.error**2 + slope @ alone.covariance @ slope))
+    covariance = found.covariance
+    if np.isfinite(covariance).all():
+        slope = _log_size(found)[1]
+        gain = covariance @ slope
+        covariance = covariance - np.outer(gain, gain) / (size.error**2 + slope @ gain)
+    return eqx.tree_at(lambda f: (f.covariance, f.conflict), found, (covariance, conflict))
 
 
 def loss_of(loss: Any) -> AbstractLoss | None:

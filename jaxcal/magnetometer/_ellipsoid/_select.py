@@ -1,40 +1,43 @@
-"""Which model: sphere, diagonal or symmetric, by the Bayesian information criterion or by held-out error."""
+"""Which model, by the Bayesian information criterion or by held-out error; and which readings of a long log."""
 
+import contextlib
+
+import jax
+import jax.numpy as jnp
 import numpy as np
 
+from ..._errors import DataError
 from ...fitting import AbstractLoss
 from .._design._coverage import bins
-from ._algebraic import NotEllipsoid
-from ._orthogonal import Found, described, flat
-from ._residuals import shape_and_centre
-from ._shape import root
-from ._start import COUNT, away, basis_of
+from ._algebraic import NotEllipsoid, away, robust_start, start
+from ._kinds import COUNT, basis_of, shape_and_centre
+from ._orthogonal import described, flat
+from ._residuals import Readings, orthogonal
+from ._shape import Found, directions_of, root, unit
 
 _TIE = 2.0
+_LEAST = 1e-28  # mean square of distances to which exact readings are taken
 _HOPELESS = 4.0  # times what would decide
 _SECTORS = 10
-
-
-def _units(found: Found, u: np.ndarray) -> np.ndarray:
-    y = (u - found.centre) @ root(found.shape)
-    return y / np.maximum(np.linalg.norm(y, axis=1, keepdims=True), 1e-300)
+#: logs that are fitted whole
+LONG = 20_000
+_FIRST = 4000
+_CHUNK = 16_384
 
 
 def candidates(u: np.ndarray, kinds: tuple[str, ...], loss: AbstractLoss | None, distinct: int) -> dict[str, Found]:
-    """Fits of every kind for which there are enough readings, the largest first, without the curvature term.
-
-    Left out are those that are no ellipsoid, and those that the largest excludes by far.
-    """
+    """Fits of all kinds that have enough readings and are not excluded by far, the largest first, without the curvature term."""
     fits, failure, count = {}, None, 0
     for kind in sorted(kinds, key=lambda kind: -COUNT[kind]):
         if distinct <= COUNT[kind]:
             continue
+        full = fits.get("symmetric") if loss is None else None
+        begin = None if full is None else _nearest(full, kind)
+        if begin is not None:
+            count = count or _occupied(full, u)
+            if _hopeless(full, begin, kind, u, count):
+                continue
         try:
-            begin = _nearest(fits["symmetric"], kind) if loss is None and "symmetric" in fits else None
-            if begin is not None:
-                count = count or _occupied(fits["symmetric"], u)
-                if _hopeless(fits["symmetric"], begin, kind, u, count):
-                    continue
             fits[kind] = flat(u, kind, loss, begin=begin)
         except NotEllipsoid as error:
             failure = error
@@ -55,51 +58,42 @@ def _nearest(full: Found, kind: str) -> np.ndarray | None:
     return begin if (begin[: COUNT[kind] - 3] > 0).all() else None
 
 
-def _score(count: int, squares: float, kind: str) -> float:
-    return count * np.log(max(squares, 1e-28)) + COUNT[kind] * np.log(count)
-
-
 def _occupied(found: Found, u: np.ndarray) -> int:
-    return len(np.unique(bins(_units(found, u))))
+    """Number of bins of 500 that hold a reading."""
+    return len(np.unique(bins(directions_of(found, u))))
 
 
 def _hopeless(full: Found, begin: np.ndarray, kind: str, u: np.ndarray, count: int) -> bool:
     """Whether a smaller model, from nearly its best parameters, is worse by several times the margin that decides."""
-    squares = float(np.mean(away(shape_and_centre(begin, basis_of(kind)), u) ** 2)), float(np.mean(full.distance**2))
-    penalty = (COUNT[full.kind] - COUNT[kind]) * np.log(count)
-    fit = _score(count, squares[0], kind) - _score(count, squares[1], full.kind) + penalty
-    return bool(fit > _HOPELESS * (penalty + _TIE))
+    squares = np.mean(away(shape_and_centre(begin, basis_of(kind)), u) ** 2), np.mean(full.distance**2)
+    small, large = np.log(np.maximum(squares, _LEAST))
+    return bool(count * (small - large) > _HOPELESS * ((COUNT[full.kind] - COUNT[kind]) * np.log(count) + _TIE))
 
 
 def by_bic(fits: dict[str, Found], u: np.ndarray) -> str:
     """Kind of least n ln(mean d^2) + k ln n; n is the number of occupied bins of 500, because neighbours repeat one another."""
-    largest = fits[max(fits, key=lambda kind: COUNT[kind])]
-    count, weight = _occupied(largest, u), largest.weight
-    score = {kind: _score(count, np.sum(weight * found.distance**2) / np.sum(weight), kind) for kind, found in fits.items()}
+    largest = next(iter(fits.values()))
+    count, weight, score = _occupied(largest, u), largest.weight, {}
+    for kind, found in fits.items():
+        square = np.sum(weight * found.distance**2) / np.sum(weight)
+        score[kind] = float(count * np.log(max(square, _LEAST)) + COUNT[kind] * np.log(count))
     return _smallest(score, _TIE)
 
 
 def by_held_out(fits: dict[str, Found], u: np.ndarray, loss: AbstractLoss | None) -> str:
     """Kind of least error on sectors of longitude that the fit did not see."""
-    largest = fits[max(fits, key=lambda kind: COUNT[kind])]
-    units = _units(largest, u)
+    largest = next(iter(fits.values()))
+    units = directions_of(largest, u)
     normal = np.linalg.svd(units - units.mean(axis=0), full_matrices=False)[2]
     x, y, _ = (units @ normal.T).T
     sector = np.minimum((np.arctan2(y, x) + np.pi) * _SECTORS / (2 * np.pi), _SECTORS - 1).astype(int)
     score = {}
     for kind in fits:
-        squares = []
-        for out in np.unique(sector):
-            kept = u[sector != out]
-            try:
-                found = flat(kept, kind, loss) if len(kept) > COUNT[kind] else None
-            except NotEllipsoid:
-                found = None
-            if found is None:
-                squares.append(np.full(np.sum(sector == out), np.inf))
-                continue
-            squares.append(described(found.parameters, u[sector == out], kind).distance ** 2)
-        errors = np.concatenate(squares)
+        errors = np.full(len(u), np.inf)
+        for there in (sector == out for out in np.unique(sector)):
+            with contextlib.suppress(NotEllipsoid):
+                if np.sum(~there) > COUNT[kind]:
+                    errors[there] = described(flat(u[~there], kind, loss).parameters, u[there], kind).distance ** 2
         score[kind] = float(np.mean(errors if loss is None else np.minimum(errors, 16 * largest.noise**2)))
     return _smallest(score, 0.0)
 
@@ -107,3 +101,36 @@ def by_held_out(fits: dict[str, Found], u: np.ndarray, loss: AbstractLoss | None
 def _smallest(score: dict[str, float], tie: float) -> str:
     least = min(score.values())
     return min((kind for kind in score if score[kind] <= least + tie), key=lambda kind: COUNT[kind])
+
+
+def thinned(u: np.ndarray, per_bin: int, loss: AbstractLoss | None) -> np.ndarray:
+    """Indices of at most so many readings in each of 500 directions, evenly over their times, by a rough fit of some 4,000."""
+    if per_bin < 1:
+        raise DataError(f"{per_bin} readings per direction were asked for; at least one is needed, or None for all.")
+    few = u[:: max(len(u) // _FIRST, 1)]
+    try:
+        shape, centre = (start if loss is None else robust_start)(few, "symmetric")
+    except NotEllipsoid:
+        shape, centre = np.eye(3), few.mean(axis=0)
+    cell = bins(unit((u - centre) @ root(shape)))
+    order = np.argsort(cell, kind="stable")
+    count = np.bincount(cell, minlength=500)
+    first = np.repeat(np.cumsum(count) - count, count)
+    place, size = np.arange(len(u)) - first, count[cell[order]]
+    # of a bin of n every n/k-th: where floor(i k/n) moves on
+    kept = (size <= per_bin) | (place * per_bin // size != (place - 1) * per_bin // size)
+    return np.sort(order[kept])
+
+
+_distance = jax.jit(orthogonal)
+
+
+def all_distances(found: Found, u: np.ndarray) -> np.ndarray:
+    """Distance of every reading to an ellipsoid that some of them gave, in chunks of one size: nothing to compile per length."""
+    basis, parts = jnp.asarray(basis_of(found.kind)), []
+    for begin in range(0, len(u), _CHUNK):
+        part = u[begin : begin + _CHUNK]
+        full = np.concatenate([part, np.repeat(part[:1], _CHUNK - len(part), axis=0)])
+        data = Readings(jnp.asarray(full), jnp.ones(_CHUNK), jnp.asarray(1.0), jnp.asarray(found.noise2), basis)
+        parts.append(np.asarray(_distance(jnp.asarray(found.parameters), data))[: len(part)])
+    return np.concatenate(parts)

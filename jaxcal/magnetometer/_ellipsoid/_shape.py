@@ -1,49 +1,86 @@
-"""The shape matrix of an ellipsoid: its entries and their covariance, its symmetric root, and the model that it stands for."""
+"""Ellipsoids (x - b)'A(x - b) = 1 of scaled readings: what a fit gives, covariance, symmetric root, and model."""
 
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from ..._precision import array_module, is_traced
+from ..._types import AnyArray
 from .._model import MagModel
-from ._algebraic import Frame
-from ._orthogonal import Found
-from ._start import PLANAR, PLANAR_ROWS, basis_of
+from ._kinds import ENTRIES, PLANAR, PLANAR_ROWS, basis_of, slopes_of
 
-NAMES = ("A_xx", "A_xy", "A_yy", "A_xz", "A_yz", "A_zz", "b_x", "b_y", "b_z")
-PLANAR_NAMES = ("A_11", "A_12", "A_22", "b_1", "b_2")
-ENTRIES = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
-#: the symmetric matrices of which each entry is the coefficient
-_UNIT = np.array([[[float((p, q) in ((j, k), (k, j))) for q in range(3)] for p in range(3)] for j, k in ENTRIES])
+_SMALLEST_PAD = 64
 
 
-def _slopes(parameters: Any, basis: np.ndarray) -> Any:
-    """Derivative of (A_xx, A_xy, A_yy, A_xz, A_yz, A_zz, b) with respect to the parameters: dA = dU'U + U'dU."""
-    xp = array_module(parameters)
-    change, upper = basis[:9].T.reshape(9, 3, 3), (basis[:9] @ parameters).reshape(3, 3)
-    half = upper.T @ change
-    j, k = np.transpose(ENTRIES)
-    return xp.concatenate([(half + xp.swapaxes(half, 1, 2))[:, j, k].T, xp.asarray(basis[9:])])
+class Frame(eqx.Module):
+    """Centring and scaling u = (m - centre) / scale of readings."""
+
+    centre: AnyArray
+    scale: Any
+
+    @staticmethod
+    def of(m: AnyArray) -> "Frame":
+        centre = m.mean(axis=0)
+        return Frame(centre, ((m - centre[None, :]) ** 2).sum(axis=1).mean() ** 0.5)
+
+    def scaled(self, m: Any) -> Any:
+        return (m - self.centre[None, :]) / self.scale
+
+
+class Found(eqx.Module):
+    """An ellipsoid in scaled readings: shape and centre, (9, 9) covariance of its parameters, noise, distances and weights.
+
+    noise2 : the variance whose curvature term was taken off the distances. penalty : its weight; bias : how far it moved the fit,
+    conflict : how far the field that the readings alone give is from the known one, both in standard errors.
+    """
+
+    parameters: AnyArray
+    shape: AnyArray
+    centre: AnyArray
+    covariance: AnyArray
+    noise: Any
+    distance: AnyArray
+    weight: AnyArray
+    converged: Any
+    kind: str = eqx.field(static=True)
+    message: str = eqx.field(static=True, default="")
+    noise2: Any = 0.0
+    penalty: float = 0.0
+    bias: float = 0.0
+    conflict: float = 0.0
+
+
+def padded_length(count: int) -> int:
+    """Power of two to which arrays are filled up, so that logs of any length share a compiled program."""
+    return max(_SMALLEST_PAD, 1 << max(count - 1, 0).bit_length())
+
+
+def filled(values: np.ndarray, row: Any = 0.0) -> np.ndarray:
+    """An array with as many more of a `row` as it takes to have the padded length."""
+    rest = np.zeros_like(values, shape=(padded_length(len(values)) - len(values), *values.shape[1:]))
+    return np.concatenate([values, rest + np.asarray(row, dtype=values.dtype)])
+
+
+def unit(v: np.ndarray) -> np.ndarray:
+    """Rows of length one."""
+    return v / np.maximum(np.linalg.norm(v, axis=1, keepdims=True), 1e-300)
 
 
 def entries_of(found: Found) -> np.ndarray:
     """(A_xx, A_xy, A_yy, A_xz, A_yz, A_zz, b), (9,), in scaled units."""
-    j, k = np.transpose(ENTRIES)
-    return np.concatenate([found.shape[j, k], found.centre])
+    return np.concatenate([found.shape[ENTRIES], found.centre])
 
 
 def covariance_of(found: Found, frame: Frame, bias: np.ndarray | None = None) -> Any:
-    """Covariance of the shape's entries and the centre in the units of the readings: (9, 9), or (5, 5) in a plane.
-
-    bias : (9,) of them in scaled units; its square is added.
-    """
+    """Covariance of the shape's entries and the centre, (9, 9), or (5, 5) in a plane; the square of a bias in scaled units is added."""
     xp = array_module(found, frame)
     rows = np.arange(9) if found.kind not in PLANAR else np.array(PLANAR_ROWS)
-    unit = xp.where(rows < 6, frame.scale**-2, frame.scale)
-    slopes = _slopes(found.parameters, basis_of(found.kind))[rows] * unit[:, None]
-    off = np.zeros(len(rows)) if bias is None else bias[rows] * unit
+    size = xp.where(rows < 6, frame.scale**-2, frame.scale)
+    slopes = slopes_of(found.parameters, basis_of(found.kind))[rows] * size[:, None]
+    off = np.zeros(len(rows)) if bias is None else bias[rows] * size
     # infinity times zero is no number: an open parameter leaves all of it open
     known = xp.isfinite(found.covariance).all()
     return xp.where(known, slopes @ xp.where(known, found.covariance, 0.0) @ slopes.T + xp.outer(off, off), xp.inf)
@@ -79,14 +116,38 @@ def _root_change(matrix: Any, change: Any) -> Any:
 
 def root_slopes(shape: Any) -> Any:
     """Derivative of the symmetric root with respect to the six entries, (6, 3, 3)."""
-    return _root_change(root(shape), _UNIT.reshape(6, 9).T).T.reshape(6, 3, 3)
+    change = np.zeros((3, 3, 6))
+    change[*ENTRIES, range(6)] = change[*ENTRIES[::-1], range(6)] = 1.0
+    return _root_change(root(shape), change.reshape(9, 6)).T.reshape(6, 3, 3)
 
 
-def radius_of(shape: Any) -> Any:
-    """Cube root of the product of the semi-axes."""
-    return array_module(shape).linalg.det(shape) ** (-1 / 6)
+def radius_of(shape: Any, planar: bool = False) -> Any:
+    """Geometric mean of the semi-axes, or of those in the plane."""
+    det = array_module(shape).linalg.det
+    return det(shape[:2, :2]) ** -0.25 if planar else det(shape) ** (-1 / 6)
 
 
-def model_of(shape: Any, centre: Any, frame: Frame, size: Any) -> MagModel:
+def directions_of(found: Found, u: np.ndarray) -> np.ndarray:
+    """Unit vectors of the corrected readings."""
+    return unit((u - found.centre) @ root(found.shape))
+
+
+def in_plane(u: Any, plane: Any) -> Any:
+    """Readings in the axes of a plane, the third coordinate zero."""
+    xp = array_module(u)
+    return xp.concatenate([u @ plane[:2].T, xp.zeros((len(u), 1), u.dtype)], axis=1)
+
+
+def model_of(shape: Any, centre: Any, frame: Frame, size: Any, plane: Any = None) -> MagModel:
     """The model with a symmetric soft iron, for a field of norm `size` in scaled units."""
-    return MagModel(array_module(shape).linalg.inv(root(shape) * size), frame.centre + frame.scale * centre)
+    xp, matrix = array_module(shape), root(shape)
+    if plane is not None:  # across it nothing is known: the same scale as in it, and the readings' own mean
+        matrix = plane[:2].T @ matrix[:2, :2] @ plane[:2] + xp.outer(plane[2], plane[2]) / radius_of(shape, True)
+        centre = centre[:2] @ plane[:2]
+    return MagModel(xp.linalg.inv(matrix * size), frame.centre + frame.scale * centre)
+
+
+def ellipsoid_of_model(model: MagModel, frame: Frame, field: float) -> tuple[np.ndarray, np.ndarray]:
+    """Shape matrix and centre that a model gives a field of this norm: `model_of` undone, whatever the rotation in the soft iron."""
+    inverse = np.linalg.inv(np.asarray(model.soft_iron)) * frame.scale / field
+    return inverse.T @ inverse, (np.asarray(model.hard_iron) - frame.centre) / frame.scale

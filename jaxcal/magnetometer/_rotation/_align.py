@@ -1,26 +1,28 @@
 """`align`: the rotation that a fit of norms cannot see, from the vertical, from rates, or from known headings."""
 
+import functools
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
+from scipy.spatial.transform import Rotation
 
+from ..._compile import jit
 from ..._errors import DataError
 from ..._precision import host_float64
 from ..._types import AnyArray
-from ...fitting import covariance, solve
-from .._ellipsoid._start import padded_length
+from ...fitting import Fit, covariance, solve
+from .._ellipsoid._shape import filled, unit
 from .._model import MagModel
-from ._residuals import Known, Poses, Turns, dip_residuals, heading_residuals, turn_residuals
-from ._segments import attitudes_in_segments, permutations, rotation_vector, turn
+from ._residuals import dip_residuals, heading_residuals, turn_residuals
+from ._turning import SEGMENT, array, attitudes_in_segments, like, permutations
 
 _STILL = 0.03  # departure of the specific force from its median beyond which a pose is not at rest
-SEGMENT = 2.0  # rad travelled in one segment: rates of a slightly wrong scale go astray with the angle
-_WEAK, _REFUSED = np.deg2rad(1.0), np.deg2rad(5.0)
+#: standard deviation in rad above which a verdict is "weak", and above which it is "refused"
+LIMITS = (np.deg2rad(1.0), np.deg2rad(5.0))
 _FEWEST = 5
-_AXES = ("x", "y", "z")
 
 
 class Alignment(eqx.Module):
@@ -75,7 +77,22 @@ class Accelerometer(eqx.Module):
             raise DataError(f"There is no mounting {self.mounting!r}; known are 'near' and 'any'.")
 
     def _align(self, y: np.ndarray, model: MagModel) -> "Alignment":
-        return _by_dip(y, model, like(self.accel, y, "specific force"), self.dip, self.mounting)
+        accel = like(self.accel, y, "specific force")
+        kept = still(accel) & np.isfinite(y).all(axis=1)
+        _enough(int(kept.sum()), "poses at rest")
+        y, f = unit(y[kept]), unit(accel[kept])
+        base = np.eye(3)
+        if self.mounting == "any":
+            # the best constant: about it the products scatter least
+            base = min(permutations(), key=lambda p: np.std(np.sum(y * (f @ p.T), axis=1)))
+        before = np.sum(y * (f @ base.T), axis=1)
+        s = float(np.mean(before)) if self.dip is None else -float(np.sin(self.dip))
+        data = {"y": filled(y, y[:1]), "f": filled(f, f[:1]), "weight": filled(np.ones(len(y))), "base": base}
+        rotation, found, matrix, fits = _turned(dip_residuals, {"s": s}, data, {"rho": True, "s": self.dip is None})
+        spread = np.array([np.std(np.arcsin(np.clip(p, -1, 1))) for p in (before, np.sum(y * (f @ rotation.T), axis=1))])
+        return alignment_of(
+            model, rotation, base, matrix, spread, len(y), "accel", fits[-1], dip=-float(np.arcsin(np.clip(found["s"], -1, 1)))
+        )
 
 
 class Gyroscope(eqx.Module):
@@ -95,7 +112,22 @@ class Gyroscope(eqx.Module):
             raise DataError(f"The rates are integrated: give the readings per second, a positive `rate`; got {self.rate!r}.")
 
     def _align(self, y: np.ndarray, model: MagModel) -> "Alignment":
-        return _by_rates(y, model, like(self.gyro, y, "rates"), float(self.rate))
+        segment, attitude, slope = attitudes_in_segments(like(self.gyro, y, "rates"), float(self.rate), SEGMENT)
+        size = np.sqrt(np.nanmean(np.sum(y**2, axis=1)))
+        kept = (segment >= 0) & np.isfinite(y).all(axis=1)
+        _enough(int(kept.sum()), "readings with rates")
+        number, member = np.unique(segment[kept], return_inverse=True)
+        count = len(member)
+        rows = {"y": y[kept] / size, "attitude": attitude[kept], "slope": slope[kept], "member": member}
+        data = {name: filled(x, x[:1]) for name, x in rows.items()}
+        data |= {"weight": filled(np.ones(count)), "base": np.eye(3), "segments": filled(np.ones(len(number)))}
+        rotation, found, matrix, fits = _turned(turn_residuals, {"bias": np.zeros(3)}, data)
+        before = _values(turn_residuals, {"rho": np.zeros(3), "bias": np.zeros(3)}, data)
+        spread = np.sqrt([np.sum(np.square(off)) / (3 * max(count - len(number), 1)) for off in (before, fits[0].residuals)])
+        # each segment's field was estimated too
+        free = np.asarray(fits[-1].degrees_of_freedom)
+        matrix = matrix * free / max(free - 3 * len(number), 1)
+        return alignment_of(model, rotation, np.eye(3), matrix, spread, count, "gyro", fits[-1], bias=np.asarray(found["bias"]))
 
 
 class Headings(eqx.Module):
@@ -113,7 +145,19 @@ class Headings(eqx.Module):
     declination: float | int = 0.0
 
     def _align(self, y: np.ndarray, model: MagModel) -> "Alignment":
-        return _by_headings(y, model, self.accel, np.asarray(self.headings, dtype=float) - self.declination)
+        headings = np.asarray(self.headings, dtype=float) - self.declination
+        up = np.tile([0.0, 0.0, -9.81], (len(y), 1)) if self.accel is None else like(self.accel, y, "specific force")
+        if headings.shape != (len(y),):
+            raise DataError(f"The headings have shape {headings.shape}; give one for each of {len(y)} readings, NaN where none is known.")
+        kept = np.isfinite(headings) & np.isfinite(up).all(axis=1) & np.isfinite(y).all(axis=1)
+        _enough(int(kept.sum()), "known headings")
+        y, up, headings = y[kept], up[kept], headings[kept]
+        data = {"y": filled(y, y[:1]), "f": filled(up, up[:1]), "angle": filled(headings)}
+        data |= {"weight": filled(np.ones(len(y))), "base": np.eye(3)}
+        rotation, _, matrix, fits = _turned(heading_residuals, {}, data)
+        before = _values(heading_residuals, {"rho": np.zeros(3)}, data)
+        spread = np.sqrt([np.sum(np.square(off)) / len(y) for off in (before, fits[0].residuals)])
+        return alignment_of(model, rotation, np.eye(3), matrix, spread, len(y), "headings", fits[-1])
 
 
 Aid = Accelerometer | Gyroscope | Headings
@@ -169,47 +213,27 @@ def align(m: Any, model: MagModel, aid: Any) -> Alignment:
     return aid._align((m - np.asarray(model.hard_iron)) @ np.linalg.inv(np.asarray(model.soft_iron)).T, model)
 
 
-def array(values: Any, name: str) -> np.ndarray:
-    values = np.asarray(values, dtype=float)
-    if values.ndim != 2 or values.shape[1] != 3:
-        raise DataError(f"The {name} have shape {values.shape}; expected (n, 3), one row per reading.")
-    return values
-
-
-def like(values: Any, y: np.ndarray, name: str) -> np.ndarray:
-    values = array(values, name)
-    if len(values) != len(y):
-        raise DataError(f"There are {len(y)} readings and {len(values)} rows of {name}; give one for each reading.")
-    return values
-
-
-def _padded(values: np.ndarray) -> np.ndarray:
-    size = padded_length(len(values))
-    return np.concatenate([values, np.repeat(values[:1], size - len(values), axis=0)])
-
-
-def _weight(count: int) -> np.ndarray:
-    full = np.zeros(padded_length(count))
-    full[:count] = 1.0
-    return full
-
-
-def unit(v: np.ndarray) -> np.ndarray:
-    return v / np.linalg.norm(v, axis=1, keepdims=True)
-
-
 def _enough(count: int, what: str) -> None:
     if count < _FEWEST:
         raise DataError(f"{count} {what} are left to align with; at least {_FEWEST} are needed, in attitudes that differ.")
 
 
-@eqx.filter_jit
-def _compiled(function, parameters, data):
+@functools.partial(jit, static_argnums=0)
+def _values(function: Callable, parameters: dict[str, Any], data: Any) -> jax.Array:
     return function(parameters, data)
 
 
-def _values(function, parameters, data) -> np.ndarray:
-    return np.asarray(_compiled(function, *jax.tree.map(jnp.asarray, (parameters, data))))
+def _turned(
+    function: Callable, start: dict[str, Any], data: Any, free: Any = None
+) -> tuple[np.ndarray, dict[str, Any], np.ndarray, list[Fit]]:
+    """Rotation, other parameters, covariance of the rotation, and two fits: the second from the solution, about which that is a turn."""
+    start, fits = {"rho": np.zeros(3), **start}, []
+    for _ in range(2):
+        fits.append(solve(function, start, data, free=free))
+        turn = Rotation.from_rotvec(np.array(fits[-1].model["rho"])).as_matrix()
+        start, data = {**fits[-1].model, "rho": np.zeros(3)}, {**data, "base": data["base"] @ turn}
+    order = [i for i, name in enumerate(fits[-1].names) if name.startswith("rho")]
+    return data["base"], start, np.asarray(covariance(fits[-1], scaled=True))[np.ix_(order, order)], fits
 
 
 def still(accel: np.ndarray) -> np.ndarray:
@@ -220,93 +244,21 @@ def still(accel: np.ndarray) -> np.ndarray:
     return there & (np.abs(size / usual - 1) < _STILL)
 
 
-def _by_dip(y, model, accel, dip, mounting) -> Alignment:
-    kept = still(accel) & np.isfinite(y).all(axis=1)
-    _enough(int(kept.sum()), "poses at rest")
-    y, f = unit(y[kept]), unit(accel[kept])
-    base = np.eye(3)
-    if mounting == "any":
-        # the best constant: about it the products scatter least
-        base = min(permutations(), key=lambda p: np.std(np.sum(y * (f @ p.T), axis=1)))
-    before = np.sum(y * (f @ base.T), axis=1)
-    s = float(np.mean(before)) if dip is None else -float(np.sin(dip))
-    rotation, fit = base, None
-    for _ in range(2):  # the second time from the solution, so that the covariance is that of a turn about it
-        data = Poses(_padded(y), _padded(f), _weight(len(y)), rotation)
-        fit = solve(dip_residuals, {"rho": np.zeros(3), "s": s}, data, free={"rho": True, "s": dip is None})
-        rotation, s = rotation @ np.asarray(turn(fit.model["rho"])), float(fit.model["s"])
-    spread = np.array([np.std(np.arcsin(np.clip(p, -1, 1))) for p in (before, np.sum(y * (f @ rotation.T), axis=1))])
-    names = list(fit.names)  # type: ignore[union-attr]
-    order = [i for i, name in enumerate(names) if "rho" in name]
-    matrix = np.asarray(covariance(fit, scaled=True))[np.ix_(order, order)]  # type: ignore[arg-type]
-    return alignment_of(model, rotation, base, matrix, spread, len(y), "accel", fit, dip=-float(np.arcsin(np.clip(s, -1, 1))))
-
-
-def _by_headings(y, model, accel, headings) -> Alignment:
-    up = np.tile([0.0, 0.0, -9.81], (len(y), 1)) if accel is None else like(accel, y, "specific force")
-    if headings.shape != (len(y),):
-        raise DataError(f"The headings have shape {headings.shape}; give one for each of {len(y)} readings, NaN where none is known.")
-    kept = np.isfinite(headings) & np.isfinite(up).all(axis=1) & np.isfinite(y).all(axis=1)
-    _enough(int(kept.sum()), "known headings")
-    y, up, headings = y[kept], up[kept], headings[kept]
-    rotation, fit, spread = np.eye(3), None, []
-    for _ in range(2):
-        data = Known(_padded(y), _padded(up), _padded(headings), _weight(len(y)), rotation)
-        start = {"rho": np.zeros(3)}
-        fit = solve(heading_residuals, start, data)
-        spread.append(np.sqrt(np.mean(_values(heading_residuals, start, data)[: len(y)] ** 2)))
-        rotation = rotation @ np.asarray(turn(jnp.asarray(fit.model["rho"])))
-    return alignment_of(model, rotation, np.eye(3), np.asarray(covariance(fit, scaled=True)), np.array(spread), len(y), "headings", fit)  # type: ignore[arg-type]
-
-
-def _by_rates(y, model, gyro, rate) -> Alignment:
-    segment, attitude, slope = attitudes_in_segments(gyro, rate, SEGMENT)
-    size = np.sqrt(np.nanmean(np.sum(y**2, axis=1)))
-    kept = (segment >= 0) & np.isfinite(y).all(axis=1)
-    _enough(int(kept.sum()), "readings with rates")
-    number, member = np.unique(segment[kept], return_inverse=True)
-    y, attitude, slope, count = y[kept] / size, attitude[kept], slope[kept], len(y[kept])
-    rotation, bias, fit, spread = np.eye(3), np.zeros(3), None, []
-    for _ in range(2):
-        data = Turns(
-            _padded(y), _padded(attitude), _padded(slope), _padded(member), _weight(count), rotation, np.ones(len(_weight(len(number))))
-        )
-        begin = {"rho": np.zeros(3), "bias": bias}
-        fit = solve(turn_residuals, begin, data)
-        spread.append(np.sqrt(np.sum(_values(turn_residuals, begin, data) ** 2) / (3 * max(count - len(number), 1))))
-        rotation, bias = rotation @ np.asarray(turn(fit.model["rho"])), np.asarray(fit.model["bias"])
-    # each segment's field was estimated too
-    free = np.asarray(fit.degrees_of_freedom)  # type: ignore[union-attr]
-    matrix = np.asarray(covariance(fit, scaled=True)) * free / max(free - 3 * len(number), 1)  # type: ignore[arg-type]
-    order = [i for i, name in enumerate(fit.names) if "rho" in name]  # type: ignore[union-attr]
-    return alignment_of(model, rotation, np.eye(3), matrix[np.ix_(order, order)], np.array(spread), count, "gyro", fit, bias=bias)
-
-
 def alignment_of(model, rotation, base, matrix, spread, used, source, fit, dip=float("nan"), bias=None) -> Alignment:
-    rho = rotation_vector(base.T @ rotation)
+    rho = Rotation.from_matrix(base.T @ rotation).as_rotvec()
     angle = float(np.linalg.norm(rho))
     along = rho / angle if angle > 1e-12 else np.full(3, 3**-0.5)
     known = bool(fit.usable) and np.isfinite(matrix).all()
-    worst, axes = np.linalg.eigh(matrix if known else np.eye(3))
-    most = float(np.sqrt(max(worst[-1], 0.0))) if known else np.inf
-    axis = _AXES[int(np.argmax(np.abs(axes[:, -1])))]
-    if not known:
-        verdict, reason = "refused", f"The attitudes do not determine the rotation: {fit.message} Tilt the sensor about two axes."
-    else:
-        verdict = "good" if most <= _WEAK else "weak" if most <= _REFUSED else "refused"
-        degrees = np.rad2deg([angle, most])
+    matrix = matrix if known else np.full((3, 3), np.inf)
+    verdict, reason = "refused", f"The attitudes do not determine the rotation: {fit.message} Tilt the sensor about two axes."
+    if known:
+        worst, axes = np.linalg.eigh(matrix)
+        most = float(np.sqrt(max(worst[-1], 0.0)))
+        verdict = "good" if most <= LIMITS[0] else "weak" if most <= LIMITS[1] else "refused"
+        degrees, axis = np.rad2deg([angle, most]), "xyz"[int(np.argmax(np.abs(axes[:, -1])))]
         reason = f"The rotation is {degrees[0]:.2g} degrees; it is least certain about {axis}, by {degrees[1]:.2g} degrees."
     return Alignment(
-        model=MagModel(np.asarray(model.soft_iron) @ rotation, np.asarray(model.hard_iron)),
-        rotation=rotation,
-        covariance=matrix if known else np.full((3, 3), np.inf),
-        angle=angle,
-        angle_error=float(np.sqrt(along @ matrix @ along)) if known else np.inf,
-        dip=dip,
-        spread=spread,
-        bias=np.zeros(3) if bias is None else bias,
-        used=used,
-        verdict=verdict,
-        reason=reason,
-        source=source,
+        model=MagModel(np.asarray(model.soft_iron) @ rotation, np.asarray(model.hard_iron)), rotation=rotation, covariance=matrix,
+        angle=angle, angle_error=float(np.sqrt(along @ matrix @ along)) if known else np.inf, dip=dip, spread=spread,
+        bias=np.zeros(3) if bias is None else bias, used=used, verdict=verdict, reason=reason, source=source,
     )  # fmt: skip

@@ -1,57 +1,56 @@
 """Hard iron, soft iron and rotation together, from norms and a second sensor."""
 
+import contextlib
 import dataclasses
 import functools
 from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
-import jax
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ..._compile import jit
 from ..._errors import DataError
+from ..._precision import host_float64
 from ..._types import AnyArray
-from ...fitting import Fit, solve
+from ...fitting import Fit, information, solve
 from .._design._coverage import covered, sphere_grid
-from .._design._heading_error import needed
-from .._ellipsoid._algebraic import Frame, NotEllipsoid, algebraic, triangle
-from .._ellipsoid._orthogonal import CURVED, Found
-from .._ellipsoid._residuals import upper_and_centre
-from .._ellipsoid._shape import NAMES, covariance_of, root
-from .._ellipsoid._start import basis_of, padded_length
-from .._ellipsoid._subsample import LONG, all_distances, thinned
-from .._model import MagModel
-from .._result import MagFit
-from .._verdict import outliers
-from ._align import SEGMENT, Accelerometer, Gyroscope, alignment_of, array, like, still, unit
-from ._joint_residuals import CENTRE, EXTRA, TURN, JointPoses, JointTurns, joint_pose_residuals, joint_turn_residuals
-from ._joint_verdict import judged
-from ._segments import attitudes_in_segments, permutations
+from .._design._heading_error import needed, turned_heading_error
+from .._ellipsoid._algebraic import NotEllipsoid, algebraic, triangle
+from .._ellipsoid._kinds import NAMES, basis_of, parameters_of, upper_and_centre
+from .._ellipsoid._orthogonal import CURVED
+from .._ellipsoid._select import LONG, all_distances, thinned
+from .._ellipsoid._shape import Found, Frame, covariance_of, ellipsoid_of_model, filled, model_of, padded_length, radius_of, root, unit
+from .._result import LIMITS, MagFit, outliers
+from ._align import Accelerometer, Alignment, Gyroscope, align, alignment_of, still
+from ._joint_verdict import judged, shares
+from ._residuals import CENTRE, EXTRA, TURN, JointPoses, JointTurns, joint_pose_residuals, joint_turn_residuals
+from ._turning import SEGMENT, array, attitudes_in_segments, centred, like, permutations
 
 _ROUNDS, _SETTLED = 6, 3e-3
 _LEAST = 1e-11  # of a standard deviation, in scaled units: exact data have none
 _PRECISE, _STEPS = 1e-5, 64
+_NO_DIGIT = 1e-10  # singular value below which a combination of parameters takes nothing from the residuals
 _FEWEST = 13
 _DIAGONAL, _FLAT = [0, 3, 5], 1e-3
 _PER_DIRECTION = 32
-LIMITS = (np.deg2rad(1.0), np.deg2rad(5.0))
+_DIPS = np.deg2rad(5.0)
 
 
 def checked_joint(method: str, model: str, aid: Any, loss: Any, field_error: Any) -> None:
     """Options that `joint` needs, and those that it has no part in."""
     if not isinstance(aid, Accelerometer | Gyroscope):
         raise DataError("A joint fit needs an `aid`, Accelerometer or Gyroscope; known headings are aligned to after the fit.")
-    if method != "ml":
-        raise DataError(f"A joint fit is one of maximum likelihood: leave out method={method!r}, or joint.")
-    if field_error is not None:
-        raise DataError("A joint fit takes the size from the readings alone: leave out the field error, or joint.")
-    if loss is not None:
-        raise DataError(
-            f"A joint fit has no robust loss: leave out loss={loss!r}, or joint; take away the outliers of a fit without joint."
-        )
-    if model not in ("auto", "symmetric"):
-        raise DataError(f"A joint fit has the full soft iron: leave out model={model!r}, or joint.")
+    out = {
+        f"is one of maximum likelihood: leave out method={method!r}, or joint": method != "ml",
+        "takes the size from the readings alone: leave out the field error, or joint": field_error is not None,
+        f"has no robust loss: leave out loss={loss!r}, or joint; take away the outliers of a fit without joint": loss is not None,
+        f"has the full soft iron: leave out model={model!r}, or joint": model not in ("auto", "symmetric"),
+    }
+    for why, wrong in out.items():
+        if wrong:
+            raise DataError(f"A joint fit {why}.")
 
 
 class Solution(eqx.Module):
@@ -72,25 +71,12 @@ class Solution(eqx.Module):
         return _upper(self.parameters)
 
     @property
-    def padded(self) -> int:
-        """Number of readings with their padding: so many residuals are distances."""
-        return len(self.data.u)
-
-    @property
-    def size_along(self) -> float:
-        """Standard deviation that a residual of the second sensor was divided by, of a field of norm one."""
-        if isinstance(self.data, JointTurns):
-            return float(self.data.sigma[1])
-        by_reading, by_force = _shares(self.data, self.parameters, self.base)
-        return float(np.sqrt(np.mean(self.data.sigma[0] ** 2 * by_reading + self.data.sigma[1] ** 2 * by_force)))
-
-    @property
     def matrix(self) -> np.ndarray:
         """W: the unit field in the second sensor's axes is W (u - centre)."""
         return self.base.T @ self.upper
 
 
-@functools.partial(jax.jit, static_argnames=("function",))
+@functools.partial(jit, static_argnums=0)
 def _attempt(function: Callable, start: AnyArray, data: Any, bounds: Any) -> Fit:
     fit = solve(function, start, data, bounds=bounds, rtol=_PRECISE, max_steps=_STEPS)
     return eqx.tree_at(lambda f: f.problem, fit, None)
@@ -99,7 +85,6 @@ def _attempt(function: Callable, start: AnyArray, data: Any, bounds: Any) -> Fit
 class Pairs(eqx.Module):
     """What the second sensor said, on the rows that are fitted: of all rows at first, as rates are integrated before any is left out."""
 
-    m: np.ndarray
     rows: np.ndarray
     force: Any = None
     paired: Any = None
@@ -111,11 +96,15 @@ class Pairs(eqx.Module):
     def of(m: np.ndarray, rows: np.ndarray, aid: Accelerometer | Gyroscope) -> "Pairs":
         if isinstance(aid, Gyroscope):
             gyro = like(aid.gyro, m, "rates")
-            return Pairs(m, rows, gyro=gyro, rate=float(aid.rate), step=_noise_of(gyro) / float(aid.rate))
+            # white noise of the rates, from their second differences; motion that is as fast counts as noise
+            second = np.diff(gyro, 2, axis=0)
+            second = np.abs(second[np.isfinite(second).all(axis=1)])
+            noise = 1.4826 * float(np.median(second)) / np.sqrt(6) if len(second) else 0.0
+            return Pairs(rows, gyro=gyro, rate=float(aid.rate), step=noise / float(aid.rate))
         force = like(aid.accel, m, "specific force")
         rest = still(force)
         safe = np.where(rest[:, None], force, [0.0, 0.0, 1.0])
-        return Pairs(m, rows, force=unit(safe)[rows], paired=rest[rows])
+        return Pairs(rows, force=unit(safe)[rows], paired=rest[rows])
 
     @property
     def function(self) -> Callable:
@@ -123,12 +112,10 @@ class Pairs(eqx.Module):
 
     def data(self, u: np.ndarray, parameters: np.ndarray, base: np.ndarray, sigma: np.ndarray, noise2: float, bias: np.ndarray) -> Any:
         """Everything that the residuals stand on but do not vary with the parameters, padded."""
-        n = len(u)
-        size = padded_length(n)
-        full = functools.partial(_filled, size=size)
-        first = (full(u, u[:1]), full(np.ones(n)))
+        n, common = len(u), (sigma, np.float64(noise2), base)
+        first = (filled(u, u[:1]), filled(np.ones(n)))
         if self.force is not None:
-            return JointPoses(*first, full(self.paired.astype(float)), sigma, np.float64(noise2), base, full(self.force, self.force[:1]))
+            return JointPoses(*first, filled(self.paired.astype(float)), *common, filled(self.force, self.force[:1]))
         segment_of_all, attitude, slope = attitudes_in_segments(self.gyro - bias, self.rate, SEGMENT)
         segment, attitude, slope = (x[self.rows] for x in (segment_of_all, attitude, slope))
         there = segment >= 0
@@ -145,52 +132,20 @@ class Pairs(eqx.Module):
         # noise of the rates adds up to a random walk, whose slowest part in n steps, the mean taken off, has n^2/pi^2 their variance;
         # all of it has n/6, and cannot be more than what is left along the surface
         steps = np.bincount(segment_of_all[segment_of_all >= 0])[np.maximum(segment, 0)]
-        radius = float(np.linalg.det(upper)) ** (-1 / 3)
+        radius = radius_of(upper.T @ upper)
         walk = np.minimum((self.step * radius / sigma[1]) ** 2, 6 / steps)
         heard = there / np.sqrt(1 + walk * (steps / np.pi) ** 2)
         return JointTurns(
-            *first, full(heard), sigma, np.float64(noise2), base, full(place), full(attitude, np.eye(3)[None]), full(slope),
-            full(_across(normal)), full(metric), np.linalg.inv(total),
+            *first, filled(heard), *common, filled(place), filled(attitude, np.eye(3)), filled(slope), filled(_across(normal)),
+            filled(metric), np.linalg.inv(total),
         )  # fmt: skip
-
-
-def _noise_of(gyro: np.ndarray) -> float:
-    """Standard deviation of white noise of the rates, from their second differences; motion that is as fast counts as noise."""
-    second = np.diff(gyro, 2, axis=0)
-    second = second[np.isfinite(second).all(axis=1)]
-    return 1.4826 * float(np.median(np.abs(second))) / np.sqrt(6) if len(second) else 0.0
-
-
-def _filled(values: np.ndarray, row: Any = None, *, size: int) -> np.ndarray:
-    rest = np.zeros_like(values, shape=(size - len(values), *values.shape[1:]))
-    return np.concatenate([values, rest if row is None else rest + row])
 
 
 def _across(normal: np.ndarray) -> np.ndarray:
     """Two unit vectors at right angles to each normal, (n, 3, 2)."""
-    normal = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
-    least = np.eye(3)[np.argmin(np.abs(normal), axis=1)]
-    first = np.cross(normal, least)
-    first /= np.maximum(np.linalg.norm(first, axis=1, keepdims=True), 1e-300)
+    normal = unit(normal)
+    first = unit(np.cross(normal, np.eye(3)[np.argmin(np.abs(normal), axis=1)]))
     return np.stack([first, np.cross(normal, first)], axis=2)
-
-
-def _start_of(model: MagModel, frame: Frame, field: float) -> tuple[np.ndarray, np.ndarray]:
-    """Parameters of a model, and its rotation."""
-    matrix = np.linalg.inv(np.asarray(model.soft_iron)) * frame.scale / field
-    upper = np.linalg.cholesky(matrix.T @ matrix).T
-    centre = (np.asarray(model.hard_iron) - frame.centre) / frame.scale
-    return np.concatenate([upper[np.triu_indices(3)], centre, np.zeros(3)]), upper @ np.linalg.inv(matrix)
-
-
-def _sphere_start(u: np.ndarray, base: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """A sphere with the axes merely exchanged: a rotation found with an ellipsoid that ran off is no start."""
-    try:
-        shape, centre = algebraic(u, "sphere")
-    except NotEllipsoid:
-        return None
-    upper = np.eye(3) * np.linalg.det(shape) ** (1 / 6)
-    return np.concatenate([upper[np.triu_indices(3)], centre, np.zeros(3)]), _nearest(base)
 
 
 def _nearest(rotation: np.ndarray) -> np.ndarray:
@@ -204,15 +159,17 @@ def _solved(u, pairs: Pairs, begin, base, noise: float, dip: float | None) -> So
     bias, sigma = np.zeros(3), np.full(2, max(noise, _LEAST))
     extra = np.zeros(3)
     if accel:
-        extra = np.array([-np.sin(dip) if dip is not None else _mean_product(u, pairs, begin, base)])
-    parameters = np.concatenate([begin, extra])
+        y = unit((u - begin[CENTRE]) @ _upper(begin).T @ base)
+        product = np.sum(y * pairs.force, axis=1)[pairs.paired]
+        extra = np.array([np.mean(product) if dip is None else -np.sin(dip)])
+    parameters = np.concatenate([begin, np.zeros(3), extra])
     low, high = np.full(len(parameters), -np.inf), np.full(len(parameters), np.inf)
     if dip is not None and accel:
         low[EXTRA] = high[EXTRA] = extra
     # a sign of U would mirror the field
     low[_DIAGONAL] = _FLAT * np.abs(parameters[_DIAGONAL])
     for turn in range(_ROUNDS):
-        radius = float(np.linalg.det(_upper(parameters))) ** (-1 / 3)
+        radius = radius_of(_upper(parameters).T @ _upper(parameters))
         noise2 = sigma[0] ** 2 if 0.5 * radius > sigma[0] > CURVED * radius else 0.0
         data = pairs.data(u, parameters, base, sigma, noise2, bias)
         fit = _attempt(pairs.function, parameters, data, (low, high))
@@ -233,21 +190,14 @@ def _upper(parameters: np.ndarray) -> np.ndarray:
     return upper_and_centre(parameters[:9], basis_of("symmetric"))[0]
 
 
-def _mean_product(u, pairs: Pairs, begin, base) -> float:
-    y = unit((u - begin[CENTRE]) @ _upper(begin).T @ base)
-    return float(np.mean(np.sum(y * pairs.force, axis=1)[pairs.paired]))
-
-
 def _sizes(fit: Fit, data: Any, parameters, base, sigma, accel: bool) -> np.ndarray:
     """Standard deviations of both kinds of residual, each by its own degrees of freedom: its number less what the fit took from it."""
-    residuals, jacobian = np.array(fit.residuals), np.asarray(fit.jacobian)
-    n = len(data.u)
+    residuals, n = np.array(fit.residuals), len(data.u)
     weight = np.repeat(data.paired, 1 if accel else 2)
     residuals[n:] /= np.where(weight > 0, weight, 1.0)
-    scaled = jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
-    taken = np.sum((scaled @ np.linalg.pinv(triangle(scaled), rcond=1e-10)) ** 2, axis=1)
+    taken = information(triangle(np.asarray(fit.jacobian)), tolerance=_NO_DIGIT).leverage(np.asarray(fit.jacobian))
     segments = 0 if accel else len(np.unique(data.member[data.paired > 0]))
-    parts = (slice(0, n), data.weight > 0, 0), (slice(n, None), np.repeat(data.paired > 0, 1 if accel else 2), 2 * segments)
+    parts = (slice(0, n), data.weight > 0, 0), (slice(n, None), weight > 0, 2 * segments)
     ratio = []
     for part, there, nuisance in parts:
         r, free = residuals[part][there], there.sum() - taken[part].sum() - nuisance
@@ -256,23 +206,12 @@ def _sizes(fit: Fit, data: Any, parameters, base, sigma, accel: bool) -> np.ndar
     if not accel:
         return np.array([first, max(sigma[1] * np.sqrt(ratio[1]), _LEAST)])
     # what the noise of the readings does not explain is that of the force
-    by_reading, by_force = _shares(data, parameters, base)
+    by_reading, by_force = shares(data, parameters, base)
     there, r = data.paired > 0, residuals[n:]
     before = sigma[0] ** 2 * by_reading + sigma[1] ** 2 * by_force
     total = np.sum((before * r**2)[there]) * there.sum() / max(there.sum() - taken[n:].sum(), 1.0)
     more = (total - first**2 * np.sum(by_reading[there])) / max(np.sum(by_force[there]), 1e-300)
     return np.array([first, np.sqrt(max(more, _LEAST**2))])
-
-
-def _shares(data: JointPoses, parameters, base) -> tuple[np.ndarray, np.ndarray]:
-    """Variance of the products per variance of a reading, and of the force's direction."""
-    upper = _upper(parameters)
-    y = unit((data.u - parameters[CENTRE]) @ upper.T)
-    force = data.force @ base.T
-    normal = unit(y @ upper)
-    slope = force @ upper
-    slope = slope - np.sum(slope * normal, axis=1, keepdims=True) * normal
-    return np.sum(slope**2, axis=1), 1 - np.sum(y * force, axis=1) ** 2
 
 
 def jointly(
@@ -289,11 +228,14 @@ def jointly(
     pairs, dip = Pairs.of(m, rows, aid), getattr(aid, "dip", None)
     frame = Frame.of(m[rows])
     u = frame.scaled(m[rows])
-    begins = [_start_of(after.model, frame, after.field)]  # type: ignore[arg-type]
-    if after.verdict != "good" and (other := _sphere_start(u, begins[0][1])) is not None:
-        begins.append(other)
-    noise = after.noise / frame.scale
-    tries = [_solved(u, pairs, *begin, noise, dip) for begin in begins]
+    begin = parameters_of("symmetric", *ellipsoid_of_model(after.model, frame, after.field))  # type: ignore[arg-type]
+    base = _upper(begin) @ np.asarray(after.model.soft_iron) * after.field / frame.scale  # type: ignore[union-attr]
+    begins = [(begin, base)]
+    if after.verdict != "good":
+        # a rotation found with an ellipsoid that ran off is no start: also a sphere, with the axes merely exchanged
+        with contextlib.suppress(NotEllipsoid):
+            begins.append((parameters_of("symmetric", *algebraic(u, "sphere")), _nearest(base)))
+    tries = [_solved(u, pairs, *begin, after.noise / frame.scale, dip) for begin in begins]
     return _result(after, min(tries, key=_order), frame, u, whole, limits, isinstance(aid, Gyroscope))
 
 
@@ -305,10 +247,7 @@ def _spread(found: Solution, u: np.ndarray) -> float:
         return float(np.std(np.arcsin(np.clip(np.sum(y * data.force[: len(u)][there], axis=1), -1, 1))))
     back = np.einsum("nij,nj->ni", data.attitude[: len(u)][there], y)
     number, member = np.unique(data.member[: len(u)][there], return_inverse=True)
-    total = np.zeros((len(number), 3))
-    np.add.at(total, member, back)
-    off = back - (total / np.bincount(member)[:, None])[member]
-    return float(np.sqrt(np.sum(off**2) / (3 * max(len(y) - len(number), 1))))
+    return float(np.sqrt(np.sum(centred(back, member) ** 2) / (3 * max(len(y) - len(number), 1))))
 
 
 def _order(found: Solution) -> tuple[bool, float]:
@@ -317,60 +256,105 @@ def _order(found: Solution) -> tuple[bool, float]:
     pairs = data.paired > 0
     along = 2 * np.sum(pairs) * np.log(found.sigma[1])
     if isinstance(data, JointPoses):
-        by_reading, by_force = _shares(data, found.parameters, found.base)
+        by_reading, by_force = shares(data, found.parameters, found.base)
         along = 0.5 * np.sum(np.log(found.sigma[0] ** 2 + found.sigma[1] ** 2 * by_force / np.maximum(by_reading, 1e-12))[pairs])
     return not bool(found.fit.usable), float(found.count * np.log(found.sigma[0]) + along)
 
 
 def _result(after: MagFit, found: Solution, frame: Frame, u, whole, limits, rates: bool) -> MagFit:
-    upper, matrix = _upper(found.parameters), found.matrix
-    shape = upper.T @ upper
-    n, soft = len(u), np.asarray(after.model.soft_iron)  # type: ignore[union-attr]
-    radius = np.linalg.det(shape) ** (-1 / 6)
-    given = abs(abs(np.linalg.det(soft)) - 1) > 1e-9 and after.plane is None
-    size = after.field / frame.scale if given else radius
-    symmetric = MagModel(np.linalg.inv(root(shape) * size), frame.centre + frame.scale * found.parameters[CENTRE])
+    upper, matrix, n = _upper(found.parameters), found.matrix, len(u)
+    shape, centre = upper.T @ upper, found.parameters[CENTRE]
+    given = abs(abs(np.linalg.det(after.model.soft_iron)) - 1) > 1e-9 and after.plane is None  # type: ignore[union-attr]
+    size = after.field / frame.scale if given else radius_of(shape)
     rotation = root(shape) @ np.linalg.inv(matrix)
-    distance = np.asarray(found.fit.residuals)[:n] * np.asarray(found.data.sigma)[0]
     ellipsoid = Found(
-        found.parameters[:9], shape, found.parameters[CENTRE], np.zeros((9, 9)), float(found.sigma[0]), distance,
-        np.asarray(found.fit.weights)[:n], bool(found.fit.usable), "symmetric", noise2=found.noise2,
+        found.parameters[:9], shape, centre, np.zeros((9, 9)), float(found.sigma[0]),
+        np.asarray(found.fit.residuals)[:n] * np.asarray(found.data.sigma)[0], np.asarray(found.fit.weights)[:n],
+        bool(found.fit.usable), "symmetric", noise2=found.noise2,
     )  # fmt: skip
     left = _spread(found, u)
-    verdict = judged(found, left, after.inclination, limits, len(outliers(ellipsoid)))
-    ellipsoid = eqx.tree_at(lambda f: f.covariance, ellipsoid, verdict.covariance[:9, :9])
+    joint, turned, told = judged(found, left, after.inclination, limits, len(outliers(ellipsoid.distance, ellipsoid.weight)))
+    ellipsoid = eqx.tree_at(lambda f: f.covariance, ellipsoid, joint[:9, :9])
     covariance = covariance_of(ellipsoid, frame)
-    spread = np.array([after.alignment.spread[0], left])
-    pairs, source = int(np.sum(found.data.paired > 0)), after.alignment.source
     said = alignment_of(
-        symmetric, rotation, _nearest(rotation), verdict.turned, spread, pairs, source, found.fit,
+        model_of(shape, centre, frame, size), rotation, _nearest(rotation), turned, np.array([after.alignment.spread[0], left]),
+        int(np.sum(found.data.paired > 0)), after.alignment.source, found.fit,
         dip=float("nan") if rates else -float(np.arcsin(np.clip(found.parameters[12], -1, 1))), bias=found.bias,
     )  # fmt: skip
     if len(whole) > n:
         distance = all_distances(ellipsoid, frame.scaled(whole))
         ellipsoid = eqx.tree_at(lambda f: (f.distance, f.weight), ellipsoid, (distance, np.ones(len(whole))))
-    corrected = np.asarray((frame.scaled(whole) - found.parameters[CENTRE]) @ matrix.T)
-    all_finite = np.isfinite(covariance).all()
+    wanted = np.zeros((0, 3))
+    if np.isfinite(covariance).all():
+        wanted = needed(shape / frame.scale**2, covariance, sphere_grid()) @ rotation
     return dataclasses.replace(
-        after,
-        model=said.model,
-        covariance=covariance,
-        heading_error=verdict.heading_error,
-        coverage=covered(corrected),
-        residual=distance * frame.scale,
-        noise=float(found.sigma[0]) * frame.scale,
-        field=size * frame.scale,
-        outliers=outliers(ellipsoid),
-        used=n,
-        needed=needed(shape / frame.scale**2, covariance, sphere_grid()) @ rotation if all_finite else np.zeros((0, 3)),
-        condition=verdict.condition,
-        plane=None,
-        verdict=verdict.verdict,
-        reason=verdict.reason,
-        names=NAMES,
-        kind="symmetric",
-        alignment=said,
-        penalty=0.0,
-        field_error=None,
-        joint=True,
-    )
+        after, model=said.model, covariance=covariance, coverage=covered((frame.scaled(whole) - centre) @ matrix.T),
+        residual=ellipsoid.distance * frame.scale, outliers=outliers(ellipsoid.distance, ellipsoid.weight), needed=wanted, used=n,
+        noise=float(found.sigma[0]) * frame.scale, field=size * frame.scale, plane=None, names=NAMES, kind="symmetric", alignment=said,
+        penalty=0.0, field_error=None, joint=True, **told,
+    )  # fmt: skip
+
+
+@host_float64
+def aligned(found: MagFit, m: Any, aid: Any, *, joint: bool = False) -> MagFit:
+    """A fit with the rotation that another sensor shows, where that sensor has readings of its own.
+
+    Parameters
+    ----------
+    found : a fit with a model, of these readings or of some of them.
+    m : (n, 3) readings; rows with NaN are left out.
+    aid : `Accelerometer`, `Gyroscope` or `Headings`, one row for each reading.
+    joint : fit these readings anew, norms and other sensor together, as `fit` with `joint` does; `found` is where it starts.
+
+    Returns
+    -------
+    The fit, its `alignment`, the model with the rotation in it, and the rotation's uncertainty in `heading_error`.
+
+    Raises
+    ------
+    DataError
+        As `align` does, and for a fit without a model.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> from jaxcal.magnetometer import Accelerometer, aligned, body_field, scenario
+    >>> m, up = body_field(scenario("all"), 50.0), -9.81 * body_field(scenario("all"), 1.0, np.pi / 2)
+    >>> aligned(jaxcal.magnetometer.fit(m), m, Accelerometer(up)).alignment.verdict
+    'good'
+
+    References
+    ----------
+    The rotation is that of `align`; the heading error adds its variance to that of the norms.
+    """
+    if found.model is None:
+        raise DataError(f"The fit has no model to turn: {found.reason}")
+    if joint:
+        checked_joint(found.method, "auto", aid, None, None)
+    after = with_rotation(found, align(m, found.model, aid), None)
+    return jointly(after, m, aid) if joint else after
+
+
+def with_rotation(result: MagFit, alignment: Alignment, field: Any) -> MagFit:
+    """The fit with the rotation in its soft iron and in its heading error; a rotation that is not determined stays out."""
+    warnings = list(result.warnings)
+    if alignment.verdict == "refused":
+        verdict = "weak" if result.verdict == "good" else result.verdict
+        reason = f"{result.reason} The rotation against the other sensor was not found. {alignment.reason}"
+        return dataclasses.replace(result, alignment=alignment, verdict=verdict, reason=reason)
+    if np.ndim(field) == 1 and not abs(alignment.dip - result.inclination) < _DIPS:
+        degrees = np.rad2deg([alignment.dip, result.inclination])
+        if np.isfinite(alignment.dip):
+            warnings.append(
+                f"The dip found is {degrees[0]:.1f} degrees, that of the given field {degrees[1]:.1f}: the specific force points up at "
+                "rest; where it agrees but for the sign, give it negated."
+            )
+    error = np.hypot(result.heading_error, turned_heading_error(np.asarray(alignment.covariance), result.inclination))
+    planar = result.plane is not None
+    reason = result.reason.replace("excluding a rotation common to all readings", "excluding the alignment error")
+    verdict = alignment.verdict if result.verdict == "good" else result.verdict
+    return dataclasses.replace(
+        result, model=alignment.model, alignment=alignment, heading_error=result.heading_error if planar else error, verdict=verdict,
+        reason=f"{reason} {alignment.reason}", warnings=tuple(warnings),
+    )  # fmt: skip

@@ -1,75 +1,131 @@
-"""What a second sensor says about the rotation that norms cannot see: residuals, traced."""
+"""Residuals of what a second sensor says, traced: about the rotation alone, and about rotation and ellipsoid together.
+
+In the joint fit, noise of a reading across the surface is in the distance, noise along it in the second sensor's residual: to first order
+they are independent. Both are lengths among the readings. Angles of the corrected field would be smaller on a larger ellipsoid, and the
+fit would drift there.
+"""
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+from ..._rotation import exponential, matrix
 from ..._types import Any, Array
-from .._heading import heading
-from ._segments import turn
+from .._ellipsoid._distance import mean_curvature, signed_distance
+from .._ellipsoid._kinds import basis_of, upper_and_centre
+from .._field import heading
+
+#: U by rows, centre, rotation vector; then the bias of the rates, or the sine
+CENTRE, TURN, EXTRA = slice(6, 9), slice(9, 12), slice(12, None)
 
 
-class Poses(eqx.Module):
-    """Paired unit vectors: corrected field y, specific force f (n, 3), weight (n,), and the rotation to start from."""
-
-    y: Any
-    f: Any
-    weight: Any
-    base: Any
+def turn(rho: Array) -> Array:
+    """Rotation matrix exp([rho]x), (3, 3)."""
+    return matrix(exponential(rho))
 
 
-class Known(eqx.Module):
-    """Corrected field, specific force (n, 3), magnetic headings and weight (n,), and the rotation to start from."""
-
-    y: Any
-    f: Any
-    angle: Any
-    weight: Any
-    base: Any
+def dip_residuals(parameters: dict[str, Array], data: dict[str, Array]) -> Array:
+    """Products y'Qf less s: in a uniform field at rest the angle between field and vertical is the same in all poses."""
+    force = data["f"] @ (data["base"] @ turn(parameters["rho"])).T
+    return data["weight"] * (jnp.sum(data["y"] * force, axis=1) - parameters["s"])
 
 
-class Turns(eqx.Module):
-    """Corrected field y (n, 3) beside attitudes from rates (see `attitudes_in_segments`).
+def heading_residuals(parameters: dict[str, Array], data: dict[str, Array]) -> Array:
+    """Heading of the turned field less the known one, in rad, within half a turn."""
+    found = heading(data["y"] @ (data["base"] @ turn(parameters["rho"])), data["f"])
+    off = jnp.where(jnp.isfinite(found), found - data["angle"], 0.0)
+    return data["weight"] * jnp.arctan2(jnp.sin(off), jnp.cos(off))
 
-    member : (n, ) segment of each reading. weight : (n,), zero for padding; the other fields (n, 3, 3), or (3, 3) for `base`.
-    ones : (segments,) of ones, for their number.
+
+def _turned_back(body: Array, bias: Array, attitude: Array, slope: Array) -> tuple[Array, Array]:
+    """Vectors with the bias taken off the attitude, to first order: in the axes of the reading, and of its segment's first."""
+    body = body - jnp.cross(jnp.einsum("nij,j->ni", slope, bias), body)
+    return body, jnp.einsum("nij,nj->ni", attitude, body)
+
+
+def turn_residuals(parameters: dict[str, Array], data: dict[str, Array]) -> Array:
+    """Field in the axes of each segment's first reading, less its mean, the least-squares estimate: it stands still as the sensor turns."""
+    member, weight, y = data["member"], data["weight"], data["y"] @ (data["base"] @ turn(parameters["rho"]))
+    still = weight[:, None] * _turned_back(y, parameters["bias"], data["attitude"], data["slope"])[1]
+    total, number = (jax.ops.segment_sum(x, member, num_segments=len(data["segments"])) for x in (still, weight))
+    mean = total / jnp.maximum(number, 1)[:, None]
+    return still - weight[:, None] * mean[member]
+
+
+class Joint(eqx.Module):
+    """Scaled readings of the magnetometer, with the data of a second sensor beside them.
+
+    u : (n, 3). weight, paired : (n,), zero for padding, and for readings without its data. sigma : (2,) of a reading across the
+    surface, and of what the sensor says. noise2 : as in `Readings`. base : (3, 3) rotation to start from.
     """
 
-    y: Any
+    u: Any
+    weight: Any
+    paired: Any
+    sigma: Any
+    noise2: Any
+    base: Any
+
+
+class JointTurns(Joint):
+    """Beside attitudes from rates: sigma is that along the surface; paired is below one where the noise of the rates adds up.
+
+    member : (n,) segment of a reading. attitude, slope : (n, 3, 3), of `attitudes_in_segments`. tangent : (n, 3, 2) along the surface.
+    metric, inverse : (n, 3, 3) and (segments, 3, 3), weights with which a segment's field is averaged, and the inverse of their sum.
+    """
+
+    member: Any
     attitude: Any
     slope: Any
-    member: Any
-    weight: Any
-    base: Any
-    ones: Any
+    tangent: Any
+    metric: Any
+    inverse: Any
 
 
-def dip_residuals(parameters: dict[str, Array], data: Poses) -> Array:
-    """Products y'Qf less s: in a uniform field at rest the angle between field and vertical is the same in all poses."""
-    force = data.f @ (data.base @ turn(parameters["rho"])).T
-    return data.weight * (jnp.sum(data.y * force, axis=1) - parameters["s"])
+class JointPoses(Joint):
+    """Beside unit specific forces (n, 3): sigma is that of a direction of the force in rad."""
+
+    force: Any
 
 
-def heading_residuals(parameters: dict[str, Array], data: Known) -> Array:
-    """Heading of the turned field less the known one, in rad, within half a turn."""
-    found = heading(data.y @ (data.base @ turn(parameters["rho"])), data.f)
-    off = jnp.where(jnp.isfinite(found), found - data.angle, 0.0)
-    return data.weight * jnp.arctan2(jnp.sin(off), jnp.cos(off))
+def _on_surface(parameters: Array, data: Any) -> tuple[Array, Array, Array, Array]:
+    """U, directions of the points next to the readings to first order, the normals there, and the weighted distances over their sigma."""
+    upper, centre = upper_and_centre(parameters[:9], jnp.asarray(basis_of("symmetric"), dtype=parameters.dtype))
+    shape, z = upper.T @ upper, data.u - centre[None, :]
+    distance = signed_distance(shape, z)
+    normal = _unit(z @ shape)
+    unit = _unit((z - distance[:, None] * normal) @ upper.T)
+    levelled = distance - data.noise2 * mean_curvature(shape, z)
+    return upper, unit, normal, data.weight * levelled / data.sigma[0]
 
 
-def turn_residuals(parameters: dict[str, Array], data: Turns) -> Array:
-    """Field in the axes of each segment's first reading, less its mean there: it stands still while the sensor turns.
+def _unit(v: Array) -> Array:
+    square = jnp.sum(v**2, axis=1, keepdims=True)
+    return v / jnp.sqrt(jnp.where(square > 0, square, 1))
 
-    That mean is the least-squares estimate of the segment's field, so the residuals are those of all readings, each used once.
-    """
-    rotation = data.base @ turn(parameters["rho"])
-    shift = jnp.einsum("nij,j->ni", data.slope, parameters["bias"])
-    # first order in the bias: over one segment it turns the attitude by little
-    body = data.y @ rotation
-    body = body - jnp.cross(shift, body)
-    still = data.weight[:, None] * jnp.einsum("nij,nj->ni", data.attitude, body)
-    count = len(data.ones)
-    total = jax.ops.segment_sum(still, data.member, num_segments=count)
-    number = jax.ops.segment_sum(data.weight, data.member, num_segments=count)
-    mean = total / jnp.maximum(number, 1)[:, None]
-    return still - data.weight[:, None] * mean[data.member]
+
+def joint_turn_residuals(parameters: Array, data: JointTurns) -> Array:
+    """Distances, and how far the readings lie along the surface from where the field of their segment, turned back, puts them."""
+    upper, unit, _, across = _on_surface(parameters, data)
+    rotation = data.base @ turn(parameters[TURN])
+    body, still = _turned_back(unit @ rotation, parameters[EXTRA], data.attitude, data.slope)
+    total = jax.ops.segment_sum(jnp.einsum("nij,nj->ni", data.metric, still), data.member, num_segments=len(data.inverse))
+    # the least-squares estimate, with weights of the start, whose derivative has no part to first order
+    field = jnp.einsum("sij,sj->si", data.inverse, total)
+    off = body - jnp.einsum("nji,nj->ni", data.attitude, field[data.member])
+    along = jnp.einsum("nik,ni->nk", data.tangent, off @ rotation.T @ jnp.linalg.inv(upper).T)
+    return jnp.concatenate([across, (data.paired[:, None] * along / data.sigma[1]).ravel()])
+
+
+def joint_pose_residuals(parameters: Array, data: JointPoses) -> Array:
+    """Distances, and products y'f less the sine over their standard deviation, which both sensors' noise gives."""
+    upper, unit, normal, across = _on_surface(parameters, data)
+    rotation = data.base @ turn(parameters[TURN])
+    force = data.force @ rotation.T
+    product = jnp.sum(unit * force, axis=1)
+    by_reading = force @ upper
+    by_reading = by_reading - jnp.sum(by_reading * normal, axis=1)[:, None] * normal
+    variance = data.sigma[0] ** 2 * jnp.sum(by_reading**2, axis=1) + data.sigma[1] ** 2 * (1 - product**2)
+    # a force along the field tells nothing; padding neither
+    off = jnp.where(variance > 0, product - parameters[12], 0) / jnp.sqrt(jnp.where(variance > 0, variance, 1))
+    return jnp.concatenate([across, data.paired * off])

@@ -1,15 +1,72 @@
-"""`hard_iron_by_turning`: hard iron from a few turns with a gyroscope, without readings in all directions."""
+"""Rotations integrated from rates; and `hard_iron_by_turning`, hard iron from a few turns, without readings in all directions."""
 
 from typing import Any
 
 import equinox as eqx
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ..._errors import DataError
 from ..._precision import host_float64
 from ..._types import AnyArray
-from ._align import SEGMENT, array, like
-from ._segments import attitudes_in_segments
+from ...fitting import information
+
+SEGMENT = 2.0  # rad travelled in one segment: rates of a slightly wrong scale go astray with the angle
+_LONGEST = 10.0  # s of a segment, for the bias of the rates is only first order in it
+
+
+def array(values: Any, name: str) -> np.ndarray:
+    values = np.asarray(values, dtype=float)
+    if values.ndim != 2 or values.shape[1] != 3:
+        raise DataError(f"The {name} have shape {values.shape}; expected (n, 3), one row per reading.")
+    return values
+
+
+def like(values: Any, y: np.ndarray, name: str) -> np.ndarray:
+    values = array(values, name)
+    if len(values) != len(y):
+        raise DataError(f"There are {len(y)} readings and {len(values)} rows of {name}; give one for each reading.")
+    return values
+
+
+def permutations() -> np.ndarray:
+    """The 24 rotations that take axes to axes, (24, 3, 3), the unit matrix first."""
+    found = Rotation.create_group("O").as_matrix().round()
+    return found[np.argsort(-np.trace(found, axis1=1, axis2=2), kind="stable")]
+
+
+def attitudes_in_segments(gyro: np.ndarray, rate: float, most: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Attitude of each sample relative to the first of its segment, from rates (n, 3).
+
+    A segment ends where the angle travelled reaches `most` rad, after 10 s, or at a sample that is NaN, which belongs to none. Returned
+    are the number of its segment (n,), -1 for none; the attitude (n, 3, 3) from the body axes of the sample to those of the segment's
+    first; and the derivative (n, 3, 3) of the rotation vector, in the axes of the sample, with respect to a bias of the rates.
+    """
+    n, good = len(gyro), np.asarray(np.isfinite(gyro).all(axis=1))
+    step = np.where(good[1:, None] & good[:-1, None], (gyro[1:] + gyro[:-1]) / 2 / rate, 0.0)
+    travelled = np.concatenate([[0.0], np.cumsum(np.linalg.norm(step, axis=1))])
+    broken = np.concatenate([[0], np.cumsum(~(good[1:] & good[:-1]))])
+    label = broken * (int(travelled[-1] / most) + 1) + (travelled / most).astype(int)
+    long = np.arange(1, n) % max(int(_LONGEST * rate), 2) == 0
+    start = np.flatnonzero(np.concatenate([[True], (np.diff(label) != 0) | long]))
+    segment = np.repeat(np.arange(len(start)), np.diff(np.append(start, n)))
+    place = np.arange(n) - start[segment]
+    small = Rotation.from_rotvec(step).as_matrix() if n > 1 else np.zeros((0, 3, 3))
+    attitude, slope = np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3, 3))
+    # one step of all segments at a time
+    order = np.argsort(place, kind="stable")
+    for k in np.split(order, np.flatnonzero(np.diff(place[order])) + 1)[1:]:
+        attitude[k] = attitude[k - 1] @ small[k - 1]
+        back = np.swapaxes(small[k - 1], 1, 2)
+        slope[k] = back @ slope[k - 1] + (np.eye(3) + back) / (2 * rate)
+    return np.where(good, segment, -1), attitude, slope
+
+
+def centred(x: np.ndarray, member: np.ndarray) -> np.ndarray:
+    """Rows less the mean of their segment."""
+    total, count = np.zeros((member.max() + 1, *x.shape[1:])), np.bincount(member)
+    np.add.at(total, member, x)
+    return x - (total / count.reshape(-1, *[1] * (x.ndim - 1)))[member]
 
 
 class HardIron(eqx.Module):
@@ -82,21 +139,14 @@ def hard_iron_by_turning(m: Any, gyro: Any, rate: float | int, *, soft_iron: Any
     kept = np.isin(segment, moving) & np.isfinite(m).all(axis=1)
     if kept.sum() < 5:
         raise DataError(f"{int(kept.sum())} readings were taken while turning faster than {fastest:g} rad/s; turn the sensor.")
-    number, member = np.unique(segment[kept], return_inverse=True)
+    member = np.unique(segment[kept], return_inverse=True)[1]
     columns = attitude[kept] @ matrix
-    values = np.einsum("nij,nj->ni", columns, m[kept])
-    count = np.bincount(member)
-
-    def centred(x: np.ndarray) -> np.ndarray:
-        total = np.zeros((len(number), *x.shape[1:]))
-        np.add.at(total, member, x)
-        return x - (total / count.reshape(-1, *[1] * (x.ndim - 1)))[member]
-
-    columns, values = centred(columns).reshape(-1, 3), centred(values).ravel()
+    values = centred(np.einsum("nij,nj->ni", columns, m[kept]), member).ravel()
+    columns = centred(columns, member).reshape(-1, 3)
     size = np.linalg.svd(columns, compute_uv=False) / np.sqrt(len(values))
     if size[-1] < 1e-3:
         raise DataError("The turns are about one axis and leave the hard iron along it open; turn the sensor about a second axis.")
     offset = np.linalg.lstsq(columns, values, rcond=None)[0]
-    free = max(len(values) - 3 * len(number) - 3, 1)
+    free = max(len(values) - 3 * (member.max() + 1) - 3, 1)
     variance = float(np.sum((values - columns @ offset) ** 2) / free)
-    return HardIron(offset, variance * np.linalg.inv(columns.T @ columns), float(np.sqrt(variance)), int(kept.sum()))
+    return HardIron(offset, variance * information(columns).covariance, float(np.sqrt(variance)), int(kept.sum()))

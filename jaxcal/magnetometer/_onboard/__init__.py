@@ -1,1 +1,0 @@
-"""Calibration on board: sums of fixed size, and the gate that admits readings to them."""

@@ -1,0 +1,283 @@
+"""How well a calibration is known: `bootstrap` and `heading_uncertainty` of a fit; `predict` and `plan` before a reading is taken."""
+
+import functools
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy.optimize
+
+from .._errors import DataError
+from .._precision import array_module, host_float64
+from .._types import AnyArray, Array
+from ..fitting import solve_many
+from ._design._heading_error import grids, heading_slopes, planar_slopes, tilted
+from ._ellipsoid._kinds import ENTRIES, PLANAR, parameters_of, shape_and_centre
+from ._ellipsoid._orthogonal import CURVED, bounds_of, padded
+from ._ellipsoid._residuals import Penalty, Readings, Size, distances, natural_rows, orthogonal, penalised
+from ._ellipsoid._shape import Frame, ellipsoid_of_model, radius_of
+from ._field import INCLINATION, unit_field
+from ._result import MagFit
+
+#: step to go, relative to the statistical uncertainty, at which a refit is done
+_PRECISE = 1e-4
+_STARTS = 4
+_FEWEST = 10
+
+
+@host_float64
+def bootstrap(m: Any, found: MagFit, *, replicas: int = 1000, seed: int = 0) -> AnyArray:
+    """Hard irons and shapes refitted to readings drawn with replacement: maximum likelihood, all in one compiled call.
+
+    Parameters
+    ----------
+    m : (n, 3) the readings that were fitted.
+    found : their fit, with a model that is not planar.
+    replicas : number of refits.
+    seed : of the draws.
+
+    Returns
+    -------
+    (replicas, 9) parameters in the order and units of `found.covariance`; `np.cov` of them, rows as readings, is comparable to it.
+
+    Raises
+    ------
+    DataError
+        If the fit has no model, is planar, or is not of these readings.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> from jaxcal.magnetometer import body_field, bootstrap, scenario
+    >>> m = body_field(scenario("all", samples=60), 50.0) + np.random.default_rng(0).normal(size=(60, 3))
+    >>> found = jaxcal.magnetometer.fit(m, model="sphere")
+    >>> bootstrap(m, found, replicas=20).shape
+    (20, 9)
+
+    References
+    ----------
+    B. Efron and R. J. Tibshirani, An Introduction to the Bootstrap, 1993, chapter 6.
+    """
+    m = np.asarray(m, dtype=np.float64)
+    if found.model is None or found.kind in PLANAR:
+        raise DataError("The bootstrap needs a fit with a model that is not planar.")
+    if m.shape != (len(found.residual), 3):
+        raise DataError(f"The readings have shape {m.shape}, the fit is of ({len(found.residual)}, 3); give the readings that were fitted.")
+    if replicas < 1:
+        raise DataError(f"{replicas} replicas were asked for; at least one is needed.")
+    frame = Frame.of(m)
+    data, noise = padded(frame.scaled(m), found.kind), found.noise / frame.scale
+    counts = np.random.default_rng(seed).multinomial(len(m), np.full(len(m), 1 / len(m)), size=replicas)
+    weight = np.zeros((replicas, len(data.u)))
+    weight[:, : len(m)] = np.sqrt(counts)
+    ellipsoid = ellipsoid_of_model(found.model, frame, found.field)
+    curved = noise > CURVED * radius_of(ellipsoid[0])
+    size = None if found.field_error is None else Size(float(np.log(found.field / frame.scale)), found.field_error)
+    penalty = Penalty.of(found.kind, noise, found.penalty, size) if found.penalty or size else None
+    fits = solve_many(
+        penalised if penalty else orthogonal if curved else distances, parameters_of(found.kind, *ellipsoid),
+        Readings(data.u, weight, 1.0, noise**2 if curved else 0.0, data.basis, penalty),
+        batched=(False, Readings(False, True, False, False, False, False)), bounds=bounds_of(found.kind), max_steps=64, rtol=_PRECISE,
+    )  # fmt: skip
+    if bad := int(np.sum(~np.asarray(fits.usable))):
+        raise DataError(f"{bad} of {replicas} refits did not converge: the readings do not determine the model; see the fit's verdict.")
+    shapes, centres = jax.vmap(shape_and_centre, (0, None))(jnp.asarray(fits.parameters), jnp.asarray(data.basis))
+    shapes, centres = np.asarray(shapes) / frame.scale**2, frame.centre + frame.scale * np.asarray(centres)
+    return np.concatenate([shapes[:, *ENTRIES], centres], axis=1)
+
+
+@host_float64
+def heading_uncertainty(found: MagFit, headings: Any, *, tilt: float | int = 0.0) -> AnyArray:
+    r"""Standard deviation of the heading that a fit leaves, for readings without noise and a true vertical.
+
+    .. math:: \sigma_\psi^2 = j\,\mathrm{Cov}\,j^T,\qquad j = \partial\psi/\partial(A, b)
+
+    Parameters
+    ----------
+    found : a fit with a model. A rotation that was aligned is not part of it: `found.heading_error` has both.
+    headings : (n,) rad.
+    tilt : angle of the sensor from level, rad: the rms over eight directions of tilt. In a plane there is none.
+
+    Returns
+    -------
+    (n,) rad.
+
+    Raises
+    ------
+    DataError
+        If the fit has no model.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> from jaxcal.magnetometer import body_field, heading_uncertainty, scenario
+    >>> m = body_field(scenario("three_turns"), 50.0) + 0.1 * np.random.default_rng(0).normal(size=(360, 3))
+    >>> found = jaxcal.magnetometer.fit(m, model="symmetric")
+    >>> bool(np.all(heading_uncertainty(found, np.linspace(0, 6, 7)) < np.deg2rad(1)))
+    True
+
+    References
+    ----------
+    V. Renaudin, M. H. Afzal and G. Lachapelle, J. Sensors 2010, 967245, for the model; first-order propagation.
+    """
+    if found.model is None:
+        raise DataError(f"The fit has no model: {found.reason}")
+    headings = np.atleast_1d(np.asarray(headings, dtype=float))
+    shape, _ = ellipsoid_of_model(found.model, Frame(np.zeros(3), 1.0), found.field)
+    if found.plane is None:
+        attitudes = tilted(headings, float(tilt))
+        slopes = heading_slopes(shape, attitudes, unit_field(attitudes, found.inclination))
+    else:
+        basis = np.asarray(found.plane)
+        slopes = planar_slopes(basis @ shape @ basis.T, headings)
+    variance = np.sum(slopes @ np.asarray(found.covariance) * slopes, axis=1)
+    return np.sqrt(variance.reshape(-1, len(headings)).mean(axis=0))
+
+
+class Plan(eqx.Module):
+    """Attitudes to hold, and what they will give.
+
+    Attributes
+    ----------
+    attitudes : (n, 3) azimuth, elevation and bank in rad.
+    heading_error : (2,) predicted rms heading error in rad, at level and at 20 degrees of tilt.
+    repeats : readings to take at each attitude so that both are below the limit; 1 without a limit.
+    """
+
+    attitudes: AnyArray
+    heading_error: AnyArray
+    repeats: int
+
+
+def _variance(attitudes: Array, inclination: Array, weight: Array) -> Array:
+    """Mean square heading error per noise variance (relative to the field) for sensors near C = I: trace of bound times weight."""
+    rows = natural_rows(unit_field(attitudes, inclination, jnp), jnp)
+    # a ridge far below what a usable plan has keeps the derivative finite at singular plans
+    information = rows.T @ rows + 1e-9 * len(rows) * jnp.eye(9, dtype=rows.dtype)
+    return jnp.trace(jnp.linalg.solve(information, weight))
+
+
+@functools.cache
+def _weights(inclination: float) -> np.ndarray:
+    """Mean of the outer products of the heading's slopes, at level and tilted, (2, 9, 9)."""
+    slopes = [heading_slopes(np.eye(3), *grid) for grid in grids(inclination)]
+    return np.array([rows.T @ rows / len(rows) for rows in slopes])
+
+
+_slope = jax.jit(jax.value_and_grad(lambda a, i, w: jnp.log(_variance(a, i, w))))
+_value = jax.jit(_variance)
+
+
+@host_float64
+def predict(attitudes: Any, noise: float | int, *, inclination: float | int = INCLINATION) -> AnyArray:
+    r"""Least rms heading error that readings in given attitudes allow: the Cramer-Rao bound, before a reading is taken.
+
+    .. math:: \sigma_\psi^2 = \sigma^2\,\mathrm{tr}\big[(J^T J)^{-1}\,\overline{j^T j}\big]
+
+    Parameters
+    ----------
+    attitudes : (n, 3) azimuth, elevation and bank in rad, one for each reading.
+    noise : standard deviation of an axis of a reading, relative to the norm of the field.
+    inclination : dip of the field in rad.
+
+    Returns
+    -------
+    (2,) rad, at level and at 20 degrees of tilt, for a sensor with little soft iron, all nine parameters unknown. Under `jit`, `vmap`
+    and `grad` too: the gradient with respect to the attitudes says which one to move where.
+
+    Raises
+    ------
+    DataError
+        If the attitudes are not (n, 3), or fewer than ten.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.magnetometer import predict, scenario
+    >>> print(np.rad2deg(predict(scenario("twelve_points"), 0.2 / 47)).round(1))
+    [1.6 2.1]
+
+    References
+    ----------
+    The Fisher information of the orthogonal distances, whose inverse is the Cramer-Rao bound: S. M. Kay, Fundamentals of Statistical
+    Signal Processing: Estimation Theory, 1993, chapter 3.
+    """
+    attitudes = array_module(attitudes).asarray(attitudes, dtype=float)
+    if attitudes.ndim != 2 or attitudes.shape[1] != 3 or len(attitudes) < _FEWEST:
+        raise DataError(f"The attitudes have shape {attitudes.shape}; expected (n, 3) with at least {_FEWEST} rows.")
+    if not noise > 0 or not abs(inclination) < np.pi / 2:
+        raise DataError("The noise must be positive, relative to the field, and the inclination within 90 degrees.")
+    values = [_value(jnp.asarray(attitudes), jnp.asarray(inclination), jnp.asarray(w)) for w in _weights(float(inclination))]
+    return noise * jnp.sqrt(jnp.stack(values))
+
+
+@host_float64
+def plan(
+    count: int,
+    noise: float | int,
+    *,
+    limit: float | int | None = None,
+    elevation: tuple[float | int, float | int] = (-np.pi / 2, np.pi / 2),
+    bank: tuple[float | int, float | int] = (-np.pi, np.pi),
+    inclination: float | int = INCLINATION,
+    seed: int = 0,
+) -> Plan:
+    """Attitudes to hold, by the gradient of the bound, so that the heading error is small.
+
+    Parameters
+    ----------
+    count : number of attitudes, 10 or more.
+    noise : standard deviation of an axis of a reading, relative to the norm of the field.
+    limit : rms heading error in rad to stay below at level and at 20 degrees of tilt; `repeats` then says how often to read.
+    elevation, bank : lowest and highest that the vehicle allows, rad. All headings are allowed.
+    inclination : dip of the field in rad.
+    seed : of the attitudes to start from; the best of four is taken.
+
+    Returns
+    -------
+    Plan
+
+    Raises
+    ------
+    DataError
+        If there are too few attitudes, the limits are no interval, or what they allow leaves a parameter open.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.magnetometer import plan, predict, scenario
+    >>> better = plan(12, 0.2 / 47)
+    >>> bool(np.all(3 * better.heading_error < predict(scenario("twelve_points"), 0.2 / 47)))
+    True
+
+    References
+    ----------
+    V. Fedorov, Theory of Optimal Experiments, 1972 (the criterion is linear in the covariance: L-optimality).
+    """
+    for low, high, name in ((*elevation, "elevation"), (*bank, "bank")):
+        if not low <= high:
+            raise DataError(f"The {name} from {low:g} to {high:g} is no interval; give the lowest first.")
+    if count < _FEWEST or not noise > 0 or not abs(inclination) < np.pi / 2 or not (limit is None or limit > 0):
+        raise DataError(f"A plan needs {_FEWEST} attitudes or more, a positive noise, and an inclination within 90 degrees; got {count}.")
+    rng, weight = np.random.default_rng(seed), jnp.asarray(_weights(float(inclination)).mean(axis=0))
+    bounds = [(None, None), elevation, bank] * count
+
+    def cost(x):
+        value, slope = _slope(jnp.asarray(x.reshape(count, 3)), jnp.asarray(inclination), weight)
+        return float(value), np.asarray(slope).ravel()
+
+    tries = []
+    for _ in range(_STARTS):
+        turns = np.stack([rng.uniform(0, 2 * np.pi, count), rng.uniform(*elevation, count), rng.uniform(*bank, count)], axis=1)
+        tries.append(scipy.optimize.minimize(cost, turns.ravel(), jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": 200}))
+    best = min(tries, key=lambda found: found.fun if np.isfinite(found.fun) else np.inf).x.reshape(count, 3)
+    best[:, 0] %= 2 * np.pi
+    error = predict(best, noise, inclination=inclination)
+    if not error.max() < np.pi:
+        raise DataError("The attitudes that are allowed leave the calibration open; allow more elevation or bank.")
+    repeats = 1 if limit is None else max(int(np.ceil((error.max() / limit) ** 2)), 1)
+    return Plan(best[np.argsort(best[:, 0])], error / np.sqrt(repeats), repeats)

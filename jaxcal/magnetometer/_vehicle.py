@@ -1,0 +1,342 @@
+"""Magnetometers on a vehicle: fields of its currents, known attitudes, hard iron anew, several sensors."""
+
+import dataclasses
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from .._errors import DataError
+from .._precision import host_float64
+from .._types import AnyArray, Array
+from ..fitting import Fit, covariance, information, solve
+from ._ellipsoid._distance import signed_distance
+from ._ellipsoid._shape import Frame, ellipsoid_of_model, filled
+from ._fit import fit
+from ._model import MagModel
+from ._result import MagFit
+from ._rotation._turning import array
+
+
+class CurrentTerms(eqx.Module):
+    """Field per ampere of each current.
+
+    Attributes
+    ----------
+    terms : (3, currents) k, in the unit of the readings per unit of current: m = C h + b + k I.
+    error : (3, currents) standard deviations.
+    correlation : (currents,) largest correlation of a current with the readings' directions; above 0.5 it is told apart badly.
+    noise : standard deviation of a reading.
+    fit : `MagFit` of the readings with the currents' fields taken off; None where the attitude was held.
+    """
+
+    terms: AnyArray
+    error: AnyArray
+    correlation: AnyArray
+    noise: float
+    fit: MagFit | None
+
+    @host_float64
+    def correct(self, m: Any, current: Any) -> AnyArray:
+        """Readings (n, 3) without the fields of the currents (n,) or (n, currents)."""
+        return np.asarray(m) - _columns_of(current, len(m)) @ np.asarray(self.terms).T
+
+
+def _columns_of(current: Any, count: int) -> np.ndarray:
+    current = np.asarray(current, dtype=float)
+    current = current[:, None] if current.ndim == 1 else current
+    if current.ndim != 2 or len(current) != count or not np.isfinite(current).all():
+        raise DataError(f"The current has shape {current.shape}; give finite numbers, (n,) or (n, currents), for {count} readings.")
+    return current
+
+
+def _regression(m: np.ndarray, columns: np.ndarray, scale: np.ndarray, failure: str) -> tuple[np.ndarray, np.ndarray, float]:
+    """Coefficients of readings on columns of some size (3, c), their standard errors, and the noise, by linear least squares."""
+    scaled = columns / scale
+    if len(m) <= columns.shape[1] or np.linalg.cond(scaled) > 1e6:
+        raise DataError(failure)
+    found = np.linalg.lstsq(scaled, m, rcond=None)[0]
+    variance = np.sum((m - scaled @ found) ** 2, axis=0) / (len(m) - columns.shape[1])
+    error = np.sqrt(np.outer(variance, np.diag(information(scaled).covariance)))
+    return found.T / scale, error / scale, float(np.sqrt(variance.mean()))
+
+
+def _largest(columns: np.ndarray) -> np.ndarray:
+    size = np.abs(columns).max(axis=0, initial=0.0)
+    return np.where(size > 0, size, 1.0)
+
+
+@host_float64
+def motor_terms(m: Any, current: Any) -> CurrentTerms:
+    r"""Field per ampere from readings of a vehicle that stands still while its currents vary.
+
+    .. math:: m_i = m_0 + \sum_j k_j I_{ij}
+
+    Parameters
+    ----------
+    m : (n, 3) readings.
+    current : (n,) or (n, currents) current or throttle of each motor.
+
+    Returns
+    -------
+    CurrentTerms
+
+    Raises
+    ------
+    DataError
+        If shapes differ, or a current does not vary by itself.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.magnetometer import motor_terms
+    >>> current = np.linspace(0, 20, 50)
+    >>> print(motor_terms([20.0, 5.0, 40.0] + np.outer(current, [0.3, 0.0, -0.1]), current).terms.T.round(6) + 0.0)
+    [[ 0.3  0.  -0.1]]
+
+    References
+    ----------
+    Linear least squares of the reading against the currents, per axis: the compass-motor calibration of ArduPilot, with errors.
+    """
+    m = array(m, "readings")
+    columns = np.column_stack([_columns_of(current, len(m)), np.ones(len(m))])
+    failure = "A current does not vary by itself in these readings; change the currents one after the other."
+    terms, error, noise = _regression(m, columns, _largest(columns), failure)
+    return CurrentTerms(terms[:, :-1], error[:, :-1], np.zeros(columns.shape[1] - 1), noise, None)
+
+
+class AttitudeFit(eqx.Module):
+    """Full calibration from known attitudes.
+
+    Attributes
+    ----------
+    model : `MagModel` with any soft iron, rotation included.
+    currents : (3, c) field per unit of each current, in the unit of the readings.
+    error : (3, 4 + c) standard errors, those of the columns of C, then of b, then of each k.
+    noise : standard deviation of one axis of a reading, in its unit.
+    """
+
+    model: MagModel
+    currents: AnyArray
+    error: AnyArray
+    noise: float
+
+
+@host_float64
+def fit_attitudes(m: Any, field: Any, *, current: Any = None) -> AttitudeFit:
+    r"""Hard iron and the whole soft iron, rotation included, from readings in known fields: linear least squares.
+
+    .. math:: m_i = C h_i + b + \sum_j k_j I_{ij}
+
+    Parameters
+    ----------
+    m : (n, 3) readings.
+    field : (n, 3) true field in body axes at each, from the attitude and a field model, as `body_field` gives it.
+    current : (n,) or (n, currents), for the vehicle's own fields.
+
+    Returns
+    -------
+    AttitudeFit
+
+    Raises
+    ------
+    DataError
+        If shapes differ, or the attitudes do not determine twelve numbers.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.magnetometer import MagModel, body_field, fit_attitudes, scenario
+    >>> h = body_field(scenario("twelve_points"), 50.0)
+    >>> true = MagModel(np.array([[1.0, 0.1, 0.0], [-0.1, 1.0, 0.0], [0.0, 0.0, 1.0]]), np.array([1.0, 2.0, 3.0]))
+    >>> print(fit_attitudes(true.measure(h), h).model.soft_iron.round(6)[0] + 0.0)
+    [1.  0.1 0. ]
+
+    References
+    ----------
+    The magnetometer paper, equation (5), which is linear in C and b where the field in body axes is known; A. Bjorck, Numerical Methods
+    for Least Squares Problems, 1996, section 1.
+    """
+    m = array(m, "readings")
+    field = array(field, "fields")
+    if len(field) != len(m):
+        raise DataError(f"There are {len(m)} readings and {len(field)} fields; give one for each reading.")
+    extra = np.zeros((len(m), 0)) if current is None else _columns_of(current, len(m))
+    scale = np.concatenate([np.full(3, np.sqrt(np.mean(field**2)) or 1.0), [1.0], _largest(extra)])
+    failure = "The attitudes (or currents) do not determine soft iron and hard iron; take readings in more attitudes."
+    found, error, noise = _regression(m, np.column_stack([field, np.ones(len(m)), extra]), scale, failure)
+    return AttitudeFit(MagModel(found[:, :3], found[:, 3]), found[:, 4:], error, noise)
+
+
+def _distances(iron: dict[str, Array], data: tuple[Array, Array, Array]) -> Array:
+    """Weighted distances to {x : |U (x - b)| = s} of readings less the fields of currents; given are readings, currents and weight."""
+    u, current, weight = data
+    shape = iron["upper"].T @ iron["upper"] * jnp.exp(-2 * iron["log_size"])
+    return weight * signed_distance(shape, u - current @ iron["terms"].T - iron["centre"][None, :])
+
+
+def _fitted(u: np.ndarray, current: np.ndarray, start: dict[str, Any], free: dict[str, Any]) -> tuple[Fit, np.ndarray]:
+    """The fit, and the covariance of what was free: of centre, size, terms and U in this order."""
+    found = solve(_distances, start, (filled(u, u[:1]), filled(current), filled(np.ones(len(u)))), free=free)
+    return found, np.asarray(covariance(found, scaled=True))
+
+
+@host_float64
+def fit_current(m: Any, current: Any, **options: Any) -> CurrentTerms:
+    """Hard iron, soft iron and the fields of currents together, from readings in all attitudes while the currents vary.
+
+    Parameters
+    ----------
+    m : (n, 3) readings.
+    current : (n,) or (n, currents) current or throttle at the readings' times.
+    options : those of `fit`, for the calibration of what remains; its `model` is symmetric here unless given.
+
+    Returns
+    -------
+    CurrentTerms, with `fit`. The currents' terms are counted in its covariance only where they are not correlated with attitude.
+
+    Raises
+    ------
+    DataError
+        If shapes differ, a current does not vary, or the readings determine no ellipsoid.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.magnetometer import body_field, fit_current, scenario
+    >>> rng = np.random.default_rng(0)
+    >>> current = rng.uniform(0, 20, 360)
+    >>> m = body_field(scenario("all"), 50.0) + np.outer(current, [0.5, 0.0, -0.2]) + 0.1 * rng.normal(size=(360, 3))
+    >>> print(np.abs(fit_current(m, current).terms.T - [0.5, 0.0, -0.2]).max() < 0.01)
+    True
+
+    References
+    ----------
+    The magnetometer paper, equation (5), with k I(t) added; distances as in `residuals`.
+    """
+    m = array(m, "readings")
+    columns = _columns_of(current, len(m))
+    size = np.ptp(columns, axis=0)
+    if not size.all():
+        raise DataError("A current is constant: its field cannot be told from hard iron.")
+    first = fit(m, method="consistent")
+    if first.model is None:
+        first = fit(m, model="symmetric", loss="huber")
+    if first.model is None:
+        raise DataError(f"The readings determine no ellipsoid to begin with. {first.reason}")
+    frame = Frame.of(m)
+    u, (shape, centre) = frame.scaled(m), ellipsoid_of_model(first.model, frame, first.field)
+    start = {"upper": np.linalg.cholesky(shape).T, "centre": centre, "log_size": 0.0, "terms": np.zeros((3, columns.shape[1]))}
+    free = {"upper": np.triu(np.ones((3, 3), dtype=bool)), "centre": True, "log_size": False, "terms": True}
+    found, matrix = _fitted(u, (columns - columns.mean(axis=0)) / size, start, free)
+    scale = frame.scale / size
+    terms, error = np.asarray(found.model["terms"]) * scale, np.sqrt(np.diag(matrix)[3:-6]).reshape(3, -1) * scale
+    calibrated = fit(m - columns @ terms.T, **{"model": "symmetric", **options})
+    units = u / np.maximum(np.linalg.norm(u, axis=1, keepdims=True), 1e-12)
+    table = np.corrcoef(np.concatenate([units, columns], axis=1).T)
+    return CurrentTerms(terms, error, np.abs(table[3:, :3]).max(axis=1), float(calibrated.noise), calibrated)
+
+
+@host_float64
+def fit_offset(m: Any, model: MagModel, *, field: float | int | None = None) -> tuple[MagModel, AnyArray]:
+    """Hard iron anew with the soft iron kept, as after a change of what the sensor is mounted with.
+
+    Parameters
+    ----------
+    m : (n, 3) readings; a third of a sphere is enough.
+    model : the earlier calibration.
+    field : norm of the field in the unit of the corrected readings; None fits it too.
+
+    Returns
+    -------
+    The new `MagModel`, and the (3, 3) covariance of its hard iron.
+
+    Raises
+    ------
+    DataError
+        If the readings do not determine an offset.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.magnetometer import MagModel, body_field, fit_offset, scenario
+    >>> old = MagModel(np.diag([1.1, 1.0, 0.9]), np.zeros(3))
+    >>> m = old.measure(body_field(scenario("three_turns"), 50.0)) + [3.0, -2.0, 1.0]
+    >>> print(fit_offset(m, old)[0].hard_iron.round(6))
+    [ 3. -2.  1.]
+
+    References
+    ----------
+    The sphere is linear in its centre and in |b|^2 - r^2: I. Kasa, IEEE Trans. Instrum. Meas. 25, 1976; refined by orthogonal distances.
+    """
+    m = array(m, "readings")
+    if len(np.unique(m, axis=0)) < 5:
+        raise DataError("There are fewer than 5 distinct readings; an offset needs that many, out of one plane.")
+    frame = Frame.of(m)
+    inverse = np.linalg.inv(np.asarray(model.soft_iron))
+    z = (m - m.mean(axis=0)) @ inverse.T
+    *centre, _ = np.linalg.lstsq(np.column_stack([2 * z, np.ones(len(z))]), np.sum(z**2, axis=1), rcond=None)[0]
+    size = np.sqrt(np.mean(np.sum((z - centre) ** 2, axis=1))) if field is None else float(field)
+    centre = np.asarray(model.soft_iron) @ np.array(centre) / frame.scale
+    start = {"upper": inverse, "centre": centre, "log_size": np.log(size / frame.scale), "terms": np.zeros((3, 0))}
+    free = {"upper": False, "centre": True, "log_size": field is None, "terms": False}
+    found, matrix = _fitted(frame.scaled(m), np.zeros((len(m), 0)), start, free)
+    matrix = matrix[:3, :3] * frame.scale**2
+    if not bool(found.usable) or not np.isfinite(matrix).all():
+        raise DataError(f"The readings do not determine the hard iron: {found.message}")
+    return MagModel(model.soft_iron, frame.centre + frame.scale * np.asarray(found.model["centre"])), matrix
+
+
+def fit_several(readings: dict[str, Any], **options: Any) -> dict[str, MagFit]:
+    """Several magnetometers on one body, read at the same times: each calibrated, and all turned into the axes of the first.
+
+    Parameters
+    ----------
+    readings : name -> (n, 3), rows at the same times.
+    options : those of `fit`. The `aid` is that of the first sensor: its rotation is found once, and holds for all.
+
+    Returns
+    -------
+    name -> `MagFit`; the models of all but the first give fields in the axes of the first, as far as their own shape tells.
+
+    Raises
+    ------
+    DataError
+        If lengths differ, or a sensor has no model.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.magnetometer import MagModel, body_field, fit_several, scenario
+    >>> h = body_field(scenario("all"), 50.0)
+    >>> turned = MagModel(np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), np.ones(3))
+    >>> fits = fit_several({"mast": h, "board": turned.measure(h)})
+    >>> print(np.abs(fits["board"].model.correct(turned.measure(h)) - h).max() < 1e-6)
+    True
+
+    References
+    ----------
+    G. Wahba, SIAM Review 7 (1965) 409 (the rotation, by singular values).
+    """
+    # not a host driver itself: those hand dictionaries on in alphabetical order, and the first sensor matters
+    arrays = {name: array(m, f"readings of {name}") for name, m in readings.items()}
+    if not arrays or len({len(m) for m in arrays.values()}) > 1:
+        raise DataError(f"The sensors have {[len(m) for m in arrays.values()]} readings; give rows at the same times for all.")
+    aid = options.pop("aid", None)
+    found: dict[str, MagFit] = {}
+    reference = None
+    for name, m in arrays.items():
+        one = fit(m, **options, aid=aid if reference is None else None)
+        if one.model is None:
+            raise DataError(f"{name}: {one.reason}")
+        y = np.asarray(one.model.correct(m)) / one.field
+        if reference is None:
+            reference = y
+        else:
+            left, _, right = np.linalg.svd(y.T @ reference)
+            rotation = left @ np.diag([1, 1, np.sign(np.linalg.det(left @ right))]) @ right
+            model = MagModel(np.asarray(one.model.soft_iron) @ rotation, one.model.hard_iron)
+            one = dataclasses.replace(one, model=model)
+        found[name] = one
+    return found
