@@ -1,7 +1,6 @@
 """`dynamic`: the deviation in windows that move along the record, a surface over time and cluster time."""
 
 import functools
-import itertools
 from typing import Any
 
 import equinox as eqx
@@ -15,6 +14,7 @@ from .._precision import host_float64, is_traced
 from .._quality import checked_confidence, checked_rate, checked_record, refuse_infinite
 from .._results import channel_of
 from .._types import AnyArray, Array, Float, Int
+from ._kernels._difference_sums import difference_of
 from ._kernels._phase import double_add, integrate, padded_length, running_sum_of_phase
 from ._kinds import Kind, cluster_sizes, find_kind
 from ._noise_type._identify import identify, types_for_intervals
@@ -182,24 +182,17 @@ def _one_channel(column, name: str, starts, width: int, sizes, statistic: Kind):
     if gone.all():
         none = np.zeros((len(starts), len(sizes)), np.int64)
         return none.astype(np.float64), none, none
-    length = padded_length(samples)
-    theta, missing = np.zeros(length), None
+    theta, missing = np.zeros(padded_length(samples)), None
     integrate(np.where(gone, np.mean(column[~gone]), column) if gone.any() else column, theta[: samples + 1], 1)
     if gone.any():
-        missing = np.zeros(length, np.int32)
+        missing = np.zeros(len(theta), np.int32)
         np.cumsum(gone, out=missing[1 : samples + 1])
     # as many windows and cluster sizes as the bucket holds: one program serves neighbouring lengths
-    begin = np.zeros(max(1 << (len(starts) - 1).bit_length(), 64), np.int64)
-    begin[: len(starts)] = starts
-    m = np.ones(-(-len(sizes) // 16) * 16, np.int64)
-    m[: len(sizes)] = sizes
+    begin = np.pad(starts, (0, max(1 << (len(starts) - 1).bit_length(), 64) - len(starts)))
+    fill = (0, -len(sizes) % 16)
     # differences of a window: of the starting points from its first on
-    number = np.zeros_like(m)
-    number[: len(sizes)] = statistic.count(width, sizes)
-    squares, count = _window_sums(
-        jnp.asarray(theta), None if missing is None else jnp.asarray(missing), jnp.asarray(begin), jnp.asarray(m), jnp.asarray(number),
-        order=statistic.difference, modified=statistic.modified,
-    )  # fmt: skip
+    m, number = np.pad(sizes, fill, constant_values=1), np.pad(statistic.count(width, sizes), fill)
+    squares, count = _window_sums(theta, missing, begin, m, number, order=statistic.difference, modified=statistic.modified)
     window, cluster = slice(len(starts)), slice(len(sizes))
     squares, count = np.asarray(squares).T[window, cluster], np.asarray(count).T[window, cluster]
     return squares, count, _noise_types(theta, missing, starts, width, sizes, statistic)
@@ -229,13 +222,7 @@ def _window_sums(
 
     def one(args):
         size, differences = args
-        total = None
-        for part in parts:
-            points = [lax.dynamic_slice(part, (j * size,), (length,)) for j in range(order + 1)]
-            while len(points) > 1:
-                points = [b - a for a, b in itertools.pairwise(points)]
-            total = points[0] if total is None else total + points[0]
-        assert total is not None
+        total = difference_of(parts, lambda part, j: lax.dynamic_slice(part, (j * size,), (length,)), order)
         end = begin + differences
         if lost is None:
             squares, counts = total * total, jnp.broadcast_to(differences, begin.shape)

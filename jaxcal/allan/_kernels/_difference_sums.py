@@ -18,7 +18,7 @@ _WIDE: dict[str, bool | str] = {"xla_cpu_prefer_vector_width": "512"}  # a quart
 Parts = tuple[Float[Array, " padded"], ...]
 
 
-def _difference(parts: Parts, take, order: int):
+def difference_of(parts: Parts, take, order: int):
     """Difference of `order` of the sum of `parts`, formed from neighbours first so that large values cancel early."""
     differences = []
     for part in parts:
@@ -73,7 +73,7 @@ def block_sums(
                 return array[(start + jnp.arange(_LANE)) * size + offset]
             return lax.dynamic_slice(array, (start + offset,), (_LANE,))
 
-        d = _difference(parts, take, order)
+        d = difference_of(parts, take, order)
         keep = None
         if rule != "none":
             keep = _valid(missing, take, order, rule, less, size, start)
@@ -146,7 +146,7 @@ def cached_sums(
                     return array[(start + jnp.arange(_LANE) + shift) * size]
                 return lax.dynamic_slice(array, (start + shift * size,), (_LANE,))
 
-            return _difference(parts, take, order)
+            return difference_of(parts, take, order)
 
         def summed(start, lanes):
             pieces = [differences(start + q * _LANE) for q in range(lanes)]
@@ -199,7 +199,7 @@ def direct_sums(
         keep = index < number
         if rule != "none":
             keep = keep & _valid(missing, take, order, rule, less, size, 0)
-        d = jnp.where(keep, _difference(parts, take, order), 0.0)
+        d = jnp.where(keep, difference_of(parts, take, order), 0.0)
         return jnp.sum(d * d), jnp.sum(keep)
 
     return lax.map(one, (m, count))

@@ -19,38 +19,23 @@ Rows = tuple[tuple[np.ndarray, ...], ...]
 
 
 class Tracks(eqx.Module):
-    """Points held for each cluster size and track, and the sums so far.
+    """Points held for each cluster size and track, and the sums so far. Rows hold position, phase and missing samples of each channel."""
 
-    Attributes
-    ----------
-    m, stride : (sizes,) cluster sizes and strides.
-    order : order of the difference.
-    due : (sizes, order + 1) position of the next point of each track.
-    ahead : (sizes, order + 1) how many points are still to come whose difference starts before this stretch of samples.
-    lead : such points that have come; for the stretch before. Rows of position, phase and missing samples of each channel.
-    held : points whose difference is not complete.
-    squares, count : (sizes, channels) sum of squared differences, and number of those that touch no gap.
-    seen : (sizes,) number of differences, gaps or not.
-    """
-
-    m: np.ndarray
+    m: np.ndarray  # (sizes,) cluster sizes and strides
     stride: np.ndarray
-    order: int = eqx.field(static=True)
-    due: np.ndarray
-    ahead: np.ndarray
-    lead: Rows
-    held: Rows
-    squares: np.ndarray
+    order: int = eqx.field(static=True)  # of the difference
+    due: np.ndarray  # (sizes, order + 1) position of the next point of each track
+    ahead: np.ndarray  # (sizes, order + 1) how many points are still to come whose difference starts before this stretch of samples
+    lead: Rows  # such points that have come, for the stretch before
+    held: Rows  # points whose difference is not complete
+    squares: np.ndarray  # (sizes, channels) sum of squared differences, and number of those that touch no gap
     count: np.ndarray
-    seen: np.ndarray
+    seen: np.ndarray  # (sizes,) number of differences, gaps or not
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Piece:
-    """Phase at the positions now .. now + w of each channel, in one frame, and the number of missing samples before each point.
-
-    Not an Equinox module: it lives for one call, and is asked thousands of times.
-    """
+    """Phase at the positions now .. now + w of each channel, in one frame, and the number of missing samples before each point."""
 
     now: int
     phase: Sequence[np.ndarray]
@@ -104,10 +89,8 @@ def at_the_beginning(tracks: Tracks) -> Tracks:
 def extended(tracks: Tracks, piece: Piece, tilt: np.ndarray, to_first: tuple[np.ndarray, np.ndarray]) -> Tracks:
     """The tracks after another piece.
 
-    Parameters
-    ----------
-    tilt : (channels,) slope that carries points held, counted from piece.now, into the frame of the piece.
-    to_first : offset and slope that carry the piece into the frame in which `lead` is kept.
+    `tilt` is the (channels,) slope that carries points held, counted from piece.now, into the frame of the piece, `to_first` the offset and
+    slope that carry the piece into the frame in which `lead` is kept.
     """
     channels, last, order = len(piece.phase), len(piece.phase[0]) - 1, tracks.order
     held = list(_tilted(tracks.held, piece.now, tilt))
@@ -154,15 +137,10 @@ def extended(tracks: Tracks, piece: Piece, tilt: np.ndarray, to_first: tuple[np.
 
 
 def joined(a: Tracks, b: Tracks, border: int, shift: int, frames: tuple, lost: np.ndarray) -> Tracks:
-    """The tracks of two neighbouring stretches together.
+    """The tracks of two neighbouring stretches that share the phase point at `border`; `shift` brings positions of `b` to those of `a`.
 
-    Parameters
-    ----------
-    border : position of the phase point that both share.
-    shift : what brings positions of `b` to those of `a`.
-    frames : (offset, slope) from the border that carry a.held into the frame of b.lead, b.lead into that of a.lead, and b.lead
-        into that of b.held.
-    lost : (channels,) missing samples of `a`.
+    `frames` are (offset, slope) from the border that carry a.held into the frame of b.lead, b.lead into that of a.lead, and b.lead
+    into that of b.held; `lost` the (channels,) missing samples of `a`.
     """
     channels = len(lost)
     value, missing = slice(1, 1 + channels), slice(1 + channels, None)
