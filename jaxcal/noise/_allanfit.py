@@ -98,7 +98,7 @@ def alone(curve: Curve, used, cut) -> Lane:
     """One fit to the cluster sizes used: of all terms, or where short ones are cut of the tail in place of its term."""
     xp = namespace(curve, used, cut)
     free = xp.append(~(cut & (curve.short > 0)), cut)
-    return Lane(used[None], free[None], xp.zeros((1, len(free)), dtype=curve.v.dtype), None)
+    return Lane(used[None], free[None], xp.zeros((1, len(free)), dtype=curve.v.dtype))
 
 
 def freedom(used, theta) -> Any:

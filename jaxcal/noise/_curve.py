@@ -60,10 +60,10 @@ class Lane(NamedTuple):
     (clusters,), then (p + 1,) each; several fits have a first axis more.
     """
 
-    used: AnyArray
-    free: AnyArray
-    held: AnyArray
-    wider: AnyArray
+    used: Any
+    free: Any
+    held: Any
+    wider: Any = None
 
 
 class Settled(NamedTuple):
@@ -73,14 +73,14 @@ class Settled(NamedTuple):
     """
 
     theta: AnyArray
-    change: AnyArray
-    held: AnyArray
+    change: Any
+    held: Any
     best: AnyArray
-    least: AnyArray
+    least: Any
 
 
-#: axes of the leaves: clusters, terms, columns, lanes
-_AXES, _LANES = Curve(v="r", columns="rc", tensor="ttrr", short="t"), Lane(used="lr", free="lc", held="lc", wider="lc")
+#: axes of a `Curve` and of several `Lane`: rows, which are clusters, terms, columns, lanes
+_AXES, _LANES = ("r", "rc", "ttrr", "t"), ("lr", "lc", "lc", "lc")
 
 
 def curve_of(curve: Deviation, samples: int, terms: tuple[Term, ...], variance, inside) -> tuple[Curve, Any, Any]:
@@ -94,9 +94,9 @@ def curve_of(curve: Deviation, samples: int, terms: tuple[Term, ...], variance, 
         tensor = covariance_tensor(samples, tuple(int(m) for m in curve.m), dt, terms)
     short = np.array([term.name == "Q" for term in terms])
     tail = -found[int(np.argmax(short))] if short.any() else -1.0 / curve.tau**2
-    loss = (1.0 + curve.skipped / curve.count) ** 0.5
-    columns, tensor = np.stack([*found, tail], axis=1), tensor * (loss[:, None] * loss[None, :])
-    return Curve(xp.where(used, variance / unit, 1.0), columns.astype(dtype), tensor.astype(dtype), short.astype(dtype)), used, unit
+    columns, loss = np.stack([*found, tail], axis=1).astype(dtype), ((1.0 + curve.skipped / curve.count) ** 0.5).astype(dtype)
+    tensor = tensor.astype(dtype) * (loss[:, None] * loss[None, :])[None, None]
+    return Curve(xp.where(used, variance / unit, 1.0), columns, tensor, short.astype(dtype)), used, unit
 
 
 def correlation(curve: Curve, used, theta, extra: Any = 0.0) -> tuple[Any, Any]:
@@ -206,9 +206,11 @@ def settle(curve: Curve, lanes: Lane, start, full: bool, enough: float = SETTLED
     def long(array, axes: str):
         return filled(array, *(size[axis] for axis in axes), at=tuple((axis in "tc") * (terms - p) for axis in axes), value=axes == "r")
 
-    each = Lane(*map(long, lanes._replace(wider=lanes.free if lanes.wider is None else lanes.wider), _LANES))
+    lanes = lanes._replace(wider=lanes.free if lanes.wider is None else lanes.wider)
+    each = Lane(*(long(leaf, axes) for leaf, axes in zip(lanes, _LANES, strict=True)))
+    full_curve = Curve(*(long(leaf, axes) for leaf, axes in zip(curve, _AXES, strict=True)))
     start, extra = long(start, "lc"), long(extra * np.ones(n), "r")
-    shared = Curve(*map(long, curve, _AXES)), np.asarray(full), np.asarray(enough), np.asarray(most), extra
+    shared = full_curve, np.asarray(full), np.asarray(enough), np.asarray(most), extra
     found = run(_settle, shared, (each, start), Settled(start[0], 0.0, 0.0, start[0], 0.0))
     return found._replace(theta=found.theta[:, terms - p :], best=found.best[:, terms - p :])
 
