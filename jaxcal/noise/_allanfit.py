@@ -28,13 +28,9 @@ from ._lanes import inverse, namespace
 from ._limits import Limits, chance, find_limits
 from ._terms import Term
 
-#: misfit of the deviation that does not count against a model, and the chance of a worse chi-square at which a band is refused
-_TOLERANCE = 0.0025
-_REFUSED = 0.001
-#: chance below which the intervals are widened to the scatter seen
-_WIDENED = 0.01
-#: octaves left out beyond the first cluster time at which the model passes, for there it only just does
-_MARGIN = 1.0
+#: misfit of the deviation that does not count against a model, and the chances of a worse chi-square at which a band is refused and
+#: below which the intervals are widened to the scatter seen; octaves left out beyond the first cluster time at which the model passes
+_TOLERANCE, _REFUSED, _WIDENED, _MARGIN = 0.0025, 0.001, 0.01, 1.0
 #: change of the modelled variance at which the fit under a held coefficient has settled, and its most steps
 _SETTLED, _MOST = 1e-3, 15
 #: lowest frequencies kept apart, and bins of the others; a statistic with more skewness has less than one degree of freedom
@@ -98,7 +94,7 @@ def alone(curve: Curve, used, cut) -> Lane:
     """One fit to the cluster sizes used: of all terms, or where short ones are cut of the tail in place of its term."""
     xp = namespace(curve, used, cut)
     free = xp.append(~(cut & (curve.short > 0)), cut)
-    return Lane(used[None], free[None], xp.zeros((1, len(free)), dtype=curve.v.dtype), None)
+    return Lane(used[None], free[None], xp.zeros((1, len(free)), dtype=curve.v.dtype), free[None])
 
 
 def freedom(used, theta) -> Any:
@@ -190,7 +186,7 @@ def fit_curve(curve: Curve, used, cut, full: bool, heard: Response, two_sided, o
     admitted = xp.where(reported[:, None], lanes.free[0][None, :], own | xp.append(reported, False)[None, :])
 
     def lanes_of(free, held, wider=None):
-        return Lane(xp.broadcast_to(used, (len(free), len(used))), free, held, wider)
+        return Lane(xp.broadcast_to(used, (len(free), len(used))), free, held, free if wider is None else wider)
 
     several = xp.concatenate([admitted, lanes.free])
     again, none = xp.broadcast_to(fitted, several.shape), xp.zeros(several.shape, dtype=curve.v.dtype)

@@ -60,10 +60,10 @@ class Lane(NamedTuple):
     (clusters,), then (p + 1,) each; several fits have a first axis more.
     """
 
-    used: AnyArray
-    free: AnyArray
-    held: AnyArray
-    wider: AnyArray
+    used: Any
+    free: Any
+    held: Any
+    wider: Any
 
 
 class Settled(NamedTuple):
@@ -73,14 +73,14 @@ class Settled(NamedTuple):
     """
 
     theta: AnyArray
-    change: AnyArray
-    held: AnyArray
+    change: Any
+    held: Any
     best: AnyArray
-    least: AnyArray
+    least: Any
 
 
-#: axes of the leaves: clusters, terms, columns, lanes
-_AXES, _LANES = Curve(v="r", columns="rc", tensor="ttrr", short="t"), Lane(used="lr", free="lc", held="lc", wider="lc")
+#: axes of a `Curve` and of several `Lane`: rows, which are clusters, terms, columns, lanes
+_AXES, _LANES = ("r", "rc", "ttrr", "t"), ("lr", "lc", "lc", "lc")
 
 
 def curve_of(curve: Deviation, samples: int, terms: tuple[Term, ...], variance, inside) -> tuple[Curve, Any, Any]:
@@ -94,9 +94,9 @@ def curve_of(curve: Deviation, samples: int, terms: tuple[Term, ...], variance, 
         tensor = covariance_tensor(samples, tuple(int(m) for m in curve.m), dt, terms)
     short = np.array([term.name == "Q" for term in terms])
     tail = -found[int(np.argmax(short))] if short.any() else -1.0 / curve.tau**2
-    loss = (1.0 + curve.skipped / curve.count) ** 0.5
-    columns, tensor = np.stack([*found, tail], axis=1), tensor * (loss[:, None] * loss[None, :])
-    return Curve(xp.where(used, variance / unit, 1.0), columns.astype(dtype), tensor.astype(dtype), short.astype(dtype)), used, unit
+    columns, loss = np.stack([*found, tail], axis=1).astype(dtype), ((1.0 + curve.skipped / curve.count) ** 0.5).astype(dtype)
+    tensor = tensor.astype(dtype) * (loss[:, None] * loss[None, :])[None, None]
+    return Curve(xp.where(used, variance / unit, 1.0), columns, tensor, short.astype(dtype)), used, unit
 
 
 def correlation(curve: Curve, used, theta, extra: Any = 0.0) -> tuple[Any, Any]:
@@ -140,11 +140,16 @@ def differences(theta, data):
     return data["rows"] @ theta - data["target"]
 
 
+def _lower(theta) -> np.ndarray:
+    """Bounds: the tail alone may have either sign."""
+    return np.append(np.zeros(theta.size - 1), -np.inf).astype(theta.dtype)
+
+
 def least_squares(white: tuple[Any, Any], free, held, start) -> tuple[Any, Any]:
     """Coefficients of least chi-square of whitened columns and variances, none but the tail negative, and that chi-square."""
     rows, target = white
     # a coefficient that is not free has no column, and must lie on a bound
-    lower = jnp.where(free, np.append(np.zeros(rows.shape[-1] - 1), -np.inf).astype(rows.dtype), 0.0)
+    lower = jnp.where(free, _lower(start), 0.0)
     data = {"rows": jnp.where(free[None, :], rows, 0.0), "target": target - rows @ held}
     found = solve(differences, jnp.where(free, start, 0.0), data, bounds=(lower, np.inf))
     return jnp.where(free, found.parameters, held), 2.0 * found.cost
@@ -157,17 +162,12 @@ def _settle(shared, lane) -> Settled:
     two tell (Irons and Tuck, Int. J. Numer. Meth. Eng. 1, 1969): a dozen steps do where halving every step took forty.
     """
     (curve, full, enough, most, extra), ((used, free, held, wider), start) = shared, lane
-    lower = np.append(np.zeros(start.size - 1), -np.inf).astype(start.dtype)
-    last = 1 if wider is None else 3
 
     def body(state):
         (theta, change, chi, best, least), before, length, k, phase = state
         moving, second = phase == 0, phase == 2
-        if wider is None:
-            (new, value) = least_squares(whitened(curve, used, theta, full), free, held, theta)
-        else:
-            white = whitened(curve, used, theta, full | ~moving, jnp.where(moving, 0.0, extra))
-            (new, value) = least_squares(white, jnp.where(second, wider, free), jnp.where(second, 0.0, held), theta)
+        white = whitened(curve, used, theta, full | ~moving, jnp.where(moving, 0.0, extra))
+        new, value = least_squares(white, jnp.where(second, wider, free), jnp.where(second, 0.0, held), theta)
         reached = curve.columns @ new
         departure = jnp.where(used, (reached - curve.columns @ theta) / jnp.where(reached > 0.0, reached, 1.0), 0.0)
         bend = before - departure
@@ -176,7 +176,7 @@ def _settle(shared, lane) -> Settled:
         following = jnp.where((k > 1) & (following > 0.0), jnp.clip(following, 0.3, 4.0), 1.0)
         size = jnp.max(jnp.abs(departure))
         # the last step is a whole one: what goes to zero is zero
-        further = jnp.where(size > enough, jnp.maximum(theta + following * (new - theta), lower), new)
+        further = jnp.where(size > enough, jnp.maximum(theta + following * (new - theta), _lower(theta)), new)
         found = Settled(
             theta=jnp.where(moving, further, theta),
             change=jnp.where(moving, size, change),
@@ -188,7 +188,7 @@ def _settle(shared, lane) -> Settled:
 
     one = jnp.ones((), start.dtype)
     begun = Settled(start, np.inf * one, one, start, one), jnp.zeros_like(curve.v), one, 0, jnp.where(jnp.asarray(most) > 0, 0, 1)
-    return jax.lax.while_loop(lambda state: state[-1] < last, body, begun)[0]
+    return jax.lax.while_loop(lambda state: state[-1] < 3, body, begun)[0]
 
 
 def settle(curve: Curve, lanes: Lane, start, full: bool, enough: float = SETTLED, most: int = MOST, extra: Any = 0.0) -> Settled:
@@ -206,9 +206,10 @@ def settle(curve: Curve, lanes: Lane, start, full: bool, enough: float = SETTLED
     def long(array, axes: str):
         return filled(array, *(size[axis] for axis in axes), at=tuple((axis in "tc") * (terms - p) for axis in axes), value=axes == "r")
 
-    each = Lane(*map(long, lanes._replace(wider=lanes.free if lanes.wider is None else lanes.wider), _LANES))
+    each = Lane(*(long(leaf, axes) for leaf, axes in zip(lanes, _LANES, strict=True)))
+    full_curve = Curve(*(long(leaf, axes) for leaf, axes in zip(curve, _AXES, strict=True)))
     start, extra = long(start, "lc"), long(extra * np.ones(n), "r")
-    shared = Curve(*map(long, curve, _AXES)), np.asarray(full), np.asarray(enough), np.asarray(most), extra
+    shared = full_curve, np.asarray(full), np.asarray(enough), np.asarray(most), extra
     found = run(_settle, shared, (each, start), Settled(start[0], 0.0, 0.0, start[0], 0.0))
     return found._replace(theta=found.theta[:, terms - p :], best=found.best[:, terms - p :])
 

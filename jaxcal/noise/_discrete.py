@@ -178,7 +178,7 @@ def discrete(noise, rate, *, states=None, band=None) -> StateSpace:
     exact = tuple(part for part in noise.further if part[1].states(1.0 / rate) is not None)
 
     def diagonal(matrices):
-        return scipy.linalg.block_diag(*matrices) if matrices else np.zeros((0, 0))
+        return np.asarray(scipy.linalg.block_diag(*matrices)) if matrices else np.zeros((0, 0))
 
     return StateSpace(
         transition=diagonal([np.asarray(block.transition, dtype=float) for _, block in held]),
@@ -261,7 +261,7 @@ def _checked_model(noise: Any, rate: Any) -> tuple[Noise, float]:
 
 def _checked_states(states: Any) -> int | None:
     if states is None or (isinstance(states, (int, np.integer)) and not isinstance(states, bool) and 1 <= states <= _MOST_STATES):
-        return states
+        return None if states is None else int(states)
     raise DataError(f"states must be a whole number from 1 to {_MOST_STATES}, or None for the fewest that serve; got {states!r}")
 
 

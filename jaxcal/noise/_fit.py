@@ -124,9 +124,9 @@ def _fit(y, rate, method, terms, confidence, band, conservative=False, temperatu
         if any(found.spikes and not found.heavy for found in jumps):
             y = np.stack([found.y for found in jumps], axis=1).reshape(y.shape)
     # the noise type serves the plot outside of the band
-    curve = deviation(y, rate, m=m, confidence=confidence, **({"alpha": 0} if traced else {}))
+    curve = deviation(y, rate, m=m, confidence=confidence, alpha=0 if traced else None)
     inside = _inside(curve.tau, band, terms)
-    curves = [curve.channel(i) for i in range(y.shape[1])] if many else [curve]
+    curves = [curve.channel(i) for i in range(curve.deviation.shape[1])] if many else [curve]
     if method != "whittle":
         fits = [CURVES[method](one, samples, terms, inside, band is None, confidence) for one in curves]
     else:

@@ -51,10 +51,10 @@ def fit_jointly(
     if xp is not np:
         return fit
     where, how = "any range of cluster times" if automatic else "the band asked for", f"chance {float(found.goodness):.1g}"
+    limit = "; its upper limit is what the rest of the curve allows"
     warnings = (
         *deviation.warnings,
-        *_messages.of_misfit(fit, "curve", holds, where, how, float(found.inflation)),
-        *_messages.of_cut(fit, cut, "; its upper limit is what the rest of the curve allows"),
+        *_messages.of_model(fit, "curve", holds, where, how, float(found.inflation), cut, limit),
         *_messages.of_curve(deviation, float(found.step)),
     )
     left_out = _messages.of_octaves(deviation, used, np.sqrt(found.modelled * unit), automatic)

@@ -38,8 +38,8 @@ class Minima(NamedTuple):
     """Per lane: coefficients (lanes, p), half the sum of squares at the minimum, and whether the solver ended at one."""
 
     theta: AnyArray
-    cost: AnyArray
-    settled: AnyArray
+    cost: Any
+    settled: Any
 
 
 def _deviance(ratio: Array) -> Array:

@@ -31,24 +31,19 @@ def of_octaves(curve: Deviation, used, modelled, automatic: bool) -> tuple[str, 
     return tuple(said)
 
 
-def of_misfit(fit: NoiseFit, what: str, holds: bool, where: str, how: str, inflation: float) -> list[str]:
-    """Warnings where the model does not describe the spectrum or the curve."""
-    if not holds:
-        return [
-            f"the noise model does not hold in {where} ({how}): the coefficients describe the {what} roughly, and the intervals are not to "
-            "be relied on; look at the plot for vibration, temperature drift or steps"
-        ]
-    if not inflation > 1.0:
-        return []
-    return [
-        f"the {what} departs from the model slightly, but by more than its noise allows (chance {float(fit.goodness):.1g}): the intervals "
-        f"are widened {np.sqrt(inflation):.1f} times"
-    ]
-
-
-def of_cut(fit: NoiseFit, cut: bool, limit: str = "") -> list[str]:
-    """Warnings about terms that a band without short cluster times does not show."""
+def of_model(fit: NoiseFit, what: str, holds: bool, where: str, how: str, inflation: float, cut: bool, limit: str = "") -> list[str]:
+    """Warnings where the model does not describe the spectrum or the curve, and about terms that a band so `cut` does not show."""
     said, shortest = [], f"{float(fit.band[0]):.3g} s"
+    if not holds:
+        said.append(
+            f"the noise model does not hold in {where} ({how}): the coefficients describe the {what} roughly, and the intervals are not "
+            "to be relied on; look at the plot for vibration, temperature drift or steps"
+        )
+    elif inflation > 1.0:
+        said.append(
+            f"the {what} departs from the model slightly, but by more than its noise allows (chance {float(fit.goodness):.1g}): the "
+            f"intervals are widened {np.sqrt(inflation):.1f} times"
+        )
     if cut and "Q" in fit.terms:
         said.append(f"Q was not fitted: it shows at cluster times below the {shortest} from which the fit starts{limit}")
     if cut and fit.verdict.get("N") == "not detected":

@@ -86,7 +86,8 @@ def bins_of(y, dt: float, terms: tuple[Term, ...]) -> Bins:
         group = np.repeat(np.arange(len(starts)), count.astype(int))
         found = jax.ops.segment_sum(ordinates, group, len(starts), indices_are_sorted=True) / count.astype(y.dtype)
         unit = jax.lax.stop_gradient(jnp.mean(found))
-        return Bins(found / unit, *(np.asarray(array, dtype=found.dtype) for array in (count, columns, frequency)), unit)
+        count, columns, frequency = (np.asarray(array, dtype=found.dtype) for array in (count, columns, frequency))
+        return Bins(found / unit, count, columns, frequency, unit)
     parts = []
     for part in stretches(y):
         x = y[part]
@@ -126,7 +127,7 @@ def find_lines(bins: Bins, model) -> Bool[np.ndarray, " bins"]:
     Several passes, since a line raises the level beside it; then one more bin on each side, for the skirts. A low rise that more
     than eight bins share is not a line.
     """
-    weight, density = bins.weight, bins.density / model
+    weight, density = np.asarray(bins.weight), np.asarray(bins.density / model)
     used = weight > 0
     number = int(used.sum())
     taken = np.zeros(len(weight), dtype=bool)

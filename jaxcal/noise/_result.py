@@ -161,7 +161,19 @@ def _joined(trees: list[Any], name: str = "") -> Any:
 _HINT, _PRESENT = 2.71, 5.41
 
 
-def assemble(theta, spread, limits: Limits | None, terms: tuple[Term, ...], curve: Any, duration: float, *, sinusoid=(), **others):
+def assemble(
+    theta,
+    spread,
+    limits: Limits | None,
+    terms: tuple[Term, ...],
+    curve: Any,
+    duration: float,
+    *,
+    sinusoid=(),
+    warnings=(),
+    left_out=(),
+    **others,
+) -> NoiseFit:
     """`NoiseFit` of squared coefficients in the order of `terms`, their covariance and limits, all in SI; and its other fields.
 
     Without limits the coefficients are all that is known.
@@ -188,8 +200,10 @@ def assemble(theta, spread, limits: Limits | None, terms: tuple[Term, ...], curv
         deviation=curve,
         duration=duration,
         terms=tuple(term.name for term in terms),
+        warnings=warnings,
+        left_out=left_out,
         **tables,
-        **({"left_out": (), "warnings": ()} | others),
+        **others,
     )
 
 

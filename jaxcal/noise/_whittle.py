@@ -119,9 +119,8 @@ def fit_record(
     unsettled = "the search for the largest likelihood did not converge; fit fewer terms or another band"
     warnings = (
         *curve.warnings,
-        *_messages.of_misfit(fit, "spectrum", bool(solved.fitted.holds), where, how, inflation),
+        *_messages.of_model(fit, "spectrum", bool(solved.fitted.holds), where, how, inflation, bool(solved.fitted.cut)),
         *(() if bool(solved.fitted.settled) else (unsettled,)),
-        *_messages.of_cut(fit, bool(solved.fitted.cut)),
         *_messages.of_record(y, dt, lines, 0.0 if ramps else abs(slope / error), abs(warm[0] / warm[1])),
         *process,
         *_messages.of_unevenness(uneven, n * dt),
