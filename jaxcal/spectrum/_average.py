@@ -1,7 +1,8 @@
 """Groups of neighbouring ordinates, which a spectrum averages so that its values are few and certain.
 
 A grouping is a pair of arrays (start, count): index of the first ordinate of each group, from 0, and how many it holds. Ordinate
-0 is the first above zero frequency, which the tables number 1.
+0 is the first above zero frequency, which the tables number 1. The last group is kept though the ordinates do not fill it if
+`keep_tail`.
 """
 
 import functools
@@ -26,20 +27,7 @@ def single_groups(ordinates: int, *, keep_tail: bool = False) -> Groups:
 
 @functools.lru_cache(maxsize=64)
 def octave_groups(ordinates: int, *, keep_tail: bool = False) -> Groups:
-    """Ordinates 1-32 single; then each octave 2^k+1 .. 2^(k+1) in 16 groups of 2^(k-4): thesis Table 5.1.
-
-    Parameters
-    ----------
-    ordinates : how many there are, zero frequency not counted.
-    keep_tail : whether the last group stays when the ordinates do not fill it.
-
-    Examples
-    --------
-    >>> from jaxcal.spectrum._average import octave_groups
-    >>> start, count = octave_groups(32_768)
-    >>> len(start), int(start[-1]) + 1, int(count[-1])
-    (192, 31745, 1024)
-    """
+    """Ordinates 1-32 single; then each octave 2^k+1 .. 2^(k+1) in 16 groups of 2^(k-4): thesis Table 5.1."""
     edges, first = [np.arange(_OCTAVE_SINGLE)], _OCTAVE_SINGLE
     while first < ordinates:
         edges.append(np.arange(first, 2 * first, first // 16))
@@ -49,15 +37,7 @@ def octave_groups(ordinates: int, *, keep_tail: bool = False) -> Groups:
 
 @functools.lru_cache(maxsize=64)
 def log_groups(ordinates: int, *, keep_tail: bool = False) -> Groups:
-    """Ordinates 1-48 single, then 40 groups to the decade.
-
-    Examples
-    --------
-    >>> from jaxcal.spectrum._average import log_groups
-    >>> start, count = log_groups(480)
-    >>> len(start), count[46:52].tolist()
-    (88, [1, 1, 3, 3, 3, 3])
-    """
+    """Ordinates 1-48 single, then 40 groups to the decade."""
     decades = np.log10(max(ordinates / _LOG_SINGLE, 1.0))
     beyond = _LOG_SINGLE * 10.0 ** (np.arange(int(np.ceil(decades * _PER_DECADE)) + 2) / _PER_DECADE)
     return _cut(np.append(np.arange(_LOG_SINGLE), np.round(beyond).astype(np.int64)), ordinates, keep_tail)
@@ -79,15 +59,7 @@ def _cut(edges: np.ndarray, ordinates: int, keep_tail: bool) -> Groups:
 
 
 def average(values: Any, groups: Groups) -> Any:
-    """Means over the groups along the last axis; ordinates behind the last group are left out.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from jaxcal.spectrum._average import average
-    >>> average(np.array([1.0, 2.0, 4.0, 9.0]), (np.array([0, 1]), np.array([1, 2]))).tolist()
-    [1.0, 3.0]
-    """
+    """Means over the groups along the last axis; ordinates behind the last group are left out."""
     start, count = groups
     values = values[..., : start[-1] + count[-1]]
     if count.max() == 1:

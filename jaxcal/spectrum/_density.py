@@ -9,7 +9,7 @@ import numpy as np
 from .._precision import host_float64
 from .._quality import checked_rate
 from .._types import Any
-from . import _edf, _ordinates
+from . import _ordinates
 from ._average import GROUPS, Groups, average as average_over
 from ._checks import check_options, checked_record, checked_segment
 from ._result import Spectrum
@@ -102,17 +102,14 @@ def spectrum_of(
     size = np.full(ordinates, 2.0 if sided == 1 else 1.0)
     if sided == 1 and method != "dct" and length % 2 == 0:
         size[-1] = 1.0
-    if method == "dct":
-        edf = groups[1].astype(np.float64)
-    elif method == "periodogram":
-        edf = _edf.degrees_of_freedom(_edf.periodogram_correlation(), groups, size, length)
-    else:
-        edf = _edf.degrees_of_freedom(_edf.welch_correlation(segments, length, step), groups, size, length)
-        edf[0] = _edf.first_of_welch(segments, length, step)
+    v = _ordinates.welch_correlation(segments, length, step) if method == "welch" else np.ones(1)
+    edf = groups[1].astype(np.float64) if method == "dct" else _ordinates.degrees_of_freedom(v, groups, size, length)
+    if method == "welch":
+        edf[0] = _ordinates.first_of_welch(segments, length, step)
     if sided == 1:
         found = found * like(size)[None, :]
     values = average_over(found, groups).T
-    lower, upper = (values * like(factor)[:, None] for factor in _edf.interval_factors(edf, confidence))
+    lower, upper = (values * like(factor)[:, None] for factor in _ordinates.interval_factors(edf, confidence))
     if flat:
         values, lower, upper = values[:, 0], lower[:, 0], upper[:, 0]
     frequency = average_over(np.arange(1.0, ordinates + 1), groups) * (rate / bins)
