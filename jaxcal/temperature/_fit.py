@@ -138,11 +138,8 @@ def _check(model: Any, degree: Any, lag: Any, play: Any, confidence: float, time
 
 
 def _fitter(kind: str, degree: int | None) -> Fitter:
-    def polynomial(t: AnyArray, b: AnyArray, low: float, high: float) -> AbstractCurve:
-        return polynomial_curve(binned(t, b, low=low), low, high, degree or 0)
-
     return {
-        "polynomial": polynomial,
+        "polynomial": lambda t, b, low, high: polynomial_curve(binned(t, b, low=low), low, high, degree or 0),
         "table": lambda t, b, low, high: table_curve(binned(t, b, COARSE)),
         "pchip": lambda t, b, low, high: pchip_curve(binned(t, b, COARSE)),
         "spline": lambda t, b, low, high: spline_curve(binned(t, b, low=low)),
@@ -164,12 +161,9 @@ def _chosen(t: AnyArray, given: Record, low: float, high: float) -> tuple[str, i
     spline = scores["spline", None]
     if spline.mean + spline.error < scores[best].mean:
         chosen = ("spline", None)
-    table = tuple(Candidate(_name(*one), s.mean, s.error, one == chosen) for one, s in scores.items())
+    names = [kind if degree is None else f"{kind} {degree}" for kind, degree in scores]
+    table = tuple(Candidate(name, s.mean, s.error, one == chosen) for name, (one, s) in zip(names, scores.items(), strict=True))
     return chosen[0], chosen[1], table, spline.held_out
-
-
-def _name(kind: str, degree: int | None) -> str:
-    return kind if degree is None else f"{kind} {degree}"
 
 
 def _described(
