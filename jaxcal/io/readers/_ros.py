@@ -138,9 +138,14 @@ def _stream(readers: list[Any], topic: str, version: int, warnings: list[str]) -
     numbers = _TYPES[kind]
     received, headers, values = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], [np.zeros((0, numbers))]
     for reader, own in zip(readers, connections, strict=True):
-        messages = ((stamp, raw) for _, stamp, raw in (reader.messages(connections=own) if own else ()))
-        while chunk := list(itertools.islice(messages, _CHUNK)):
-            stamps, raws = zip(*chunk, strict=True)
+        messages = iter(reader.messages(connections=own) if own else ())
+        while True:
+            stamps, raws = [], []
+            for _, stamp, raw in itertools.islice(messages, _CHUNK):  # thousands of tuples, kept, would set off the garbage collector
+                stamps.append(stamp)
+                raws.append(raw)
+            if not raws:
+                break
             received.append(np.array(stamps, np.int64))
             header, block = _decode(raws, numbers, version, topic)
             headers.append(header)
@@ -155,7 +160,7 @@ def _stream(readers: list[Any], topic: str, version: int, warnings: list[str]) -
     return Stream(topic, kind, header, block)
 
 
-def _decode(raws: tuple[bytes, ...], numbers: int, version: int, topic: str) -> tuple[np.ndarray, np.ndarray]:
+def _decode(raws: list[bytes], numbers: int, version: int, topic: str) -> tuple[np.ndarray, np.ndarray]:
     """Header stamps (ns) and float64 of messages: a header of stamp and frame name, then `numbers` float64."""
     # ROS 1: sequence number, stamp, frame; ROS 2: 4 bytes of encapsulation, stamp, frame, padding to 8 bytes
     stamps, values = np.empty(len(raws), np.int64), np.empty((len(raws), numbers))
