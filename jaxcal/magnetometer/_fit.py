@@ -207,7 +207,7 @@ def fit(
     )  # fmt: skip
     if aid is None:
         return result
-    after = with_rotation(result, align(whole, result.model, aid), field)
+    after = with_rotation(result, align(whole, told["model"], aid), field)
     return jointly(after, whole, aid, limits=limits, rows=used) if joint else after
 
 

@@ -192,7 +192,7 @@ class Reasons(NamedTuple):
         return " ".join([*self.refused, *self.weak]) or otherwise
 
 
-def outliers(distance: np.ndarray, weight: Any = 1.0) -> np.ndarray:
+def outliers(distance: AnyArray, weight: Any = 1.0) -> np.ndarray:
     """Readings off by four robust standard deviations, or with less than a third of their weight; distances in scaled units."""
     size = np.abs(distance)
     return np.flatnonzero((size > max(_OUTLIER * 1.4826 * np.median(size), 1e-9)) | (np.asarray(weight) < 0.33))

@@ -31,11 +31,10 @@ def candidates(u: np.ndarray, kinds: tuple[str, ...], loss: AbstractLoss | None,
     for kind in sorted(kinds, key=lambda kind: -COUNT[kind]):
         if distinct <= COUNT[kind]:
             continue
-        full = fits.get("symmetric") if loss is None else None
-        begin = None if full is None else _nearest(full, kind)
-        if begin is not None:
-            count = count or _occupied(full, u)
-            if _hopeless(full, begin, kind, u, count):
+        begin = None
+        if loss is None and "symmetric" in fits and (begin := _nearest(fits["symmetric"], kind)) is not None:
+            count = count or _occupied(fits["symmetric"], u)
+            if _hopeless(fits["symmetric"], begin, kind, u, count):
                 continue
         try:
             fits[kind] = flat(u, kind, loss, begin=begin)
@@ -65,7 +64,7 @@ def _occupied(found: Found, u: np.ndarray) -> int:
 
 def _hopeless(full: Found, begin: np.ndarray, kind: str, u: np.ndarray, count: int) -> bool:
     """Whether a smaller model, from nearly its best parameters, is worse by several times the margin that decides."""
-    squares = np.mean(away(shape_and_centre(begin, basis_of(kind)), u) ** 2), np.mean(full.distance**2)
+    squares = np.array([np.mean(away(shape_and_centre(begin, basis_of(kind)), u) ** 2), np.mean(full.distance**2)])
     small, large = np.log(np.maximum(squares, _LEAST))
     return bool(count * (small - large) > _HOPELESS * ((COUNT[full.kind] - COUNT[kind]) * np.log(count) + _TIE))
 

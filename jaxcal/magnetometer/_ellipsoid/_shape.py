@@ -147,7 +147,7 @@ def model_of(shape: Any, centre: Any, frame: Frame, size: Any, plane: Any = None
     return MagModel(xp.linalg.inv(matrix * size), frame.centre + frame.scale * centre)
 
 
-def ellipsoid_of_model(model: MagModel, frame: Frame, field: float) -> tuple[np.ndarray, np.ndarray]:
+def ellipsoid_of_model(model: MagModel, frame: Frame, field: Any) -> tuple[np.ndarray, np.ndarray]:
     """Shape matrix and centre that a model gives a field of this norm: `model_of` undone, whatever the rotation in the soft iron."""
     inverse = np.linalg.inv(np.asarray(model.soft_iron)) * frame.scale / field
     return inverse.T @ inverse, (np.asarray(model.hard_iron) - frame.centre) / frame.scale
