@@ -5,17 +5,16 @@ from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
+import jax.scipy.linalg
 import numpy as np
 
 from .._compile import filter_jit
 from .._errors import DataError
 from .._precision import host_float64, is_traced
-from .._types import Array
 from ._closed import Closed, bias_and_scale, four_point, maximum, opposed, quadrature, scale_first, single_reading, triad
-from ._frames import EARTH_RATE, distance, wrap
 from ._level import Level
-from ._positions import Readings, check_latitude, harmonics, mean_at, measured, need
-from ._verdict import NO_NUMBER, Verdict, decided, sentence, verdict_name
+from ._positions import EARTH_RATE, Readings, check_latitude, distance, harmonics, means_at, need, taken, wrap
+from ._result import NO_NUMBER, Verdict, decided, sentence, verdict_name
 
 _QUARTER = np.pi / 2
 _THREE = [("x", 0.0), ("x", _QUARTER), ("x", np.pi)]
@@ -30,10 +29,9 @@ _WANTED: dict[str, list[tuple[str, float]]] = {
     "triad": [*_THREE, ("z", 0.0)],
 }
 AZIMUTH_METHODS = tuple(_WANTED)
-_KERNELS: dict[str, Any] = {
-    "opposed": opposed, "quadrature": quadrature, "four_point": four_point, "bias_and_scale": bias_and_scale, "scale_first": scale_first,
-    "triad": triad,
-}  # fmt: skip
+_KERNELS = dict(
+    zip(AZIMUTH_METHODS, (opposed, quadrature, four_point, single_reading, maximum, bias_and_scale, scale_first, triad), strict=True)
+)
 _POLE = np.deg2rad(89.9)
 _SAME_SCALE = 1e-6
 
@@ -135,20 +133,17 @@ def azimuth(
     need(readings, "gyro", _WANTED[method], method)
     if method in ("single_reading", "maximum") and "x" not in readings.positions.mounting:
         raise DataError(f"Method {method!r} needs gyro readings with mounting 'x', and there are none.")
-    if method == "single_reading" and angle is None:
-        angle = readings.positions.angle[readings.positions.mounting.index("x")]
     if method == "single_reading":
-        _need_angle(readings, angle)
+        angle = readings.positions.angle[readings.positions.mounting.index("x")] if angle is None else angle
+        if not is_traced(readings, angle) and not np.any(taken(readings, "gyro", "x", float(angle))):
+            raise DataError(
+                f"There is no x reading at {np.rad2deg(float(angle)):g} degrees; give the table angle of one as `angle`, in rad."
+            )
     dtype = jnp.asarray(readings.gyro).dtype
     phi, theta, covariance = (jnp.asarray(part, dtype=dtype) for part in _level(level, method))
     to = lambda value: None if value is None else jnp.asarray(value, dtype=dtype)  # noqa: E731
     found = _found(readings, phi, theta, covariance, to(latitude), to(hint), to(hint_accuracy), to(angle), to(bias), to(scale), method)
     return found if is_traced(found) else _trimmed(found)
-
-
-def _need_angle(readings: Readings, angle: Any) -> None:
-    if not is_traced(readings, angle) and not measured(readings, "gyro", "x", float(angle)):
-        raise DataError(f"There is no x reading at {np.rad2deg(float(angle)):g} degrees; give the table angle of one as `angle`, in rad.")
 
 
 def _level(level: Any, method: str) -> tuple[Any, Any, Any]:
@@ -171,45 +166,30 @@ def _level(level: Any, method: str) -> tuple[Any, Any, Any]:
 
 @filter_jit
 def _found(readings, phi, theta, level_covariance, latitude, hint, accuracy, angle, bias, scale, method: str) -> Azimuth:
-    unit, level = EARTH_RATE, jnp.stack([phi, theta])
-    dtype = phi.dtype
+    unit = EARTH_RATE
     # at a pole the formulas divide by zero, and the verdict says so
     pole = jnp.abs(latitude) > _POLE
     lat = jnp.where(pole, _POLE, latitude)
     missing = jnp.asarray(False)
+    given = (angle,) if method == "single_reading" else ()
     if method == "maximum":
-        fit = harmonics(readings, "gyro", "x", unit)
-        x, covariance = jnp.concatenate([fit.value[:2], level]), _block(fit.covariance[:2, :2], level_covariance)
-        form = maximum(x, covariance, lat, fit.value[2])
-        gone = ~fit.determined
-        form = eqx.tree_at(lambda f: (f.found.degenerate, f.found.real), form, (form.found.degenerate | gone, form.found.real & ~gone))
+        value, variance, known = harmonics(readings, "gyro", "x", unit)
+        w, variance, given = value[:2], variance[:2, :2], (value[2], known)
     else:
-        wanted = _WANTED[method] or [("x", angle)]
-        at = [mean_at(readings, "gyro", *place, unit) for place in wanted]
-        w, variance = jnp.stack([one.value for one in at]), jnp.stack([one.variance for one in at])
-        missing = ~jnp.all(jnp.stack([one.present for one in at]))
-        if method == "triad":
-            x = jnp.concatenate([w[:3], level, w[3:]])
-            covariance = _block(_block(jnp.diag(variance[:3]), level_covariance), jnp.diag(variance[3:]))
-            form = triad(x, covariance, lat)
-        elif method == "single_reading":
-            w, variance = (w - bias / unit) / scale, variance / scale**2
-            form = single_reading(jnp.concatenate([w, level]), _block(jnp.diag(variance), level_covariance), lat, angle)
-        else:
-            form = _KERNELS[method](jnp.concatenate([w, level]), _block(jnp.diag(variance), level_covariance), lat)
-    return _judged(form, method, latitude, hint, accuracy, pole, missing, unit, dtype)
-
-
-def _block(first: Array, second: Array) -> Array:
-    zero = jnp.zeros((first.shape[0], second.shape[0]), dtype=first.dtype)
-    return jnp.block([[first, zero], [zero.T, second]])
+        w, variance, present = means_at(readings, "gyro", _WANTED[method] or [("x", angle)], unit)
+        missing, variance = ~jnp.all(present), jnp.diag(variance)
+    if method == "single_reading":
+        w, variance = (w - bias / unit) / scale, variance / scale**2
+    covariance = jax.scipy.linalg.block_diag(variance, level_covariance)
+    form = _KERNELS[method](jnp.concatenate([w, phi[None], theta[None]]), covariance, lat, *given)
+    return _judged(form, method, latitude, hint, accuracy, pole, missing, unit, phi.dtype)
 
 
 def _judged(form: Closed, method: str, latitude, hint, accuracy, pole, missing, unit, dtype) -> Azimuth:
     """Order the roots, choose one, and say what to think of it."""
     found, positive = form.found, method in ("bias_and_scale", "scale_first")
     order = jnp.argsort(jnp.where(found.real, found.roots, 10.0))
-    roots, std, real, merged, weak = (v[order] for v in (found.roots, found.std, found.real, found.merged, _each(found.weak, found)))
+    roots, std, real, merged, weak = (v[order] for v in (found.roots, found.std, found.real, found.merged, found.weak))
     scale = None if form.scale is None else form.scale[order]
     by_scale = scale if positive and scale is not None else None
     allowed = real if by_scale is None else real & (by_scale > 0)
@@ -241,18 +221,11 @@ def _judged(form: Closed, method: str, latitude, hint, accuracy, pole, missing, 
     )  # fmt: skip
 
 
-def _each(flag: Array, found: Any) -> Array:
-    """One flag per root: equations joined have one each, for their two roots."""
-    return jnp.repeat(flag, found.roots.size // flag.size) if flag.ndim else jnp.broadcast_to(flag, found.roots.shape)
-
-
 def _trimmed(found: Azimuth) -> Azimuth:
     """A result of the host: the real roots alone, and None where there is no number."""
-    names = {verdict_name(item) for item in NO_NUMBER}
-    none = verdict_name(found.verdict) in names
-    kept = np.asarray(found.real)
-    if verdict_name(found.verdict) not in ("ok", "undecided") and none:
-        kept = kept & False
+    name = verdict_name(found.verdict)
+    none = name in {verdict_name(item) for item in NO_NUMBER}
+    kept = np.asarray(found.real) & (not none or name == "undecided")
     one = lambda value: None if value is None else float(value)  # noqa: E731
     return dataclasses.replace(
         found, psi=None if none else float(found.psi), std=None if none else float(found.std), roots=np.asarray(found.roots)[kept],

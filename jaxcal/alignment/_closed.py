@@ -1,14 +1,89 @@
-"""The closed forms of the azimuth, as pure functions of the readings in units of the Earth's rate."""
+"""The closed forms of the azimuth: pure functions of the readings in units of the Earth's rate, and a sin(psi) + b cos(psi) = c."""
+
+from collections.abc import Callable
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from .._types import Any, Array
-from ._equation import Roots, joined, root_of, solve
+from ._positions import wrap
 
+WEAK = np.deg2rad(10.0)
+_STEEP = 50.0
+_EMPTY = 1e-9
+_MERGED = 1e-6
 _FLAT = 1e-9
 _LEVEL = 1e-6
+
+
+class Roots(eqx.Module):
+    """Roots of one equation, or several.
+
+    roots : in (-pi, pi]. std : standard deviation; large, not infinite, where roots merge. real : which are roots.
+    degenerate, infeasible, clipped : flags for all roots. merged, weak : flags, one per root.
+    """
+
+    roots: Array
+    std: Array
+    real: Array
+    degenerate: Array
+    infeasible: Array
+    clipped: Array
+    merged: Array
+    weak: Array
+
+
+def root_of(square: Array) -> Array:
+    """Square root, zero for what is not positive, with the derivative zero there instead of none."""
+    inside = square > 0
+    return jnp.where(inside, jnp.sqrt(jnp.where(inside, square, 1)), 0)
+
+
+def arc_cosine(c: Array, r: Array) -> tuple[Array, Array]:
+    """acos(clip(c / r)), accurate near 0 and pi, and sqrt(r^2 - c^2)."""
+    inside = (r - c) * (r + c) > 0
+    sine = root_of((r - c) * (r + c))
+    angle = jnp.arctan2(jnp.where(inside, sine, 0), jnp.where(inside, c, 1))
+    return jnp.where(inside, angle, jnp.where(c < 0, jnp.asarray(np.pi, dtype=c.dtype), 0)), sine
+
+
+def solve(coefficients: Callable[[Array], Array], x: Array, covariance: Array, empty: float = _EMPTY) -> Roots:
+    """Both roots of the equation whose (a, b, c) `coefficients` gives for the data `x` with their `covariance`.
+
+    The standard deviation is that of a sin + b cos - c over its slope in psi: everything that `x` holds counts.
+    """
+    a, b, c = coefficients(x)
+    slopes = jax.jacfwd(coefficients)(x)
+    square = a**2 + b**2
+    degenerate = square < empty**2
+    r = jnp.sqrt(jnp.where(degenerate, 1, square))
+    middle = jnp.arctan2(jnp.where(degenerate, 0, a), jnp.where(degenerate, 1, b))
+    c = jnp.where(degenerate, 0, c)
+    half, sine = arc_cosine(c, r)
+    away = jnp.where(jnp.abs(c) > r, jnp.where(c < 0, middle + np.pi, middle), middle)
+    excess = (jnp.abs(c) - r) / r
+    sigma_away = _misfit(away, slopes, covariance) / r
+    infeasible = (excess > jnp.maximum(5 * sigma_away, 1e-9)) & ~degenerate
+    roots = jnp.stack([wrap(middle - half), wrap(middle + half)])
+    sigma = jnp.stack([_misfit(root, slopes, covariance) for root in roots]) / r
+    slope = sine / r
+    std = sigma / jnp.maximum(slope, jnp.sqrt(jnp.maximum(sigma, 1e-300)))
+    noisy = jnp.trace(covariance) > 0
+    merged = slope < _MERGED
+    weak = jnp.where(noisy, std > WEAK, 1 / jnp.maximum(slope * r, 1e-30) > _STEEP)
+    both = jnp.ones(2, dtype=bool)
+    return Roots(
+        roots, std, both & ~degenerate & ~infeasible, degenerate, infeasible, (excess > 0) & ~infeasible & ~degenerate,
+        both & merged, weak & ~degenerate,
+    )  # fmt: skip
+
+
+def _misfit(root: Array, slopes: Array, covariance: Array) -> Array:
+    """Standard deviation of a sin + b cos - c at one root."""
+    row = jnp.sin(root) * slopes[0] + jnp.cos(root) * slopes[1] - slopes[2]
+    return root_of(row @ covariance @ row)
 
 
 class Closed(eqx.Module):
@@ -23,48 +98,44 @@ class Closed(eqx.Module):
     rho: Any = None
 
 
-def _trig(phi: Array, theta: Array) -> tuple[Array, Array, Array, Array]:
-    return jnp.sin(phi), jnp.cos(phi), jnp.sin(theta), jnp.cos(theta)
+def _trig(x: Array) -> tuple[Array, Array, Array, Array]:
+    """Sine and cosine of roll and pitch, in which the data of every method end."""
+    return jnp.sin(x[-2]), jnp.cos(x[-2]), jnp.sin(x[-1]), jnp.cos(x[-1])
+
+
+def _flat(x: Array) -> Array:
+    """Whether roll or pitch is 90 degrees."""
+    return jnp.min(jnp.abs(jnp.cos(x[-2:]))) < _FLAT
+
+
+def _at(x: Array, rate: Array, lat: Array, tau: Any) -> Array:
+    """Equations (42), (43) for a rate, or half the difference of opposite ones, at the level that x ends in: coefficients (a, b, c)."""
+    sf, cf, st, ct = _trig(x)
+    s, c, sl, cl = jnp.sin(tau), jnp.cos(tau), jnp.sin(lat), jnp.cos(lat)
+    return jnp.stack([-cf * cl * s, cl * (st * sf * s + ct * c), rate - st * sl * c + ct * sf * sl * s])
 
 
 def opposed(x: Array, covariance: Array, lat: Array) -> Closed:
     """Equation (40), first: 0 and 180."""
-
-    def coefficients(x: Array) -> Array:
-        _, _, st, ct = _trig(x[2], x[3])
-        return jnp.stack([0 * ct, ct * jnp.cos(lat), (x[0] - x[1]) / 2 - st * jnp.sin(lat)])
-
-    return Closed(solve(coefficients, x, covariance), bias=(x[0] + x[1]) / 2)
+    return Closed(solve(lambda x: _at(x, (x[0] - x[1]) / 2, lat, 0.0), x, covariance), bias=(x[0] + x[1]) / 2)
 
 
 def quadrature(x: Array, covariance: Array, lat: Array) -> Closed:
     """Equation (40), second: 90 and 270."""
-
-    def coefficients(x: Array) -> Array:
-        sf, cf, st, ct = _trig(x[2], x[3])
-        return jnp.stack([-cf, st * sf, ((x[0] - x[1]) / 2 + ct * sf * jnp.sin(lat)) / jnp.cos(lat)])
-
-    return Closed(solve(coefficients, x, covariance), bias=(x[0] + x[1]) / 2)
+    return Closed(solve(lambda x: _at(x, (x[0] - x[1]) / 2, lat, np.pi / 2) / jnp.cos(lat), x, covariance), bias=(x[0] + x[1]) / 2)
 
 
 def single_reading(x: Array, covariance: Array, lat: Array, tau: Array) -> Closed:
-    """Equations (42), (43): one reading at the table angle tau, bias and scale taken off."""
-
-    def coefficients(x: Array) -> Array:
-        sf, cf, st, ct = _trig(x[1], x[2])
-        s, c, sl, cl = jnp.sin(tau), jnp.cos(tau), jnp.sin(lat), jnp.cos(lat)
-        return jnp.stack([-cf * cl * s, cl * (st * sf * s + ct * c), x[0] - st * sl * c + ct * sf * sl * s])
-
-    return Closed(solve(coefficients, x, covariance))
+    """One reading at the table angle tau, bias and scale taken off."""
+    return Closed(solve(lambda x: _at(x, x[0], lat, tau), x, covariance))
 
 
 def four_point(x: Array, covariance: Array, lat: Array) -> Closed:
     """0, 90, 180 and 270: one root."""
-    _, cf, _, ct = _trig(x[4], x[5])
-    flat = (jnp.abs(cf) < _FLAT) | (jnp.abs(ct) < _FLAT)
+    flat = _flat(x)
 
     def parts(x: Array) -> Array:
-        sf, cf, st, ct = _trig(x[4], x[5])
+        sf, cf, st, ct = _trig(x)
         sl, cl = jnp.sin(lat), jnp.cos(lat)
         u1 = ((x[0] - x[2]) / 2 - st * sl) / (jnp.where(flat, 1, ct) * cl)
         u2 = ((x[1] - x[3]) / 2 + ct * sf * sl) / cl
@@ -79,35 +150,37 @@ def _one_root(parts: Any, x: Array, covariance: Array, flat: Array) -> Roots:
     empty = flat | (y @ y < _FLAT**2)
     safe = jnp.where(empty, 1, y @ y)
     s, c = jnp.where(empty, 0, y[0]), jnp.where(empty, 1, y[1])
-    row = (c * jax.jacfwd(parts)(x)[0] - s * jax.jacfwd(parts)(x)[1]) / safe
+    slopes = jax.jacfwd(parts)(x)
+    row = (c * slopes[0] - s * slopes[1]) / safe
     std = root_of(row @ covariance @ row)
-    steep = jnp.max(jnp.abs(row)) > 50
-    weak = jnp.where(jnp.trace(covariance) > 0, std > 0.17453292519943295, steep) & ~empty
+    steep = jnp.max(jnp.abs(row)) > _STEEP
+    weak = jnp.where(jnp.trace(covariance) > 0, std > WEAK, steep) & ~empty
     false = jnp.zeros(1, dtype=bool)
     return Roots(jnp.arctan2(s, c)[None], std[None], ~empty[None], empty, false[0], false[0], false, weak[None])
 
 
-def maximum(x: Array, covariance: Array, lat: Array, bias: Array) -> Closed:
-    """The amplitude against the table angle, equations (44) to (52) without the quartic; x = (cosine, sine, phi, theta)."""
-    sf, cf, st, _ = _trig(x[2], x[3])
-    level = jnp.hypot(sf, st * cf) < _LEVEL
+def maximum(x: Array, covariance: Array, lat: Array, bias: Array, known: Array) -> Closed:
+    """The amplitude against the table angle, equations (44) to (52) without the quartic; x = (cosine, sine, phi, theta) where `known`."""
+    sf, cf, st, _ = _trig(x)
+    level = (jnp.hypot(sf, st * cf) < _LEVEL) | ~known
 
-    def rate(x: Array, sign: float) -> Array:
+    def rate(x: Array, sign: Any) -> Array:
         return sign * root_of(1 - x[0] ** 2 - x[1] ** 2)
 
-    def coefficients(x: Array, sign: float) -> Array:
-        sf, cf, st, ct = _trig(x[2], x[3])
+    def coefficients(x: Array, sign: Array) -> Array:
+        sf, cf, st, ct = _trig(x)
         return jnp.stack([sf, st * cf, (rate(x, sign) + ct * cf * jnp.sin(lat)) / jnp.cos(lat)])
 
-    both = joined(*(solve(lambda x, sign=sign: coefficients(x, sign), x, covariance, _LEVEL) for sign in (-1.0, 1.0)))
+    signs = jnp.asarray([-1.0, 1.0], dtype=x.dtype)
+    both = jax.vmap(lambda sign: solve(lambda x: coefficients(x, sign), x, covariance, _LEVEL))(signs)
     rho = root_of(x[0] ** 2 + x[1] ** 2)
     toward = x[:2] / jnp.where(rho > 0, rho, 1)
     sigma = jnp.sqrt(jnp.maximum(toward @ covariance[:2, :2] @ toward, 0))
     over = rho - 1 > jnp.maximum(5 * sigma, 1e-9)
     merged = jnp.abs(rate(x, 1.0)) < 1e-6
-    found = Roots(
-        both.roots, both.std, both.real & ~over & ~level, level, over | both.infeasible, (rho > 1) & ~over, both.merged | merged, both.weak
-    )
+    roots, std, real, several, weak = (part.reshape(-1) for part in (both.roots, both.std, both.real, both.merged, both.weak))
+    infeasible = over | jnp.all(both.infeasible)
+    found = Roots(roots, std, real & ~over & ~level, level, infeasible, (rho > 1) & ~over, several | merged, weak)
     return Closed(found, bias=bias, rho=rho)
 
 
@@ -120,7 +193,7 @@ def _scaled(x: Array) -> tuple[Array, Array, Array]:
 def _ratio(x: Array, lat: Array) -> Array:
     """Equation (58) through w2 and cos(lat): regular everywhere."""
     _, w1, w2 = _scaled(x)
-    sf, cf, st, ct = _trig(x[3], x[4])
+    sf, cf, st, ct = _trig(x)
     sl, cl = jnp.sin(lat), jnp.cos(lat)
     return jnp.stack([-w1 * cf * cl, (w1 * st * sf - w2 * ct) * cl, (w2 * st + w1 * ct * sf) * sl])
 
@@ -128,7 +201,7 @@ def _ratio(x: Array, lat: Array) -> Array:
 def scale_at(x: Array, lat: Array, psi: Array) -> Array:
     """Scale factor of a root, by projection on the Earth's rate in the table's plane."""
     _, w1, w2 = _scaled(x)
-    sf, cf, st, ct = _trig(x[3], x[4])
+    sf, cf, st, ct = _trig(x)
     sl, cl, sp, cp = jnp.sin(lat), jnp.cos(lat), jnp.sin(psi), jnp.cos(psi)
     wx, wy = cp * ct * cl + st * sl, (cp * st * sf - sp * cf) * cl - ct * sf * sl
     square = wx**2 + wy**2
@@ -152,8 +225,8 @@ def scale_first(x: Array, covariance: Array, lat: Array) -> Closed:
     """Equations (61) to (67), solved for 1/S."""
     by_angle = solve(lambda x: _ratio(x, lat), x, covariance)
     b, w1, w2 = _scaled(x)
-    sf, cf, st, ct = _trig(x[3], x[4])
-    flat = (jnp.abs(cf) < _FLAT) | (jnp.abs(ct) < _FLAT)
+    sf, cf, st, ct = _trig(x)
+    flat = _flat(x)
     cf, ct = jnp.where(flat, 1, cf), jnp.where(flat, 1, ct)
     sl, cl = jnp.sin(lat), jnp.cos(lat)
     tf, tt, tl = sf / cf, st / ct, sl / cl
@@ -185,8 +258,8 @@ def triad(x: Array, covariance: Array, lat: Array) -> Closed:
 
     def levelled(x: Array) -> Array:
         b, w1, w2 = _scaled(x)
-        w3 = x[5] - b
-        sf, cf, st, ct = _trig(x[3], x[4])
+        w3 = x[3] - b
+        sf, cf, st, ct = _trig(x)
         return jnp.stack([ct * w1 + sf * st * w2 + cf * st * w3, cf * w2 - sf * w3, -st * w1 + sf * ct * w2 + cf * ct * w3])
 
     def latitude(x: Array) -> Array:

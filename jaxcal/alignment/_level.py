@@ -1,4 +1,4 @@
-"""`level`: roll and pitch from an accelerometer on the turntable, by five methods."""
+"""`level`: roll and pitch from an accelerometer on the turntable, by five methods; `coarse`: attitude of a full IMU at rest."""
 
 import dataclasses
 from typing import Any
@@ -12,10 +12,9 @@ from .._compile import filter_jit
 from .._errors import DataError
 from .._precision import host_float64, is_traced
 from .._types import Array
-from ._equation import WEAK, root_of
-from ._frames import GRAVITY, distance, wrap
-from ._positions import Readings, check_gravity, harmonics, mean_at, need
-from ._verdict import Verdict, decided, sentence, verdict_name
+from ._closed import WEAK, root_of
+from ._positions import EARTH_RATE, GRAVITY, Readings, check_gravity, check_latitude, distance, harmonics, means_at, need, wrap
+from ._result import Verdict, decided, sentence, verdict_name
 
 LEVEL_METHODS = ("four_point_x", "least_squares_x", "four_point_y", "least_squares_y", "bias_and_scale")
 _QUARTER = np.pi / 2
@@ -25,6 +24,8 @@ _WANTED: dict[str, list[tuple[str, float]]] = {
     "bias_and_scale": [("x", 0.0), ("x", _QUARTER), ("x", np.pi), ("z", 0.0)],
 }
 _SINGULAR = 1e-6
+_POLE = np.deg2rad(89.9)
+_SIGMAS = 4
 
 
 class Level(eqx.Module):
@@ -147,32 +148,24 @@ def _trimmed(found: Level) -> Level:
 def _levelled(readings: Readings, method: str, gravity: Array, hint: Array | None, offset: bool, both_z: bool) -> Level:
     if method == "bias_and_scale":
         return _with_z(readings, gravity, both_z)
-    dtype = jnp.asarray(readings.accel).dtype
-    determined = jnp.asarray(True)
+    as_array = lambda rows: jnp.asarray(rows, dtype=jnp.asarray(readings.accel).dtype)  # noqa: E731
     if method.startswith("least"):
-        fit = harmonics(readings, "accel", method[-1], gravity, offset)
-        # x: a = g (st cos - q sin) + b; y: a = -g (q cos + st sin) + b
-        turn = np.array([[1.0, 0, 0], [0, -1.0, 0]]) if method[-1] == "x" else np.array([[0, -1.0, 0], [-1.0, 0, 0]])
-        turn = jnp.asarray(turn, dtype=dtype)
-        (sine, product), covariance = turn @ fit.value, turn @ fit.covariance @ turn.T
-        bias, determined = fit.value[2] * gravity if offset else None, fit.determined
+        value, covariance, determined = harmonics(readings, "accel", method[-1], gravity, offset)
+        bias = value[2] * gravity if offset else None
+        value, covariance = value[:2], covariance[:2, :2]
     else:
-        at = [mean_at(readings, "accel", *place, gravity) for place in _WANTED[method]]
-        a, variance = jnp.stack([one.value for one in at]), jnp.stack([one.variance for one in at])
-        rows = [[1.0, 0, -1, 0], [0, -1, 0, 1.0]] if method[-1] == "x" else [[0, -1.0, 0, 1], [-1.0, 0, 1, 0]]
-        rows = jnp.asarray(np.array(rows) / 2, dtype=dtype)
-        (sine, product), covariance = rows @ a, (rows * variance[None, :]) @ rows.T
-        bias, determined = jnp.mean(a) * gravity, jnp.all(jnp.stack([one.present for one in at]))
-    down = _down(readings, gravity, jnp.zeros((), dtype=dtype) if bias is None else bias)
+        a, variance, present = means_at(readings, "accel", _WANTED[method], gravity)
+        half = as_array([[0.5, 0.0, -0.5, 0.0], [0.0, 0.5, 0.0, -0.5]])
+        value, covariance = half @ a, (half * variance[None, :]) @ half.T
+        bias, determined = jnp.mean(a) * gravity, jnp.all(present)
+    # x: a = g (st cos - q sin) + b; y: a = -g (q cos + st sin) + b
+    turn = as_array([[1.0, 0.0], [0.0, -1.0]] if method[-1] == "x" else [[0.0, -1.0], [-1.0, 0.0]])
+    (sine, product), covariance = turn @ value, turn @ covariance @ turn.T
+    # -f_z / g as far as z readings tell; 0 where there are none
+    (plus, minus), _, (up, over) = means_at(readings, "accel", [("z", 0.0), ("-z", 0.0)], gravity)
+    zero = as_array(0.0) if bias is None else bias / gravity
+    down = jnp.where(up & over, (minus - plus) / 2, jnp.where(up, zero - plus, jnp.where(over, minus - zero, 0)))
     return _from_plane(sine, product, covariance, bias, determined, down, hint, method)
-
-
-def _down(readings: Readings, gravity: Array, bias: Array) -> Array:
-    """-f_z / g as far as z readings tell; 0 where there are none."""
-    plus, minus = (mean_at(readings, "accel", word, 0.0, gravity) for word in ("z", "-z"))
-    offset = bias / gravity
-    alone = jnp.where(plus.present, offset - plus.value, jnp.where(minus.present, minus.value - offset, 0))
-    return jnp.where(plus.present & minus.present, (minus.value - plus.value) / 2, alone)
 
 
 def _from_plane(sine, product, covariance, bias, determined, down, hint, method) -> Level:
@@ -216,9 +209,7 @@ def _from_plane(sine, product, covariance, bias, determined, down, hint, method)
 
 def _with_z(readings: Readings, gravity: Array, both: bool) -> Level:
     """The method of bias and scale: angles that depend on neither."""
-    at = [mean_at(readings, "accel", *place, gravity) for place in [*_WANTED["bias_and_scale"], ("-z", 0.0)]]
-    x, variance = jnp.stack([one.value for one in at]), jnp.stack([one.variance for one in at])
-    present = jnp.all(jnp.stack([one.present for one in at[: 5 if both else 4]]))
+    x, variance, present = means_at(readings, "accel", [*_WANTED["bias_and_scale"], ("-z", 0.0)], gravity)
 
     def parts(x: Array) -> Array:
         b = (x[0] + x[2]) / 2
@@ -240,7 +231,114 @@ def _with_z(readings: Readings, gravity: Array, both: bool) -> Level:
     scale = jnp.sqrt(alpha)
     verdict = decided(
         (angle_covariance[0, 0] > WEAK**2, Verdict.weak), (jnp.hypot(a[1], a[2]) < _SINGULAR * scale, Verdict.degenerate),
-        (scale < 0.01, Verdict.infeasible), (~present, Verdict.missing),
+        (scale < 0.01, Verdict.infeasible), (~jnp.all(present[: 5 if both else 4]), Verdict.missing),
     )  # fmt: skip
     zero, bias = jnp.zeros_like(scale), (x[0] + x[2]) / 2 * gravity
     return Level(phi, theta, phi[None], angle_covariance, bias, scale, 1 + (alpha - 1) / 2, zero, verdict, "bias_and_scale")
+
+
+class Coarse(eqx.Module):
+    """Attitude and latitude of an IMU at rest.
+
+    Attributes
+    ----------
+    attitude : (3,) roll, pitch, azimuth, rad; None where there is no horizontal rate or no gravity (traced: zero azimuth).
+    latitude : rad, as found.
+    attitude_std : (3,) first order, for a level IMU that points north; None without noise.
+    latitude_std : rad; None without noise.
+    rate_error, force_error : |w| - we in rad/s and |f| - g in m/s^2.
+    latitude_error : found less given, rad; None where none was given.
+    verdict : item of `Verdict`.
+    """
+
+    attitude: Any
+    latitude: Any
+    attitude_std: Any
+    latitude_std: Any
+    rate_error: Any
+    force_error: Any
+    latitude_error: Any
+    verdict: Any
+
+    @property
+    def reason(self) -> str:
+        """What the verdict means (host only)."""
+        return sentence(self.verdict, "coarse")
+
+
+@host_float64
+def coarse(
+    gyro_mean: Any, accel_mean: Any, *, latitude: Any = None, gravity: Any = GRAVITY, gyro_error: Any = None, accel_error: Any = None
+) -> Coarse:
+    r"""Attitude and latitude from the mean rate and specific force of three gyros and three accelerometers at rest.
+
+    .. math:: d = -f/|f|,\quad n = \frac{w - (w\cdot d)\,d}{|w - (w\cdot d)\,d|},\quad e = d \times n,\quad C_{BN} = [n\; e\; d]
+
+    Parameters
+    ----------
+    gyro_mean, accel_mean : (3,) rad/s and m/s^2 in body axes.
+    latitude : rad, if known: it is compared with the one found.
+    gravity : m/s^2.
+    gyro_error, accel_error : standard deviation of one axis' mean with its bias, rad/s and m/s^2.
+
+    Returns
+    -------
+    Coarse
+
+    Raises
+    ------
+    DataError
+        For means that are not three finite numbers.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.alignment import coarse
+    >>> level = coarse(7.292115e-5 * np.array([0.0, -0.8, -0.6]), np.array([0.0, 0.0, -9.80665]))
+    >>> print(np.rad2deg(level.attitude).round(3) + 0.0, np.rad2deg(level.latitude).round(3))
+    [ 0.  0. 90.] 36.87
+
+    References
+    ----------
+    P. G. Savage, Strapdown Analytics, 2000, section 6.1 (coarse alignment from two vectors).
+    """
+    w, f = jnp.asarray(gyro_mean), jnp.asarray(accel_mean)
+    traced = is_traced(w, f)
+    for name, v in (("gyro", w), ("accelerometer", f)):
+        if v.shape != (3,):
+            raise DataError(f"The {name} mean has shape {v.shape}; give its three axes.")
+        if not traced and not np.isfinite(np.asarray(v)).all():
+            raise DataError(f"The {name} mean is not finite; average the log of an IMU at rest.")
+    check_gravity(gravity)
+    if latitude is not None:
+        check_latitude(latitude)
+    force, rate = jnp.sqrt(f @ f), jnp.sqrt(w @ w)
+    no_force = force < 0.1 * gravity
+    d = -jnp.where(no_force, jnp.asarray([0.0, 0.0, -1.0], dtype=f.dtype), f) / jnp.where(no_force, 1, force)
+    flat = w - (w @ d) * d
+    some = flat @ flat > 0
+    horizontal = jnp.where(some, jnp.sqrt(jnp.where(some, flat @ flat, 1)), 0)
+    found = jnp.arctan2(-(w @ d), horizontal)
+    pole = (jnp.abs(found) > _POLE) | (rate < 1e-3 * EARTH_RATE)
+    north = jnp.where(pole, jnp.asarray([1.0, 0.0, 0.0], dtype=f.dtype), flat / jnp.where(pole, 1, horizontal))
+    azimuth = jnp.arctan2(jnp.where(pole, 0, jnp.cross(d, north)[0]), north[0])
+    angles = jnp.stack([jnp.arctan2(d[1], d[2]), jnp.arctan2(-d[0], jnp.hypot(d[1], d[2])), azimuth])
+    std = latitude_std = None
+    if gyro_error is not None and accel_error is not None:
+        tilt, drift = accel_error / gravity, gyro_error / EARTH_RATE
+        cosine = jnp.cos(jnp.where(pole, 0, found))
+        azimuth_std = jnp.sqrt((drift / cosine) ** 2 + (jnp.tan(jnp.where(pole, 0, found)) * tilt) ** 2)
+        std = jnp.stack([tilt + 0 * cosine, tilt + 0 * cosine, azimuth_std])
+        latitude_std = jnp.sqrt(drift**2 + tilt**2)
+    off = None if latitude is None else found - latitude
+    verdict = decided(
+        (std is not None and std[2] > WEAK, Verdict.weak),
+        (off is not None and latitude_std is not None and jnp.abs(off) > _SIGMAS * latitude_std, Verdict.integrity),
+        (pole, Verdict.pole), (no_force, Verdict.degenerate),
+    )  # fmt: skip
+    none = not traced and verdict_name(verdict) in ("pole", "degenerate")
+    return Coarse(
+        attitude=None if none else angles, latitude=found if traced or verdict_name(verdict) != "degenerate" else None,
+        attitude_std=None if none else std, latitude_std=latitude_std, rate_error=rate - EARTH_RATE, force_error=force - gravity,
+        latitude_error=off, verdict=verdict,
+    )  # fmt: skip

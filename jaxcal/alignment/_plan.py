@@ -10,17 +10,16 @@ import jax.numpy as jnp
 import jax.scipy.linalg
 import numpy as np
 import scipy.optimize
+import scipy.special
 
 from .._compile import filter_jit
 from .._errors import DataError
 from .._precision import array_module, host_float64, is_traced
 from .._types import Array
-from ._bound import jacobian_at, noise_of
-from ._frames import GRAVITY, table_from_nav
-from ._model import NAMES, Turntable, geometry, turntable
-from ._options import free_of, priors_of
-from ._positions import IDEAL, Positions, check_gravity, check_latitude
-from ._table import Places, Table, padded, whitening
+from ._fit import jacobian_at, noise_of
+from ._model import NAMES, Places, Table, Turntable, padded, turntable, whitening
+from ._positions import GRAVITY, IDEAL, Positions, check_gravity, check_latitude, geometry, table_from_nav
+from ._start import free_of, priors_of
 
 _STARTS = 4
 _NUDGE = 0.1
@@ -152,74 +151,109 @@ def plan(
     if criterion not in ("mean", "largest"):
         raise DataError(f"There is no criterion {criterion!r}; known are 'mean' and 'largest'.")
     lists = [mountings] if isinstance(mountings[0], str) and mountings[0] in ("x", "z", "-z", "y") else list(mountings)
-    noise = (noise_of(accel_noise, "accelerometer noise"), noise_of(gyro_noise, "gyro noise"))
+    noise = [noise_of(accel_noise, "accelerometer noise"), noise_of(gyro_noise, "gyro noise")]
+    # without a random walk the number zero is part of the program, which is then smaller
+    noise = [(jnp.asarray(float(white)), jnp.asarray(float(walk)) if float(walk) else 0.0) for white, walk in noise]
     if priors is None and free is None:
         free, priors = ("phi", "theta", "psi", "b_a", "s_a", "b_g", "s_g"), {"s_a": 1e-4, "s_g": 1e-4}
-    certainty = priors_of(priors, NAMES)[1]
-    options = _Options(
-        total=float(total_time), attitudes=attitudes, latitude=float(latitude), noise=tuple((float(n), float(k)) for n, k in noise),
-        largest=criterion == "largest", minimum=float(minimum_dwell), slew=float(slew), mirrored=bool(mirrored), gravity=float(gravity),
-        certainty=np.array([float(certainty.get(name, 0.0)) for name in NAMES]),
-    )  # fmt: skip
-    return min((_one(tuple(words), free, priors, options, seed) for words in lists), key=lambda found: found.criterion)
+    given = priors_of(priors, NAMES)[1]
+    certainty = jnp.asarray([float(given.get(name, 0.0)) for name in NAMES])
+    models = [turntable(one, float(latitude), IDEAL, IDEAL) for one in attitudes]
+    bound = jax.tree.map(lambda *leaves: jnp.asarray(leaves), *models), noise, certainty, jnp.asarray(float(gravity))
+    tau, found = float(best_angle(attitudes[0], float(latitude))), []
+    for words in lists:
+        chosen = free_of(free, priors, Positions(np.zeros(len(words)), words), latitude, (True, True), NAMES)
+        free_ones, times = tuple(name in chosen for name in NAMES), (float(total_time), float(minimum_dwell), float(slew))
+        found.append(_searched(_Design(tuple(words), free_ones, *times, bool(mirrored), criterion == "largest", bound), tau, seed))
+    return min(found, key=lambda one: one.criterion)
 
 
-class _Options(eqx.Module):
+class _Design(eqx.Module):
+    """The bound of the azimuth as a function of table angles and shares of the time, for one list of mountings.
+
+    words : mountings. free : which parameters are estimated. total, minimum, slew : s, as of `plan`. largest : whether the criterion is.
+    bound : what else the bound needs: models (k,), noise, certainty of the priors, gravity.
+    """
+
+    words: tuple[str, ...]
+    free: tuple[bool, ...]
     total: float
-    attitudes: Any
-    latitude: float
-    noise: Any
-    largest: bool
     minimum: float
     slew: float
     mirrored: bool
-    gravity: float
-    certainty: Any
+    largest: bool
+    bound: Any
+
+    @property
+    def order(self) -> np.ndarray:
+        """Places in the order of measuring: forth, and back where asked for."""
+        forth = np.arange(len(self.words))
+        return np.concatenate([forth, forth[::-1]]) if self.mirrored else forth
+
+    @property
+    def time(self) -> float:
+        """Time for all dwells, s; the first place on the way back is the last one forth, without a move."""
+        return self.total - self.slew * (len(self.order) - (2 if self.mirrored else 1))
+
+    @property
+    def least(self) -> float:
+        """Share of the time that every place keeps."""
+        return max(self.minimum * len(self.order) / self.time, _LEAST) / len(self.words)
+
+    def objective(self, p: np.ndarray) -> tuple[float, np.ndarray]:
+        """Logarithm of the criterion, and its gradient by angles and logarithms of shares."""
+        order = self.order
+        places = padded(Positions(np.zeros(len(order)), tuple(self.words[i] for i in order)))
+        dwell = (jnp.asarray(self.least), jnp.asarray(self.time), jnp.asarray(len(order) / len(self.words)))
+        value, slope = _gradient(jnp.asarray(p), places, jnp.asarray(order), dwell, jnp.asarray(self.largest), self.free, *self.bound)
+        return float(value), np.asarray(slope)
+
+    def value(self, angles: np.ndarray, shares: np.ndarray) -> float:
+        """Standard deviation of the azimuth by the criterion; infinite where the positions do not determine it."""
+        value = self.objective(np.concatenate([angles, np.log(np.maximum(shares, 1e-300))]))[0]
+        return float(np.exp(value)) if np.isfinite(value) and np.exp(value) < np.pi * 1e3 else np.inf
+
+    def positions(self, angles: np.ndarray, shares: np.ndarray) -> Positions:
+        """Mounting by mounting, in the order of their angles."""
+        angles, count = np.mod(angles, 2 * np.pi), len(self.words)
+        order = np.lexsort((angles, np.array([("x", "y", "z", "-z").index(word) for word in self.words])))[self.order]
+        dwell = self.time * (self.least + (1 - self.least * count) * shares)[order] / (len(order) / count)
+        step = np.full(len(order), self.slew)
+        step[count - 1] *= not self.mirrored
+        return Positions(angles[order], tuple(self.words[i] for i in order), dwell, np.cumsum(np.append(0.0, (dwell + step)[:-1])))
 
 
-def _one(words: tuple[str, ...], free: Any, priors: Any, o: _Options, seed: int) -> Plan:
-    """Best plan with one list of mountings."""
-    count = len(words)
-    visits = count * (2 if o.mirrored else 1)
-    moving = o.slew * (visits - (2 if o.mirrored else 1))
-    time = o.total - moving
-    if not time > visits * o.minimum or not time > 0:
+def _searched(design: _Design, tau: float, seed: int) -> Plan:
+    """Best plan with one list of mountings; `tau` is the best angle of a pair."""
+    visits, count = len(design.order), len(design.words)
+    if not design.time > max(visits * design.minimum, 0):
         raise DataError(
-            f"{o.total:g} s do not hold {visits} dwells of {o.minimum:g} s and {moving:g} s of moves; take more time or fewer positions."
+            f"{design.total:g} s do not hold {visits} dwells of {design.minimum:g} s and {design.total - design.time:g} s of moves; take "
+            "more time or fewer positions."
         )
-    chosen = free_of(free, priors, Positions(np.zeros(count), words), o.latitude, (True, True), NAMES)
-    arguments = (tuple(name in chosen for name in NAMES), o, words)
-    listed = _listed(words, o)
-    values = {name: _value(*pair, *arguments) for name, pair in listed.items()}
-    starts = _starts(words, seed)
-    if not np.isfinite(_value(*starts[0], *arguments)):
+    listed, starts = _listed(design.words, tau), _starts(design.words, seed)
+    values = {name: design.value(*pair) for name, pair in listed.items()}
+    if not np.isfinite(design.value(*starts[0])):
         raise DataError(
             "These mountings do not determine every free parameter; add positions (three table angles or more, 'z' for scales), or priors."
         )
     best, value = starts[0], np.inf
     for angles, shares in [*starts, *listed.values()]:
-        if not np.isfinite(_value(angles, shares, *arguments)):
+        if not np.isfinite(design.value(angles, shares)):
             continue
         start = np.concatenate([angles, np.log(np.maximum(shares, 1e-3))])
-        found = scipy.optimize.minimize(
-            lambda p: _objective(p, *arguments), start, jac=True, method="L-BFGS-B", options={"maxiter": 400, "ftol": 1e-12, "gtol": 1e-7}
-        )
+        options = {"maxiter": 400, "ftol": 1e-12, "gtol": 1e-7}
+        found = scipy.optimize.minimize(design.objective, start, jac=True, method="L-BFGS-B", options=options)
         if np.isfinite(found.fun) and found.fun < value:
-            best, value = (found.x[:count], _softmax(found.x[count:])), found.fun
+            best, value = (found.x[:count], scipy.special.softmax(found.x[count:])), found.fun
     # a listed plan that the search did not reach is as good as any
     for name, pair in listed.items():
         if np.log(values[name]) < value:
             best, value = pair, np.log(values[name])
-    positions = _positions(*best, words, o)
-    stds = np.sqrt(np.asarray(_variances(padded(positions), len(positions), arguments[0], *_arrays(o))))
+    positions = design.positions(*best)
+    stds = np.sqrt(np.asarray(_variances(padded(positions), len(positions), design.free, *design.bound)))
     criterion = float(np.exp(value))
-    pair = float(np.mod(best_angle(o.attitudes[0], o.latitude), np.pi))
-    return Plan(positions, stds, values, criterion, values["uniform 4"] / criterion, pair)
-
-
-def _softmax(z: np.ndarray) -> np.ndarray:
-    e = np.exp(z - z.max())
-    return e / e.sum()
+    return Plan(positions, stds, values, criterion, values["uniform 4"] / criterion, float(np.mod(tau, np.pi)))
 
 
 def _starts(words: tuple[str, ...], seed: int) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -228,65 +262,30 @@ def _starts(words: tuple[str, ...], seed: int) -> list[tuple[np.ndarray, np.ndar
     for word in set(words):
         here = [i for i, other in enumerate(words) if other == word]
         angles[here] = 2 * np.pi * np.arange(len(here)) / len(here)
-    nudge = lambda: _NUDGE * rng.normal(size=angles.size)  # noqa: E731
-    return [(angles + nudge(), _softmax(nudge())) for _ in range(_STARTS)]
+    nudges = _NUDGE * rng.normal(size=(_STARTS, 2, angles.size))
+    return [(angles + nudge, scipy.special.softmax(share)) for nudge, share in nudges]
 
 
-def _listed(words: tuple[str, ...], o: _Options) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+def _listed(words: tuple[str, ...], tau: float) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Rules of thumb with these mountings: uniform turns, and the best pair after a short uniform turn."""
-    count = len(words)
     plane = [i for i, word in enumerate(words) if word == "x"]
-    n = len(plane)
-    made = {}
-    base = np.zeros(count)
-    others = np.full(count, 1 / count)
-    for name, size in (("uniform 3", 3), ("uniform 4", 4), (f"uniform {n}", n)):
-        angles, shares = base.copy(), others.copy()
-        angles[plane] = 2 * np.pi * (np.arange(n) % size) / size
-        visits = np.bincount(np.arange(n) % size, minlength=size)[np.arange(n) % size] if n else np.ones(0)
-        shares[plane] = n / count / size / visits if n else 0.0
+    count, n, made = len(words), len(plane), {}
+
+    def add(name: str, turned: np.ndarray, weights: np.ndarray) -> None:
+        angles, shares = np.zeros(count), np.full(count, 1 / count)
+        angles[plane], shares[plane] = turned, n / count * weights
         made[name] = (angles, shares / shares.sum())
+
+    for name, size in (("uniform 3", 3), ("uniform 4", 4), (f"uniform {n}", n)):
+        place = np.arange(n) % max(size, 1)
+        add(name, 2 * np.pi * place / max(size, 1), 1 / size / np.bincount(place, minlength=size)[place] if n else np.ones(0))
     if n >= 6:
-        tau = float(best_angle(o.attitudes[0], o.latitude))
+        turned = tau + np.concatenate([np.pi / 2 * np.arange(4), np.pi * np.arange(n - 4)])
         for turn in (0.0, 0.1, 0.3):
-            angles, shares = base.copy(), others.copy()
-            angles[plane[:4]] = tau + np.pi / 2 * np.arange(4)
-            angles[plane[4:]] = tau + np.pi * np.arange(n - 4)
-            shares[plane[:4]] = n / count * max(turn, 4e-6) / 4
-            shares[plane[4:]] = n / count * (1 - max(turn, 4e-6)) / (n - 4)
-            made["pair" if turn == 0 else f"pair after {100 * turn:.0f} % of a uniform turn"] = (angles, shares / shares.sum())
+            part = max(turn, 4e-6)
+            weights = np.repeat([part / 4, (1 - part) / (n - 4)], [4, n - 4])
+            add("pair" if turn == 0 else f"pair after {100 * turn:.0f} % of a uniform turn", turned, weights)
     return made
-
-
-def _shared(o: _Options, count: int) -> tuple[int, float, float]:
-    """Number of dwells, time for all of them, s, and least share of a position."""
-    visits = count * (2 if o.mirrored else 1)
-    time = o.total - o.slew * (visits - (2 if o.mirrored else 1))
-    return visits, time, max(o.minimum * visits / time, _LEAST) / count
-
-
-def _positions(angles: Any, shares: Any, words: tuple[str, ...], o: _Options) -> Positions:
-    """In the order of their angles, mounting by mounting; forth and back where asked for."""
-    order = np.lexsort((np.mod(angles, 2 * np.pi), np.array([("x", "y", "z", "-z").index(word) for word in words])))
-    _, time, least = _shared(o, len(words))
-    dwell = time * (least + (1 - least * len(words)) * shares)
-    angles, dwell, words = np.mod(angles[order], 2 * np.pi), dwell[order], tuple(words[i] for i in order)
-    if o.mirrored:
-        angles, words = np.concatenate([angles, angles[::-1]]), words + words[::-1]
-        dwell = np.concatenate([dwell, dwell[::-1]]) / 2
-    step = np.full(len(words), o.slew)
-    if o.mirrored:
-        step[len(words) // 2 - 1] = 0.0
-    start = np.concatenate([[0.0], np.cumsum(dwell + step)[:-1]])
-    return Positions(angles, words, dwell, start)
-
-
-def _arrays(o: _Options) -> tuple[Turntable, Any, Any, Any]:
-    """What the bound needs beside the positions: models (k,), noise, certainty of the priors, gravity."""
-    models = [turntable(attitude, o.latitude, IDEAL, IDEAL) for attitude in o.attitudes]
-    # without a random walk the number zero is part of the program, which is then smaller
-    noise = [(jnp.asarray(white), jnp.asarray(walk) if walk else 0.0) for white, walk in o.noise]
-    return jax.tree.map(lambda *leaves: jnp.asarray(leaves), *models), noise, jnp.asarray(o.certainty), jnp.asarray(o.gravity)
 
 
 @filter_jit
@@ -326,19 +325,3 @@ def _gradient(p: Array, places: Places, index: Array, dwell: Any, largest: Array
         return 0.5 * jnp.log(jnp.where(largest, jnp.max(variance), jnp.mean(variance)))
 
     return jax.value_and_grad(objective)(p)
-
-
-def _objective(p: np.ndarray, free: tuple[bool, ...], o: _Options, words: tuple[str, ...]) -> tuple[float, np.ndarray]:
-    count = len(words)
-    index = np.concatenate([np.arange(count), np.arange(count)[::-1]]) if o.mirrored else np.arange(count)
-    places = padded(Positions(np.zeros(len(index)), tuple(words[i] for i in index)))
-    visits, time, least = _shared(o, count)
-    dwell = (jnp.asarray(least), jnp.asarray(time), jnp.asarray(visits / count))
-    value, slope = _gradient(jnp.asarray(p), places, jnp.asarray(index), dwell, jnp.asarray(o.largest), free, *_arrays(o))
-    return float(value), np.asarray(slope)
-
-
-def _value(angles: np.ndarray, shares: np.ndarray, *arguments: Any) -> float:
-    """Standard deviation of the azimuth by the criterion; infinite where the positions do not determine it."""
-    value = _objective(np.concatenate([angles, np.log(np.maximum(shares, 1e-300))]), *arguments)[0]
-    return float(np.exp(value)) if np.isfinite(value) and np.exp(value) < np.pi * 1e3 else np.inf

@@ -1,4 +1,4 @@
-"""`Positions`, `Readings` and `Sensor`: where the table stood, what was read there, and what the sensor does."""
+"""`Positions`, `Readings` and `Sensor`: where the table stood, what was read there, and what the sensor does; frames and angles."""
 
 from typing import Any
 
@@ -8,11 +8,44 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._errors import DataError
-from .._precision import is_traced
-from .._types import Array
-from ._frames import AXES, GRAVITY
+from .._precision import array_module, is_traced
+from .._types import AnyArray, Array
 
+#: rad/s, and m/s^2
+EARTH_RATE = 7.292115e-5
+GRAVITY = 9.80665
 _SAME = 1e-6  # rad: table angles that count as one
+
+#: mounting -> sensitive axis and the two cross axes, in body axes
+AXES: dict[str, np.ndarray] = {
+    "x": np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1]]),
+    "y": np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, 1]]),
+    "z": np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]),
+    "-z": np.array([[0.0, 0, -1], [0, 1, 0], [1, 0, 0]]),
+}
+
+
+def wrap(angle: Any) -> Any:
+    """The angle in (-pi, pi]."""
+    return angle - 2 * np.pi * array_module(angle).ceil((angle - np.pi) / (2 * np.pi))
+
+
+def distance(first: Any, second: Any) -> Any:
+    """Size of the angle between two azimuths."""
+    return abs(wrap(first - second))
+
+
+def table_from_nav(phi: Any, theta: Any, psi: Any) -> AnyArray:
+    """C_TN = Rx(phi) Ry(theta) Rz(psi), (3, 3)."""
+    xp = array_module(phi, theta, psi)
+    sf, cf, st, ct, sp, cp = (f(a) for a in (phi, theta, psi) for f in (xp.sin, xp.cos))
+    return xp.stack(
+        [
+            xp.stack([ct * cp, ct * sp, -st]),
+            xp.stack([sf * st * cp - cf * sp, sf * st * sp + cf * cp, sf * ct]),
+            xp.stack([cf * st * cp + sf * sp, cf * st * sp - sf * cp, cf * ct]),
+        ]
+    )
 
 
 class Sensor(eqx.Module):
@@ -188,44 +221,77 @@ def as_positions(given: Any) -> Positions:
     return given if isinstance(given, Positions) else Positions(given)
 
 
-class Means(eqx.Module):
-    """Mean reading at one position over all its dwells, its variance (zero where the noise is not known), whether there is any."""
+class Geometry(eqx.Module):
+    """What the readings at n positions need of the table, computed once: both true vectors are linear in the axes of the table.
 
-    value: Array
-    variance: Array
-    present: Array
+    Attributes
+    ----------
+    time : (n,) middle of the dwell, s, counted from the middle of the test.
+    axes : (n, 3, 3) sensitive axis and two cross axes in table axes; the mean over a sector shortens their turning part.
+    force : (n, 3) specific force along them that the table's motion gives, m/s^2. coriolis : (n, 3, 3) m/s, times the Earth's rate.
+    rate : (n, 3) angular rate along them that the table's motion gives, rad/s.
+    gravity : m/s^2.
+    """
+
+    time: AnyArray
+    axes: AnyArray
+    force: AnyArray
+    coriolis: AnyArray
+    rate: AnyArray
+    gravity: Any
 
 
-def mean_at(readings: Readings, sensor: str, mounting: str, angle: Any, unit: Any) -> Means:
-    """Readings of one position averaged by dwell, in units of `unit`."""
-    positions, values = readings.positions, jnp.asarray(getattr(readings, sensor))
-    known = np.array([word == mounting for word in positions.mounting])
-    apart = jnp.asarray(positions.angle, dtype=values.dtype) - angle
-    here = known & (jnp.abs(apart - 2 * np.pi * jnp.round(apart / (2 * np.pi))) < _SAME) & jnp.isfinite(values)
-    dwell = jnp.where(here, jnp.asarray(positions.dwell, dtype=values.dtype), 0)
-    total = jnp.sum(dwell)
+def geometry(positions: Any, gravity: Any = GRAVITY, lever_arm: Any = 0.0) -> Geometry:
+    """Geometry of `Positions`, of table angles in rad, or of any object with the arrays of `Positions`; itself where it is one."""
+    if isinstance(positions, Geometry):
+        return positions
+    places = positions if hasattr(positions, "axes") else as_positions(positions)
+    xp = array_module(places, gravity, lever_arm)
+    angle, rate, width, axes = (xp.asarray(value) for value in (places.angle, places.rate, places.width, places.axes))
+    # the mean of a first harmonic over a sector
+    half = xp.where(width != 0, width, 1) / 2
+    part = xp.where(width != 0, xp.sin(half) / half, 1)
+    c, s, zero = part * xp.cos(angle), part * xp.sin(angle), xp.zeros_like(angle)
+    body = xp.stack([xp.stack([c, s, zero], -1), xp.stack([-s, c, zero], -1), xp.stack([zero, zero, zero + 1], -1)], 1)
+    motion = xp.stack([-lever_arm * rate**2, lever_arm * places.acceleration, zero], -1)
+    # 2 w x [0, l omega, 0] = 2 l omega [-w_z, 0, w_x]
+    coriolis = 2 * (lever_arm * rate)[:, None, None] * xp.stack([-body[:, 2], 0 * body[:, 1], body[:, 0]], 1)
+    along = lambda vectors: (axes * vectors[:, None, :]).sum(-1)  # noqa: E731
+    turning = xp.stack([zero, zero, zero + rate], -1)
+    return Geometry(xp.asarray(places.time), axes @ body, along(motion), axes @ coriolis, along(turning), gravity)
+
+
+def taken(readings: Readings, sensor: str, mounting: str, angle: Any) -> Any:
+    """Which readings of a sensor were taken at a position, (n,)."""
+    xp, values = array_module(readings, angle), getattr(readings, sensor)
+    apart = xp.asarray(readings.positions.angle, dtype=values.dtype) - angle
+    same = abs(apart - 2 * np.pi * xp.round(apart / (2 * np.pi))) < _SAME
+    return same & np.array([word == mounting for word in readings.positions.mounting]) & xp.isfinite(values)
+
+
+def means_at(readings: Readings, sensor: str, places: list[tuple[str, Any]], unit: Any) -> tuple[Array, Array, Array]:
+    """Means over all dwells at each position in units of `unit`, variances (zero where the noise is not known), and which there are."""
+    values = jnp.asarray(getattr(readings, sensor))
+    here = jnp.stack([taken(readings, sensor, *place) for place in places])
+    dwell = jnp.where(here, jnp.asarray(readings.positions.dwell, dtype=values.dtype)[None, :], 0)
+    total = jnp.sum(dwell, axis=1)
     safe = jnp.where(total > 0, total, 1)
+    return jnp.sum(dwell * jnp.where(here, values[None, :], 0), axis=1) / safe / unit, _noise(readings, sensor, unit) ** 2 / safe, total > 0
+
+
+def _noise(readings: Readings, sensor: str, unit: Any) -> Array:
     white = readings.white(sensor)
-    noise = jnp.asarray(0.0 if white is None else white, dtype=values.dtype) / unit
-    return Means(jnp.sum(dwell * jnp.where(here, values, 0)) / safe / unit, noise**2 / safe, total > 0)
-
-
-def measured(readings: Readings, sensor: str, mounting: str, angle: float) -> bool:
-    """Whether there is a reading at a position (host only)."""
-    apart = np.asarray(readings.positions.angle) - angle
-    here = np.abs(apart - 2 * np.pi * np.round(apart / (2 * np.pi))) < _SAME
-    return bool(np.any(here & np.isfinite(getattr(readings, sensor)) & (np.array(readings.positions.mounting) == mounting)))
+    return jnp.asarray(0.0 if white is None else white, dtype=jnp.asarray(getattr(readings, sensor)).dtype) / unit
 
 
 def need(readings: Readings, sensor: str, wanted: list[tuple[str, float]], method: str) -> None:
     """Refuse readings that lack a position of a method, and name it (host only)."""
-    values = getattr(readings, sensor)
     word = "accelerometer" if sensor == "accel" else "gyro"
-    if values is None:
+    if getattr(readings, sensor) is None:
         raise DataError(f"There are no {word} readings; method {method!r} needs them.")
     if is_traced(readings):
         return
-    missing = [f"{m} at {np.rad2deg(a):g} degrees" for m, a in wanted if not measured(readings, sensor, m, a)]
+    missing = [f"{m} at {np.rad2deg(a):g} degrees" for m, a in wanted if not np.any(taken(readings, sensor, m, a))]
     if missing:
         raise DataError(
             f"Method {method!r} needs a {word} reading with mounting {', '.join(missing)}, and there is none; measure there, or use `fit`, "
@@ -233,30 +299,25 @@ def need(readings: Readings, sensor: str, wanted: list[tuple[str, float]], metho
         )
 
 
-class Harmonics(eqx.Module):
-    """Cosine amplitude, sine amplitude and offset of readings against the table angle, with covariance, and whether they are determined."""
+def least_squares(rows: AnyArray, values: AnyArray, weight: AnyArray, tolerance: float = 1e-7) -> tuple[AnyArray, AnyArray, AnyArray]:
+    """Solution x (p,) of values = rows x, its covariance for residuals of variance 1 / weight^2, and which entries are determined."""
+    xp = array_module(rows, values, weight)
+    # by singular values alone, which compile in a third of the time of `fitting.information`
+    left, s, right = xp.linalg.svd(weight[:, None] * rows, full_matrices=False)
+    kept = s > tolerance * xp.max(s)
+    inverse = xp.where(kept, 1 / xp.where(kept, s, 1), 0)
+    hidden = 1 - xp.sum(xp.where(kept[:, None], right, 0) ** 2, axis=0)
+    return right.T @ (inverse * (left.T @ (weight * values))), (right.T * inverse[None, :] ** 2) @ right, hidden < 1e-6
 
-    value: Array
-    covariance: Array
-    determined: Array
 
-
-def harmonics(readings: Readings, sensor: str, mounting: str, unit: Any, offset: bool = True) -> Harmonics:
-    """Weighted least squares of A cos tau + B sin tau + C, readings in units of `unit`."""
-    positions, values = readings.positions, jnp.asarray(getattr(readings, sensor))
-    dtype = values.dtype
-    here = np.array([word == mounting for word in positions.mounting]) & jnp.isfinite(values)
-    angle = jnp.asarray(positions.angle, dtype=dtype)
-    rows = jnp.stack([jnp.cos(angle), jnp.sin(angle), jnp.full(angle.shape, float(offset), dtype=dtype)], axis=1)
-    root = jnp.sqrt(jnp.where(here, jnp.asarray(positions.dwell, dtype=dtype), 0))
-    u, s, v = jnp.linalg.svd(root[:, None] * rows, full_matrices=False)
-    needed = 3 if offset else 2
-    small = s < 1e-7 * jnp.max(s)
-    inverse = jnp.where(small, 0, 1 / jnp.where(small, 1, s))
-    value = v.T @ (inverse * (u.T @ (root * jnp.where(here, values, 0)))) / unit
-    white = readings.white(sensor)
-    noise = jnp.asarray(0.0 if white is None else white, dtype=dtype) / unit
-    return Harmonics(value, noise**2 * (v.T * inverse[None, :] ** 2) @ v, jnp.sum(~small) >= needed)
+def harmonics(readings: Readings, sensor: str, mounting: str, unit: Any, offset: bool = True) -> tuple[Array, Array, Array]:
+    """A, B and C of A cos tau + B sin tau + C fitted to readings in units of `unit`, their covariance, and whether they are determined."""
+    values = jnp.asarray(getattr(readings, sensor))
+    here = np.array([word == mounting for word in readings.positions.mounting]) & jnp.isfinite(values)
+    angle, dwell = (jnp.asarray(part, dtype=values.dtype) for part in (readings.positions.angle, readings.positions.dwell))
+    rows = jnp.stack([jnp.cos(angle), jnp.sin(angle), jnp.full_like(angle, float(offset))], axis=1)
+    value, covariance, known = least_squares(rows, jnp.where(here, values, 0), jnp.sqrt(jnp.where(here, dwell, 0)))
+    return value / unit, _noise(readings, sensor, unit) ** 2 * covariance, jnp.all(known[: 3 if offset else 2])
 
 
 def check_gravity(gravity: Any) -> Any:

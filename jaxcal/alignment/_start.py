@@ -1,16 +1,84 @@
-"""Initial guess of the joint fit: in the right basin, from linear fits and a search over the azimuth."""
+"""What a joint fit is asked for, checked; and its initial guess: in the right basin, from linear fits and a search over the azimuth."""
 
 from typing import Any
 
 import jax
 import numpy as np
 
-from .._precision import array_module
+from .._errors import DataError
+from .._precision import array_module, is_traced
 from .._types import AnyArray
-from ._frames import EARTH_RATE, distance, table_from_nav, wrap
-from ._table import Table
+from ._model import Table
+from ._positions import EARTH_RATE, Positions, distance, least_squares, table_from_nav, wrap
 
+_ALWAYS = ("phi", "theta", "psi", "b_a", "b_g")
+_ANGLES = ("phi", "theta", "psi", "latitude")
+_FEW_ANGLES = 3
+#: sensor -> what cannot be free without it
+_NEEDED = {"accelerometer": ("b_a", "s_a", "ma_a_xy", "ma_a_xz", "b_a_rate"), "gyro": ("psi", "b_g", "s_g")}
 _GRID = 360
+
+
+def free_of(free: Any, priors: Any, positions: Positions, latitude: Any, sensors: tuple[bool, bool], known: tuple[str, ...]) -> set[str]:
+    """Names of the parameters that are estimated; by default angles, biases, and the scale errors where there is a z reading."""
+    priors = priors or {}
+    if free is None:
+        names = {*_ALWAYS, *(("s_a", "s_g") if {"z", "-z"} & set(positions.mounting) else ())}
+        for there, needed in zip(sensors, _NEEDED.values(), strict=True):
+            names -= set() if there else set(needed)
+    else:
+        names = {free} if isinstance(free, str) else set(free)
+        for (sensor, needed), there in zip(_NEEDED.items(), sensors, strict=True):
+            lacking = [name for name in needed if name in names | set(priors)]
+            if not there and lacking:
+                raise DataError(f"There are no {sensor} readings, and {', '.join(lacking)} cannot be free without.")
+    names |= set(priors) | ({"latitude"} if latitude is None else set())
+    check_names(sorted(names), "free parameter", known)
+    if not names:
+        raise DataError("No parameter is free; name some in `free`.")
+    return names
+
+
+def check_names(names: Any, what: str, known: tuple[str, ...]) -> None:
+    unknown = [name for name in names if name not in known]
+    if unknown:
+        raise DataError(f"There is no {what} {unknown[0]!r}; known are {', '.join(known)}.")
+
+
+def priors_of(priors: Any, known: tuple[str, ...]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Means and one over the standard deviations by name; a prior is a standard deviation about zero, or (mean, deviation)."""
+    mean: dict[str, Any] = {}
+    certainty: dict[str, Any] = {}
+    check_names(priors or {}, "parameter for a prior", known)
+    for name, given in (priors or {}).items():
+        pair = isinstance(given, (tuple, list)) or getattr(given, "ndim", 0)
+        both: Any = given if pair else (0.0, given)
+        centre, size = both
+        if name in _ANGLES and not pair:
+            raise DataError(f"The prior of {name} is {given!r}; an angle's prior needs its mean: (mean, standard deviation) in rad.")
+        if not is_traced(size) and not float(size) > 0:
+            raise DataError(f"The prior of {name} has the standard deviation {float(size):g}; it is positive, in SI units.")
+        mean[name], certainty[name] = centre, 1 / size
+    return mean, certainty
+
+
+def check_latitude_free(free: set[str], priors: dict[str, Any], positions: Positions) -> None:
+    """Refuse a free latitude that the readings cannot give (section 2 of the method)."""
+    if "latitude" not in free or "latitude" in priors:
+        return
+    in_plane = np.isin(np.array(positions.mounting), ["x", "y"])
+    if not is_traced(positions.angle):
+        distinct = len(np.unique(np.round(np.exp(1j * np.asarray(positions.angle)[in_plane]), 6)))
+        if distinct < _FEW_ANGLES:
+            raise DataError(
+                f"The latitude cannot be found from {distinct} distinct table angles; measure at three or more, such as 0, 90 and 180 "
+                "degrees, or give the latitude."
+            )
+    if "s_g" in free and "s_g" not in priors and in_plane.all():
+        raise DataError(
+            "The latitude and the gyro's scale error cannot both be found on the table alone; add a reading with mounting 'z', hold s_g, "
+            "give it a prior, or give the latitude."
+        )
 
 
 def initial_guess(
@@ -18,12 +86,8 @@ def initial_guess(
 ) -> tuple[dict[str, Any], dict[str, Any], Any]:
     """Values to start from, other values that fit as well, and whether they do.
 
-    Parameters
-    ----------
-    table : the readings. dwell : (n,) of its rows, s.
-    given : value of every parameter that the caller sets or that is held. known : names that the caller set. free : names to estimate.
-    hint : azimuth, rad, or None. noise : of the gyro, standard deviation for a second, to say which minima of the search are one as
-        good as the other. hemisphere : +1, -1, or 0 for either.
+    `given` holds every parameter that the caller sets (`known`) or holds; `noise` is the gyro's for a second, rad/s, and says which minima
+    of the search are one as good as the other; `hemisphere` is 1, -1, or 0 for either.
     """
     xp = array_module(table, given, hint, noise)
     axes, root = table.places.axes[:, 0], xp.sqrt(dwell)
@@ -64,13 +128,9 @@ def initial_guess(
 def _vector(axes: AnyArray, reading: AnyArray, weight: AnyArray, offset: bool) -> tuple[AnyArray, AnyArray]:
     """Least-squares vector v of reading = axes.v + b, and which of its components the readings determine."""
     xp = array_module(axes, reading, weight)
-    rows = weight[:, None] * xp.concatenate([axes, xp.full((axes.shape[0], 1), float(offset), dtype=axes.dtype)], axis=1)
-    left, s, right = xp.linalg.svd(rows, full_matrices=False)
-    kept = s > 1e-6 * xp.max(s)
-    inverse = xp.where(kept, 1 / xp.where(kept, s, 1), 0)
-    vector = right.T @ (inverse * (left.T @ (weight * reading)))
-    hidden = 1 - xp.sum(xp.where(kept[:, None], right, 0) ** 2, axis=0)
-    return vector[:3], hidden[:3] < 1e-6
+    rows = xp.concatenate([axes, xp.full((axes.shape[0], 1), float(offset), dtype=axes.dtype)], axis=1)
+    solution, _, known = least_squares(rows, reading, weight, 1e-6)
+    return solution[:3], known[:3]
 
 
 def _levelled(xp: Any, plane: AnyArray, third: Any, phi: Any, theta: Any) -> tuple[Any, Any]:

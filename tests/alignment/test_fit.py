@@ -296,14 +296,16 @@ def test_the_azimuth_responds_to_everything_given_as_finite_differences_say():
     steps = {
         "latitude": 1e-4, "gravity": 1e-3, "gyro": 1e-8 * rng.normal(size=5), "accel": 1e-4 * rng.normal(size=5),
         "angle": 1e-4 * rng.normal(size=5), "s_g": 1e-4, "s_a": 1e-4, "ma_g_xy": 1e-4, "prior": 1e-4, "deviation": 5e-7,
-        "dwell": 0.1 * rng.normal(size=5),
+        "dwell": 0.1 * rng.normal(size=5), "accel_noise": 1e-2, "gyro_noise": 1e-2, "walk": 1e-2,
     }  # fmt: skip
 
     def psi(change):
         places = Positions(base.positions.angle + change["angle"], base.positions.mounting, 60.0 + change["dwell"])
         # noise in the readings, that weights and priors matter
         accel, gyro = base.accel + 1e-4 * np.array([1.0, -2.0, 0.5, 1.0, 0.0]), base.gyro + 1e-7 * np.array([0.0, 1.0, -1.0, 2.0, 1.0])
-        readings = Readings(places, accel + change["accel"], gyro + change["gyro"], accel_noise=VRW, gyro_noise=ARW)
+        noise = Sensor(white=ARW * (1 + change["gyro_noise"]), walk=ARW / 100 * (1 + change["walk"]))
+        given = {"accel_noise": VRW * (1 + change["accel_noise"]), "gyro_noise": noise}
+        readings = Readings(places, accel + change["accel"], gyro + change["gyro"], **given)
         held = {"s_g": 1e-4 + change["s_g"], "s_a": 1e-4 + change["s_a"], "ma_g_xy": 1e-4 + change["ma_g_xy"]}
         prior = {"b_a": (1e-3 + change["prior"], 1e-4 + change["deviation"])}
         options = {"free": FIVE, "start": held, "priors": prior, "gravity": 9.80665 + change["gravity"]}

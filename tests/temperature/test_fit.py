@@ -10,7 +10,19 @@ import pytest
 from scipy.interpolate import PchipInterpolator, make_smoothing_spline
 
 from jaxcal import DataError, Log
-from jaxcal.temperature import AbstractCurve, Chebyshev, Steps, binned, characterise, fit, residuals, scale_factor, thermometer
+from jaxcal.temperature import (
+    AbstractCurve,
+    Chebyshev,
+    Steps,
+    binned,
+    characterise,
+    fit,
+    lagged,
+    played,
+    residuals,
+    scale_factor,
+    thermometer,
+)
 
 from .cases import smooth_record
 
@@ -218,6 +230,29 @@ def test_a_given_form_is_traced_mapped_and_differentiable(options):
     mapped = jax.jit(jax.vmap(lambda b: values(t, b)))(many)
     np.testing.assert_allclose(mapped, [fit(t, one, **options).model.bias_at(AT) for one in many], rtol=1e-9)
     np.testing.assert_allclose(slope, mapped[1] - mapped[2], rtol=1e-4)
+
+
+@pytest.mark.parametrize("options", [{"model": "polynomial", "degree": 3}, {"model": "table"}, {"model": JUMP}])
+def test_a_given_form_responds_to_temperatures_lag_and_play_as_finite_differences_say(options):
+    rng, time = np.random.default_rng(2), np.arange(900.0)
+    t = 25 + 14 * np.sin(time / 150) + 0.01 * rng.normal(size=900)
+    felt = played(lagged(t, 1.0, 20.0), 0.3)
+    b = 0.01 + 0.004 * (felt - 25) / 15 + 0.005 / (1 + np.exp(-(felt - 24.5) / 0.3)) + 1e-4 * rng.normal(size=900)
+    #: what changes -> a step that moves no sample into another bin
+    steps = {"temperature": 1e-7 * rng.normal(size=900), "lag": 1e-6, "play": 1e-7}
+
+    @jax.jit
+    def values(change):
+        held = {"lag": 20.0 + change["lag"], "play": 0.3 + change["play"]}
+        return fit(t + change["temperature"], b, time=time, **held, **options).model.bias_at(jnp.asarray(AT))
+
+    none = jax.tree.map(np.zeros_like, steps)
+    # the host averages the record to seconds first
+    np.testing.assert_allclose(values(none), fit(t, b, time=time, lag=20.0, play=0.3, **options).model.bias_at(AT), rtol=1e-3)
+    slopes = jax.jit(jax.jacrev(values))(none)
+    for name, step in steps.items():
+        up, down = (values(none | {name: sign * step}) for sign in (0.5, -0.5))
+        np.testing.assert_allclose(np.reshape(slopes[name], (2, -1)) @ np.ravel(step), up - down, rtol=1e-4, atol=1e-16, err_msg=name)
 
 
 class Sine(AbstractCurve):

@@ -1,14 +1,20 @@
-"""`carousel`: sector means of a log taken on a table that turns all the time."""
+"""Readings from a raw log of a table that turns all the time (`carousel`), and from errors that are known (`simulate`)."""
 
 from typing import Any
 
 import equinox as eqx
+import jax
+import jax.core
+import jax.numpy as jnp
 import numpy as np
 import scipy.stats
 
+from .._compile import filter_jit
 from .._errors import DataError
 from .._precision import host_float64, is_traced
-from ._positions import Positions, Readings
+from .._types import Array
+from ._model import in_one_type, turntable, walk_covariance
+from ._positions import GRAVITY, IDEAL, Positions, Readings, Sensor, as_positions, check_latitude, least_squares
 
 
 class Carousel(eqx.Module):
@@ -86,8 +92,7 @@ def carousel(
     if is_traced(time, angle, accel, gyro):
         raise DataError("`carousel` sorts a log on the host and cannot be traced; its result goes into `fit`, which can.")
     time, angle = (np.asarray(v, dtype=float) for v in (time, angle))
-    samples = {"accel": accel, "gyro": gyro}
-    samples = {name: np.asarray(v, dtype=float) for name, v in samples.items() if v is not None}
+    samples = {name: np.asarray(v, dtype=float) for name, v in (("accel", accel), ("gyro", gyro)) if v is not None}
     if not samples:
         raise DataError("There are neither accelerometer nor gyro samples; give at least one of them.")
     for name, v in {"angle": angle, **samples}.items():
@@ -105,20 +110,18 @@ def carousel(
     label = np.floor(angle / width).astype(int)
     # the first and last sectors are cut off by the log and have another mean angle
     kept = (label != label[0]) & (label != label[-1])
-    names, place = np.unique(label[kept], return_inverse=True)
+    names, first, place = np.unique(label[kept], return_index=True, return_inverse=True)
     count = np.bincount(place)
     if count.min() < 2:
         raise DataError(f"Some sectors hold {count.min()} samples; sample faster, turn slower, or use fewer sectors.")
     mean = lambda v: np.bincount(place, weights=v[kept]) / count  # noqa: E731
-    step = float(np.median(np.diff(time)))
-    dwell, start = count * step, np.array([time[kept][place == i][0] for i in range(len(names))])
-    rates = np.gradient(angle, time)
-    rate, mean_angle = mean(rates), mean(angle)
-    noise = {"accel": accel_noise, "gyro": gyro_noise}
+    dwell, start = count * float(np.median(np.diff(time))), time[kept][first]
+    rate, mean_angle = mean(np.gradient(angle, time)), mean(angle)
+    means, noise = {name: mean(v) for name, v in samples.items()}, {"accel": accel_noise, "gyro": gyro_noise}
     wobble, notes = {}, []
-    for name, v in samples.items():
+    for name, v in means.items():
         word, unit = ("accelerometer", "m/s^2") if name == "accel" else ("gyro", "rad/s")
-        wobble[name], white = _second_harmonic(mean_angle, mean(v), dwell)
+        wobble[name], white = _second_harmonic(mean_angle, v, dwell)
         if noise[name] is None:
             noise[name] = max(white, 1e-300)
             notes.append(f"The noise of the {word} is that of the scatter of its sector means.")
@@ -127,7 +130,6 @@ def carousel(
                 f"The {word} has a second harmonic of {wobble[name][0]:.3g} {unit} ({wobble[name][0] / wobble[name][1]:.1f} standard "
                 "deviations): the table wobbles, or the sensor is sensitive to acceleration."
             )
-    means = {name: mean(v) for name, v in samples.items()}
     spread = float(rate.std())
     if fold:
         over = np.unique(np.mod(names, sectors), return_inverse=True)[1]
@@ -137,22 +139,119 @@ def carousel(
         mean_angle, means, rate = folded(np.mod(mean_angle, 2 * np.pi)), {name: folded(v) for name, v in means.items()}, folded(rate)
         dwell, start = total, np.cumsum(total) - total
     positions = Positions(mean_angle, "x", dwell, start, rate=rate, width=width)
-    noises = {"accel_noise": noise["accel"], "gyro_noise": noise["gyro"]}
-    readings = Readings(positions, means.get("accel"), means.get("gyro"), lever_arm=lever_arm, **noises)
+    noises = {f"{name}_noise": size for name, size in noise.items()}
+    readings = Readings(positions, **means, **noises, lever_arm=lever_arm)
     return Carousel(readings, float(turns), float(rate.mean()), spread, wobble, tuple(notes))
 
 
 def _second_harmonic(angle: np.ndarray, value: np.ndarray, dwell: np.ndarray) -> tuple[tuple[float, float, float], float]:
     """Amplitude, its standard deviation and p value, and the white noise for one second."""
     rows = np.stack([np.ones_like(angle), np.cos(angle), np.sin(angle), np.cos(2 * angle), np.sin(2 * angle)], axis=1)
-    root = np.sqrt(dwell)
-    solution = np.linalg.lstsq(rows * root[:, None], value * root, rcond=None)[0]
+    solution, unit, _ = least_squares(rows, value, np.sqrt(dwell))
     freedom = max(len(value) - rows.shape[1], 1)
-    white = float(np.sqrt(np.sum((root * (value - rows @ solution)) ** 2) / freedom))
-    covariance = white**2 * np.linalg.inv((rows * dwell[:, None]).T @ rows)[3:, 3:]
-    pair = solution[3:]
+    white = float(np.sqrt(np.sum(dwell * (value - rows @ solution) ** 2) / freedom))
+    pair, covariance = solution[3:], white**2 * unit[3:, 3:]
     amplitude, sigma = float(np.hypot(*pair)), float(np.sqrt(np.trace(covariance) / 2))
     # readings without any noise: rounding is no wobble
     tiny = amplitude < 1e-9 * float(np.abs(value).max())
     statistic = 0.0 if tiny or sigma == 0 else float(pair @ np.linalg.solve(covariance, pair)) / 2
     return (amplitude, sigma, float(scipy.stats.f.sf(statistic, 2, freedom))), white
+
+
+@filter_jit
+def _noise(key: Array, white: Array, walk: Array | None, dwell: Array, start: Array) -> Array:
+    """White noise of the means over dwells, and that of a bias that walks."""
+    one, two = jax.random.split(key)
+    noise = white / jnp.sqrt(dwell) * jax.random.normal(one, dwell.shape, dwell.dtype)
+    if walk is None:
+        return noise
+    return noise + walk * (jnp.linalg.cholesky(walk_covariance(start, dwell)) @ jax.random.normal(two, dwell.shape, dwell.dtype))
+
+
+@host_float64
+def simulate(
+    positions: Any,
+    attitude: Any,
+    latitude: Any,
+    *,
+    accel: Sensor = IDEAL,
+    gyro: Sensor = IDEAL,
+    lever_arm: Any = 0.0,
+    table_rate: Any = None,
+    table_acceleration: Any = None,
+    gravity: Any = GRAVITY,
+    seed: Any = 0,
+) -> Readings:
+    r"""Readings of an accelerometer and a gyro on a turntable.
+
+    .. math:: f = a_{rel} + 2\omega_E \times v_{rel} - g,\qquad m = (1+s)\,u\cdot v + MA_1 v_1\cdot v + MA_2 v_2\cdot v + b + n
+
+    with :math:`v_{rel} = [0, l\omega, 0]`, :math:`a_{rel} = [-l\omega^2, l\dot\omega, 0]`, at every position, mounting and dwell.
+
+    Parameters
+    ----------
+    positions : `Positions`, or table angles in rad.
+    attitude : (3,) roll phi, pitch theta, azimuth psi of the table, rad.
+    latitude : rad, north positive.
+    accel, gyro : errors and noise of the sensors.
+    lever_arm : distance of the sensors from the table's axis along body x, m.
+    table_rate, table_acceleration : rad/s and rad/s^2; by default those of the positions.
+    gravity : m/s^2.
+    seed : of the noise; traced, a key of `jax.random`.
+
+    Returns
+    -------
+    Readings; they carry the noise coefficients of the sensors, where these are not zero.
+
+    Raises
+    ------
+    DataError
+        For an attitude that is not three finite angles, or a latitude beyond the poles.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.alignment import simulate
+    >>> readings = simulate(np.deg2rad([0.0, 90.0]), np.deg2rad([0.0, 30.0, 90.0]), 0.0)
+    >>> print(readings.accel.round(3) + 0.0)
+    [4.903 0.   ]
+
+    References
+    ----------
+    The north-finding paper's equations (16), (18), (22), (23) and (36) to (39), in corrected form.
+    """
+    positions = as_positions(positions)
+    for name, value in (("rate", table_rate), ("acceleration", table_acceleration)):
+        if value is not None:
+            whole = (jnp if is_traced(value) else np).broadcast_to(value, positions.angle.shape)
+            positions = eqx.tree_at(lambda p, name=name: getattr(p, name), positions, whole)
+    attitude = attitude if is_traced(attitude) else np.asarray(attitude, dtype=float)
+    if attitude.shape != (3,):
+        raise DataError(f"The attitude has shape {attitude.shape}; give (roll, pitch, azimuth) in rad.")
+    if not is_traced(attitude, latitude):
+        if not np.isfinite(attitude).all():
+            raise DataError("The attitude is not finite; give (roll, pitch, azimuth) in rad.")
+        check_latitude(latitude)
+    made = turntable(attitude, latitude, accel, gyro).measure(positions, gravity=gravity, lever_arm=lever_arm)
+    dtype = jax.dtypes.canonicalize_dtype(attitude.dtype)
+    made = in_one_type(made, dtype)
+    walking = any(_some(sensor.walk) for sensor in (accel, gyro))
+    keys = jax.random.split(seed if isinstance(seed, jax.Array) else jax.random.key(int(seed)))
+    # as arrays: a number would be part of the program, which would be compiled anew for every other
+    as_array = lambda value: jnp.asarray(value, dtype=dtype)  # noqa: E731
+    dwell, start = as_array(positions.dwell), as_array(positions.start)
+    noisy = [
+        reading + _noise(key, as_array(sensor.white), as_array(sensor.walk) if walking else None, dwell, start) if known else reading
+        for key, sensor, reading, known in zip(keys, (accel, gyro), made, map(_known, (accel, gyro)), strict=True)
+    ]
+    return Readings(positions, *noisy, accel_noise=_known(accel), gyro_noise=_known(gyro), lever_arm=lever_arm)
+
+
+def _some(size: Any) -> bool:
+    """Whether a noise coefficient is not zero, or not yet known."""
+    return isinstance(size, jax.core.Tracer) or float(size) > 0
+
+
+def _known(sensor: Sensor) -> Any:
+    """The sensor's noise; None where it has none."""
+    return sensor if _some(sensor.white) or _some(sensor.walk) else None
