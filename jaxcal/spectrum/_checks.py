@@ -22,7 +22,7 @@ def check_options(method: Any, sided: Any, average: Any, confidence: Any) -> Non
         raise DataError(f"sided must be 2 (half of the power at negative frequencies) or 1 (all of it at positive ones); got {sided!r}")
     if not (average is None or isinstance(average, str)) or average not in GROUPS:
         raise DataError(f'unknown average {average!r}; expected "octave", "log" or None')
-    record.checked_confidence(confidence)
+    quality.checked_confidence(confidence)
 
 
 def checked_record(y: Any, rate: float) -> Any:
