@@ -2,7 +2,7 @@
 
 import importlib.metadata
 import math
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from ..plot._style import SENSORS, display_unit, duration_label, interval_labels
 from ._html import Markup, definitions, each, join, numbers_table, provenance, recording, scroll, section, table, tag, warnings_of
 from ._page import picture
 
+F = TypeVar("F")
 _MOST = 300  # rows of a table of numbers
 _NAMES = {
     ("Q", "gyro"): "quantisation noise", ("N", "gyro"): "angle random walk", ("B", "gyro"): "bias instability",
@@ -151,9 +152,9 @@ def summary(results: dict[str, NoiseFit]) -> list[tuple[str, str, Any]]:
     return rows
 
 
-def by_sensor(results: dict[str, NoiseFit]) -> dict[str, dict[str, NoiseFit]]:
+def by_sensor(results: dict[str, F]) -> dict[str, dict[str, F]]:
     """Results grouped by sensor, in the order in which they come."""
-    groups: dict[str, dict[str, NoiseFit]] = {}
+    groups: dict[str, dict[str, F]] = {}
     for name, fit in results.items():
         groups.setdefault(sensor_of(name), {})[name] = fit
     return groups

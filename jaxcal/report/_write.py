@@ -134,7 +134,8 @@ def _content(results: Any, log: Any, version: str, device: str | None) -> tuple[
     file = log.provenance.get("file") if isinstance(log, Log) else None
     if device is None and file:
         device = pathlib.PurePath(str(file)).name
-    return _TITLES.get(what, what) if device is None else f"{what} of {device}", lead, body
+    title = f"{what} of {device}" if device is not None else str(_TITLES.get(what, what))
+    return title, lead, body
 
 
 def _pairs(results: Any, log: Any) -> list[tuple[Any, Any]]:
