@@ -57,18 +57,18 @@ def log_axes(ax: "Axes", x_label: str, y_label: str) -> None:
     style_axes(ax, x_label, y_label)
 
 
-def style_axes(ax: "Axes", x_label: str, y_label: str) -> None:
-    """A light grid behind the data, axes left and below, named."""
+def style_axes(ax: "Axes", x_label: str, y_label: str, size: float = _TEXT) -> None:
+    """A light grid behind the data, axes left and below, named in letters of this size."""
     ax.set_axisbelow(True)
     ax.grid(True, which="major", color=GRID, linewidth=0.8)
-    ax.tick_params(which="both", color=GRID, labelcolor=INK, labelsize=_TEXT - 1)
+    ax.tick_params(which="both", color=GRID, labelcolor=INK, labelsize=size - 1)
     ax.tick_params(which="minor", length=2)
     for side, spine in ax.spines.items():
         spine.set_visible(side in ("left", "bottom"))
         spine.set_color(MUTED)
         spine.set_linewidth(0.8)
-    ax.set_xlabel(x_label, color=INK, fontsize=_TEXT)
-    ax.set_ylabel(y_label, color=INK, fontsize=_TEXT)
+    ax.set_xlabel(x_label, color=INK, fontsize=size)
+    ax.set_ylabel(y_label, color=INK, fontsize=size)
 
 
 def color_bar(ax: "Axes", drawn: Any, label: str) -> Any:

@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 
 from .._files import write_atomically
-from ..plot._style import GRID, INK, MUTED, SERIES, number_label, unit_label
-from ._html import Markup, each, join, tag
-from ._page import page
-from ._svg import inline
+from ..plot._style import MUTED, SERIES, new_figure, number_label, style_axes, unit_label
+from ._html import Markup, definitions, each, join, scroll, section, table, tag
+from ._page import page, picture
 
 _ROWS = 36  # coefficients in the figure, and in the first table
 _PANELS = 8  # trends that are drawn
@@ -52,10 +51,13 @@ def write_fleet(fleet: dict[str, Any], path: str | os.PathLike[str]) -> None:
     version = importlib.metadata.version("jaxcal")
     done, task = len(fleet["names"]), str(fleet["task"]["name"])
     lead = f"{fleet['logs']} log{'s' * (fleet['logs'] != 1)}, {done} answered, {len(fleet['failed'])} not"
-    body = join(
-        (_verdict(fleet), _spread(fleet), _outliers(fleet), _trends(fleet), _failed(fleet), _warnings(fleet), _meaning(), _made(fleet))
-    )
-    write_atomically(path, page(f"Fleet: {task}", lead, body, f"Written by jaxcal {version}"))
+    failed = table(("Log", "Reason"), fleet["failed"]) if fleet["failed"] else tag("p", "None.")
+    body = (
+        _verdict(fleet), _spread(fleet), _outliers(fleet), _trends(fleet), section("Logs without an answer", "failed", failed),
+        _warnings(fleet), section("What the words mean", "meaning", definitions(_MEANING)),
+        section("Provenance", "provenance", definitions((key, str(value)) for key, value in fleet["task"].items() if value)),
+    )  # fmt: skip
+    write_atomically(path, page(f"Fleet: {task}", lead, join(body), f"Written by jaxcal {version}"))
 
 
 def _verdict(fleet: dict[str, Any]) -> Markup:
@@ -78,7 +80,7 @@ def _verdict(fleet: dict[str, Any]) -> Markup:
         lines.append("No coefficient goes with the order or the date of the logs, as far as can be told.")
     if fleet["failed"]:
         lines.append(f"{len(fleet['failed'])} log{'s' * (len(fleet['failed']) != 1)} could not be answered; the reasons are below.")
-    return _section("Verdict", "verdict", tag("ul", each("li", lines)))
+    return section("Verdict", "verdict", tag("ul", each("li", lines)))
 
 
 def _spread(fleet: dict[str, Any]) -> Markup:
@@ -91,19 +93,13 @@ def _spread(fleet: dict[str, Any]) -> Markup:
     caption = "Each point is a log, in robust standard deviations of its coefficient; orange: outliers. Linear up to 5, then logarithmic."
     if len(drawn) < len(shown):
         caption += f" {len(drawn)} of {len(shown)} coefficients; the table has all."
-    svg = inline(_spread_figure(drawn), "fleet-spread", title, caption)
-    figure = tag("figure", tag("div", svg, class_="scroll", tabindex="0", role="region", aria_label=title), tag("figcaption", caption))
-    words = ("Coefficient", "Unit", "Logs", "Median", "5 %", "95 %", "Robust s.d.", "Own error", "Outliers")
-    head = tag("tr", *(tag("th", word, scope="col") for word in words))
+    figure = picture(_spread_figure(drawn), "fleet-spread", title, caption, caption)
+    columns = ("Coefficient", "Unit", "Logs", "Median", "5 %", "95 %", "Robust s.d.", "Own error", "Outliers")
     rows = [
-        tag(
-            "tr", tag("th", name, scope="row"), tag("td", unit_label(one["unit"])), tag("td", one["count"]),
-            *(tag("td", _shown(one[key])) for key in ("median", "low", "high", "sigma", "own")), tag("td", len(one["outliers"])),
-        ) for name, one in shown.items()
+        (name, unit_label(one["unit"]), one["count"], *(_shown(one[key]) for key in ("median", "low", "high", "sigma", "own")),
+         len(one["outliers"])) for name, one in shown.items()
     ]  # fmt: skip
-    table = tag("table", tag("thead", head), tag("tbody", *rows))
-    region = tag("div", table, class_="numbers", tabindex="0", role="region", aria_label="Spread of every coefficient")
-    return _section("Spread", "spread", figure, region)
+    return section("Spread", "spread", figure, scroll(table(columns, rows), "Spread of every coefficient", "numbers"))
 
 
 def _shown(value: float) -> str:
@@ -124,28 +120,18 @@ def _outliers(fleet: dict[str, Any]) -> Markup:
     ]  # fmt: skip
     if len(worst) > _LISTED:
         items.append(tag("li", f"and {len(worst) - _LISTED} more"))
-    return _section("Outliers", "outliers", tag("ul", *items) if items else tag("p", "None."))
+    return section("Outliers", "outliers", tag("ul", *items) if items else tag("p", "None."))
 
 
 def _trends(fleet: dict[str, Any]) -> Markup:
     found = [(name, one, trend) for name, one in fleet["spread"].items() for trend in one["trends"]]
     if not found:
-        return _section("Trends", "trends", tag("p", "None."))
+        return section("Trends", "trends", tag("p", "None."))
     found.sort(key=lambda item: item[2]["p"])
     title = "Coefficients that go with the order or the date of the logs"
-    svg = inline(
-        _trend_figure(found[:_PANELS]), "fleet-trends", title, "Value of the coefficient of every log, orange where it is an outlier."
-    )
-    figure = tag("figure", tag("div", svg, class_="scroll", tabindex="0", role="region", aria_label=title))
-    return _section("Trends", "trends", tag("ul", each("li", (trend["reason"] for _, _, trend in found[:_LISTED]))), figure)
-
-
-def _failed(fleet: dict[str, Any]) -> Markup:
-    rows = [tag("tr", tag("th", name, scope="row"), tag("td", reason)) for name, reason in fleet["failed"]]
-    if not rows:
-        return _section("Logs without an answer", "failed", tag("p", "None."))
-    head = tag("tr", tag("th", "Log", scope="col"), tag("th", "Reason", scope="col"))
-    return _section("Logs without an answer", "failed", tag("table", tag("thead", head), tag("tbody", *rows)))
+    about = "Value of the coefficient of every log, orange where it is an outlier."
+    figure = picture(_trend_figure(found[:_PANELS]), "fleet-trends", title, about)
+    return section("Trends", "trends", tag("ul", each("li", (trend["reason"] for _, _, trend in found[:_LISTED]))), figure)
 
 
 def _warnings(fleet: dict[str, Any]) -> Markup:
@@ -155,30 +141,12 @@ def _warnings(fleet: dict[str, Any]) -> Markup:
         items.append(tag("li", f"{len(names)} log{'s' * (len(names) != 1)} ({shown}): {sentence}"))
     if len(fleet["warnings"]) > _LISTED:
         items.append(tag("li", f"and {len(fleet['warnings']) - _LISTED} more; the result files have all"))
-    return _section("Warnings", "warnings", tag("ul", *items) if items else tag("p", "None."))
-
-
-def _meaning() -> Markup:
-    return _section(
-        "What the words mean", "meaning", tag("dl", *(tag(*pair) for row in _MEANING for pair in zip(("dt", "dd"), row, strict=True)))
-    )
-
-
-def _made(fleet: dict[str, Any]) -> Markup:
-    items = [piece for key, value in fleet["task"].items() if value for piece in (tag("dt", key), tag("dd", str(value)))]
-    return _section("Provenance", "provenance", tag("dl", *items))
-
-
-def _section(title: str, name: str, *content: Markup) -> Markup:
-    return tag("section", tag("h2", title, id=name), *content, aria_labelledby=name)
+    return section("Warnings", "warnings", tag("ul", *items) if items else tag("p", "None."))
 
 
 def _spread_figure(spread: dict[str, dict[str, Any]]) -> Any:
     """A row of points for each coefficient."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(8.0, 0.27 * len(spread) + 0.9), dpi=125, layout="constrained")
-    ax = figure.subplots()
+    ax = new_figure(0.27 * len(spread) + 0.9).subplots()
     rng = np.random.default_rng(0)  # points of one row beside one another
     for row, one in enumerate(spread.values()):
         score = np.array(one["scores"], dtype=float)
@@ -197,16 +165,13 @@ def _spread_figure(spread: dict[str, dict[str, Any]]) -> Any:
     ax.set_yticks(range(len(spread)), [name.replace("$", r"\$") for name in spread])
     ax.set_ylim(len(spread) - 0.5, -0.5)
     ax.axvline(0.0, color=MUTED, linewidth=0.8, zorder=0)
-    _plain(ax, "Distance from the median (robust standard deviations)")
+    style_axes(ax, "Distance from the median (robust standard deviations)", "", 9.0)
     return ax
 
 
 def _trend_figure(found: list[tuple[str, dict[str, Any], dict[str, Any]]]) -> Any:
     """A panel for each trend, over the place of the log."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(8.0, 1.7 * len(found) + 0.4), dpi=125, layout="constrained")
-    panels = figure.subplots(len(found), 1, squeeze=False)[:, 0]
+    panels = new_figure(1.7 * len(found) + 0.4).subplots(len(found), 1, squeeze=False)[:, 0]
     for ax, (name, one, trend) in zip(panels, found, strict=True):
         values = np.array(one["values"], dtype=float)
         odd = np.abs(np.array(one["scores"], dtype=float)) > one["limit"]
@@ -214,18 +179,6 @@ def _trend_figure(found: list[tuple[str, dict[str, Any], dict[str, Any]]]) -> An
         ax.plot(at[~odd], values[~odd], "o", markersize=3.5, color=SERIES[0], alpha=0.7, markeredgewidth=0)
         ax.plot(at[odd], values[odd], "o", markersize=4.5, color=SERIES[1], markeredgewidth=0)
         label = f"{name}\n{unit_label(one['unit'])}".replace("$", r"\$").strip()
-        _plain(ax, f"{trend['along']}{' (days after the first)' if trend['along'] == 'date' else ''}", label)
+        style_axes(ax, f"{trend['along']}{' (days after the first)' if trend['along'] == 'date' else ''}", label, 9.0)
         ax.ticklabel_format(axis="y", style="sci", scilimits=(-3, 4), useMathText=True)
     return panels[0]
-
-
-def _plain(ax: Any, x_label: str, y_label: str = "") -> None:
-    ax.set_axisbelow(True)
-    ax.grid(True, which="major", color=GRID, linewidth=0.8)
-    ax.tick_params(which="both", color=GRID, labelcolor=INK, labelsize=8)
-    for side, spine in ax.spines.items():
-        spine.set_visible(side in ("left", "bottom"))
-        spine.set_color(MUTED)
-        spine.set_linewidth(0.8)
-    ax.set_xlabel(x_label, color=INK, fontsize=9)
-    ax.set_ylabel(y_label, color=INK, fontsize=9)

@@ -1,8 +1,12 @@
-"""HTML, written so that no text can become markup."""
+"""HTML, written so that no text can become markup, and the pieces that all pages are made of."""
 
 import html
+import json
 import re
+from collections.abc import Iterable, Sequence
 from typing import Any
+
+from .._results import plain
 
 _VOID = ("meta", "br", "hr", "col")
 
@@ -56,9 +60,60 @@ def inside(prefix: str, content: Markup) -> Markup:
 
 def _moved(prefix: str, element: str) -> str:
     element = re.sub(r'( id="| href="#|url\(#)', lambda found: f"{found[1]}{prefix}", element)
-    element = re.sub(r'(?<= aria-labelledby=")[^"]*|(?<= aria-describedby=")[^"]*', lambda found: _each_with(prefix, found[0]), element)
+    names = r'(?<= aria-labelledby=")[^"]*|(?<= aria-describedby=")[^"]*'
+    element = re.sub(names, lambda found: " ".join(prefix + name for name in found[0].split()), element)
     return re.sub(r"^(</?)h([2-5])(?=[ >])", lambda found: f"{found[1]}h{int(found[2]) + 1}", element)
 
 
-def _each_with(prefix: str, names: str) -> str:
-    return " ".join(prefix + name for name in names.split())
+def section(title: str, name: str, *content: Any) -> Markup:
+    """A part of a page below a heading, by which links find it."""
+    return tag("section", tag("h2", title, id=name), *content, aria_labelledby=name)
+
+
+def definitions(pairs: Iterable[tuple[Any, Any]]) -> Markup:
+    """Words, and what each of them means or holds."""
+    return tag("dl", *(piece for word, text in pairs for piece in (tag("dt", word), tag("dd", text))))
+
+
+def table(columns: Sequence[str], rows: Iterable[Sequence[Any]], caption: str | None = None, class_: str | None = None) -> Markup:
+    """A table; the first cell of a row is its name."""
+    head = tag("thead", tag("tr", *(tag("th", name, scope="col") for name in columns)))
+    body = tag("tbody", *(tag("tr", tag("th", first, scope="row"), each("td", cells)) for first, *cells in rows))
+    return tag("table", *(() if caption is None else (tag("caption", caption),)), head, body, class_=class_)
+
+
+def scroll(content: Markup, label: str, class_: str = "scroll") -> Markup:
+    """What may be wider than a phone, in a region that scrolls by itself and takes the focus."""
+    return tag("div", content, class_=class_, tabindex="0", role="region", aria_label=label)
+
+
+def numbers(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> Markup:
+    """The numbers behind a figure, in a table that opens on demand."""
+    return tag("details", tag("summary", title), numbers_table(title, columns, rows))
+
+
+def numbers_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> Markup:
+    """The table alone, in a region that scrolls."""
+    return scroll(table(columns, rows, title), title, "scroll numbers")
+
+
+def warnings_of(log: Any, said: Iterable[str]) -> Markup:
+    """Warnings of the log, then those of the result."""
+    lines = [*(() if log is None else log.warnings), *said]
+    return section("Warnings", "warnings", tag("ul", each("li", lines or ["None."])))
+
+
+def recording(log: Any) -> Markup:
+    """What the log is, and what was guessed to read it."""
+    if log is None:
+        return Markup("")
+    notes = [tag("h3", "How it was read"), tag("ul", each("li", log.notes))] if log.notes else []
+    summary = tag("pre", log.summary(), tabindex="0", role="region", aria_label="Summary of the recording")
+    return section("Recording", "recording", summary, *notes)
+
+
+def provenance(known: dict[str, str], log: Any) -> Markup:
+    """Where the numbers come from: what is `known`, then what the log says."""
+    for key, value in plain(log.provenance if log is not None else {}).items():
+        known[key] = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+    return section("Provenance", "provenance", definitions(known.items()))

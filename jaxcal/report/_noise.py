@@ -1,21 +1,23 @@
-"""The sections of a noise report."""
+"""The noise of the channels as sections of a page, and as JSON can say it."""
 
-import json
-from collections.abc import Iterable
-from typing import Any
+import importlib.metadata
+import math
+from typing import Any, TypeVar
 
+import numpy as np
+
+from .._errors import DataError
 from .._log import Log
 from .._results import plain
 from .._units import noise_units
 from ..noise import NoiseFit
 from ..plot import allan
-from ..plot._style import display_unit, duration_label, interval_labels, number_label
-from ._document import sensor_of
-from ._html import Markup, each, join, tag
-from ._numbers import scroll, shown, table_of
-from ._svg import inline
+from ..plot._style import SENSORS, display_unit, duration_label, interval_labels, number_label
+from ._html import Markup, definitions, each, join, numbers_table, provenance, recording, scroll, section, table, tag, warnings_of
+from ._page import picture
 
-SENSORS = {"gyro": "Gyroscope", "accel": "Accelerometer", "mag": "Magnetometer"}
+F = TypeVar("F")
+_MOST = 300  # rows of a table of numbers
 _NAMES = {
     ("Q", "gyro"): "quantisation noise", ("N", "gyro"): "angle random walk", ("B", "gyro"): "bias instability",
     ("K", "gyro"): "rate random walk", ("R", "gyro"): "rate ramp",
@@ -32,8 +34,6 @@ _MEANING = {
     "K": "Random walk of the bias itself: the deviation rises as √τ. It is what a filter needs as bias random walk; B is not.",
     "R": "Steady drift of the readings: the deviation rises as τ. Temperature is the usual cause.",
 }
-
-
 _OWN = "A term of your own: the coefficient multiplies the root of the density that its class gives."
 
 
@@ -41,27 +41,108 @@ def _name(term: str, sensor: str) -> str:
     return _NAMES.get((term, sensor), "a term of your own")
 
 
-def noise_body(results: dict[str, NoiseFit], log: Log | None, version: str) -> Markup:
-    """Every section of a report on noise."""
-    sections = [_verdict(results, log), _plots(results), _remarks(results, log)]
-    sections += [recording(log), _meaning(results), _provenance(results, log, version)]
-    return join(sections)
+def document(results: dict[str, NoiseFit], log: Log | None) -> dict[str, Any]:
+    """Noise of every channel as a dictionary for JSON."""
+    _check(results)
+    first = next(iter(results.values()))
+    return {
+        "schema": "jaxcal.noise/1", "version": importlib.metadata.version("jaxcal"), "rate": number(first.deviation.rate),
+        "duration": number(first.duration if log is None else log.duration), **about_log(log),
+        "channels": {name: _channel(fit, sensor_of(name)) for name, fit in results.items()},
+    }  # fmt: skip
 
 
-def _verdict(results: dict[str, NoiseFit], log: Log | None) -> Markup:
+def about_log(log: Log | None) -> dict[str, Any]:
+    """What a document says of the recording."""
+    if log is None:
+        return {"provenance": None, "notes": [], "warnings": []}
+    return {"provenance": plain(log.provenance), "notes": list(log.notes), "warnings": list(log.warnings)}
+
+
+def _check(results: Any) -> None:
+    """Raise a `DataError` unless there is at least one fit, each of a single channel with a known sensor."""
+    if not isinstance(results, dict) or not results:
+        raise DataError("there are no results; give the dictionary channel -> NoiseFit that jaxcal.noise.characterise returns")
+    for name, fit in results.items():
+        if not isinstance(fit, NoiseFit) or np.ndim(fit.deviation.deviation) != 1:
+            raise DataError(f"the result of {name} is not a NoiseFit of one channel; NoiseFit.channel picks one of several")
+        if not fit.verdict:
+            raise DataError(f"method {fit.method!r} gives {name} no intervals and no verdicts; fit it with whittle, gls, edf or wavelet")
+        sensor_of(name)
+
+
+def sensor_of(channel: str) -> str:
+    """Sensor that a channel belongs to: gyro_x -> gyro."""
+    sensor = channel.partition("_")[0]
+    if sensor not in ("gyro", "accel", "mag"):
+        raise DataError(f"channel {channel!r} has no known sensor; expected names such as gyro_x, accel_y, mag_z")
+    return sensor
+
+
+def _channel(fit: NoiseFit, sensor: str) -> dict[str, Any]:
+    terms = {
+        term: {
+            "value": number(fit.noise.coefficient(term)),
+            "low": number(fit.interval[term][0]),
+            "high": number(fit.interval[term][1]),
+            "upper_limit": number(fit.upper_limit[term]),
+            "verdict": str(fit.verdict[term]),
+            "significance": number(fit.significance[term]),
+            "longer_record": number(fit.longer_record[term]),
+            "decides": number(fit.decides.get(term, math.inf)),
+            "unit": noise_units(term, sensor)[-1],
+        }
+        for term in fit.terms
+    }
+    shapes = {term.name: {"class": type(term).__name__, **plain(term)} for _, term in fit.noise.further}
+    return {
+        **terms, "method": fit.method, "confidence": number(fit.confidence), "band": [number(end) for end in fit.band],
+        "left_out": [str(sentence) for sentence in fit.left_out], "goodness": number(fit.goodness),
+        "warnings": [str(sentence) for sentence in fit.warnings], "notes": [str(sentence) for sentence in fit.notes],
+        "markov": [[number(value) for value in pair] for pair in fit.noise.markov],
+        "sinusoid": [[number(value) for value in pair] for pair in fit.noise.sinusoid], **({"shapes": shapes} if shapes else {}),
+    }  # fmt: skip
+
+
+def number(value: Any) -> float | None:
+    """A number as JSON has it: None where it is infinite or not known."""
+    return plain(float(value))
+
+
+def channels_of(results: dict[str, Any]) -> str:
+    """How many channels there are, in words."""
+    return f"{len(results)} channel{'s' * (len(results) != 1)}"
+
+
+def page(results: dict[str, NoiseFit], log: Log | None, version: str) -> tuple[str, str, Markup]:
+    """What the page is on, the line below its title, and its sections."""
+    _check(results)
+    first = next(iter(results.values()))
+    lead = f"{channels_of(results)}, {duration_label(first.duration)} at {first.deviation.rate:.6g} Hz"
+    method = f"{first.method}, terms {' '.join(first.terms)}, {100 * first.confidence:g} % intervals"
+    known = {"Made by": f"jaxcal {version}", "Method": method}
+    warnings = by_channel(results, "warnings")
+    sections = [_verdict(results, len(warnings) + len(() if log is None else log.warnings)), _plots(results), warnings_of(log, warnings)]
+    notes = by_channel(results, "notes")
+    if notes:
+        sections.append(section("Notes", "notes", tag("ul", each("li", notes))))
+    sections += [_left_out(results), recording(log), _meaning(results), provenance(known, log)]
+    return "Noise", lead, join(sections)
+
+
+def _verdict(results: dict[str, NoiseFit], warned: int) -> Markup:
     """What was found, in sentences, then a table for every sensor."""
     tables = []
-    warnings = _warnings(results, log)
-    if warnings:
-        count = "one warning" if len(warnings) == 1 else f"{len(warnings)} warnings"
+    if warned:
+        count = "one warning" if warned == 1 else f"{warned} warnings"
         tables.append(tag("p", "Read these numbers with ", tag("a", count, href="#warnings"), "."))
     for sensor, channels in by_sensor(results).items():
         lines = each("li", (_found(term, channels) for term in _terms(channels)))
         tables += [tag("h3", SENSORS[sensor]), tag("ul", lines), scroll(_table(sensor, channels), SENSORS[sensor])]
-    return tag("section", tag("h2", "Verdict", id="verdict"), *tables, aria_labelledby="verdict")
+    return section("Verdict", "verdict", *tables)
 
 
-def noise_summary(results: dict[str, NoiseFit]) -> list[tuple[str, str, Any]]:
+def summary(results: dict[str, NoiseFit]) -> list[tuple[str, str, Any]]:
     """What was found on every sensor: its name, the verdict in a word, sentences."""
     rows = []
     for sensor, channels in by_sensor(results).items():
@@ -71,9 +152,9 @@ def noise_summary(results: dict[str, NoiseFit]) -> list[tuple[str, str, Any]]:
     return rows
 
 
-def by_sensor(results: dict[str, NoiseFit]) -> dict[str, dict[str, NoiseFit]]:
+def by_sensor(results: dict[str, F]) -> dict[str, dict[str, F]]:
     """Results grouped by sensor, in the order in which they come."""
-    groups: dict[str, dict[str, NoiseFit]] = {}
+    groups: dict[str, dict[str, F]] = {}
     for name, fit in results.items():
         groups.setdefault(sensor_of(name), {})[name] = fit
     return groups
@@ -108,41 +189,38 @@ def _listed(names: list[str]) -> str:
 
 
 def _table(sensor: str, channels: dict[str, NoiseFit]) -> Markup:
-    head = tag("tr", tag("th", "Term", scope="col"), *(tag("th", _axis(name), scope="col") for name in channels))
     rows = []
     for term in _terms(channels):
         unit = tag("span", display_unit(term, sensor)[1], class_="small")
-        name = tag("th", tag("b", term), tag("span", _name(term, sensor)), unit, scope="row")
-        rows.append(tag("tr", name, *(_cell(term, fit, sensor) for fit in channels.values())))
-    bands = (tag("td", *_fit_quality(fit)) for fit in channels.values())
-    rows.append(tag("tr", tag("th", tag("span", "Fit"), tag("span", "band, goodness", class_="small"), scope="row"), *bands))
+        name = join((tag("b", term), tag("span", _name(term, sensor)), unit))
+        rows.append((name, *(_cell(term, fit, sensor) for fit in channels.values())))
+    rows.append((join((tag("span", "Fit"), tag("span", "band, goodness", class_="small"))), *map(_fit_quality, channels.values())))
     level = f"{100 * next(iter(channels.values())).confidence:g} %"
     caption = (
         f"Each cell: value, {level} interval, verdict, and the length of record with which the value would be known to 10 %. Where a term "
         f"was not detected, its {level} upper limit. Goodness is the chance of a worse fit, were the model true."
     )
-    return tag("table", tag("caption", caption), tag("thead", head), tag("tbody", *rows), class_="terms")
+    return table(("Term", *map(_axis, channels)), rows, caption, "terms")
 
 
 def _cell(term: str, fit: NoiseFit, sensor: str) -> Markup:
     if term not in fit.terms:
-        return tag("td", tag("span", "not fitted", class_="small"))
+        return tag("span", "not fitted", class_="small")
     kind = fit.verdict[term]
     badge = tag("span", kind, class_=f"badge {kind}" if kind in ("present", "hint") else "badge")
     scale = display_unit(term, sensor)[0]
     if kind == "not detected":
-        limit = float(fit.upper_limit[term]) / scale
-        return tag("td", tag("strong", f"< {number_label(limit, 2)}"), badge)
+        return join((tag("strong", f"< {number_label(float(fit.upper_limit[term]) / scale, 2)}"), badge))
     value, low, high = interval_labels(*(float(v) / scale for v in (fit.noise.coefficient(term), *fit.interval[term])))
     longer = float(fit.longer_record[term])
-    needed = f"10 % after {duration_label(longer)}" if longer < float("inf") else "10 % not within reach"
-    return tag("td", tag("strong", value), tag("span", f"{low} to {high}"), badge, tag("span", needed, class_="small"))
+    needed = f"10 % after {duration_label(longer)}" if longer < math.inf else "10 % not within reach"
+    return join((tag("strong", value), tag("span", f"{low} to {high}"), badge, tag("span", needed, class_="small")))
 
 
-def _fit_quality(fit: NoiseFit) -> Iterable[Markup]:
+def _fit_quality(fit: NoiseFit) -> Markup:
     shortest, longest = (duration_label(float(end)) for end in fit.band)
-    yield tag("span", f"{shortest} to {longest}")
-    yield tag("span", f"p = {number_label(float(fit.goodness), 2)}", class_="small")
+    goodness = tag("span", f"p = {number_label(float(fit.goodness), 2)}", class_="small")
+    return join((tag("span", f"{shortest} to {longest}"), goodness))
 
 
 def _plots(results: dict[str, NoiseFit]) -> Markup:
@@ -153,98 +231,59 @@ def _plots(results: dict[str, NoiseFit]) -> Markup:
         axes = _listed([_axis(channel) for channel in channels])
         about = f"Allan deviation of the {name.lower()} against cluster time on logarithmic axes, for {axes}."
         parts += [tag("h3", name), _figure(channels, sensor, f"{name}: Allan deviation", about)]
-        parts += [_axis_details(channel, fit, sensor, f"{sensor}-{i}") for i, (channel, fit) in enumerate(channels.items())]
-    return tag("section", tag("h2", "Allan deviation", id="plots"), *parts, aria_labelledby="plots")
+        for i, (channel, fit) in enumerate(channels.items()):
+            title = f"{name} {_axis(channel)}"
+            about = f"Allan deviation of {channel} with the fitted model and the line of each of its terms."
+            figure = _figure({channel: fit}, f"{sensor}-{i}", f"{title}: Allan deviation and terms", about)
+            parts.append(tag("details", tag("summary", f"{title}: terms and numbers"), figure, _numbers(channel, fit, sensor)))
+    return section("Allan deviation", "plots", *parts)
 
 
 def _figure(channels: dict[str, NoiseFit], prefix: str, title: str, about: str) -> Markup:
-    svg = inline(allan(channels), prefix, title, about)
     text = "Points: measured. Lines: fitted model, thin outside its band. Shaded: interval of the measured values."
-    return tag("figure", scroll(svg, title), tag("figcaption", text))
-
-
-def _axis_details(channel: str, fit: NoiseFit, sensor: str, prefix: str) -> Markup:
-    title = f"{SENSORS[sensor]} {_axis(channel)}"
-    about = f"Allan deviation of {channel} with the fitted model and the line of each of its terms."
-    figure = _figure({channel: fit}, prefix, f"{title}: Allan deviation and terms", about)
-    return tag("details", tag("summary", f"{title}: terms and numbers"), figure, _numbers(channel, fit, sensor))
+    return picture(allan(channels), prefix, title, about, text)
 
 
 def _numbers(channel: str, fit: NoiseFit, sensor: str) -> Markup:
-    scale, unit = display_unit("B", sensor)
-    d = fit.deviation
+    """All cluster times, or 300 of them, evenly on a logarithmic scale."""
+    (scale, unit), d = display_unit("B", sensor), fit.deviation
     level = f"{100 * d.confidence:g} %"
     columns = ("τ (s)", f"deviation ({unit})", f"{level} low", f"{level} high", "degrees of freedom", "used in the fit")
+    count = len(d.tau)
     rows = []
-    for i in shown(len(d.tau)):
+    for i in range(count) if count <= _MOST else sorted({round(count ** (k / (_MOST - 1))) - 1 for k in range(_MOST)}):
         values = (d.tau[i], d.deviation[i] / scale, d.lower[i] / scale, d.upper[i] / scale)
         rows.append((*(number_label(float(v), 4) for v in values), number_label(float(d.edf[i]), 3), "yes" if fit.used[i] else "no"))
-    return table_of(f"Numbers of {channel}", columns, rows)
+    return numbers_table(f"Numbers of {channel}", columns, rows)
 
 
-def _warnings(results: dict[str, NoiseFit], log: Log | None) -> list[str]:
-    return [*(() if log is None else log.warnings), *_by_channel({name: fit.warnings for name, fit in results.items()})]
-
-
-def _remarks(results: dict[str, NoiseFit], log: Log | None) -> Markup:
-    """Warnings, notes, and what the fits left out."""
-    warnings = tag("ul", each("li", _warnings(results, log) or ["None."]))
-    sections = [tag("section", tag("h2", "Warnings", id="warnings"), warnings, aria_labelledby="warnings")]
-    notes = _by_channel({name: fit.notes for name, fit in results.items()})
-    if notes:
-        sections.append(tag("section", tag("h2", "Notes", id="notes"), tag("ul", each("li", notes)), aria_labelledby="notes"))
+def _left_out(results: dict[str, NoiseFit]) -> Markup:
     left_out = {channel: fit.left_out for channel, fit in results.items() if fit.left_out}
-    if left_out:
-        about = "Cluster times that the coefficients do not rest on, by octave, and why."
-        lists = (
-            tag("details", tag("summary", f"{channel}: {len(said)} octave{'s' * (len(said) != 1)}"), tag("ul", each("li", said)))
-            for channel, said in left_out.items()
-        )
-        title = tag("h2", "Left out of the fits", id="left-out")
-        sections.append(tag("section", title, tag("p", about), *lists, aria_labelledby="left-out"))
-    return join(sections)
+    if not left_out:
+        return Markup("")
+    about = "Cluster times that the coefficients do not rest on, by octave, and why."
+    lists = (
+        tag("details", tag("summary", f"{channel}: {len(said)} octave{'s' * (len(said) != 1)}"), tag("ul", each("li", said)))
+        for channel, said in left_out.items()
+    )
+    return section("Left out of the fits", "left-out", tag("p", about), *lists)
 
 
-def _by_channel(sentences: dict[str, Any]) -> list[str]:
-    """Each sentence once, with the channels that it is true of."""
+def by_channel(results: dict[str, Any], field: str) -> list[str]:
+    """Each sentence of a field once, with the channels that it is true of."""
     channels: dict[str, list[str]] = {}
-    for channel, said in sentences.items():
-        for sentence in said:
+    for channel, fit in results.items():
+        for sentence in getattr(fit, field):
             channels.setdefault(str(sentence), []).append(channel)
     return [f"{', '.join(names)}: {sentence}" for sentence, names in channels.items()]
 
 
-def recording(log: Log | None) -> Markup:
-    """What the log is, and what was guessed to read it."""
-    if log is None:
-        return Markup("")
-    notes = [tag("h3", "How it was read"), tag("ul", each("li", log.notes))] if log.notes else []
-    summary = tag("pre", log.summary(), tabindex="0", role="region", aria_label="Summary of the recording")
-    return tag("section", tag("h2", "Recording", id="recording"), summary, *notes, aria_labelledby="recording")
-
-
 def _meaning(results: dict[str, NoiseFit]) -> Markup:
     """A sentence on every term."""
-    sensors = list(by_sensor(results))
-    items = []
+    sensors, items = list(by_sensor(results)), []
     for term in _terms(results):
         names = dict.fromkeys(_name(term, sensor) for sensor in sensors)
         units = ", ".join(dict.fromkeys(noise_units(term, sensor)[-1] for sensor in sensors))
-        items += [
-            tag("dt", f"{term}: {' / '.join(names)}"),
-            tag("dd", _MEANING.get(term, _OWN), tag("span", f" SI unit: {units}.", class_="small")),
-        ]
-    return tag("section", tag("h2", "What the coefficients mean", id="meaning"), tag("dl", *items), aria_labelledby="meaning")
-
-
-def _provenance(results: dict[str, NoiseFit], log: Log | None, version: str) -> Markup:
-    """Where the numbers come from."""
-    first = next(iter(results.values()))
-    known: dict[str, Any] = {
-        "Made by": f"jaxcal {version}",
-        "Method": f"{first.method}, terms {' '.join(first.terms)}, {100 * first.confidence:g} % intervals",
-    }
-    for key, value in plain(log.provenance if log is not None else {}).items():
-        known[key] = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
-    items = [piece for key, value in known.items() for piece in (tag("dt", key), tag("dd", value))]
-    return tag("section", tag("h2", "Provenance", id="provenance"), tag("dl", *items), aria_labelledby="provenance")
+        text = join((_MEANING.get(term, _OWN), tag("span", f" SI unit: {units}.", class_="small")))
+        items.append((f"{term}: {' / '.join(names)}", text))
+    return section("What the coefficients mean", "meaning", definitions(items))

@@ -9,12 +9,10 @@ import numpy as np
 from .._errors import DataError
 from ..alignment import UNITS, AlignmentFit, Readings, verdict_name
 from ..plot import north
-from ._document import number
-from ._html import Markup, each, join, tag
-from ._numbers import numbers, scroll
-from ._svg import inline
+from ._html import Markup, each, join, numbers, scroll, section, table, tag
+from ._noise import number
+from ._page import picture
 
-SCHEMA = "jaxcal.north/1"
 _DEG = math.pi / 180
 _MEANING = {
     "phi": "roll of the table", "theta": "pitch of the table", "psi": "azimuth of the table's x axis, from north towards east",
@@ -26,7 +24,7 @@ _MEANING = {
 }  # fmt: skip
 
 
-def north_document(result: AlignmentFit) -> dict[str, Any]:
+def document(result: AlignmentFit, readings: Any) -> dict[str, Any]:
     """An alignment as a dictionary for JSON."""
     parameters = {}
     for name, value in result.parameters.items():
@@ -37,28 +35,35 @@ def north_document(result: AlignmentFit) -> dict[str, Any]:
             "high": value + 1.96 * std if known else None, "unit": UNITS.get(name, ""),  # type: ignore[operator]
         }  # fmt: skip
     return {
-        "schema": SCHEMA, "version": importlib.metadata.version("jaxcal"), "verdict": verdict_name(result.verdict), "reason": result.reason,
-        "parameters": parameters, "rank": int(result.rank), "unobservable": list(result.unobservable),
-        "undetermined": list(result.undetermined),
-        "chi_square": number(result.chi_square), "degrees_of_freedom": int(result.degrees_of_freedom), "p_value": result.p_value,
-        "notes": list(result.notes),
+        "schema": "jaxcal.north/1", "version": importlib.metadata.version("jaxcal"), "verdict": verdict_name(result.verdict),
+        "reason": result.reason, "parameters": parameters, "rank": int(result.rank), "unobservable": list(result.unobservable),
+        "undetermined": list(result.undetermined), "chi_square": number(result.chi_square),
+        "degrees_of_freedom": int(result.degrees_of_freedom), "p_value": result.p_value, "notes": list(result.notes),
     }  # fmt: skip
 
 
-def north_page(result: AlignmentFit, readings: Any) -> tuple[str, Markup]:
-    """The line below the title, and the sections.
+def summary(result: AlignmentFit) -> list[tuple[str, str, Any]]:
+    """What it is of, its verdict in a word, and what that means."""
+    return [("Alignment", verdict_name(result.verdict), result.reason)]
 
-    Raises
-    ------
-    DataError
-        If the readings are not given.
-    """
+
+def page(result: AlignmentFit, readings: Any, version: str) -> tuple[str, str, Markup]:
+    """What the page is on, the line below its title, and its sections."""
     if not isinstance(readings, Readings):
         raise DataError(
             f"log is {type(readings).__name__}; the page of an alignment shows what was read: give the Readings that were fitted"
         )
     lead = f"{len(readings.positions)} positions, {float(np.sum(readings.positions.dwell)):g} s in all"
-    return lead, join((_found(result), _figure(readings, result), _remarks(result)))
+    about = "Readings against the table angle with the fitted model, and the distribution of the azimuth."
+    text = "Points: readings with their 95 % intervals. Lines: fitted model. Below: normal distribution of the azimuth, 95 % shaded."
+    figure = picture(north(readings, result)[0], "north", "Readings and azimuth", about, text)
+    said = [result.observability]
+    if result.p_value is not None:
+        said.append(
+            f"Chi-square {float(result.chi_square):.3g} with {int(result.degrees_of_freedom)} degrees of freedom: p = {result.p_value:.2g}."
+        )
+    notes = section("Notes", "notes", tag("ul", each("li", [*said, *result.notes])))
+    return "Alignment", lead, join((_found(result), section("Readings", "readings", figure, _numbers(readings, result)), notes))
 
 
 def _shown(name: str) -> tuple[float, str]:
@@ -83,24 +88,12 @@ def _found(result: AlignmentFit) -> Markup:
             shown = value / size
             cells = (f"{shown:.{digits}f} {unit}", f"{shown - half:.{digits}f} to {shown + half:.{digits}f}")
         badge = tag("span", "prior", class_="badge hint") if bool(np.asarray(result.prior_only)[result.names.index(name)]) else Markup("")
-        rows.append(tag("tr", tag("th", tag("b", name), " ", badge, tag("span", _MEANING.get(name, ""), class_="small"), scope="row"),
-                        *(tag("td", cell) for cell in cells)))  # fmt: skip
-    head = tag("tr", *(tag("th", text, scope="col") for text in ("", "value", "95 % interval")))
-    table = tag("table", tag("thead", head), tag("tbody", *rows), class_="terms")
-    title = tag("h2", "What was found", id="found")
-    return tag("section", title, tag("p", result.reason), scroll(table, "What was found"), aria_labelledby="found")
+        rows.append((join((tag("b", name), " ", badge, tag("span", _MEANING.get(name, ""), class_="small"))), *cells))
+    found = table(("", "value", "95 % interval"), rows, class_="terms")
+    return section("What was found", "found", tag("p", result.reason), scroll(found, "What was found"))
 
 
-def _figure(readings: Readings, result: AlignmentFit) -> Markup:
-    axes = north(readings, result)
-    about = "Readings against the table angle with the fitted model, and the distribution of the azimuth."
-    svg = inline(axes[0], "north", "Readings and azimuth", about)
-    text = "Points: readings with their 95 % intervals. Lines: fitted model. Below: normal distribution of the azimuth, 95 % shaded."
-    figure = tag("figure", scroll(svg, "Readings and azimuth"), tag("figcaption", text))
-    return tag("section", tag("h2", "Readings", id="readings"), figure, _rows(readings, result), aria_labelledby="readings")
-
-
-def _rows(readings: Readings, result: AlignmentFit) -> Markup:
+def _numbers(readings: Readings, result: AlignmentFit) -> Markup:
     positions = readings.positions
     columns = ("angle (deg)", "mounting", "dwell (s)", "accelerometer (m/s²)", "residual in std", "gyro (deg/h)", "residual in std")
     rows = []
@@ -111,12 +104,3 @@ def _rows(readings: Readings, result: AlignmentFit) -> Markup:
             cells += [f"{value / size:.6f}", f"{-residual[i]:+.2f}"] if np.isfinite(value) else ["", ""]
         rows.append(cells)
     return numbers("Every reading", columns, rows)
-
-
-def _remarks(result: AlignmentFit) -> Markup:
-    said = [result.observability]
-    if result.p_value is not None:
-        said.append(
-            f"Chi-square {float(result.chi_square):.3g} with {int(result.degrees_of_freedom)} degrees of freedom: p = {result.p_value:.2g}."
-        )
-    return tag("section", tag("h2", "Notes", id="notes"), tag("ul", each("li", [*said, *result.notes])), aria_labelledby="notes")

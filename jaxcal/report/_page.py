@@ -1,6 +1,16 @@
-"""The frame of a page: head, style, nothing from outside."""
+"""The frame of a page: head, style, nothing from outside; and figures in its colours."""
 
-from ._html import Markup, join, tag
+import io
+import re
+from typing import Any
+
+from ..plot._style import GRID, INK, MUTED, SERIES, SHADE
+from ._html import Markup, join, scroll, tag
+
+#: colour that the figure is drawn in -> the page's own
+_COLORS = {INK: "ink", MUTED: "muted", GRID: "grid", SHADE: "shade", **{color: f"series-{i}" for i, color in enumerate(SERIES)}}
+#: frames, ticks and the walls of a space where nothing else is said; black letters are left to the style of the page
+_COLORS |= {"#ffffff": "paper", "#000000": "ink", "#b0b0b0": "grid", **dict.fromkeys(("#f2f2f2", "#e6e6e6", "#ececec"), "shade")}
 
 _LIGHT = """
   color-scheme: light;
@@ -102,3 +112,32 @@ def page(title: str, lead: str, body: Markup, footer: str) -> str:
     )
     content = join((tag("header", tag("h1", title), tag("p", lead, class_="lead")), tag("main", body), tag("footer", footer)))
     return "<!DOCTYPE html>\n" + tag("html", tag("head", head), "\n", tag("body", content), lang="en") + "\n"
+
+
+def picture(axes: Any, prefix: str, title: str, about: str, caption: str | None = None) -> Markup:
+    """The figure of `axes`; screen readers are told what it is `about`."""
+    svg = scroll(_inline(axes, prefix, title, about), title)
+    return tag("figure", svg, *(() if caption is None else (tag("figcaption", caption),)))
+
+
+def _inline(axes: Any, prefix: str, title: str, description: str) -> Markup:
+    """SVG of the figure of `axes`: colours are variables of the page, and ids begin with `prefix`."""
+    import matplotlib
+
+    buffer = io.BytesIO()
+    # matplotlib takes the kind of text and of ids from its settings alone; they are put back at once
+    with matplotlib.rc_context({"svg.hashsalt": prefix, "svg.fonttype": "path"}):
+        axes.figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None})
+    text = buffer.getvalue().decode("utf-8")
+    text = text[text.index("<svg") :]
+    text = re.sub(r"<metadata>.*?</metadata>|<!--.*?-->", "", text, flags=re.DOTALL)
+    body = text[text.index(">") + 1 : text.rindex("</svg>")]
+    for color, name in _COLORS.items():
+        body = re.sub(color, f"var(--{name})", body, flags=re.IGNORECASE)
+    body = re.sub(r'(\bid="|xlink:href="#|url\(#)', lambda found: f"{found[1]}{prefix}-", body).replace("xlink:href", "href")
+    body = re.sub(r"\s*\n\s*", " ", body)
+    view = re.search(r'viewBox="([^"]+)"', text)
+    assert view is not None
+    named = tag("title", title, id=f"{prefix}-title") + tag("desc", description, id=f"{prefix}-desc")
+    labels = f'role="img" aria-labelledby="{prefix}-title" aria-describedby="{prefix}-desc"'
+    return Markup(f'<svg viewBox="{view[1]}" {labels}>{named}{body}</svg>')

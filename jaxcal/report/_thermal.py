@@ -1,4 +1,4 @@
-"""Thermal models: the sections of their report, and the same as JSON can say it."""
+"""Thermal models as sections of a page, and as JSON can say it."""
 
 import importlib.metadata
 from typing import Any
@@ -7,18 +7,14 @@ import numpy as np
 
 from .._errors import DataError
 from .._log import Log
-from .._results import plain
 from .._units import si_unit
 from ..plot import temperature
-from ..plot._style import display_unit, number_label
+from ..plot._style import SENSORS, display_unit, number_label
 from ..temperature import TemperatureFit
-from ._document import number, sensor_of
-from ._html import Markup, each, join, tag
-from ._numbers import numbers, scroll
-from ._svg import inline
+from ._html import Markup, definitions, join, numbers, recording, scroll, section, table, tag, warnings_of
+from ._noise import about_log, by_channel, by_sensor, channels_of, number, sensor_of
+from ._page import picture
 
-SCHEMA = "jaxcal.temperature/1"
-_SENSORS = {"gyro": "Gyroscope", "accel": "Accelerometer", "mag": "Magnetometer"}
 _MEANING = (
     ("rms", "What the model leaves of the means over 0.1 °C, over all temperatures. It is not a noise coefficient."),
     ("worst degree", "The same in the worst window of 1 °C. A model that misses a jump shows it here."),
@@ -31,19 +27,16 @@ _MEANING = (
 )
 
 
-def temperature_document(results: dict[str, TemperatureFit], log: Log | None = None) -> dict[str, Any]:
+def document(results: dict[str, TemperatureFit], log: Log | None) -> dict[str, Any]:
     """Thermal models of every channel as a dictionary for JSON."""
-    check_thermal(results)
-    return {
-        "schema": SCHEMA, "version": importlib.metadata.version("jaxcal"), "provenance": None if log is None else plain(log.provenance),
-        "notes": [] if log is None else list(log.notes), "warnings": [] if log is None else list(log.warnings),
-        "channels": {name: _channel(fit, sensor_of(name)) for name, fit in results.items()},
-    }  # fmt: skip
+    _check(results)
+    head = {"schema": "jaxcal.temperature/1", "version": importlib.metadata.version("jaxcal"), **about_log(log)}
+    return {**head, "channels": {name: _channel(fit, sensor_of(name)) for name, fit in results.items()}}
 
 
-def check_thermal(results: Any) -> None:
+def _check(results: Any) -> None:
     """Raise a `DataError` unless there is at least one fit, each of a channel with a known sensor."""
-    if not isinstance(results, dict) or not results or not all(isinstance(fit, TemperatureFit) for fit in results.values()):
+    if not all(isinstance(fit, TemperatureFit) for fit in results.values()):
         raise DataError("expected the dictionary channel -> TemperatureFit that jaxcal.temperature.characterise returns")
     for name in results:
         sensor_of(name)
@@ -69,15 +62,20 @@ def _channel(fit: TemperatureFit, sensor: str) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def thermal_body(results: dict[str, TemperatureFit], log: Log | None) -> Markup:
-    """Verdict, figures, choices, warnings and meaning."""
-    return join((_verdict(results), _figures(results), _choice(results), _warnings(results, log), _meaning()))
+def page(results: dict[str, TemperatureFit], log: Log | None, version: str) -> tuple[str, str, Markup]:
+    """What the page is on, the line below its title, and its sections."""
+    _check(results)
+    sections = (
+        _verdict(results), _figures(results), _choice(results), warnings_of(log, by_channel(results, "warnings")),
+        section("What the words mean", "meaning", definitions(_MEANING)), recording(log),
+    )  # fmt: skip
+    return "Bias and temperature", channels_of(results), join(sections)
 
 
-def thermal_summary(results: dict[str, TemperatureFit]) -> list[tuple[str, str, Any]]:
+def summary(results: dict[str, TemperatureFit]) -> list[tuple[str, str, Any]]:
     """What was found on every sensor: its name, the verdict in a word, a sentence."""
     rows = []
-    for sensor, channels in _by_sensor(results).items():
+    for sensor, channels in by_sensor(results).items():
         scale, unit = display_unit("B", sensor)
         said = [
             f"{name.partition('_')[2]}: {_sentence(fit, scale, unit)}, rms {number_label(fit.rms / scale)} {unit}, worst degree "
@@ -85,30 +83,22 @@ def thermal_summary(results: dict[str, TemperatureFit]) -> list[tuple[str, str, 
             for name, fit in channels.items()
         ]
         warned = any(fit.warnings for fit in channels.values())
-        rows.append((f"Temperature, {_SENSORS[sensor].lower()}", "warnings" if warned else "fitted", f"{'. '.join(said)}."))
+        rows.append((f"Temperature, {SENSORS[sensor].lower()}", "warnings" if warned else "fitted", f"{'. '.join(said)}."))
     return rows
-
-
-def _by_sensor(results: dict[str, TemperatureFit]) -> dict[str, dict[str, TemperatureFit]]:
-    groups: dict[str, dict[str, TemperatureFit]] = {}
-    for name, fit in results.items():
-        groups.setdefault(sensor_of(name), {})[name] = fit
-    return groups
 
 
 def _verdict(results: dict[str, TemperatureFit]) -> Markup:
     parts = []
-    for sensor, channels in _by_sensor(results).items():
+    for sensor, channels in by_sensor(results).items():
         scale, unit = display_unit("B", sensor)
-        head = tag("tr", *(tag("th", name, scope="col") for name in ("Axis", "Model", f"rms ({unit})", f"Worst degree ({unit})", "Range")))
         rows = []
         for name, fit in channels.items():
             worst = f"{number_label(fit.worst / scale)} at {fit.worst_at:.1f} °C"
             span = f"{float(fit.model.low):.1f} to {float(fit.model.high):.1f} °C"
-            cells = (_sentence(fit, scale, unit), number_label(fit.rms / scale), worst, span)
-            rows.append(tag("tr", tag("th", name.partition("_")[2], scope="row"), *(tag("td", cell) for cell in cells)))
-        parts += [tag("h3", _SENSORS[sensor]), scroll(tag("table", tag("thead", head), tag("tbody", *rows)), _SENSORS[sensor])]
-    return tag("section", tag("h2", "Verdict", id="verdict"), *parts, aria_labelledby="verdict")
+            rows.append((name.partition("_")[2], _sentence(fit, scale, unit), number_label(fit.rms / scale), worst, span))
+        found = table(("Axis", "Model", f"rms ({unit})", f"Worst degree ({unit})", "Range"), rows)
+        parts += [tag("h3", SENSORS[sensor]), scroll(found, SENSORS[sensor])]
+    return section("Verdict", "verdict", *parts)
 
 
 def _sentence(fit: TemperatureFit, scale: float, unit: str) -> str:
@@ -126,13 +116,12 @@ def _sentence(fit: TemperatureFit, scale: float, unit: str) -> str:
 
 def _figures(results: dict[str, TemperatureFit]) -> Markup:
     parts = []
-    for sensor, channels in _by_sensor(results).items():
-        title = f"{_SENSORS[sensor]}: change of bias with temperature"
-        svg = inline(temperature(channels), f"thermal-{sensor}", title, "Means over 0.1 degC, the fitted curves and their intervals.")
-        caption = tag("figcaption", "Points: means over 0.1 °C. Lines: model with interval. Dotted: jumps.")
-        parts.append(tag("figure", scroll(svg, title), caption))
+    for sensor, channels in by_sensor(results).items():
+        title, about = f"{SENSORS[sensor]}: change of bias with temperature", "Means over 0.1 degC, the fitted curves and their intervals."
+        caption = "Points: means over 0.1 °C. Lines: model with interval. Dotted: jumps."
+        parts.append(picture(temperature(channels), f"thermal-{sensor}", title, about, caption))
         parts += [_numbers(name, fit, sensor) for name, fit in channels.items()]
-    return tag("section", tag("h2", "Bias and temperature", id="plots"), *parts, aria_labelledby="plots")
+    return section("Bias and temperature", "plots", *parts)
 
 
 def _numbers(name: str, fit: TemperatureFit, sensor: str) -> Markup:
@@ -153,25 +142,7 @@ def _choice(results: dict[str, TemperatureFit]) -> Markup:
     tables = []
     for name, fit in chosen.items():
         scale, unit = display_unit("B", sensor_of(name))
-        head = tag("tr", *(tag("th", text, scope="col") for text in ("Model", f"Error on held-out {fit.held_out} ({unit})", "")))
-        rows = [
-            tag("tr", tag("th", one.name, scope="row"), tag("td", number_label(float(np.sqrt(one.score)) / scale)),
-                tag("td", "chosen" if one.chosen else "")) for one in fit.candidates
-        ]  # fmt: skip
-        tables.append(tag("details", tag("summary", name), scroll(tag("table", tag("thead", head), tag("tbody", *rows)), name)))
-    return tag("section", tag("h2", "How the model was chosen", id="choice"), *tables, aria_labelledby="choice")
-
-
-def _warnings(results: dict[str, TemperatureFit], log: Log | None) -> Markup:
-    said: dict[str, list[str]] = {}
-    for name, fit in results.items():
-        for sentence in fit.warnings:
-            said.setdefault(sentence, []).append(name)
-    lines = [*(() if log is None else log.warnings), *(f"{', '.join(names)}: {sentence}" for sentence, names in said.items())]
-    title = tag("h2", "Warnings", id="warnings")
-    return tag("section", title, tag("ul", each("li", lines or ["None."])), aria_labelledby="warnings")
-
-
-def _meaning() -> Markup:
-    items = [piece for word, text in _MEANING for piece in (tag("dt", word), tag("dd", text))]
-    return tag("section", tag("h2", "What the words mean", id="meaning"), tag("dl", *items), aria_labelledby="meaning")
+        rows = [(one.name, number_label(float(np.sqrt(one.score)) / scale), "chosen" if one.chosen else "") for one in fit.candidates]
+        compared = table(("Model", f"Error on held-out {fit.held_out} ({unit})", ""), rows)
+        tables.append(tag("details", tag("summary", name), scroll(compared, name)))
+    return section("How the model was chosen", "choice", *tables)

@@ -8,20 +8,18 @@ from typing import Any
 from .._errors import DataError
 from .._files import write_atomically
 from .._log import Log
-from ..alignment import AlignmentFit, Readings, verdict_name
+from ..alignment import AlignmentFit, Readings
 from ..imu import ImuFit
 from ..magnetometer import MagFit
-from ..plot._style import duration_label
 from ..temperature import TemperatureFit
-from ._device import pairs, part, verdicts
-from ._document import check_results, noise_document
-from ._html import Markup, join
-from ._imu import imu_document, imu_sections
-from ._magnetometer import mag_body, mag_document
-from ._noise import noise_body, noise_summary, recording
-from ._north import north_document, north_page
+from . import _imu, _magnetometer, _noise, _north, _thermal
+from ._html import Markup, inside, join, recording, section, table, tag
 from ._page import page
-from ._thermal import check_thermal, temperature_document, thermal_body, thermal_summary
+
+#: kind of result -> module with its `document`, its `page` and its `summary`
+_KINDS: dict[type, Any] = {AlignmentFit: _north, ImuFit: _imu, MagFit: _magnetometer}
+_TITLES = {"Noise": "Sensor noise", "Alignment": "Alignment on a turntable"}  # where neither device nor file is known
+_BADGES = {"good": " present", "ok": " present", "fitted": " present"}
 
 
 def write(results: Any, path: str | os.PathLike[str], *, log: Log | Readings | None = None, device: str | None = None) -> None:
@@ -71,11 +69,10 @@ def write(results: Any, path: str | os.PathLike[str], *, log: Log | Readings | N
     """
     version = importlib.metadata.version("jaxcal")
     if isinstance(results, (list, tuple)):
-        title, lead, body = _device(pairs(results, log), device, version)
+        title, lead, body = _device(_pairs(results, log), device, version)
+    elif isinstance(results, ImuFit) and results.accel is None:
+        raise DataError(f"there is nothing to report: the calibration was refused. {results.reason}")
     else:
-        refused = isinstance(results, ImuFit) and results.accel is None
-        if refused:
-            raise DataError(f"there is nothing to report: the calibration was refused. {results.reason}")
         title, lead, body = _content(results, log, version, device)
     write_atomically(path, page(title, lead, body, f"Written by jaxcal {version}"))
 
@@ -119,74 +116,55 @@ def document(results: Any, log: Any = None) -> dict[str, Any]:
     >>> jaxcal.report.document(jaxcal.magnetometer.fit(body_field(scenario("all"), 50e-6)))["verdict"]
     'good'
     """
-    if isinstance(results, AlignmentFit):
-        return north_document(results)
-    if isinstance(results, ImuFit):
-        return imu_document(results, log)
-    if isinstance(results, MagFit):
-        return mag_document(results, log)
-    if _thermal(results):
-        return temperature_document(results, log)
-    return noise_document(results, log)
+    return _kind(results).document(results, log)
 
 
-def _thermal(results: Any) -> bool:
-    return isinstance(results, dict) and any(isinstance(fit, TemperatureFit) for fit in results.values())
+def _kind(results: Any) -> Any:
+    """The module that knows this kind of result; what is none of them is refused as noise."""
+    if isinstance(results, dict) and any(isinstance(fit, TemperatureFit) for fit in results.values()):
+        return _thermal
+    return next((module for kind, module in _KINDS.items() if isinstance(results, kind)), _noise)
 
 
 def _content(results: Any, log: Any, version: str, device: str | None) -> tuple[str, str, Markup]:
     """Title, line below it, and the sections of a page."""
-    if isinstance(results, AlignmentFit):
-        return "Alignment on a turntable" if device is None else f"Alignment of {device}", *north_page(results, log)
-    if not (log is None or isinstance(log, Log)):
+    if not (log is None or isinstance(log, Log) or isinstance(results, AlignmentFit)):
         raise DataError(f"log is {type(log).__name__}; give the Log that was read, or leave it out")
-    if isinstance(results, ImuFit):
-        lead = f"{len(results.residual_norm)} poses, {len(results.residual_turn)} turns at {results.rate:.6g} Hz"
-        return _title(log, "Calibration", device), lead, imu_sections(results, log, version)
-    if isinstance(results, MagFit):
-        return _title(log, "Magnetometer", device), f"{len(results.residual)} readings: {results.verdict}", mag_body(results, log)
-    if _thermal(results):
-        check_thermal(results)
-        return _title(log, "Bias and temperature", device), _channels(results), join((thermal_body(results, log), recording(log)))
-    check_results(results)
-    first = next(iter(results.values()))
-    lead = f"{_channels(results)}, {duration_label(first.duration)} at {first.deviation.rate:.6g} Hz"
-    return _title(log, "Noise", device), lead, noise_body(results, log, version)
+    what, lead, body = _kind(results).page(results, log, version)
+    file = log.provenance.get("file") if isinstance(log, Log) else None
+    if device is None and file:
+        device = pathlib.PurePath(str(file)).name
+    title = f"{what} of {device}" if device is not None else str(_TITLES.get(what, what))
+    return title, lead, body
+
+
+def _pairs(results: Any, log: Any) -> list[tuple[Any, Any]]:
+    """Every result with its log: its own where it comes as a pair, else the common one."""
+    found = []
+    for item in results:
+        own = isinstance(item, (list, tuple)) and len(item) == 2
+        result, its = item if own else (item, None if isinstance(item, AlignmentFit) else log)
+        if isinstance(result, (Log, Readings, list, tuple)):
+            raise DataError(f"{type(result).__name__} is not a result; give a list of results, or of pairs (result, log)")
+        found.append((result, its))
+    if not found:
+        raise DataError("there are no results; give at least one, or a list of pairs (result, log)")
+    return found
 
 
 def _device(parts: list[tuple[Any, Any]], device: str | None, version: str) -> tuple[str, str, Markup]:
-    """Title, line below it, and the body of a page on several results."""
-    sections, rows, told = [], [], set()
+    """Title, line below it, and the body of a page on several results: the verdicts in a table, then each result as a part."""
+    articles, rows, told = [], [], set()
     for number, (results, log) in enumerate(parts, start=1):
         title, lead, body = _content(results, log, version, None)
         if isinstance(log, Log) and id(log) in told:  # a recording is described once
             body = Markup(body.replace(recording(log), ""))
         told.add(id(log))
-        sections.append(part(number, title, lead, body))
-        rows += [(number, *row) for row in _summary(results)]
-    lead = f"{len(parts)} result{'s' * (len(parts) != 1)}"
-    return device or "Device", lead, join((verdicts(rows), *sections))
-
-
-def _summary(results: Any) -> list[tuple[str, str, Any]]:
-    """What a result is of, its verdict in a word, and what that means."""
-    if isinstance(results, AlignmentFit):
-        return [("Alignment", verdict_name(results.verdict), results.reason)]
-    if isinstance(results, ImuFit):
-        return [("Accelerometer and gyroscope" if results.gyro is not None else "Accelerometer", results.verdict, results.reason)]
-    if isinstance(results, MagFit):
-        return [("Magnetometer", results.verdict, results.reason)]
-    return thermal_summary(results) if _thermal(results) else noise_summary(results)
-
-
-def _channels(results: dict[str, Any]) -> str:
-    return f"{len(results)} channel{'s' * (len(results) != 1)}"
-
-
-def _title(log: Log | None, what: str, device: str | None) -> str:
-    if device is not None:
-        return f"{what} of {device}"
-    file = None if log is None else log.provenance.get("file")
-    if file:
-        return f"{what} of {pathlib.PurePath(str(file)).name}"
-    return "Sensor noise" if what == "Noise" else what
+        name = f"part-{number}"
+        head = join((tag("h2", title, id=name), tag("p", lead, class_="lead")))
+        articles.append(tag("article", head, inside(f"{name}-", body), aria_labelledby=name))
+        for what, verdict, sentence in _kind(results).summary(results):
+            badge = tag("span", verdict, class_=f"badge{_BADGES.get(verdict, ' hint')}")
+            rows.append((tag("a", what, href=f"#{name}"), badge, sentence))
+    verdicts = section("Verdicts", "verdicts", table(("Part", "Verdict", "What was found"), rows, class_="verdicts"))
+    return device or "Device", f"{len(parts)} result{'s' * (len(parts) != 1)}", join((verdicts, *articles))
