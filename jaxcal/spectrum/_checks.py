@@ -62,7 +62,7 @@ def checked_segment(segment: Any, overlap: Any, method: str, samples: int) -> tu
 
 
 def _refuse_gaps(columns: np.ndarray, column: np.ndarray, name: str, rate: float) -> None:
-    record.refuse_infinite(column, name, "mend them, or take a stretch without them")
+    quality.refuse_infinite(column, name, "mend them, or take a stretch without them")
     gone = np.isnan(column)
     if gone.all():
         raise DataError(f"{name} holds nothing but NaN; leave it out")
