@@ -1,5 +1,6 @@
 """`MagFit`: a magnetometer calibration with what is known about it; and whether it is good, weak or refused, and why."""
 
+import dataclasses
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -118,9 +119,12 @@ class MagFit(Result):
         rows = [Row(f"hard iron {axis}", b, b - h, b + h, "unit") for axis, b, h in zip("xyz", hard, half, strict=True)]
         soft = np.asarray(self.model.soft_iron)
         rows += [Row(f"soft iron {a}{b}", soft[i, j]) for i, a in enumerate("xyz") for j, b in enumerate("xyz")]
-        # the parameters beyond the nine of the ellipsoid are those of a subclass
         known = self.interval
-        rows += [Row(name, value, *known[name]) for name, value in list(self.parameters.items())[9:]]
+        for field in dataclasses.fields(self.model)[2:]:  # those of a subclass, fitted or set
+            values = np.asarray(getattr(self.model, field.name))
+            for entry in np.ndindex(values.shape) if np.issubdtype(values.dtype, np.floating) else ():
+                name = field.name + (f"[{','.join(map(str, entry))}]" if entry else "")
+                rows.append(Row(name, values[entry], *known.get(name, (np.nan, np.nan))))
         return [*rows, Row("field", self.field, unit="unit"), Row("noise of a reading", self.noise, unit="unit")]
 
     @property

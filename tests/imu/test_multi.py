@@ -287,7 +287,7 @@ def test_a_fit_is_drawn_and_stored(repeated, tmp_path):
         jaxcal.plot.imu(refused)
     with pytest.raises(DataError, match="refused and cannot be stored"):
         jaxcal.Calibration(imu=refused)
-    with pytest.raises(DataError, match="needs 3"):
+    with pytest.raises(DataError, match="2 Axes for 3 panels"):
         jaxcal.plot.imu(found, ax=axes[:2])
     with pytest.raises(DataError, match="cannot draw int"):
         jaxcal.plot.imu(3)
