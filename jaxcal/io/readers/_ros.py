@@ -138,7 +138,7 @@ def _stream(readers: list[Any], topic: str, version: int, warnings: list[str]) -
     numbers = _TYPES[kind]
     received, headers, values = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], [np.zeros((0, numbers))]
     for reader, own in zip(readers, connections, strict=True):
-        messages = iter(reader.messages(connections=own) if own else ())
+        messages: Iterator[Any] = iter(reader.messages(connections=own) if own else ())
         while True:
             stamps, raws = [], []
             for _, stamp, raw in itertools.islice(messages, _CHUNK):  # thousands of tuples, kept, would set off the garbage collector
