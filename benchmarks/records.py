@@ -1,10 +1,13 @@
 """Noise of records that are not the model's: missing samples, and causes that pass for slow noise.
 
-    python benchmarks/records.py [--only gaps,causes,levels] [--runs 20] [--seed 1]
+    python benchmarks/records.py [--only gaps,causes,levels,alternatives] [--runs 20] [--seed 1]
 
 gaps: case A (2^17 samples at 100 Hz; N 0.25 deg/sqrt(h), B 7.6 deg/h, K 1.8 deg/h/sqrt(s)) with samples missing; rmse in % of N, B, K,
 share of 95 % intervals that hold the truth, share of records in which K is present, and processor seconds of a fit.
-causes: white noise (2^16 samples) with a step, a sinusoid or a warm-up; how often B and K are present, N is covered, and the cause named.
+causes: white noise (2^16 samples) with a step, a sinusoid, a warm-up, noise of another exponent or two Gauss-Markov processes; how often
+B and K are present, N is covered, and the cause named.
+alternatives: gain in likelihood of each family of other spectra in records of noise of the model, which sets the levels of
+`jaxcal.noise._alternatives`.
 levels: highest likelihood ratio of each family of causes in records of noise alone, which set `jaxcal.noise._causes.LEVELS`.
 
 Records are drawn ordinate by ordinate from their density; nothing is shared with `jaxcal.noise.Noise.simulate`.
@@ -17,7 +20,13 @@ import numpy as np
 import scipy.fft
 
 import jaxcal
+from jaxcal._precision import host_float64
 from jaxcal.noise import _causes
+from jaxcal.noise._alternatives import find_alternatives
+from jaxcal.noise._model import checked_terms
+from jaxcal.noise._ordinates import Bins, layout
+from jaxcal.noise._spectral import fit_bins, groups_of
+from jaxcal.noise._terms import Filter
 
 DEG = np.pi / 180
 RATE = 100.0
@@ -74,7 +83,14 @@ def gaps(runs, seed):
 
 def _made(n):
     """Name -> (family that is to be named, record from a generator); white noise of density 1."""
-    t = np.arange(n) / n
+    t, angle = np.arange(n) / n, np.pi * np.arange(1, n) / n
+    frequency = 2 * np.sin(angle / 2) * RATE / (2 * np.pi)
+
+    def process(time):
+        """Density of a Gauss-Markov process relative to that at zero."""
+        a = np.exp(-1 / (RATE * time))
+        return (1 - a) ** 2 / (1 + a * a - 2 * a * np.cos(angle))
+
     white, sd = np.ones(n - 1), np.sqrt(RATE)
     return {
         "plain": ("", lambda r: drawn(white, r)),
@@ -85,6 +101,12 @@ def _made(n):
             lambda r: drawn(white, r) + 0.1 * sd * np.sin(2 * np.pi * (r.uniform(1, 6) * t + r.uniform())),
         ),
         "warm-up": ("a warm-up of", lambda r: drawn(white, r) + sd * np.exp(-t / r.uniform(0.02, 0.2))),
+        "exponent 0.8, corner 0.1 Hz": ("noise of exponent", lambda r: drawn(1 + (0.1 / frequency) ** 0.8, r)),
+        "exponent 0.8, corner 1 Hz": ("noise of exponent", lambda r: drawn(1 + (1 / frequency) ** 0.8, r)),
+        "exponent 1.2, corner 0.1 Hz": ("noise of exponent", lambda r: drawn(1 + (0.1 / frequency) ** 1.2, r)),
+        "exponent 1.2, corner 1 Hz": ("noise of exponent", lambda r: drawn(1 + (1 / frequency) ** 1.2, r)),
+        "processes of 0.5 and 30 s": ("Gauss-Markov process", lambda r: drawn(1 + 5 * process(0.5) + 200 * process(30.0), r)),
+        "processes of 1 and 20 s": ("Gauss-Markov process", lambda r: drawn(1 + process(1.0) + process(20.0), r)),
     }
 
 
@@ -95,7 +117,7 @@ def causes(runs, seed):
         for i in range(runs):
             found = jaxcal.noise.fit(make(np.random.default_rng([seed, i])), RATE)
             low, high = found.interval["N"]
-            named = any(family in sentence if family else "explains" in sentence for sentence in found.warnings)
+            named = any(family in sentence if family else "explain" in sentence for sentence in found.warnings)
             counts += [found.verdict["B"] == "present", found.verdict["K"] == "present", low <= 1.0 <= high, named]
         print(f"{name:26s}" + "".join(f"{100 * value / runs:9.1f}   " for value in counts))
 
@@ -119,6 +141,25 @@ def levels(runs, seed):
     _causes.LEVELS.update(asked)
 
 
+def alternatives(runs, seed):
+    n = 2**16
+    terms = (*checked_terms("QNBK"), Filter())
+    _, count, shapes, frequency = layout(n, 1 / RATE, terms)
+    print(f"{'noise':8s} {'family':16s}   twice the gain in log likelihood in 50, 90, 97, 99 % of {runs}")
+    for name, noise in {"N, B": (1, 1.0, 0), "N, B, K": (1, 0.3, 0.1), "N, K": (1, 0, 0.1), "case A": CASE_A}.items():
+        found = {}
+        for i in range(runs):
+            density = shapes[:, 1:4] @ np.square(noise)
+            drawn_ordinates = density * np.random.default_rng([seed, i]).gamma(count / 2, 2 / count)
+            bins = Bins(drawn_ordinates / density[-1], count, shapes, frequency, 1.0)
+            fitted = fit_bins(bins, groups_of(count, n - 1), True, tuple(term.name for term in terms))
+            for one in find_alternatives(fitted, terms, 1 / RATE, n / RATE):
+                found.setdefault(one.family, []).append(one.gain)
+        for family, gains in found.items():
+            gains = np.append(gains, np.full(runs - len(gains), -np.inf))  # no B and no K to be replaced
+            print(f"{name:8s} {family:16s}   " + "  ".join(f"{np.sort(gains)[int(q * (runs - 1))]:6.1f}" for q in (0.5, 0.9, 0.97, 0.99)))
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", default="gaps,causes")
@@ -126,4 +167,4 @@ if __name__ == "__main__":
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
     for table in options.only.split(","):
-        {"gaps": gaps, "causes": causes, "levels": levels}[table](options.runs, options.seed)
+        {"gaps": gaps, "causes": causes, "levels": levels, "alternatives": host_float64(alternatives)}[table](options.runs, options.seed)

@@ -30,7 +30,7 @@ _ROUNDS = 3  # of the regression and the fit of the noise
 _MOST = 4
 _STRONGEST = 1e6  # ratio of the start of a coefficient to the least that matters
 #: likelihood ratio that one in 300 records of noise alone reaches in the search of a family
-LEVELS = {"step": 24.0, "ramp": 12.0, "warm-up": 14.0, "sinusoid": 20.0, "temperature": 12.0}
+LEVELS = {"step": 24.0, "ramp": 14.0, "warm-up": 15.0, "sinusoid": 24.0, "temperature": 12.0}
 
 
 class Cause(NamedTuple):

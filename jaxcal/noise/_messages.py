@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..allan import Deviation
+from ._alternatives import Alternative
 from ._causes import Cause
 from ._model import Noise
 from ._result import NoiseFit
@@ -20,9 +21,8 @@ _CAUSES = {
     "sinusoid": ("a sinusoid of {size} at about {at:.3g} Hz", "look for a periodic cause such as a heater or an air conditioner"),
     "temperature": ("the temperature, {size} per degree,", "correct the bias for temperature first"),
 }
-#: likelihood ratio that a Gauss-Markov process beside the others reaches by chance in 1 % of records (14 correlation times are
-#: tried), and within which flicker and one such process are alike
-_PROCESS, _ALIKE = 9.0, 2.0
+#: twice the log likelihood within which flicker and one Gauss-Markov process are alike
+_ALIKE = 2.0
 #: standard deviations by which two estimates may be apart
 _APART = 3.0
 
@@ -110,17 +110,31 @@ def of_causes(causes: Sequence[Cause], factors, covariance) -> list[str]:
     return said
 
 
-def of_process(time, beside, instead, flicker: str | None) -> tuple[list[str], tuple[str, ...]]:
-    """A warning or a note on a Gauss-Markov process that was not fitted, from the likelihood ratios at the correlation times."""
-    best, alike = int(np.argmax(beside)), int(np.argmax(instead))
-    if beside[best] > _PROCESS:
-        return [
-            f"a Gauss-Markov process of correlation time about {time[best]:.2g} s beside the other terms explains the spectrum better "
-            f"(likelihood ratio {beside[best]:.1f}): B and K take part of it; add markov to the terms"
-        ], ()
-    if flicker != "present" or not instead[alike] > -_ALIKE:
+def of_alternatives(found: Sequence[Alternative], fitted: bool, fit: NoiseFit) -> tuple[list[str], tuple[str, ...]]:
+    """A warning or a note on what explains the slow noise as well as B and K do, from the families that were tried, the best first."""
+    if not found:
         return [], ()
-    return [], (f"B or one Gauss-Markov process of correlation time about {time[alike]:.2g} s: this record cannot tell them apart",)
+    if fitted:
+        what, where = _described(found[0], fit), "beside" if found[0].family == "process beside" else "in place of"
+        alike = [one for one in found[1:] if one.family == "process beside" and one.gain > found[0].gain - 2.0 * _ALIKE]
+        other = "; B, K and one process explain it as well, and this record cannot tell which it is" if alike else ""
+        return [
+            f"{what} {where} B and K explain{'s' if len(found[0].terms) == 1 else ''} the spectrum better than these alone (likelihood "
+            f"ratio {found[0].gain:.1f}): part of the model, and B and K are what is left{other}"
+        ], ()
+    for one in found:
+        if one.family == "one process" and one.gain > -_ALIKE and fit.verdict.get("B") == "present":
+            time = one.terms[0].time  # type: ignore[attr-defined]
+            return [], (f"B or one Gauss-Markov process of correlation time about {time:.2g} s: this record cannot tell them apart",)
+    return [], ()
+
+
+def _described(one: Alternative, fit: NoiseFit) -> str:
+    if one.family == "power law":
+        return f"noise of exponent {one.terms[0].exponent:.2g} (flicker has 1, a random walk 2)"  # type: ignore[attr-defined]
+    each = [f"{time:.2g} s (standard deviation {float(strength) * np.sqrt(time / 2.0):.3g})" for strength, time in fit.noise.markov]
+    many = "two Gauss-Markov processes of correlation times" if len(each) > 1 else "a Gauss-Markov process of correlation time"
+    return f"{many} {' and '.join(each)}"
 
 
 def of_markov(fit: NoiseFit) -> str:

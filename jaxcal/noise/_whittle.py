@@ -10,6 +10,7 @@ from .._types import AnyArray
 from ..allan import Deviation, deviation
 from ..spectrum._average import log_groups
 from . import _messages
+from ._alternatives import Alternative, find_alternatives, likeliest_time, widening
 from ._causes import find_causes
 from ._covariance import covariance_tensor
 from ._likelihood import density
@@ -17,13 +18,14 @@ from ._limits import Limits, levels_of
 from ._observed import Observed
 from ._ordinates import Bins, amplitudes, bins_of, find_lines
 from ._result import NoiseFit, assemble, with_edf
-from ._spectral import FILTER, Fitted, attempt, fit_bins, fit_whole, groups_of, scan, uncertainty, without
+from ._spectral import FILTER, Fitted, attempt, fit_bins, fit_whole, groups_of, uncertainty, without
 from ._stationarity import ORDINATES, Unevenness, follows, unevenness, unevenness_of_level
 from ._terms import Filter, GaussMarkov, Ramp, Term
 
 _SHORTEST = 256  # samples of a record in parts of which coefficients are compared
 _ROUNDS, _SETTLED = 30, 2e-3  # of the likelihood of observed samples, and the relative change of the density that ends them
 _ROUGH, _MANY = 2, 100.0  # first rounds, which trust no model above groups of so many ordinates
+_MENDED = 0.5  # share of the misfit in the whole band that others than B and K must explain to be tried there
 _FAST = ("Q", "N", FILTER)  # terms that are known from frequencies at which nothing passes for them
 
 
@@ -99,14 +101,23 @@ def fit_record(
         observed = Observed(y, dt, np.concatenate(columns, axis=1) if columns else None)
         solved = _solve(observed, base, band)
         lowest = _lowest(observed, solved)
-    time, beside, instead = scan(solved.fitted, dt, n * dt, np.array([float(name == "B") for name in solved.names]))
+    # its spectrum is close enough for the degrees of freedom of the curve
+    plain, found, extra = solved, [], ()
     if sought:
-        solved = _solve(observed, (*base, GaussMarkov(time=float(time[np.argmax(beside)]), name=sought[0].name)), band)
-        terms = tuple(solved.columns[-2] if term in sought else term for term in terms)
+        extra = (GaussMarkov(time=likeliest_time(solved.fitted, dt, n * dt), name=sought[0].name),)
+        terms = tuple(extra[0] if term in sought else term for term in terms)
+        solved = _solve(observed, (*base, *extra), band)
+    else:
+        found, solved = _with_alternatives(observed, solved, base, band)
+        extra = tuple(term for term in solved.columns if term not in (*base, *plain.columns))
+        terms = (*terms, *extra)
+    if extra:
         lowest = _lowest(observed, solved)
     names = solved.names
     uneven = _uneven(observed.drawn, solved, lowest, dt)
     widened = np.array([max(uneven[name].factor, 1.0) if name in uneven else 1.0 for name in names])
+    if extra and not sought:
+        widened = widened * widening(solved.fitted, solved.columns, extra, dt)
     covariance, limits, factor = uncertainty(solved.fitted, widened, *levels_of(confidence), names)
     if not np.all(np.isfinite(solved.fitted.theta)):
         raise FitError("the fit gave no finite coefficients; fit fewer terms (terms=) or other cluster times (band=)")
@@ -116,14 +127,13 @@ def fit_record(
         curve = deviation(observed.drawn, curve.rate, m=curve.m, confidence=confidence)
     used = _used(curve, solved, band)
     fit = assemble(
-        *_squares(solved, covariance, limits, asked, line, confidence), terms, curve, n * dt, sinusoid=lines, used=used,
+        *_squares(solved, covariance, limits, terms, line, confidence), terms, curve, n * dt, sinusoid=lines, used=used,
         decides={name: float(factor[names.index(name)]) * n * dt for name in asked if name in names}, confidence=confidence,
         goodness=float(solved.fitted.goodness), method="whittle", band=(float(curve.tau[used].min()), float(curve.tau[used].max())),
     )  # fmt: skip
     left_out = _messages.of_octaves(curve, used, np.sqrt(np.asarray(fit.noise.avar(curve.tau, dt=dt))), band is None)
-    inflation, notes, process = float(solved.fitted.inflation), (), []
-    if not sought:
-        process, notes = _messages.of_process(time, beside, instead, fit.verdict.get("B"))
+    inflation = float(solved.fitted.inflation)
+    told, notes = _messages.of_alternatives(found, bool(extra), fit)
     where, how = "any band" if band is None else "the band asked for", f"the spectrum scatters {inflation:.1f} times as much as it may"
     unsettled = "the search for the largest likelihood did not converge; fit fewer terms or another band"
     warnings = (
@@ -132,15 +142,14 @@ def fit_record(
         *(() if bool(solved.fitted.settled) else (unsettled,)),
         *_messages.of_record(y, dt, lines),
         *_messages.of_causes(causes, observed.factors, observed.covariance),
-        *process,
+        *told,
         *_messages.of_unevenness(uneven, n * dt),
     )
     if "markov" in asked:
-        # beside the terms proper: `terms` and `covariance` are of these alone
-        kept, notes = [i for i, name in enumerate(asked) if name != "markov"], (*notes, _messages.of_markov(fit))
-        fit = dataclasses.replace(fit, terms=tuple(asked[i] for i in kept), covariance=fit.covariance[np.ix_(kept, kept)])
-    curve = with_edf(curve, used, _model_edf(curve, fit, base, n))
-    return dataclasses.replace(fit, deviation=curve, left_out=left_out, warnings=warnings, notes=notes)
+        notes = (*notes, _messages.of_markov(fit))
+    curve = with_edf(curve, used, _model_edf(curve, plain, n))
+    fit = dataclasses.replace(fit, deviation=curve, left_out=left_out, warnings=warnings, notes=notes)
+    return fit.without([term.name for term in extra], tables=not sought)
 
 
 def fit_traced(y, rate: float, terms: tuple[Term, ...], band: tuple[float, float] | None, confidence: float) -> NoiseFit:
@@ -190,6 +199,25 @@ def _solve(observed: Observed, columns: tuple[Term, ...], band) -> Solved:
             break
         solved = _solved(observed.bins(columns, level), columns, band, band is None and k + 1 >= _ROUGH)
     return solved
+
+
+def _with_alternatives(observed: Observed, solved: Solved, base: tuple[Term, ...], band) -> tuple[list[Alternative], Solved]:
+    """What else explains the slow noise, and the fit with it beside B and K where it is admitted.
+
+    Where high frequencies were left out, because B and K do not describe them, others may describe the whole band.
+    """
+    dt, duration = observed.dt, len(observed.y) * observed.dt
+    if bool(solved.fitted.cut):
+        clear = solved.bins._replace(weight=np.where(solved.taken, 0.0, solved.bins.weight))
+        whole = fit_bins(clear, groups_of(clear.weight, int(np.sum(clear.weight))), False, solved.names)
+        found = find_alternatives(whole, solved.columns, dt, duration)
+        excess = whole.alone.deviance - whole.alone.freedom
+        if found and found[0].admitted and found[0].gain * whole.inflation > _MENDED * excess:
+            wider = _solve(observed, (*base, *found[0].terms), band)
+            if not bool(wider.fitted.cut):
+                return found, wider
+    found = find_alternatives(solved.fitted, solved.columns, dt, duration)
+    return found, _solve(observed, (*base, *found[0].terms), band) if found and found[0].admitted else solved
 
 
 def _level(solved: Solved, rough: bool):
@@ -242,11 +270,12 @@ def _uneven(y, solved: Solved, lowest: Lowest, dt: float) -> dict[str, Unevennes
     return found
 
 
-def _squares(solved: Solved, covariance, limits: Limits, asked: tuple[str, ...], line: tuple[float, float], confidence: float):
+def _squares(solved: Solved, covariance, limits: Limits, terms: tuple[Term, ...], line: tuple[float, float], confidence: float):
     """Squared coefficients in SI in the order of the terms asked for, their covariance and limits.
 
     The ramp is among them, from the `line` (slope, error); Q is not estimated where its octaves are left out.
     """
+    asked = [term.name for term in terms]
     p, names, unit = len(asked), solved.names, float(solved.bins.unit)
     own = [i for i, name in enumerate(names) if name != FILTER]
     where = [asked.index(names[i]) for i in own]
@@ -275,9 +304,11 @@ def _used(curve: Deviation, solved: Solved, band) -> np.ndarray:
     return used
 
 
-def _model_edf(curve: Deviation, fit: NoiseFit, terms: tuple[Term, ...], n: int):
+def _model_edf(curve: Deviation, solved: Solved, n: int):
     """Degrees of freedom of the curve under the fitted terms."""
-    dt, squares = 1.0 / curve.rate, np.array([float(np.asarray(fit.noise.coefficient(term.name))) ** 2 for term in terms])
+    fitted = [(float(value * solved.bins.unit), term) for value, term in zip(solved.fitted.theta, solved.columns, strict=True)]
+    squares, terms = zip(*((value, term) for value, term in fitted if term.name != FILTER), strict=True)
+    dt = 1.0 / curve.rate
     tensor = np.diagonal(covariance_tensor(n, tuple(int(m) for m in curve.m), dt, terms), axis1=2, axis2=3)
     variance = np.einsum("i,ijm,j->m", squares, tensor, squares)
     modelled = squares @ np.stack([np.asarray(term.avar(curve.tau, dt)) for term in terms])

@@ -37,7 +37,7 @@ def simulated(n, rate, noise, seed):
 
 
 @pytest.mark.parametrize("gaps", [(0.3, 1), (0.3, None)], ids=["scattered", "one gap"])
-@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("seed", [0, 1])
 def test_the_fit_is_at_the_maximum_of_the_dense_likelihood(gaps, seed):
     n, dt = 400, 1.0
     y = lost(simulated(n, 1 / dt, {"N": 1.0, "B": 0.6, "K": 0.2}, seed), *gaps, seed)
@@ -59,7 +59,7 @@ def test_the_fit_is_at_the_maximum_of_the_dense_likelihood(gaps, seed):
 
 @pytest.mark.parametrize("kind", CHUNKS)
 def test_gaps_cost_the_samples_that_are_missing_and_no_more(kind):
-    n, runs = 2**14, 10
+    n, runs = 2**13, 6
     ratio, inside = [], []
     for seed in range(runs):
         y = simulated(n, RATE, TRUTH, seed)
@@ -68,9 +68,9 @@ def test_gaps_cost_the_samples_that_are_missing_and_no_more(kind):
         inside += [low <= TRUTH[term] <= high for term, (low, high) in part.interval.items() if term in TRUTH]
         assert any(sentence.startswith("gaps: ") for sentence in part.warnings)
     # what the missing samples told: the difference of two estimates scatters by the root of the difference of their variances
-    assert np.std(ratio, axis=0)[0] < 0.008
-    assert np.std(ratio, axis=0)[1] < 0.2
-    assert np.mean(inside) > 0.85  # of 30, at 95 %
+    assert np.std(ratio, axis=0)[0] < 0.012
+    assert np.std(ratio, axis=0)[1] < 0.3
+    assert np.mean(inside) > 0.75  # of 18, at 95 %
 
 
 def test_a_fit_of_a_record_with_gaps_repeats_exactly():
