@@ -1,7 +1,7 @@
 """jaxcal.magnetometer beside scipy's least_squares in one run, and the Monte Carlo tables, with fixed seeds.
 
     python benchmarks/magnetometer.py                  everything (minutes)
-    python benchmarks/magnetometer.py --only speed     one part: speed, partial, scenarios, coverage, penalty, known, chosen, joint
+    python benchmarks/magnetometer.py --only speed     one part: speed, partial, scenarios, coverage, penalty, known, chosen, joint, faults
     python benchmarks/magnetometer.py --runs 300       more runs per cell of the tables
 
 Times are the best of several after compilation; compilation is timed on its own. Ratios above 1 favour jaxcal.
@@ -11,6 +11,7 @@ import argparse
 import itertools
 import time
 
+import _faults
 import numpy as np
 import scipy.optimize
 from scipy.spatial.transform import Rotation
@@ -342,9 +343,24 @@ def jointly(runs):
         )  # fmt: skip
 
 
+def faults(runs):
+    """What predicted errors and verdicts are worth on logs with errors that the fit does not model."""
+    print("\n| case | good | bad among good | true over predicted, median | hard iron inside | costs more than the limit | named there |")
+    print("|---|---|---|---|---|---|---|")
+    for name, size in _faults.CASES:
+        good, true, ratio, named, inside = _faults.tried(fit, (name, size), runs).T
+        bad = true > 1.0
+        word = f"{100 * np.mean(named[bad]):.0f} %" if bad.any() and _faults.CASES[name, size] else ""
+        among = f"{100 * np.mean(bad[good > 0]):.0f} %" if good.any() else ""
+        print(
+            f"| {name} {size:g} | {100 * np.mean(good):.0f} % | {among} | {np.median(ratio):.2f} | {100 * np.mean(inside):.0f} % | "
+            f"{100 * np.mean(bad):.0f} % | {word} |", flush=True,
+        )  # fmt: skip
+
+
 PARTS = {
     "speed": speed, "partial": partial, "scenarios": scenarios, "coverage": covered, "penalty": penalties, "known": known, "chosen": chosen,
-    "joint": jointly,
+    "joint": jointly, "faults": faults,
 }  # fmt: skip
 
 if __name__ == "__main__":

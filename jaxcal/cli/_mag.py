@@ -129,13 +129,21 @@ def _fit(log: Any, align: str, joint: bool, options: dict[str, Any]) -> Any:
     if align != "none" and getattr(log, align) is None:
         raise jaxcal.DataError(f"--align {align}: the log has no {align}; name its columns with --columns {align}=...")
     kept = np.isfinite(log.mag).all(axis=1)
-    found = jaxcal.magnetometer.fit(log.mag[kept], **options)
+    warmth = {} if log.temperature is None else _conditions(log.temperature[kept])
+    found = jaxcal.magnetometer.fit(log.mag[kept], conditions=warmth, **options)
     if align == "none" or found.model is None:
         return found
     from ..magnetometer import Accelerometer, Gyroscope, aligned
 
     aid = Accelerometer(log.accel) if align == "accel" else Gyroscope(log.gyro, log.rate)
     return aligned(found, log.mag, aid, joint=joint)
+
+
+def _conditions(temperature: Any) -> dict[str, Any]:
+    """The temperature, where every reading has one."""
+    import numpy as np
+
+    return {"temperature": np.ravel(temperature)} if np.isfinite(temperature).all() and temperature.size == len(temperature) else {}
 
 
 def _show(screen: Screen, found: Any) -> None:

@@ -14,7 +14,9 @@ from .._precision import host_float64, is_traced
 from ..fitting import AbstractLoss
 from ._design._coverage import covered, sphere_grid
 from ._design._heading_error import heading_departure, heading_error, information, needed
+from ._diagnosis import checked_conditions, cost_of, sentences
 from ._ellipsoid._algebraic import NotEllipsoid, algebraic, axes, consistent, constrained, extents, li_griffiths, minmax
+from ._ellipsoid._causes import examined
 from ._ellipsoid._kinds import COUNT, NAMES, PLANAR, PLANAR_NAMES, SOLID, parameters_of
 from ._ellipsoid._orthogonal import described, estimate, geometric, left_out, loss_of, refined
 from ._ellipsoid._residuals import Size
@@ -101,7 +103,8 @@ def fit(
         tilts by 20 degrees; then this is far better than one after the other. Model "auto" or "symmetric", method "ml", no loss.
         Of long logs the same readings are fitted as without; rates are integrated before any is dropped.
 
-    conditions : name -> array of one row a reading: what `measure` and `correct` of a model object take beside the field.
+    conditions : name -> array of one number a reading, such as the current of a motor or the temperature: the fit looks whether the
+        residuals follow it (see `MagFit.causes`). With a model object: what its `measure` and `correct` take beside the field.
 
     Under `jit`, `vmap` and `grad` the fit is that of method "ml" for model "sphere", "diagonal", "symmetric" or "planar", which is an
     ellipse there. An expression decides on the curvature term; there is no penalty and no thinning, and `verdict` is "not judged".
@@ -141,13 +144,12 @@ def fit(
         else:
             m, norm, dip = _checked(m, method, "auto", field, loss, inclination, choose, penalty, field_error)
         return fit_model(m, model, norm, dip, conditions or {}, limits, traced)
-    if conditions:
-        raise DataError("Conditions need a model object whose `measure` and `correct` take them; give it as `model`.")
     if is_traced(m, field):
         given = {"method": method != "ml", "loss": loss is not None, "field_error": field_error is not None, "aid": aid is not None}
+        given["conditions"] = bool(conditions)
         return _traced(m, model, field, inclination, [name for name, there in given.items() if there])
     m, norm, dip = _checked(m, method, model, field, loss, inclination, choose, penalty, field_error)
-    loss = loss_of(loss)
+    loss, recorded = loss_of(loss), checked_conditions(conditions or {}, len(m))
     if joint:
         checked_joint(method, model, aid, loss, field_error)
     whole, used = m, None
@@ -172,7 +174,7 @@ def fit(
     if distinct <= COUNT[least]:
         name = "planar" if planar else least
         return refusal(method, dip, f"There are {distinct} distinct readings; model {name!r} needs at least {COUNT[least] + 1}.")
-    plane, notes, unseen = None, [], np.zeros(9)
+    plane, notes, unseen = None, [], np.zeros((0, 9))
     try:
         if planar:
             plane = np.linalg.svd(u, full_matrices=False)[2]
@@ -182,7 +184,7 @@ def fit(
             fits = candidates(u, PLANAR if planar else SOLID, loss, distinct)
             chosen = fits[by_held_out(fits, u, loss) if choose == "held_out" and not planar else by_bic(fits, u)]
             notes = _unseen(fits, chosen, distinct, frame, dip, limits[0])
-            unseen = left_out(fits, chosen, u, loss, penalty)
+            unseen = left_out(fits, chosen, u, loss, penalty)[None]
             found = refined(chosen, u, loss, penalty, prior)
         elif method in ("ml", "radial"):
             found = geometric(u, kind, loss, "orthogonal" if method == "ml" else "radial", penalty, prior)
@@ -192,7 +194,9 @@ def fit(
         return refusal(method, dip, (f"{NEAR_PLANAR_SENTENCE} " if flat else "") + f"{str(error)[0].upper()}{str(error)[1:]}.")
     if planar == "chosen":
         notes = ["The readings are near-planar, and were fitted in their plane.", *notes]
-    told = _told(found, frame, norm, dip, plane, unseen)
+    log = u if used is None else frame.scaled(whole) if plane is None else in_plane(frame.scaled(whole), plane)
+    said = examined(found, u, log, np.arange(len(u)) if used is None else used, recorded, prior)
+    told = _told(dataclasses.replace(found, covariance=said.covariance), frame, norm, dip, plane, [unseen, *(c.steps for c in said.causes)])
     if method not in _EXACT:
         try:
             best = geometric(u, "symmetric" if _distinct(u) > COUNT["symmetric"] else found.kind, loss, penalty=penalty)
@@ -200,10 +204,12 @@ def fit(
         except NotEllipsoid:
             told["heading_error"] = np.full(2, np.inf)
     known = information(directions_of(found, u), found.kind, found.noise / radius_of(found.shape, plane is not None))
-    verdict, reason = judge(found, u, told["heading_error"], known, limits, loss, notes)
+    verdict, reason = judge(found, u, told["heading_error"], known, limits, loss, notes, said)
+    costs = cost_of(said, found, told["heading_error"], dip)
     result = dataclasses.replace(
         refusal(method, dip, reason), verdict=verdict, condition=known.condition, kind=found.kind, penalty=found.penalty,
-        field_error=field_error, names=NAMES if plane is None else PLANAR_NAMES, **told, **_of_all(found, frame, whole, told, norm),
+        field_error=field_error, names=NAMES if plane is None else PLANAR_NAMES, causes=costs, blocks=said.blocks, **told,
+        **_of_all(found, frame, whole, told, norm, sentences(said, costs, limits[0])),
     )  # fmt: skip
     if aid is None:
         return result
@@ -217,10 +223,10 @@ def _distinct(m: np.ndarray) -> int:
     return few if few > COUNT["symmetric"] else len(np.unique(m, axis=0))
 
 
-def _of_all(found: Found, frame: Frame, m: np.ndarray, told: dict[str, Any], norm: float | None) -> dict[str, Any]:
+def _of_all(found: Found, frame: Frame, m: np.ndarray, told: dict[str, Any], norm: float | None, warnings: list[str]) -> dict[str, Any]:
     """What a fit, of these readings or of some of them, says of all."""
     model, plane, used = told["model"], told["plane"], len(found.distance)
-    mean, warnings = frame.scale * radius_of(found.shape, plane is not None), []
+    mean = frame.scale * radius_of(found.shape, plane is not None)
     if norm is not None and not 0.8 <= mean / norm <= 1.25:
         warnings.append(
             f"The readings have a mean field of {mean:.4g}, the given one is {norm:.4g}: the units differ, the sensitivity is off, or the "
@@ -279,10 +285,10 @@ def _pure(kind: str, dip: float, m: Any, norm: Any) -> dict[str, Any]:
     return {**_told(found, frame, norm, dip, plane), "residual": found.distance * frame.scale}
 
 
-def _told(found: Found, frame: Frame, norm: Any, dip: float, plane: Any = None, bias: np.ndarray | None = None) -> dict[str, Any]:
+def _told(found: Found, frame: Frame, norm: Any, dip: float, plane: Any = None, biases: Any = None) -> dict[str, Any]:
     """What a `MagFit` has of an ellipsoid, traced or not."""
     size = radius_of(found.shape, plane is not None) if norm is None else norm / frame.scale
-    covariance = covariance_of(found, frame, bias)
+    covariance = covariance_of(found, frame, None if biases is None else np.concatenate(biases))
     return {
         "model": model_of(found.shape, found.centre, frame, size, plane), "covariance": covariance, "field": size * frame.scale,
         "heading_error": heading_error(found.shape / frame.scale**2, covariance, dip), "noise": found.noise * frame.scale, "plane": plane,

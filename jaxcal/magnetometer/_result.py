@@ -5,14 +5,15 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import numpy as np
-import scipy.special
 import scipy.stats
 
-from .._results import NORMAL95, Result, Row
+from .._results import Result, Row
 from .._types import AnyArray
 from ._design._heading_error import Information
 from ._ellipsoid._algebraic import NotEllipsoid, ellipsoid_of, extents, nearest_quadric, sampson
+from ._ellipsoid._causes import Examined
 from ._ellipsoid._kinds import COUNT, ENTRIES, NAMES, PLANAR
+from ._ellipsoid._serial import BLOCKS, doubt
 from ._ellipsoid._shape import Found, radius_of
 from ._model import MagModel
 
@@ -29,6 +30,7 @@ _NOISY, _TOO_NOISY = 0.1, 0.2
 _ILL, _SINGULAR = 1000.0, 1e8
 _BY_NOISE = 0.5
 _BY_PENALTY, _CONFLICT = 0.5, 3.0  # standard errors
+_BY_BIAS = 1.5  # what an error may be more than the biases that were found
 
 
 class MagFit(Result):
@@ -41,8 +43,9 @@ class MagFit(Result):
     ----------
     model : `MagModel`; None where the readings allow none.
     covariance : (9, 9) of A_xx, A_xy, A_yy, A_xz, A_yz, A_zz and the hard iron, in the units of the readings (see `names`), where
-        (m - b)'A(m - b) = 1 is the ellipsoid; with what a model that was chosen may leave out. Methods other than "ml": the least that
-        readings of this noise allow. In a plane (5, 5).
+        (m - b)'A(m - b) = 1 is the ellipsoid; with what a model that was chosen may leave out, and with the squares of the biases by
+        `causes`. It is that of white noise where the residuals are white, else from fits without parts of the log (see `blocks`). In a
+        plane (5, 5).
     heading_error : (2,) predicted rms error of the heading in rad, at level and at 20 degrees of tilt, for the dip `inclination`,
         readings without noise and a true vertical. For methods other than "ml" and "consistent" it includes the distance from "ml".
     coverage : `Coverage` of the corrected readings; None without a model.
@@ -53,6 +56,10 @@ class MagFit(Result):
     reason : one sentence or more.
     field : norm of the corrected field: as given, or the cube root of the product of the ellipsoid's semi-axes.
     outliers : indices of readings more than four robust standard deviations off, or weighted below one half.
+    causes : what the residuals follow beyond chance, the strongest first, with the rms heading error in rad that it adds at level: "drift",
+        a name of `conditions`, "rate of turn", "nonlinearity"; then "place", "current or moving part" or "correlated noise" where the
+        rest is not white.
+    blocks : number of parts of the log that were left out in turn for `covariance`; zero where the residuals are white.
     used : number of readings that were fitted: all, or of a long log as many as there are directions to tell apart.
     needed : (3, 3) unit vectors, in the corrected field's axes, in which further readings would help most.
     condition : condition number of the fit on the unit sphere; 3 for even coverage, above 1000 the data hardly determine the model.
@@ -92,6 +99,8 @@ class MagFit(Result):
     field_error: float | None = None
     joint: bool = eqx.field(static=True, default=False)
     values: AnyArray = eqx.field(default_factory=lambda: np.zeros(0))
+    causes: dict[str, float] = eqx.field(default_factory=dict)
+    blocks: int = eqx.field(static=True, default=0)
 
     @property
     def parameters(self) -> dict[str, float]:
@@ -109,13 +118,19 @@ class MagFit(Result):
         """95 % interval of each parameter by its name: (low, high), by Student's t."""
         if self.model is None:
             return {}
-        half = scipy.stats.t.ppf(0.975, max(self.used - len(self.names), 1)) * np.sqrt(np.diag(self.covariance))
+        half = self._quantile * np.sqrt(np.diag(self.covariance))
         return {name: (value - h, value + h) for (name, value), h in zip(self.parameters.items(), half.tolist(), strict=True)}
+
+    @property
+    def _quantile(self) -> float:
+        """Half of a 95 % interval in standard deviations, by Student's t."""
+        freedom = self.blocks - 1 if self.blocks else max(self.used - len(self.names), 1)
+        return float(scipy.stats.t.ppf(0.975, freedom))
 
     def _rows(self) -> list[Row]:
         if self.model is None:
             return []
-        hard, half = np.asarray(self.model.hard_iron), NORMAL95 * self.hard_iron_error
+        hard, half = np.asarray(self.model.hard_iron), self._quantile * self.hard_iron_error
         rows = [Row(f"hard iron {axis}", b, b - h, b + h, "unit") for axis, b, h in zip("xyz", hard, half, strict=True)]
         soft = np.asarray(self.model.soft_iron)
         rows += [Row(f"soft iron {a}{b}", soft[i, j]) for i, a in enumerate("xyz") for j, b in enumerate("xyz")]
@@ -230,35 +245,30 @@ def _structural(found: Found, u: np.ndarray, told: Information, planar: bool) ->
 
 def judge(
     found: Found, u: np.ndarray, error: np.ndarray, told: Information, limits: tuple[float, float], loss: Any, notes: list[str],
+    said: Examined,
 ) -> tuple[str, str]:  # fmt: skip
     """Verdict, and the sentences that lead to it."""
     planar = found.kind in PLANAR
     reasons = Reasons(_structural(found, u, told, planar), list(notes))
     if not reasons.refused:
-        _by_size(found, error, told, limits, reasons)
+        _by_size(found, error, told, limits, reasons, said)
     far = len(outliers(found.distance, found.weight))
     if far > 0.4 * len(u):
         reasons.refused.append(f"{far} of {len(u)} readings are outliers: no majority of the readings agrees.")
     elif loss is None:
         reasons.outliers(far, len(u), "use loss='huber' or 'tukey', or leave them out")
-    said = reasons.text(f"The {expected(error)}, excluding a rotation common to all readings.")
-    return reasons.verdict, said + (" It holds for headings in the plane of the readings only." if planar else "")
+    text = reasons.text(f"The {expected(error)}, excluding a rotation common to all readings.")
+    return reasons.verdict, text + (" It holds for headings in the plane of the readings only." if planar else "")
 
 
-def _by_size(found: Found, error: np.ndarray, told: Information, limits: tuple[float, float], reasons: Reasons) -> None:
+def _by_size(found: Found, error: np.ndarray, told: Information, limits: tuple[float, float], reasons: Reasons, said: Examined) -> None:
     """Reasons that are a matter of degree: scatter, predicted heading error, condition."""
     if not found.converged:
         reasons.refused.append(f"The fit did not converge: {found.message or 'it ran off, as fits of this cost do with partial coverage.'}")
     reasons.scatter(found.noise / radius_of(found.shape))
-    freedom = max(len(found.distance) - COUNT[found.kind], 1)
-    # five per cent of noise estimates are too small by this factor or more
-    doubt = float(np.sqrt(freedom / (2 * scipy.special.gammaincinv(freedom / 2, 0.05))))
     level, least = np.rad2deg([error[0], limits[0]])
-    if not reasons.heading(error, limits, f"; least certain is {told.weakest}.") and level * doubt > least:
-        reasons.weak.append(
-            f"{len(found.distance)} readings leave the noise uncertain by a factor of {doubt:.2g}: the heading may be wrong by "
-            f"{level * doubt:.2g} degrees rms."
-        )
+    if not reasons.heading(error, limits, f"; least certain is {told.weakest}."):
+        _doubtful(found, level, least, reasons, said)
     if found.conflict > _CONFLICT:
         reasons.weak.append(
             f"The field that the readings alone give is {found.conflict:.2g} standard errors from the given one: its unit, the "
@@ -269,3 +279,16 @@ def _by_size(found: Found, error: np.ndarray, told: Information, limits: tuple[f
         reasons.weak.append(f"The readings alone leave the ellipsoid open: the penalty on small coverage moved it {size}.")
     if told.condition > _ILL:
         reasons.weak.append(f"The readings hardly determine {told.weakest} (condition number {told.condition:.0f}).")
+
+
+def _doubtful(found: Found, level: float, least: float, reasons: Reasons, said: Examined) -> None:
+    """Whether the heading may be worse than the limit, by how well its error is known."""
+    if said.blocks:
+        by, why = doubt(BLOCKS - 1), "The residuals are not white, and parts of the log differ"
+    elif said.causes:
+        by, why = _BY_BIAS, f"The residuals follow {said.causes[0].name!r}"
+    else:
+        by = doubt(max(len(found.distance) - COUNT[found.kind], 1))
+        why = f"{len(found.distance)} readings leave the noise uncertain by a factor of {by:.2g}"
+    if level * by > least:
+        reasons.weak.append(f"{why}: the heading may be wrong by {level * by:.2g} degrees rms.")

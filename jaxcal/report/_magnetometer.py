@@ -17,8 +17,8 @@ _ROWS = 200  # readings that the table behind the figures lists
 _METHODS = {"ml": "maximum likelihood (orthogonal distance)", "consistent": "adjusted least squares"}
 _MEANING = (
     ("Correction", "true field = inverse of the soft iron matrix times (reading less hard iron)."),
-    ("Heading error", "What noise and coverage leave, for readings without noise and a true vertical. A fit of norms cannot see a rotation "
-     "common to all readings; unless it was aligned with another sensor, that comes on top."),
+    ("Heading error", "What noise, coverage and the causes that were found leave, for readings without noise and a true vertical. A fit of "
+     "norms cannot see a rotation common to all readings; unless it was aligned with another sensor, that comes on top."),
     ("Verdict", "good: below 1° rms; weak: below 5°, or with a doubt that is named; refused: not to be used."),
 )  # fmt: skip
 
@@ -34,6 +34,7 @@ def document(found: MagFit, log: Log | None) -> dict[str, Any]:
         "schema": "jaxcal.mag/1", "version": importlib.metadata.version("jaxcal"), **of(found, "verdict", "reason", "method"),
         "model": found.kind, **of(model, "hard_iron"), "hard_iron_error": None if model is None else plain(found.hard_iron_error),
         **of(model, "soft_iron"), **of(found, "field", "noise", "penalty", "field_error", "joint", "heading_error", "inclination"),
+        **of(found, "causes", "blocks"),
         "covariance": {"parameters": list(found.names), "values": plain(found.covariance)},
         "coverage": None if cover is None else of(cover, "gaps", "variance", "wobble", "occupied", "largest_gap"),
         **of(found, "needed", "outliers"), "readings": len(found.residual),

@@ -142,7 +142,8 @@ def test_what_the_readings_leave_open_is_named():
     [
         ({"conditions": {"temperature": WARMTH[:5]}}, "one row for each"),
         ({"conditions": {"temperature": WARMTH}, "loss": "huber"}, "without `loss`"),
-        ({"conditions": {"temperature": WARMTH}, "model": "symmetric"}, "need a model object"),
+        ({"conditions": {"temperature": WARMTH[:5]}, "model": "symmetric"}, "one number for each"),
+        ({"conditions": {"drift": WARMTH}, "model": "symmetric"}, "name of a cause"),
         ({"conditions": {"temperature": np.full(COUNT, np.nan)}}, "not finite"),
     ],
 )

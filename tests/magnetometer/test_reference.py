@@ -64,19 +64,25 @@ def test_methods_without_a_public_program(log, method):
 def test_ml_is_within_its_own_two_sigma_of_the_listed_orthogonal_fit(log):
     m, listed = log
     found = fit(m)
-    assert found.verdict == "good"
     assert found.kind == "symmetric"
     assert np.all(np.abs(found.model.hard_iron - listed["ML"]["b"]) < 2 * found.hard_iron_error)
-    # the radial fit's own standard deviations are another estimate of the same scatter
-    np.testing.assert_allclose(found.hard_iron_error, listed["geo radial"]["sigma_b"], rtol=0.15)
+    # the radial fit's own standard deviations are another estimate of the same scatter, taken as white; that of mag3 is not
+    listed = np.array(listed["geo radial"]["sigma_b"])
+    if found.blocks:
+        assert np.all(found.hard_iron_error > 2 * listed)
+        assert "correlated noise" in found.causes
+    else:
+        assert found.verdict == "good"
+        np.testing.assert_allclose(found.hard_iron_error, listed, rtol=0.15)
 
 
 def test_bootstrap_agrees_with_the_covariance(log):
     m, _ = log
     found = fit(m, model="symmetric")
-    spread = np.std(bootstrap(m, found, replicas=300), axis=0)
-    # 300 replicas know a standard deviation to 4 %; residuals of a real log are not white, hence the rest
-    assert np.all(np.abs(np.log(spread / np.sqrt(np.diag(found.covariance)))) < np.log(1.6))
+    ratio = np.std(bootstrap(m, found, replicas=300), axis=0) / np.sqrt(np.diag(found.covariance))
+    # 300 replicas know a standard deviation to 4 %; readings drawn one by one have lost their correlation, as that of mag3
+    assert np.all(ratio < 1.6)
+    assert found.blocks or np.all(ratio > 1 / 1.6)
 
 
 def test_published_calibration_of_mag3(reference):

@@ -75,15 +75,15 @@ def entries_of(found: Found) -> np.ndarray:
 
 
 def covariance_of(found: Found, frame: Frame, bias: np.ndarray | None = None) -> Any:
-    """Covariance of the shape's entries and the centre, (9, 9), or (5, 5) in a plane; the square of a bias in scaled units is added."""
+    """Covariance of the shape's entries and the centre, (9, 9), or (5, 5) in a plane; squares of biases (k, 9), scaled, are added."""
     xp = array_module(found, frame)
     rows = np.arange(9) if found.kind not in PLANAR else np.array(PLANAR_ROWS)
     size = xp.where(rows < 6, frame.scale**-2, frame.scale)
     slopes = slopes_of(found.parameters, basis_of(found.kind))[rows] * size[:, None]
-    off = np.zeros(len(rows)) if bias is None else bias[rows] * size
+    off = np.zeros((0, len(rows))) if bias is None else bias[:, rows] * size
     # infinity times zero is no number: an open parameter leaves all of it open
     known = xp.isfinite(found.covariance).all()
-    return xp.where(known, slopes @ xp.where(known, found.covariance, 0.0) @ slopes.T + xp.outer(off, off), xp.inf)
+    return xp.where(known, slopes @ xp.where(known, found.covariance, 0.0) @ slopes.T + off.T @ off, xp.inf)
 
 
 def root(shape: Any) -> Any:

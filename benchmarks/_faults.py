@@ -1,0 +1,95 @@
+"""Magnetometer logs with errors that the fit does not model, simulated without jaxcal; and what the fit makes of them.
+
+Six hundred readings of a sensor that a hand turns: rates wander with a correlation time of 25 readings, 0.12 rad a reading in each axis.
+White noise is 1 % of the field unless the case says otherwise. The truth of a drift is the hard iron at the start, of a current that
+without it. Conditions are recorded for the case "current", and not for "current unrecorded".
+"""
+
+import numpy as np
+import scipy.signal
+from scipy.spatial.transform import Rotation
+
+SOFT = np.array([[1.1, 0.06, -0.04], [0.06, 0.92, 0.05], [-0.04, 0.05, 1.0]])
+HARD = np.array([0.3, -0.2, 0.4])
+DIP = np.deg2rad(57.0)
+COUNT = 600
+_HEADINGS = np.arange(24) * np.pi / 12
+
+#: case -> its size, and the cause that names it
+CASES = {
+    ("white", 0.005): None, ("white", 0.01): None, ("white", 0.05): None,
+    ("AR(1)", 0.8): "correlated noise", ("AR(1)", 0.9): "correlated noise", ("AR(1)", 0.97): "correlated noise",
+    ("drift", 0.02): "drift", ("drift", 0.05): "drift", ("drift", 0.1): "drift",
+    ("field", 0.02): "place", ("field", 0.05): "place",
+    ("current", 0.05): "current", ("current", 0.1): "current",
+    ("current unrecorded", 0.05): "current or moving part", ("current unrecorded", 0.1): "current or moving part",
+    ("low-pass", 3): "rate of turn", ("quadratic", 0.02): "nonlinearity", ("clipping", 0.02): "clipping",
+}  # fmt: skip
+
+
+def wander(factor, count, columns, rng):
+    """AR(1) series of variance one, (count, columns)."""
+    noise = rng.normal(size=(count, columns)) * np.sqrt(1 - factor**2)
+    noise[0] /= np.sqrt(1 - factor**2)
+    return scipy.signal.lfilter([1], [1, -factor], noise, axis=0)
+
+
+def turned(count, rng, speed, finer=1):
+    """True field in body axes, (count, 3), of norm one."""
+    rates = speed / finer * wander(np.exp(-1 / (25 * finer)), count * finer, 3, rng)
+    attitude, found = Rotation.random(random_state=int(rng.integers(2**31))), []
+    for step in rates:
+        attitude = attitude * Rotation.from_rotvec(step)
+        found.append(attitude.as_quat())
+    return Rotation.from_quat(np.array(found)).inv().apply([np.cos(DIP), 0.0, np.sin(DIP)])
+
+
+def simulate(case, seed, count=COUNT):
+    """Readings (count, 3), and the conditions that were recorded."""
+    (name, size), rng = case, np.random.default_rng([seed, sum(map(ord, case[0])), round(1000 * case[1])])
+    averaged = name == "low-pass"
+    field = turned(count, rng, 0.25 if averaged else 0.12, 3 if averaged else 1)
+    way = rng.normal(size=3)
+    way /= np.linalg.norm(way)
+    if name == "field":
+        smooth = scipy.signal.lfilter(np.ones(20) / 20, 1, wander(np.exp(-0.01), count, 1, rng), axis=0)
+        field = field * (1 + size * smooth)
+    m, conditions = field @ SOFT.T + HARD, {}
+    if averaged:
+        m = scipy.signal.lfilter(np.ones(3 * size) / (3 * size), 1, m, axis=0)[::3]
+        m[:size] = m[size]
+    if name == "drift":
+        m = m + size * np.linspace(0, 1, count)[:, None] * way
+    if name == "quadratic":
+        m = m + size * m**2 * rng.choice([-1, 1], 3)
+    if name.startswith("current"):
+        current = np.repeat(rng.uniform(0, 1, count // 20 + 1), 20)[:count]
+        m = m + size * current[:, None] * way
+        conditions = {"current": current} if name == "current" else {}
+    noise = 0.02 * wander(size, count, 3, rng) if name == "AR(1)" else (size if name == "white" else 0.01) * rng.normal(size=(count, 3))
+    m = m + noise
+    if name == "clipping":
+        m[:, 0] = np.minimum(m[:, 0], np.quantile(m[:, 0], 1 - size))
+    return m, conditions
+
+
+def heading_error(model):
+    """Root mean square error of the level headings, in rad, of readings without noise."""
+    level = np.stack([np.cos(_HEADINGS) * np.cos(DIP), -np.sin(_HEADINGS) * np.cos(DIP), np.full(24, np.sin(DIP))], axis=1)
+    y = (level @ SOFT.T + HARD - model.hard_iron) @ np.linalg.inv(model.soft_iron).T
+    off = np.arctan2(-y[:, 1], y[:, 0]) - _HEADINGS
+    return np.sqrt(np.mean(np.angle(np.exp(1j * off)) ** 2))
+
+
+def tried(fit, case, runs, first=0):
+    """Fits of one case: whether good, true heading error in degrees, true over predicted, whether named, truths inside their intervals."""
+    rows = []
+    for seed in range(first, first + runs):
+        m, conditions = simulate(case, seed)
+        found = fit(m, conditions=conditions)
+        error = heading_error(found.model)
+        inside = [low < truth < high for (low, high), truth in zip(list(found.interval.values())[6:], HARD, strict=True)]
+        rows.append(
+            (found.verdict == "good", np.rad2deg(error), error / found.heading_error[0], CASES[case] in found.causes, np.mean(inside))
+        )
+    return np.array(rows, dtype=float)

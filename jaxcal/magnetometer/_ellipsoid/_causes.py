@@ -1,0 +1,152 @@
+"""What residuals follow beyond chance: drift, a recorded condition, the rate of turn, the response of an axis, or each other.
+
+A cause is a few columns beside the Jacobian. What it explains beyond chance moves the fit by a step that is known: a bias. It stands in
+the covariance, together with what is left of it in use: a drift goes on after the log, and a current takes any value that it had.
+Chance is judged by the sums over twenty parts of the log, so that correlated noise does not pass for a cause.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy.stats
+
+from ._kinds import COUNT, PLANAR, basis_of, slopes_of
+from ._residuals import Size
+from ._serial import BLOCKS, correlation_time, kind_of, leave_out, tamed, white
+from ._shape import Found, radius_of, root, unit
+
+DRIFT, FAST, BENT, PLACE, ALONE, SERIAL = "drift", "rate of turn", "nonlinearity", "place", "current or moving part", "correlated noise"
+_PARTS = 20
+_CHANCE = 0.003
+_FEWEST = 80
+_EXACT = 1e-9  # of the field: rounding is no noise
+_MOST = 3  # causes
+
+
+class Cause(NamedTuple):
+    """One cause: its name, the steps (k, 9) of shape and centre that it adds to the error, and its largest effect on a reading."""
+
+    name: str
+    steps: np.ndarray
+    size: float
+
+
+class Examined(NamedTuple):
+    """Covariance of the parameters, number of parts that it is from (zero for white residuals), and causes, the strongest first."""
+
+    covariance: np.ndarray
+    blocks: int
+    causes: list[Cause]
+
+
+def _rows(found: Found, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Derivative of the distances with respect to shape and centre, (n, 9), unit normals and readings about the centre.
+
+    At the nearest points of the ellipsoid, where the readings' own noise has no part in them.
+    """
+    z = u - found.centre
+    z = z - found.distance[:, None] * unit(z @ found.shape)
+    slope = 2 * z @ found.shape
+    size = np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-300)
+    x, y, w = z.T
+    by_shape = np.stack([x * x, 2 * x * y, y * y, 2 * x * w, 2 * y * w, w * w], axis=1)
+    return np.concatenate([by_shape, -slope], axis=1) / size, slope / size, z
+
+
+def _columns(found, normals, z, whole, rows, conditions) -> dict[str, np.ndarray]:
+    """Columns of each cause, for the readings in some rows of the whole log."""
+    radius, support = radius_of(found.shape, found.kind in PLANAR), np.sum(normals * z, axis=1)
+    follow = {DRIFT: rows.astype(float), **{name: values[rows] for name, values in conditions.items()}}
+    columns = {}
+    for name, values in follow.items():
+        low, high = values.min(), values.max()
+        if high > low:
+            columns[name] = normals * ((2 * values - low - high) / (high - low))[:, None]
+    # what a mean over a short time takes off a turning vector goes with the square of the turn
+    turn = np.gradient(unit((whole - found.centre) @ root(found.shape)), axis=0)[rows]
+    columns[FAST] = (support * np.sum(turn**2, axis=1))[:, None]
+    columns[BENT] = np.concatenate([normals * (z / radius) ** 2, normals * (z / radius) ** 3], axis=1)
+    return columns
+
+
+def _fitted(jacobian: np.ndarray, columns: np.ndarray, residuals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Step of the parameters that the columns account for, and their coefficients."""
+    both = np.concatenate([jacobian, columns], axis=1)
+    size = np.linalg.norm(both, axis=0)
+    found = np.linalg.lstsq(both / size, residuals, rcond=1e-9)[0] / size
+    alone = np.linalg.lstsq(jacobian / size[: jacobian.shape[1]], residuals, rcond=1e-9)[0] / size[: jacobian.shape[1]]
+    return found[: jacobian.shape[1]] - alone, found[jacobian.shape[1] :]
+
+
+def _evidence(jacobian: np.ndarray, columns: np.ndarray, residuals: np.ndarray, worth: float) -> float:
+    """Logarithm of the likelihood ratio of columns less their price, by the `worth` of the readings; negative where chance may do it."""
+    span = np.linalg.qr(jacobian / np.linalg.norm(jacobian, axis=0))[0]
+    free = columns - span @ (span.T @ columns)
+    size, before = np.linalg.norm(free, axis=0), np.linalg.norm(columns, axis=0)
+    if not (size > 1e-6 * before).all():
+        return -np.inf
+    free = free / size
+    count, bread = free.shape[1], np.linalg.pinv(free.T @ free, hermitian=True)
+    coefficients = bread @ (free.T @ residuals)
+    left = residuals - free @ coefficients
+    edges = np.round(np.arange(_PARTS) * len(left) / _PARTS).astype(int)
+    scores = np.add.reduceat(free * left[:, None], edges, axis=0)
+    variance = bread @ (scores.T @ scores) @ bread * _PARTS / (_PARTS - 1)
+    statistic = coefficients @ np.linalg.pinv(variance, hermitian=True) @ coefficients
+    ratio = (_PARTS - count) / (count * (_PARTS - 1)) * statistic  # Hotelling
+    if not scipy.stats.f.sf(ratio, count, _PARTS - count) < _CHANCE:
+        return -np.inf
+    return float(worth * np.log(np.sum(residuals**2) / np.sum(left**2)) - count * np.log(worth))
+
+
+def examined(
+    found: Found, u: np.ndarray, whole: np.ndarray, rows: np.ndarray, conditions: dict[str, np.ndarray], size: Size | None
+) -> Examined:
+    """What the residuals of a fit say of its error; `rows` of the `whole` log were fitted, in the order of time."""
+    count, n = COUNT[found.kind], len(u)
+    radius = radius_of(found.shape, found.kind in PLANAR)
+    if not np.isfinite(found.covariance).all() or not found.noise > _EXACT * radius or not found.converged:
+        return Examined(found.covariance, 0, [])
+    slopes = slopes_of(found.parameters, basis_of(found.kind))[:, :count]
+    weight = np.sqrt(np.asarray(found.weight))[:, None]
+    by_entries, normals, z = _rows(found, u)
+    jacobian, left = weight * (by_entries @ slopes), weight[:, 0] * found.distance
+    columns = {} if n < _FEWEST else _columns(found, normals, z, whole, rows, conditions)
+    columns = {name: weight * part[:, np.abs(part).max(axis=0) > 1e-12 * radius] for name, part in columns.items()}
+    causes: list[Cause] = []
+    while columns and len(causes) < _MOST:
+        calm = tamed(jacobian, left)
+        worth = n / correlation_time(calm)
+        evidence = {name: _evidence(jacobian, part, calm, worth) for name, part in columns.items() if part.size}
+        if not evidence or not max(evidence.values()) > 0:
+            break
+        name = max(evidence, key=lambda name: evidence[name])
+        part = columns.pop(name)
+        step, coefficients = _fitted(jacobian, part, left)
+        left = left - jacobian @ step - part @ coefficients
+        steps = [-slopes @ step]
+        if name not in (FAST, BENT):  # what moves the hard iron moves it after the log too, by up to half its range
+            moved = np.zeros(9)
+            moved[6 : 6 + len(coefficients)] = coefficients
+            steps.append(moved)
+        causes.append(Cause(name, np.array(steps), float(np.max(np.abs(part @ coefficients))) / radius))
+    if white(jacobian, left):
+        rest = np.sum(left**2) / np.sum((weight[:, 0] * found.distance) ** 2)
+        return Examined(found.covariance * min(rest, 1.0), 0, causes)
+    known = np.zeros((count, count))
+    if size is not None:  # the derivative of the mean semi-axis, of the field that was given
+        slope = np.linalg.inv(found.shape) / -6
+        by_size = np.array([slope[0, 0], 2 * slope[0, 1], slope[1, 1], 2 * slope[0, 2], 2 * slope[1, 2], slope[2, 2], 0, 0, 0]) @ slopes
+        known = np.outer(by_size, by_size) * (found.noise / size.error) ** 2
+    matrix = np.full((9, 9), np.inf)
+    part = leave_out(jacobian, left, known)
+    if np.isfinite(part).all():
+        matrix = np.zeros((9, 9))
+        matrix[:count, :count] = part
+    of_norm, offset = kind_of(left, normals)
+    if offset is None:
+        rest = Cause(PLACE if of_norm else SERIAL, np.zeros((0, 9)), float(np.std(left)) / radius)
+    else:  # half the range of what takes any value alike is the square root of three standard deviations
+        half = np.sqrt(3.0) * offset
+        rest = Cause(ALONE, np.concatenate([np.zeros(6), half])[None], float(np.linalg.norm(half)) / radius)
+    return Examined(matrix, BLOCKS, [*causes, rest])
