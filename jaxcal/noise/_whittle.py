@@ -113,14 +113,14 @@ def fit_record(
         terms = (*terms, *extra)
     if extra:
         lowest = _lowest(observed, solved)
+    if not (np.all(np.isfinite(solved.fitted.theta)) and np.isfinite(solved.fitted.cost)):
+        raise FitError("the fit gave no finite coefficients; fit fewer terms (terms=) or other cluster times (band=)")
     names = solved.names
     uneven = _uneven(observed.drawn, solved, lowest, dt)
     widened = np.array([max(uneven[name].factor, 1.0) if name in uneven else 1.0 for name in names])
     if extra and not sought:
         widened = widened * widening(solved.fitted, solved.columns, extra, dt)
     covariance, limits, factor = uncertainty(solved.fitted, widened, *levels_of(confidence), names)
-    if not np.all(np.isfinite(solved.fitted.theta)):
-        raise FitError("the fit gave no finite coefficients; fit fewer terms (terms=) or other cluster times (band=)")
     lines = amplitudes(solved.bins, solved.taken, density(solved.bins.columns, solved.fitted.theta), n * dt)
     lines = [found for found in lines if found[1] <= solved.end]
     if not observed.complete:
@@ -254,7 +254,9 @@ def _lowest(observed: Observed, solved: Solved) -> Lowest:
     n = len(observed.y)
     k = np.arange(1, min(ORDINATES, n - 1) + 1)
     columns = np.stack([term.ordinates(k, n, observed.dt) for term in solved.columns], axis=1)
-    return Lowest(columns, columns @ solved.fitted.theta * solved.bins.unit)
+    # what a filter takes is nothing at low frequencies, and its negative column must not make a density negative
+    theta = np.where([name != FILTER for name in solved.names], solved.fitted.theta, 0.0)
+    return Lowest(columns, columns @ theta * solved.bins.unit)
 
 
 def _uneven(y, solved: Solved, lowest: Lowest, dt: float) -> dict[str, Unevenness]:
