@@ -47,6 +47,7 @@ def noise(
     method: Annotated[
         Literal["whittle", "gls", "edf", "wavelet"], Parameter(help="How to fit: whittle, or on the Allan variance gls, edf or wavelet.")
     ] = "whittle",
+    robust: Annotated[bool, Parameter(help="Noise with heavy tails: fit its core, and name the law of its tails.")] = False,
     calibration: Annotated[
         Path | None,
         Parameter(help="Calibration of the device as JSON, from another recording: the log is corrected with it before the fit."),
@@ -62,12 +63,12 @@ def noise(
     R ramp: with intervals, and an upper limit where a term is not there.
     """
     must_exist(calibration)
-    characterise(log, terms, confidence, band, reading, writing, running, method=method, calibration=calibration)
+    characterise(log, terms, confidence, band, reading, writing, running, method=method, calibration=calibration, robust=robust)
 
 
 def characterise(
     path: Path, terms: str, confidence: float, band: tuple[float, float] | None, reading: Reading, writing: Writing, running: Running,
-    truth: dict[str, Any] | None = None, method: str = "whittle", calibration: Path | None = None,
+    truth: dict[str, Any] | None = None, method: str = "whittle", calibration: Path | None = None, robust: bool = False,
 ) -> dict[str, Any]:  # fmt: skip
     """Read, fit, write and print; `truth` (sensor -> `Noise`) is compared where a log was simulated. Gives the fits."""
     chosen = tuple(terms.replace(",", "").upper())
@@ -80,7 +81,7 @@ def characterise(
         fit = jaxcal.noise.characterise
         ahead("jaxcal.report", "matplotlib.backends.backend_svg", "matplotlib.backends.backend_agg")
         names = tuple("markov" if term == "M" else term for term in chosen)
-        return fit(log, method=method, terms=names, confidence=confidence, band=band, progress=move)
+        return fit(log, method=method, terms=names, confidence=confidence, band=band, robust=robust, progress=move)
 
     # a filter needs some noise and some random walk: where none was found the upper limit is safe, and file and warning say so
     export = partial(save_export, part="noise", density="upper_limit", random_walk="upper_limit")
@@ -92,7 +93,7 @@ def characterise(
     done = carry_out(
         path, reading, running, outputs(writing, files, f"{stem(path)}-noise", formats=_EXPORTS, export=export), compute,
         change=None if calibration is None else partial(corrected, calibration), command="jaxcal noise",
-        options={"terms": terms, "confidence": confidence, "band": band, "method": method, "calibration": calibration},
+        options={"terms": terms, "confidence": confidence, "band": band, "method": method, "robust": robust, "calibration": calibration},
     )  # fmt: skip
     noise_tables(done.screen, done.found, truth)
     done.screen.sentences("Record length at which a term is known to 10 %, worst axis", longer_record(done.found))

@@ -122,7 +122,9 @@ class _Search:
         self._share = bins.weight * np.minimum(self._level / model, 1.0) ** 2
 
     def gain(self, cost: float) -> float:
-        """Twice the gain in log likelihood over the fit, in units of its variance factor."""
+        """Twice the gain in log likelihood over the fit, in units of its variance factor; none where the search found no minimum."""
+        if not (np.isfinite(self._fitted.cost) and np.isfinite(cost)):
+            return -np.inf
         return float(2.0 * (self._fitted.cost - cost) / self._fitted.inflation)
 
     def without(self) -> float:

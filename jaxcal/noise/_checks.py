@@ -89,7 +89,7 @@ def sentences_of_checks(jumps: Jumps, step: float, white: float, dt: float, n_sq
     if jumps.heavy:
         said.append(
             f"{spikes} samples stand out from their neighbours by ten standard deviations, too many for single errors: the noise has heavy "
-            "tails, and the interval of N is too narrow"
+            "tails, and the interval of N is too narrow; ask for a robust fit"
         )
     elif spikes:
         said.append(

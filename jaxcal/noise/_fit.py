@@ -39,6 +39,7 @@ def fit(
     confidence: float = 0.95,
     band: Any = None,
     conservative: bool = False,
+    robust: bool = False,
 ) -> NoiseFit:
     r"""Noise coefficients of a static record, with intervals and verdicts.
 
@@ -67,6 +68,8 @@ def fit(
     confidence : level of the intervals and upper limits.
     band : (shortest, longest) cluster time in s to fit, instead of the band found; for "whittle" frequencies 1/(2 tau).
     conservative : also give coefficients whose Allan deviation is nowhere below the upper limit of the measured one, `overbound`.
+    robust : for noise with heavy tails, with "whittle". The likelihood chooses between normal noise, Student's t, and a core with a
+        wider component. N is the standard deviation of Student's t, or that of the core; a warning names the law.
 
     Returns
     -------
@@ -96,16 +99,18 @@ def fit(
     freedom). Covariance of the Allan variance: `allan_covariance`. Thresholds for a coefficient at its bound: Self
     and Liang, J. Am. Stat. Assoc. 82, 1987.
     """
-    return _fit(y, rate, method, terms, confidence, band, conservative)
+    return _fit(y, rate, method, terms, confidence, band, conservative, robust)
 
 
 @host_float64
-def _fit(y, rate, method, terms, confidence, band, conservative=False, temperature=None) -> NoiseFit:
+def _fit(y, rate, method, terms, confidence, band, conservative=False, robust=False, temperature=None) -> NoiseFit:
     if method not in ("whittle", *CURVES):
         raise DataError(f"unknown method {method!r}; expected one of {', '.join(('whittle', *CURVES))}")
     terms = checked_terms(terms)
     if method != "whittle" and any(isinstance(term, GaussMarkov) and term.time is None for term in terms):
         raise DataError(f'the correlation time of a Gauss-Markov process is found by method "whittle"; got method {method!r}')
+    if robust and method != "whittle":
+        raise DataError(f'a robust fit needs method "whittle"; got method {method!r}')
     if not 0.0 < confidence < 1.0:
         raise DataError(f"confidence must lie between 0 and 1; got {confidence!r} (0.95 is 95 %)")
     traced = is_traced(y)
@@ -114,6 +119,8 @@ def _fit(y, rate, method, terms, confidence, band, conservative=False, temperatu
     m, jumps = clusters(method, samples, terms), []
     if traced:
         rate = checked_rate(rate)
+        if robust:
+            raise DataError("heavy tails are found by a search on the host; ask for robust=True outside of jit, vmap and grad")
         if conservative:
             raise DataError("conservative coefficients need a linear programme on the host; ask for them outside of jit, vmap and grad")
         if method == "whittle":
@@ -122,6 +129,8 @@ def _fit(y, rate, method, terms, confidence, band, conservative=False, temperatu
     elif y.dtype.kind in "fiu" and y.ndim in (1, 2):
         refuse_extremes(y)
         jumps = [find_jumps(x) for x in (y.T if many else (y,))]
+        if robust:
+            jumps = [found._replace(y=x, spikes=0, heavy=False, steps=()) for found, x in zip(jumps, y.T if many else (y,), strict=True)]
         if any(found.spikes and not found.heavy for found in jumps):
             y = np.stack([found.y for found in jumps], axis=1).reshape(y.shape)
     # the noise type serves the plot outside of the band
@@ -134,7 +143,7 @@ def _fit(y, rate, method, terms, confidence, band, conservative=False, temperatu
         fits = [CURVES[method](one, samples, terms, inside, band is None, confidence) for one in curves]
     else:
         each = zip(y.T if many else (y,), curves, strict=True)
-        fits = [with_second_opinion(fit_record(x, one, terms, band, confidence, temperature), samples) for x, one in each]
+        fits = [with_second_opinion(fit_record(x, one, terms, band, confidence, temperature, robust), samples) for x, one in each]
     for i, jump in enumerate(jumps):
         white = float(np.asarray(fits[i].noise.N)) ** 2
         said = sentences_of_checks(jump, *resolution(y[:, i] if many else y), 1.0 / curve.rate, white)
@@ -152,6 +161,7 @@ def characterise(
     confidence=0.95,
     band=None,
     conservative=False,
+    robust=False,
     progress: Callable[[int, int, str], None] | None = None,
 ) -> dict[str, NoiseFit]:
     """Noise coefficients of every gyroscope, accelerometer and magnetometer channel of a static log.
@@ -159,7 +169,7 @@ def characterise(
     Parameters
     ----------
     log : the `Log`.
-    method, terms, confidence, band, conservative : as in `fit`.
+    method, terms, confidence, band, conservative, robust : as in `fit`.
     progress : called as progress(done, total, channel) before each channel, and once at the end.
 
     Returns
@@ -189,7 +199,7 @@ def characterise(
     for done, (name, values) in enumerate(channels.items()):
         report(done, len(channels), name)
         try:
-            fits[name] = _fit(values, log.rate, method, terms, confidence, band, conservative, temperature)
+            fits[name] = _fit(values, log.rate, method, terms, confidence, band, conservative, robust, temperature)
         except DataError as error:
             raise DataError(f"{name}: {error}") from error
     report(len(channels), len(channels), "")

@@ -9,7 +9,7 @@ from ._alternatives import Alternative
 from ._causes import Cause
 from ._model import Noise
 from ._result import NoiseFit
-from ._stationarity import PARTS, Unevenness
+from ._stationarity import PARTS, Level, Unevenness
 
 #: standard errors above which a record follows a line in time, where R is asked for
 RAMP = 3.0
@@ -159,6 +159,16 @@ def of_unevenness(uneven: dict[str, Unevenness], duration: float) -> list[str]:
             f"{stop:.4g} s, an eighth of the record; the intervals of {wider} wider for it; look there for a knock, a draught or warming up"
         )
     return said
+
+
+def of_levels(levels: Sequence[Level], n: float, dt: float) -> list[str]:
+    """A warning about white noise of several levels; `n` is that of the whole record."""
+    if not levels:
+        return []
+    each = ", ".join(
+        f"{part.ratio * n:.4g} +- {part.ratio * n * part.error:.1g} from {part.start * dt:.4g} to {part.stop * dt:.4g} s" for part in levels
+    )
+    return [f"the level of the white noise changes: N is {each} (SI units); the N of the whole record is their root mean square"]
 
 
 def of_difference(fit: NoiseFit, other: Noise, errors: dict[str, float]) -> list[str]:

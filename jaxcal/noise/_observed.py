@@ -24,11 +24,12 @@ from ._terms import Term
 
 _SEED = 20_211  # of the draws that estimate the conditional variance: the same record always gives the same numbers
 _DRAWN = 2**19  # samples in all draws together, at least: short records take more draws
-_MOST_DRAWS = 64
+_MOST_DRAWS = 32
 _EXACT, _ROUGH = 1e-4, 1e-2  # relative residual of the conjugate gradients: for the expectation, and for draws
-_ITERATIONS = 300
+_ITERATIONS = 60
 _LEAST = 0.02  # share of the information of an ordinate below which it takes no part
 _FEWEST = 16  # samples
+_NOTHING = 1e-6  # share of a record below which nothing but rounding is left of it
 
 
 def _dct(x):
@@ -119,6 +120,11 @@ class Observed:
             self.covariance = inverse / np.outer(scale, scale)
             lost = lost + np.einsum("ki,ij,kj->k", weighted, inverse, weighted)
         remainder = spectrum[:, 0] - design @ self.factors
+        if not np.sum(remainder**2) > _NOTHING**2 * np.sum(self._given[:, 0] ** 2):
+            raise DataError(
+                "the record is a step, a ramp or another smooth change to within rounding: there is no noise to characterise. Check that "
+                "the log holds what the sensor sent"
+            )
         self.filled = z[:, 0] - z[:, 1:] @ self.factors
         self.drawn = self.filled.copy()
         if self._draws and density is not None:

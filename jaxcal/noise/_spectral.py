@@ -85,6 +85,7 @@ def deviance(bins: Bins, theta, group, tolerance) -> tuple[Any, Any]:
     there = count > 0
     count = xp.where(there, count, 1.0)
     ratio = xp.where(there, member @ (bins.weight * bins.density / density(bins.columns, theta)) / count, 1.0)
+    ratio = xp.maximum(ratio, np.finfo(bins.density.dtype).tiny ** 0.5)  # a record without noise has ordinates of zero
     informed = 2.0 / (2.0 / count + tolerance**2)
     total = xp.sum(xp.where(there, informed * (ratio - 1.0 - xp.log(ratio)), 0.0))
     return total, xp.maximum((xp.sum(there) - xp.sum(theta != 0)).astype(total.dtype), 1.0)
@@ -189,7 +190,7 @@ def uncertainty(fitted: Fitted, widened: AnyArray, two_sided, one_sided, terms: 
         others = xp.where(here[:, None, :], 0.0, seen)
         found = minimise(others, bins.density, bins.weight, xp.where(here, 0.0, first), base=base, rtol=ROUGH)
         least = xp.where(without_filter, cost_alone, fitted.cost)
-        return 2.0 * (found.cost - least), xp.where(here, value, found.theta)
+        return 2.0 * (xp.where(xp.isfinite(found.cost), found.cost, np.inf) - least), xp.where(here, value, found.theta)
 
     spread = jax.lax.stop_gradient(covariance) if xp is jnp else covariance
     reach = xp.where(short, xp.diagonal(inverse(information(plain, theta_alone))), xp.diagonal(spread)) ** 0.5

@@ -16,6 +16,7 @@ its own factor.
 """
 
 import functools
+import itertools
 from typing import NamedTuple
 
 import numpy as np
@@ -30,6 +31,11 @@ _DRAWS = 999
 _FIRST, _RARE = 99, 4  # of a spread that 1 % exceed, more than 4 of the first 99 do so once in 300 records
 _CHANCE = 0.01
 _BLOCKS = 4096
+#: blocks of a record in which levels of white noise are looked for, the fewest samples of one, and the most levels
+_CUTS, _SHORTEST, _MOST_LEVELS = 256, 16, 6
+#: likelihood ratio at which a record is cut, far above the 20 that chance reaches among so many blocks; logarithm of the ratio of N^2
+#: below which two levels are one; blocks that one level has at least
+_CUT, _ALIKE, _FEWEST_CUTS = 30.0, 0.1, 4
 
 
 class Unevenness(NamedTuple):
@@ -105,14 +111,65 @@ def unevenness(y, column, density, dt: float) -> Unevenness:
     return Unevenness(float(found / by_chance.mean()), float(chance), int(np.argmax(energy)), float(energy.max() / PARTS))
 
 
-def unevenness_of_level(y, share, density, dt: float) -> Unevenness:
-    """The same for N, for which nearly every ordinate speaks: so many that the law of its parts is the normal one.
+class Level(NamedTuple):
+    """White noise of one part of a record: first and last sample, N over that of the whole record, and its relative standard error."""
 
-    `share` is that of N in the fitted density at the first ordinates, 0 where one is left out.
+    start: int
+    stop: int
+    ratio: float
+    error: float
+
+
+def levels_of_white(y, share, density, dt: float) -> list[Level]:
+    """Parts of a gap-free record (n,) whose white noise differs in strength, in order of time; one part where it does not.
+
+    The energy that speaks for N is summed in blocks. The record is cut where two levels describe the blocks better than one does, by a
+    likelihood ratio in units of the scatter of neighbouring blocks, and each part again.
     """
+    u = _white_part(y, share, density, dt)
+    size = max(len(u) // _CUTS, _SHORTEST)
+    energy = np.mean(u[: len(u) // size * size].reshape(-1, size) ** 2, axis=1)
+    if len(energy) < 4 or not np.all(energy > 0.0):
+        return [Level(0, len(y), 1.0, 0.0)]
+    freedom = size * np.sum(share) ** 2 / (len(u) * np.sum(share**2))
+    seen = 1.4826 * np.median(np.abs(np.diff(np.log(energy))))  # of a difference of logarithms, whose variance is 4 over the freedom
+    freedom = min(freedom, 4.0 / seen**2)
+    total, edges = np.concatenate([[0.0], np.cumsum(energy)]), [0, len(energy)]
+
+    def cut(first: int, last: int) -> int | None:
+        k = np.arange(first + _FEWEST_CUTS, last - _FEWEST_CUTS + 1)
+        if not len(k):
+            return None
+        both = (last - first) * np.log((total[last] - total[first]) / (last - first))
+        parts = sum((b - a) * np.log((total[b] - total[a]) / (b - a)) for a, b in ((first, k), (k, last)))
+        gain = freedom * (both - parts)
+        return int(k[np.argmax(gain)]) if gain.max() > _CUT else None
+
+    for _ in range(_MOST_LEVELS - 1):
+        found = [at for first, last in itertools.pairwise(edges) if (at := cut(first, last)) is not None]
+        if not found:
+            break
+        edges = sorted({*edges, *found})
+    means = np.array([(total[b] - total[a]) / (b - a) for a, b in itertools.pairwise(edges)])
+    if len(edges) > _MOST_LEVELS + 1 or np.any(np.abs(np.diff(np.log(means))) < _ALIKE):
+        return [Level(0, len(y), 1.0, 0.0)]
+    ratios = np.sqrt(means / energy.mean())
+    ends = [edge * size for edge in edges[:-1]] + [len(y)]
+    return [
+        Level(start, stop, float(ratio), float(np.sqrt(0.5 / (freedom * (b - a)))))
+        for start, stop, ratio, (a, b) in zip(ends, ends[1:], ratios, itertools.pairwise(edges), strict=False)
+    ]
+
+
+def _white_part(y, share, density, dt: float):
+    """The signal whose energy speaks for N. `share` is that of N in the fitted density at the first ordinates, 0 where one is left out."""
     ordinates = np.asarray(scipy.fft.dct(y - y.mean(), norm="ortho"))[1 : len(density) + 1]
-    whitened = ordinates * np.sqrt(dt * share / density)
-    energy = _energies(np.asarray(scipy.fft.idct(np.concatenate([[0.0], whitened]), norm="ortho")))
+    return np.asarray(scipy.fft.idct(np.concatenate([[0.0], ordinates * np.sqrt(dt * share / density)]), norm="ortho"))
+
+
+def unevenness_of_level(y, share, density, dt: float) -> Unevenness:
+    """The same for N, for which nearly every ordinate speaks: so many that the law of its parts is the normal one."""
+    energy = _energies(_white_part(y, share, density, dt))
     stationary = 2.0 * PARTS * np.sum(share**2) / np.sum(share) ** 2  # variance of one part
     total = np.sum((energy - 1.0) ** 2) / stationary
     chance = float(scipy.stats.chi2.sf(total, PARTS - 1))

@@ -19,7 +19,8 @@ from ._observed import Observed
 from ._ordinates import Bins, amplitudes, bins_of, find_lines
 from ._result import NoiseFit, assemble, with_edf
 from ._spectral import FILTER, Fitted, attempt, fit_bins, fit_whole, groups_of, uncertainty, without
-from ._stationarity import ORDINATES, Unevenness, follows, unevenness, unevenness_of_level
+from ._stationarity import ORDINATES, Level, Unevenness, follows, levels_of_white, unevenness, unevenness_of_level
+from ._tails import Tails, tamed
 from ._terms import Filter, GaussMarkov, Ramp, Term
 
 _SHORTEST = 256  # samples of a record in parts of which coefficients are compared
@@ -69,13 +70,13 @@ class Lowest(NamedTuple):
 
 
 def fit_record(
-    y, curve: Deviation, terms: tuple[Term, ...], band: tuple[float, float] | None, confidence: float, temperature=None
+    y, curve: Deviation, terms: tuple[Term, ...], band: tuple[float, float] | None, confidence: float, temperature=None, robust=False
 ) -> NoiseFit:
     """Fit one channel, (n,) with NaN for gaps, by its likelihood; its overlapped Allan deviation `curve` serves the plot.
 
     Where there are gaps, or causes beside noise are taken out, the curve is formed anew of the record filled and without them. A
     Gauss-Markov process without correlation time is given that of the highest likelihood. `band` are cluster times in s, None to find
-    them. `temperature`, (n,), is one of the causes.
+    them. `temperature`, (n,), is one of the causes. A `robust` fit is that of the core of the noise.
     """
     dt, n = 1.0 / curve.rate, len(y)
     asked = tuple(term.name for term in terms)
@@ -85,6 +86,8 @@ def fit_record(
         raise DataError(
             f"terms {asked!r}: a ramp, and one Gauss-Markov process without correlation time, are fitted beside other terms; add N"
         )
+    tails = tamed(y, dt, lambda x: _spectrum(_solve(Observed(x, dt), base, band))) if robust else Tails(y, "", 1.0)
+    y = tails.y
     t, observed, causes = np.arange(n) * dt, Observed(y, dt), ()
     solved = _solve(observed, base, band)
     lowest = _lowest(observed, solved)
@@ -113,17 +116,21 @@ def fit_record(
         terms = (*terms, *extra)
     if extra:
         lowest = _lowest(observed, solved)
+    if not (np.all(np.isfinite(solved.fitted.theta)) and np.isfinite(solved.fitted.cost)):
+        raise FitError("the fit gave no finite coefficients; fit fewer terms (terms=) or other cluster times (band=)")
     names = solved.names
-    uneven = _uneven(observed.drawn, solved, lowest, dt)
+    uneven, levels = _uneven(observed.drawn, solved, lowest, dt)
     widened = np.array([max(uneven[name].factor, 1.0) if name in uneven else 1.0 for name in names])
+    if levels:  # the mean of N^2 is known as well as its parts are
+        parts, squares = np.array([part.stop - part.start for part in levels]), np.array([part.ratio**2 for part in levels])
+        widened[names.index("N")] = np.average(squares**2, weights=parts) / np.average(squares, weights=parts) ** 2
+    widened = widened * np.array([tails.factor if name == "N" else 1.0 for name in names])
     if extra and not sought:
         widened = widened * widening(solved.fitted, solved.columns, extra, dt)
     covariance, limits, factor = uncertainty(solved.fitted, widened, *levels_of(confidence), names)
-    if not np.all(np.isfinite(solved.fitted.theta)):
-        raise FitError("the fit gave no finite coefficients; fit fewer terms (terms=) or other cluster times (band=)")
     lines = amplitudes(solved.bins, solved.taken, density(solved.bins.columns, solved.fitted.theta), n * dt)
     lines = [found for found in lines if found[1] <= solved.end]
-    if not observed.complete:
+    if tails.law or not observed.complete:
         curve = deviation(observed.drawn, curve.rate, m=curve.m, confidence=confidence)
     used = _used(curve, solved, band)
     fit = assemble(
@@ -140,9 +147,11 @@ def fit_record(
         *curve.warnings,
         *_messages.of_model(fit, "spectrum", bool(solved.fitted.holds), where, how, inflation, bool(solved.fitted.cut)),
         *(() if bool(solved.fitted.settled) else (unsettled,)),
+        *([f"the record has heavy tails: {tails.law}"] if tails.law else ()),
         *_messages.of_record(y, dt, lines),
         *_messages.of_causes(causes, observed.factors, observed.covariance),
         *told,
+        *_messages.of_levels(levels, float(np.asarray(fit.noise.coefficient("N"))) if levels else 0.0, dt),
         *_messages.of_unevenness(uneven, n * dt),
     )
     if "markov" in asked:
@@ -220,6 +229,11 @@ def _with_alternatives(observed: Observed, solved: Solved, base: tuple[Term, ...
     return found, _solve(observed, (*base, *found[0].terms), band) if found and found[0].admitted else solved
 
 
+def _spectrum(solved: Solved):
+    """Frequencies in Hz and the density there."""
+    return solved.bins.frequency, _level(solved, False)
+
+
 def _level(solved: Solved, rough: bool):
     """Density at the bins: that of the model where it was fitted, and of the ordinates themselves in lines and outside of the band.
 
@@ -254,20 +268,25 @@ def _lowest(observed: Observed, solved: Solved) -> Lowest:
     n = len(observed.y)
     k = np.arange(1, min(ORDINATES, n - 1) + 1)
     columns = np.stack([term.ordinates(k, n, observed.dt) for term in solved.columns], axis=1)
-    return Lowest(columns, columns @ solved.fitted.theta * solved.bins.unit)
+    # what a filter takes is nothing at low frequencies, and its negative column must not make a density negative
+    theta = np.where([name != FILTER for name in solved.names], solved.fitted.theta, 0.0)
+    return Lowest(columns, columns @ theta * solved.bins.unit)
 
 
-def _uneven(y, solved: Solved, lowest: Lowest, dt: float) -> dict[str, Unevenness]:
-    """How uneven in time B, K and N are, where any is."""
+def _uneven(y, solved: Solved, lowest: Lowest, dt: float) -> tuple[dict[str, Unevenness], list[Level]]:
+    """How uneven in time B, K and N are, where any is; and the parts of the record, where N differs between some."""
     if len(y) < _SHORTEST:
-        return {}
+        return {}, []
     names = solved.names
     found = {term: unevenness(y, lowest.columns[:, names.index(term)], lowest.density, dt) for term in ("B", "K") if term in names}
     found = found if any(term.told for term in found.values()) else {}
     share, level = solved.share("N", len(y), dt) if "N" in names else (np.zeros(1), np.ones(1))
     if np.any(share > 0.0) and (white := unevenness_of_level(y, share, level, dt)).told:
+        levels = levels_of_white(y, share, level, dt)
+        if len(levels) > 1:
+            return found, levels
         found["N"] = white
-    return found
+    return found, []
 
 
 def _squares(solved: Solved, covariance, limits: Limits, terms: tuple[Term, ...], line: tuple[float, float], confidence: float):

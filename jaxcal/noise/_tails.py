@@ -1,0 +1,166 @@
+r"""Heavy tails: a record whose white noise is made normal, its core or its variance found by maximum likelihood.
+
+What a sample adds to the record is its innovation: the sample less its prediction from all others under the fitted spectrum,
+
+.. math:: r_t = y_t - \hat y_t,\qquad \hat y = x - \frac{Q x}{Q_{tt}}
+
+with Q the precision of the record. Three laws are fitted to the innovations: a normal one, Student's t, and a mixture of two normal
+ones. The likelihood chooses, by the Bayesian information criterion. Each innovation is then replaced by the normal value of the same
+probability, and the noise is fitted anew, three times. Flicker and random walk stay, since the prediction carries them. The standard
+deviation of the normal values is that of the core for a mixture, and that of the law for Student's t.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import scipy.fft
+import scipy.optimize
+import scipy.special
+
+_ROUNDS = 3
+_CLIP = 3.0  # robust standard deviations at which the first record is clipped
+_BLOCK = 64  # samples of a running median
+_MOST = 200_000  # innovations to which laws are fitted
+_STEP = 1e-3  # of the second differences of a log likelihood
+
+
+class Tails(NamedTuple):
+    """A record made normal, the law of its white noise in words, and the factor by which the variance of N^2 is that of normal noise."""
+
+    y: np.ndarray
+    law: str
+    factor: float
+
+
+class _Law(NamedTuple):
+    """A law of innovations: start of its parameters for a scale, log density, and probability of a value below one that is negative.
+
+    The first parameter is the logarithm of the scale of the normal values.
+    """
+
+    start: Callable[[float], np.ndarray]
+    log_density: Callable
+    below: Callable
+    words: Callable
+
+
+def _normal(x, scale):
+    return -0.5 * (x / scale) ** 2 - np.log(scale) - 0.5 * np.log(2.0 * np.pi)
+
+
+def _student(p):
+    """Scale and degrees of freedom, more than two, from the standard deviation."""
+    freedom = 2.0 + np.exp(p[1])
+    return np.exp(p[0]) * np.sqrt((freedom - 2.0) / freedom), freedom
+
+
+def _student_density(p, x):
+    scale, freedom = _student(p)
+    constant = scipy.special.gammaln((freedom + 1.0) / 2.0) - scipy.special.gammaln(freedom / 2.0) - 0.5 * np.log(freedom * np.pi)
+    return constant - np.log(scale) - (freedom + 1.0) / 2.0 * np.log1p((x / scale) ** 2 / freedom)
+
+
+def _student_below(p, x):
+    scale, freedom = _student(p)
+    return scipy.special.stdtr(freedom, x / scale)
+
+
+def _mixture(p):
+    """Scales of both components, and the share of the wider one."""
+    return np.exp(p[0]), np.exp(p[0]) * (1.0 + np.exp(p[2])), scipy.special.expit(p[1])
+
+
+def _mixture_density(p, x):
+    core, wide, share = _mixture(p)
+    return np.logaddexp(np.log1p(-share) + _normal(x, core), np.log(share) + _normal(x, wide))
+
+
+def _mixture_below(p, x):
+    core, wide, share = _mixture(p)
+    return (1.0 - share) * scipy.special.ndtr(x / core) + share * scipy.special.ndtr(x / wide)
+
+
+_LAWS = (
+    _Law(lambda s: np.log([s]), lambda p, x: _normal(x, np.exp(p[0])), lambda p, x: scipy.special.ndtr(x / np.exp(p[0])), lambda p: ""),
+    _Law(
+        lambda s: np.array([np.log(1.3 * s), 0.5]),
+        _student_density,
+        _student_below,
+        lambda p: (
+            f"Student's t with {_student(p)[1]:.2g} degrees of freedom fits its white noise, and N is the standard deviation of that law"
+        ),
+    ),
+    _Law(
+        lambda s: np.array([np.log(s), -2.5, 1.5]),
+        _mixture_density,
+        _mixture_below,
+        lambda p: (
+            f"{100 * _mixture(p)[2]:.2g} % of the samples come from a component {_mixture(p)[1] / _mixture(p)[0]:.2g} times as wide as "
+            "the core; they are given less weight, and N is that of the core"
+        ),
+    ),
+)
+
+
+def tamed(y, dt: float, spectrum: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]) -> Tails:
+    """The record (n,), NaN where a sample is missing, with normal white noise.
+
+    `spectrum` fits a record, and gives frequencies in Hz and the density there.
+    """
+    there = ~np.isnan(y)
+    clean = _clipped(y, there)
+    law, p, factor = _LAWS[0], np.zeros(1), 1.0
+    for _ in range(_ROUNDS):
+        predicted = _predicted(clean, dt, *spectrum(np.where(there, clean, np.nan)))
+        innovation = (y - predicted)[there]
+        law, p, factor = _likeliest(innovation)
+        scale = np.exp(p[0])
+        normal = -np.sign(innovation) * scale * scipy.special.ndtri(law.below(p, -np.abs(innovation)))
+        clean = predicted.copy()
+        clean[there] += normal
+    if law is _LAWS[0]:
+        return Tails(y, "", 1.0)
+    return Tails(np.where(there, clean, np.nan), law.words(p), factor)
+
+
+def _clipped(y, there):
+    """The record with values far from a running median brought nearer, and lines through its gaps."""
+    at = np.arange(len(y))
+    filled = np.interp(at, at[there], y[there])
+    count = max(len(y) // _BLOCK, 1)
+    blocks = np.array_split(filled, count)
+    middle = np.interp(at, [block.mean() for block in np.array_split(at, count)], [np.median(block) for block in blocks])
+    apart = filled - middle
+    most = _CLIP * 1.4826 * np.median(np.abs(apart))
+    return middle + np.clip(apart, -most, most)
+
+
+def _predicted(x, dt: float, frequency, density):
+    """(n,) each sample from all others."""
+    at = np.arange(1, len(x)) / (2.0 * len(x) * dt)
+    precision = dt * np.exp(-np.interp(np.log(at), np.log(frequency), np.log(density)))
+    ordinates = scipy.fft.dct(x, norm="ortho")
+    ordinates[0], ordinates[1:] = 0.0, ordinates[1:] * precision
+    return x - scipy.fft.idct(ordinates, norm="ortho") / precision.mean()
+
+
+def _likeliest(innovation) -> tuple[_Law, np.ndarray, float]:
+    """Law, its parameters, and the variance of the squared scale relative to that of normal noise."""
+    x = innovation[:: -(-len(innovation) // _MOST)]
+    scale = 1.4826 * float(np.median(np.abs(x)))
+    fitted = []
+    for law in _LAWS:
+
+        def cost(p, law=law):
+            return -float(np.sum(law.log_density(p, x)))
+
+        found = scipy.optimize.minimize(
+            cost, law.start(scale), method="L-BFGS-B", bounds=[(None, None), (-8.0, 6.0), (-3.0, 6.0)][: len(law.start(1.0))]
+        )
+        fitted.append((2.0 * found.fun + len(found.x) * np.log(len(x)), law, found.x, cost))
+    _, law, p, cost = min(fitted, key=lambda one: one[0])
+    steps = _STEP * np.eye(len(p))
+    second = np.array([[cost(p + a + b) - cost(p + a - b) - cost(p - a + b) + cost(p - a - b) for a in steps] for b in steps])
+    variance = np.linalg.pinv(second / (4.0 * _STEP**2), hermitian=True)[0, 0]
+    return law, p, max(2.0 * len(x) * float(variance), 1.0)
