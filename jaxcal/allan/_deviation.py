@@ -192,7 +192,8 @@ def _finished(y, columns, rate, statistic: Kind, sizes, confidence, samples: int
         factors = functools.partial(bias_factors, kind=statistic, samples=lengths, published=bias_corrected == "published")
         bias = _by_noise_type(factors, sizes, noise, statistic, xp)
     scale = statistic.scale(sizes, rate)[:, None].astype(low.dtype)
-    result = xp.sqrt(sums()[kept] / count * scale / bias)
+    factor = scale / count / bias
+    result = xp.sqrt(sums()[kept] * factor)
     alpha = noise.astype(np.int64) if xp is np else noise
     factors, skipped = (edf, low, high), expected - count
     return assembled(statistic, rate, sizes, result, factors, count, alpha, skipped, bias, confidence, warnings, y.ndim == 1)
