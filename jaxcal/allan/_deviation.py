@@ -320,7 +320,7 @@ def _measured(columns, sizes, statistic: Kind, rate: float, data: str, samples: 
                 noise[:, index] = identify(theta[: samples + 1], None, ascending, statistic.plain, samples, data)[back]
         else:
             count = np.repeat(number[back, None], channels, axis=1)
-            return lambda: np.stack([np.asarray(each)[: len(sizes)] for each in sums], axis=1)[back], count, noise
+            return lambda: np.stack([wait() for wait in sums], axis=1)[back], count, noise
     workers = 1
     # a thread of its own, as `batch` starts one for each log, is a core's worth already
     if channels * int(number.sum()) >= _PARALLEL_FROM and threading.current_thread() is threading.main_thread():
