@@ -493,7 +493,7 @@ def watch(place):
     seen = []
 
     def hook(event, arguments):
-        if event == "subprocess.Popen" and str(arguments[1][-1]).endswith("/jaxcal/io/readers/_sandbox.py"):
+        if event == "subprocess.Popen" and str(arguments[1][-1]).endswith("/jaxcal/io/_readers/_sandbox.py"):
             return  # jaxcal's own reading process
         if event in FORBIDDEN and not (event == "os.remove" and pathlib.Path(arguments[0]).parent == place):
             seen.append(event)

@@ -33,10 +33,10 @@ def kernel(**environment):
     with tempfile.TemporaryDirectory() as home:
         # the package beside this folder, also where another copy of it is installed
         path = os.pathsep.join(filter(None, (str(FOLDER.parent), os.environ.get("PYTHONPATH"))))
-        added = {"XLA_FLAGS": FLAGS, "IPYTHONDIR": home, "PYTHONPATH": path, **environment}
+        added = {"XLA_FLAGS": os.environ.get("XLA_FLAGS", FLAGS), "IPYTHONDIR": home, "PYTHONPATH": path, **environment}
         before = {name: os.environ.get(name) for name in added}
         os.environ.update(added)
-        client = nbclient.NotebookClient(nbformat.v4.new_notebook(), timeout=300, kernel_name="python3")
+        client = nbclient.NotebookClient(nbformat.v4.new_notebook(), timeout=300, kernel_name="python3", coalesce_streams=True)
         try:
             client.execute(cleanup_kc=False)
             yield client

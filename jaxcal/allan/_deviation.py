@@ -192,7 +192,8 @@ def _finished(y, columns, rate, statistic: Kind, sizes, confidence, samples: int
         factors = functools.partial(bias_factors, kind=statistic, samples=lengths, published=bias_corrected == "published")
         bias = _by_noise_type(factors, sizes, noise, statistic, xp)
     scale = statistic.scale(sizes, rate)[:, None].astype(low.dtype)
-    result = xp.sqrt(sums()[kept] / count * scale / bias)
+    factor = scale / count / bias
+    result = xp.sqrt(sums()[kept] * factor)
     alpha = noise.astype(np.int64) if xp is np else noise
     factors, skipped = (edf, low, high), expected - count
     return assembled(statistic, rate, sizes, result, factors, count, alpha, skipped, bias, confidence, warnings, y.ndim == 1)
@@ -319,7 +320,7 @@ def _measured(columns, sizes, statistic: Kind, rate: float, data: str, samples: 
                 noise[:, index] = identify(theta[: samples + 1], None, ascending, statistic.plain, samples, data)[back]
         else:
             count = np.repeat(number[back, None], channels, axis=1)
-            return lambda: np.stack([np.asarray(each)[: len(sizes)] for each in sums], axis=1)[back], count, noise
+            return lambda: np.stack([wait() for wait in sums], axis=1)[back], count, noise
     workers = 1
     # a thread of its own, as `batch` starts one for each log, is a core's worth already
     if channels * int(number.sum()) >= _PARALLEL_FROM and threading.current_thread() is threading.main_thread():

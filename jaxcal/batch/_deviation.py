@@ -194,7 +194,7 @@ def _one(record: Chunks, rate: Any, chunk: int, exact: int, options: dict[str, A
         for samples in record.of(chunk):
             accumulator = accumulator.update(samples)
     found = accumulator.result()
-    tables = ("deviation", "lower", "upper", "edf", "count", "alpha", "skipped") if record.channels == 1 and not record.flat else ()
+    tables = ("deviation", "lower", "upper", "edf", "count", "alpha", "skipped", "bias") if record.channels == 1 and not record.flat else ()
     columns = {name: getattr(found, name)[:, None] for name in tables}
     return dataclasses.replace(found, warnings=(*warnings, *found.warnings), **columns)
 

@@ -16,9 +16,9 @@ import numpy as np
 from .._errors import DataError
 from ._columns import listing, parse_name
 from ._find import detect
-from .readers._bounds import require
-from .readers._csv import row_edges, stretch
-from .readers._text import open_text, sniff
+from ._readers._bounds import require
+from ._readers._csv import row_edges, stretch
+from ._readers._text import open_text, sniff
 
 _TIME = ("time", "timestamp", "stamp", "t")
 _HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}

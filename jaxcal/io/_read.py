@@ -16,13 +16,13 @@ from .._log import Log
 from .._units import si_unit
 from ._columns import SENSORS, parse_columns, parse_topics, parse_units
 from ._find import FORMATS, find
+from ._readers._arrays import read_hdf5, read_mat, read_npy, read_npz, read_parquet
+from ._readers._csv import read_csv
+from ._readers._dataflash import read_ardupilot
+from ._readers._px4 import read_px4
+from ._readers._ros import read_ros
 from ._saved import SUFFIXES, save
 from ._table import Signals, Table, differentiate, interpret
-from .readers._arrays import read_hdf5, read_mat, read_npy, read_npz, read_parquet
-from .readers._csv import read_csv
-from .readers._dataflash import read_ardupilot
-from .readers._px4 import read_px4
-from .readers._ros import read_ros
 
 #: tables, of which columns= chooses; trees of arrays, of which topics= names the group; logs, of which topics= chooses
 _TABLES = {"csv": read_csv, "npy": read_npy, "npz": read_npz, "parquet": read_parquet}

@@ -13,7 +13,7 @@ from .._log import Log
 from .._results import plain
 from .._units import si_unit
 from ._columns import AXES, SENSORS
-from .readers._bounds import require
+from ._readers._bounds import require
 
 #: suffixes that are written
 SUFFIXES = (".npz", ".parquet")

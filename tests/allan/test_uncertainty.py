@@ -1,5 +1,7 @@
 """Degrees of freedom against published values and Monte Carlo, and noise identification on noise of known type."""
 
+import functools
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,15 @@ from jaxcal.allan import cluster_sizes, degrees_of_freedom, deviation
 from jaxcal.allan._noise_type._b1_ratio import _b1, modified_over_plain, thinned_sums
 from jaxcal.allan._uncertainty._edf import _sx, interval_factors, tabulated_factors
 from jaxcal.noise import Noise
+
+#: noise types and the term of each
+TYPES = [(2, "Q"), (0, "N"), (-1, "B"), (-2, "K")]
+
+
+@functools.cache
+def records(name, samples, runs):
+    """Records of one term of noise with a coefficient of one, (samples, runs)."""
+    return np.stack([Noise(**{name: 1.0}).simulate(samples, 1.0, seed=s) for s in range(runs)], axis=1)
 
 
 def test_edf_of_white_noise_as_published():
@@ -17,11 +28,10 @@ def test_edf_of_white_noise_as_published():
 
 
 @pytest.mark.parametrize("kind", ["adev", "oadev", "mdev", "hdev", "ohdev"])
-@pytest.mark.parametrize(("alpha", "noise"), [(2, Noise(Q=1.0)), (0, Noise(N=1.0)), (-1, Noise(B=1.0)), (-2, Noise(K=1.0))])
-def test_edf_against_the_scatter_of_simulated_records(kind, alpha, noise):
-    runs, samples, m = 400, 256, np.array([1, 4, 16, 48])
-    y = np.stack([noise.simulate(samples, 1.0, seed=s) for s in range(runs)], axis=1)
-    variance = deviation(y, 1.0, kind=kind, m=m).deviation ** 2
+@pytest.mark.parametrize(("alpha", "name"), TYPES)
+def test_edf_against_the_scatter_of_simulated_records(kind, alpha, name):
+    samples, m = 256, np.array([1, 4, 16, 48])
+    variance = deviation(records(name, samples, 400), 1.0, kind=kind, m=m, alpha=alpha).deviation ** 2
     measured = 2.0 * variance.mean(axis=1) ** 2 / variance.var(axis=1)
     # sampling error of a variance over 400 runs is 7 % and more where the edf is small; the formulas are good to 10 %
     np.testing.assert_allclose(degrees_of_freedom(m, alpha, kind, samples), measured, rtol=0.35)
@@ -37,11 +47,11 @@ def test_interval_factors_are_chi_square_quantiles():
     np.testing.assert_allclose(found.upper / found.deviation, np.sqrt(found.edf / chi2.ppf(0.05, found.edf)), rtol=1e-8)
 
 
-@pytest.mark.parametrize(("alpha", "noise"), [(2, Noise(Q=1.0)), (0, Noise(N=1.0)), (-1, Noise(B=1.0)), (-2, Noise(K=1.0))])
+@pytest.mark.parametrize(("alpha", "name"), TYPES)
 @pytest.mark.parametrize("data", ["rate", "phase"])
-def test_the_noise_type_is_found(alpha, noise, data):
+def test_the_noise_type_is_found(alpha, name, data):
     # flicker lies close to the boundary with a random walk (r1 = -0.217 after averaging, boundary -0.2): take the median record
-    y = np.stack([noise.simulate(20_000, 1.0, seed=s) for s in range(31)], axis=1)
+    y = records(name, 20_000, 31)
     if data == "phase":
         y = np.concatenate([np.zeros((1, 31)), np.cumsum(y, axis=0)])
     found = deviation(y, 1.0, m=[1, 4, 16], data=data)
@@ -54,10 +64,10 @@ def test_the_last_type_is_carried_forward():
     assert found.alpha[:2].tolist() == [-2, -2]
 
 
-@pytest.mark.parametrize(("alpha", "noise"), [(2, Noise(Q=1.0)), (0, Noise(N=1.0)), (-1, Noise(B=1.0)), (-2, Noise(K=1.0))])
+@pytest.mark.parametrize(("alpha", "name"), TYPES)
 @pytest.mark.parametrize("gap", [False, True])
-def test_the_ratios_tell_the_type_of_twenty_averages(alpha, noise, gap):
-    y = np.stack([noise.simulate(2000, 1.0, seed=s) for s in range(60)], axis=1)
+def test_the_ratios_tell_the_type_of_twenty_averages(alpha, name, gap):
+    y = records(name, 2000, 60).copy()
     if gap:
         y[900:1000] = np.nan
     found = deviation(y, 1.0, kind="adev", m=[100])
@@ -70,7 +80,8 @@ def test_b1_of_simulated_averages_has_its_expectation():
     averages, runs = 16, 4000
     for noise, mu in ((Noise(N=1.0), -1), (Noise(K=1.0), 1), (Noise(B=1.0), 0)):
         fine = 64  # averages over 64 samples: the law of continuous time
-        y = np.stack([noise.simulate(averages * fine, 1.0, seed=s) for s in range(runs)]).reshape(runs, averages, fine).mean(axis=2)
+        # one long record: neither ratio sees where a stretch of it begins
+        y = noise.simulate(runs * averages * fine, 1.0, seed=0).reshape(runs, averages, fine).mean(axis=2)
         ratio = y.var(axis=1, ddof=1).mean() / (np.diff(y, axis=1) ** 2 / 2.0).mean()
         # the sampling error of the ratio of means is 1 % and, for the random walk, 2 %
         np.testing.assert_allclose(ratio, _b1(np.float64(averages), mu, np), rtol=0.06)

@@ -45,13 +45,16 @@ def call(monkeypatch, capsys, tmp_path):
 
 @pytest.fixture(scope="session")
 def shell(tmp_path_factory):
-    """Call the command line in a process of its own, as a shell does; all of them share one compilation cache."""
+    """Call the command line in a process of its own, as a shell does; its compilation cache is a user's, or where `cached` the tests'."""
+    tests = {name: value for name, value in os.environ.items() if name.startswith("JAX_COMPILATION") or "PERSISTENT_CACHE" in name}
     environment = {name: value for name, value in os.environ.items() if not name.startswith("JAX")}
     environment |= {"XDG_CACHE_HOME": str(tmp_path_factory.mktemp("cache")), "COLUMNS": "80"}
 
-    def run(*argv, cwd):
+    def run(*argv, cwd, cached=False):
         command = [sys.executable, "-m", "jaxcal.cli", *map(str, argv)]
-        found = subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True, check=False)
+        found = subprocess.run(
+            command, cwd=cwd, env=environment | ({} if not cached else tests), capture_output=True, text=True, check=False
+        )
         return Outcome(found.returncode, found.stdout, found.stderr)
 
     run.environment = environment

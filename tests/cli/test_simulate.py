@@ -1,7 +1,6 @@
 """`jaxcal simulate noise` and `jaxcal demo`."""
 
 import json
-import os
 import pathlib
 
 import numpy as np
@@ -41,8 +40,8 @@ def test_axes_are_independent_of_one_another(call, folder):
     assert np.abs(together - np.eye(6)).max() < 0.05
 
 
-def test_the_demo_runs_from_the_shell_and_again_from_its_cache(tmp_path, shell):
-    found = shell("demo", "--out", "device", cwd=tmp_path)
+def test_the_demo_runs_from_the_shell_and_its_log_gives_the_same_again(tmp_path, shell):
+    found = shell("demo", "--out", "device", cwd=tmp_path, cached=True)
     assert (found.status, found.err) == (0, "")
     assert listing(tmp_path / "device") == ["allan.png", "calibration.json", "imu.csv", "imu.yaml", "noise.json", "report.html"]
     lines = found.out.splitlines()
@@ -55,14 +54,22 @@ def test_the_demo_runs_from_the_shell_and_again_from_its_cache(tmp_path, shell):
     channels = json.loads((tmp_path / "device" / "noise.json").read_text())["channels"]
     assert channels["gyro_x"]["N"]["value"] == pytest.approx(np.deg2rad(0.25 / 60), rel=0.01)
 
-    cache = pathlib.Path(shell.environment["XDG_CACHE_HOME"]) / "jaxcal" / "xla"
-    kept = {name for name in listing(cache) if name.endswith("-cache")}
-    assert kept
-    again = shell("noise", "device/imu.csv", "--quiet", "--json", "/dev/stdout" if os.name == "posix" else "again.json", cwd=tmp_path)
-    assert (again.status, again.err) == (0, "")
-    assert {name for name in listing(cache) if name.endswith("-cache")} == kept  # nothing was compiled anew
-    document = json.loads(again.out or (tmp_path / "again.json").read_text())
-    assert document["channels"] == channels
+    log = jaxcal.read(tmp_path / "device" / "imu.csv", quiet=True)
+    again = jaxcal.noise.fit(log.gyro[:, 0], log.rate)
+    for term in "QNBK":
+        assert channels["gyro_x"][term]["value"] == pytest.approx(getattr(again.noise, term))
+
+
+def test_a_command_compiles_nothing_that_is_in_its_cache(tmp_path, shell):
+    save(tmp_path / "imu.csv", table(2000))
+    cache, kept = pathlib.Path(shell.environment["XDG_CACHE_HOME"]) / "jaxcal" / "xla", []
+    for name in ("first.json", "again.json"):
+        found = shell("allan", "imu.csv", "--quiet", "--json", name, cwd=tmp_path)
+        assert (found.status, found.out, found.err) == (0, "", "")
+        kept.append({name for name in listing(cache) if name.endswith("-cache")})
+    assert kept[0]
+    assert kept[1] == kept[0]
+    assert json.loads((tmp_path / "again.json").read_text())["channels"] == json.loads((tmp_path / "first.json").read_text())["channels"]
 
 
 def test_a_cache_that_cannot_be_written_is_done_without(tmp_path, shell, monkeypatch):

@@ -6,7 +6,7 @@ import types
 import numpy as np
 import pytest
 
-from jaxcal.io.readers import _dataflash, _text
+from jaxcal.io._readers import _dataflash, _text
 
 DEG, G = np.pi / 180.0, 9.80665
 

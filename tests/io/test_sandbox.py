@@ -9,7 +9,7 @@ import polars as pl
 import pytest
 
 from jaxcal import DataError, read
-from jaxcal.io.readers import _sandbox
+from jaxcal.io._readers import _sandbox
 
 
 @pytest.fixture
@@ -69,7 +69,8 @@ def test_what_a_library_prints_is_no_answer(log, monkeypatch, tmp_path):
 
 def test_nothing_is_left_running(log):
     code = (
-        f"import jaxcal; jaxcal.read({str(log)!r}, quiet=True); from jaxcal.io.readers._sandbox import sandbox; print(sandbox._process.pid)"
+        f"import jaxcal; jaxcal.read({str(log)!r}, quiet=True); "
+        "from jaxcal.io._readers._sandbox import sandbox; print(sandbox._process.pid)"
     )
     done = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, check=True)
     assert done.stderr == ""

@@ -13,6 +13,7 @@ from ._phase import BLOCK
 
 _ENDS = 64  # sums of a lane that are added one after another
 _LANE = 4096  # points per vector operation; BLOCK // _LANE of them are unrolled
+_SHORT_LANE, _UNROLLED = 2048, 4  # the same of a record that stays in the cache
 _WIDE: dict[str, bool | str] = {"xla_cpu_prefer_vector_width": "512"}  # a quarter quicker where a core has such vectors
 
 Parts = tuple[Float[Array, " padded"], ...]
@@ -143,24 +144,25 @@ def cached_sums(
         def differences(start):
             def take(array, shift):
                 if strided:
-                    return array[(start + jnp.arange(_LANE) + shift) * size]
-                return lax.dynamic_slice(array, (start + shift * size,), (_LANE,))
+                    return array[(start + jnp.arange(_SHORT_LANE) + shift) * size]
+                return lax.dynamic_slice(array, (start + shift * size,), (_SHORT_LANE,))
 
             return difference_of(parts, take, order)
 
         def summed(start, lanes):
-            pieces = [differences(start + q * _LANE) for q in range(lanes)]
+            pieces = [differences(start + q * _SHORT_LANE) for q in range(lanes)]
             return functools.reduce(operator.add, [d * d for d in pieces])
 
-        blocks, last = number // BLOCK, number // _LANE * _LANE
+        block = _UNROLLED * _SHORT_LANE
+        blocks, last = number // block, number // _SHORT_LANE * _SHORT_LANE
 
         def rest(lanes):
             """What is left beyond the whole blocks: so many lanes, and the one in which the record ends."""
-            d = jnp.where(last + jnp.arange(_LANE) < number, differences(last), 0.0)
-            return d * d + summed(blocks * BLOCK, lanes) if lanes else d * d
+            d = jnp.where(last + jnp.arange(_SHORT_LANE) < number, differences(last), 0.0)
+            return d * d + summed(blocks * block, lanes) if lanes else d * d
 
-        total = lax.switch((last - blocks * BLOCK) // _LANE, [functools.partial(rest, lanes) for lanes in range(BLOCK // _LANE)])
-        total = lax.fori_loop(0, blocks, lambda block, total: total + summed(block * BLOCK, BLOCK // _LANE), total)
+        total = lax.switch((last - blocks * block) // _SHORT_LANE, [functools.partial(rest, lanes) for lanes in range(_UNROLLED)])
+        total = lax.fori_loop(0, blocks, lambda i, total: total + summed(i * block, _UNROLLED), total)
         while len(total) > _ENDS:  # a plain sum waits for every addition
             total = total[: len(total) // 2] + total[len(total) // 2 :]
         return sums.at[row].set(jnp.sum(total))
