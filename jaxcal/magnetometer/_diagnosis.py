@@ -46,16 +46,15 @@ def checked_conditions(conditions: dict[str, Any], count: int) -> dict[str, np.n
     return found
 
 
-def cost_of(said: Examined, found: Found, whole: np.ndarray, dip: float) -> dict[str, float]:
-    """The rms heading error in rad that each cause adds at level; of correlated noise, all of the error."""
+def cost_of(found: Found, steps: np.ndarray, dip: float) -> float:
+    """The rms heading error in rad that biases (k, 9) of a fit make at level."""
     rows = np.array(PLANAR_ROWS) if found.kind in PLANAR else np.arange(9)
+    return float(heading_error(found.shape, steps[:, rows].T @ steps[:, rows], dip)[0])
 
-    def of(steps: np.ndarray) -> float:
-        if not len(steps):
-            return float(whole[0])
-        return float(heading_error(found.shape, steps[:, rows].T @ steps[:, rows], dip)[0])
 
-    return {cause.name: of(cause.steps) for cause in said.causes}
+def costs_of(said: Examined, found: Found, whole: np.ndarray, dip: float) -> dict[str, float]:
+    """That of each cause; of correlated noise, all of the error."""
+    return {cause.name: cost_of(found, cause.steps, dip) if len(cause.steps) else float(whole[0]) for cause in said.causes}
 
 
 def sentences(said: Examined, costs: dict[str, float], limit: float) -> list[str]:

@@ -14,7 +14,7 @@ from .._precision import host_float64, is_traced
 from ..fitting import AbstractLoss
 from ._design._coverage import covered, sphere_grid
 from ._design._heading_error import heading_departure, heading_error, information, needed
-from ._diagnosis import checked_conditions, cost_of, sentences
+from ._diagnosis import checked_conditions, cost_of, costs_of, sentences
 from ._ellipsoid._algebraic import NotEllipsoid, algebraic, axes, consistent, constrained, extents, li_griffiths, minmax
 from ._ellipsoid._causes import examined
 from ._ellipsoid._kinds import COUNT, NAMES, PLANAR, PLANAR_NAMES, SOLID, parameters_of
@@ -204,8 +204,8 @@ def fit(
         except NotEllipsoid:
             told["heading_error"] = np.full(2, np.inf)
     known = information(directions_of(found, u), found.kind, found.noise / radius_of(found.shape, plane is not None))
-    verdict, reason = judge(found, u, told["heading_error"], known, limits, loss, notes, said)
-    costs = cost_of(said, found, told["heading_error"], dip)
+    verdict, reason = judge(found, u, told["heading_error"], known, limits, loss, notes, said, cost_of(found, said.swing[None], dip))
+    costs = costs_of(said, found, told["heading_error"], dip)
     result = dataclasses.replace(
         refusal(method, dip, reason), verdict=verdict, condition=known.condition, kind=found.kind, penalty=found.penalty,
         field_error=field_error, names=NAMES if plane is None else PLANAR_NAMES, causes=costs, blocks=said.blocks, **told,

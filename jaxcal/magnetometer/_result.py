@@ -245,13 +245,13 @@ def _structural(found: Found, u: np.ndarray, told: Information, planar: bool) ->
 
 def judge(
     found: Found, u: np.ndarray, error: np.ndarray, told: Information, limits: tuple[float, float], loss: Any, notes: list[str],
-    said: Examined,
+    said: Examined, swing: float,
 ) -> tuple[str, str]:  # fmt: skip
     """Verdict, and the sentences that lead to it."""
     planar = found.kind in PLANAR
     reasons = Reasons(_structural(found, u, told, planar), list(notes))
     if not reasons.refused:
-        _by_size(found, error, told, limits, reasons, said)
+        _by_size(found, error, told, limits, reasons, said, swing)
     far = len(outliers(found.distance, found.weight))
     if far > 0.4 * len(u):
         reasons.refused.append(f"{far} of {len(u)} readings are outliers: no majority of the readings agrees.")
@@ -261,14 +261,16 @@ def judge(
     return reasons.verdict, text + (" It holds for headings in the plane of the readings only." if planar else "")
 
 
-def _by_size(found: Found, error: np.ndarray, told: Information, limits: tuple[float, float], reasons: Reasons, said: Examined) -> None:
+def _by_size(
+    found: Found, error: np.ndarray, told: Information, limits: tuple[float, float], reasons: Reasons, said: Examined, swing: float
+) -> None:
     """Reasons that are a matter of degree: scatter, predicted heading error, condition."""
     if not found.converged:
         reasons.refused.append(f"The fit did not converge: {found.message or 'it ran off, as fits of this cost do with partial coverage.'}")
     reasons.scatter(found.noise / radius_of(found.shape))
     level, least = np.rad2deg([error[0], limits[0]])
     if not reasons.heading(error, limits, f"; least certain is {told.weakest}."):
-        _doubtful(found, level, least, reasons, said)
+        _doubtful(found, level, least, reasons, said, swing)
     if found.conflict > _CONFLICT:
         reasons.weak.append(
             f"The field that the readings alone give is {found.conflict:.2g} standard errors from the given one: its unit, the "
@@ -281,7 +283,7 @@ def _by_size(found: Found, error: np.ndarray, told: Information, limits: tuple[f
         reasons.weak.append(f"The readings hardly determine {told.weakest} (condition number {told.condition:.0f}).")
 
 
-def _doubtful(found: Found, level: float, least: float, reasons: Reasons, said: Examined) -> None:
+def _doubtful(found: Found, level: float, least: float, reasons: Reasons, said: Examined, swing: float) -> None:
     """Whether the heading may be worse than the limit, by how well its error is known."""
     if said.blocks:
         by, why = doubt(BLOCKS - 1), "The residuals are not white, and parts of the log differ"
@@ -292,3 +294,8 @@ def _doubtful(found: Found, level: float, least: float, reasons: Reasons, said: 
         why = f"{len(found.distance)} readings leave the noise uncertain by a factor of {by:.2g}"
     if level * by > least:
         reasons.weak.append(f"{why}: the heading may be wrong by {level * by:.2g} degrees rms.")
+    elif np.rad2deg(swing) > least:
+        reasons.weak.append(
+            "The noise is correlated as that of a hard iron that moves would be, by which the heading may be wrong by "
+            f"{np.rad2deg(swing):.2g} degrees rms."
+        )
