@@ -49,7 +49,9 @@ def mag(
         Parameter(help="What to fit: sphere (hard iron), diagonal, symmetric (soft iron), or planar for turns about one axis."),
     ] = "auto",
     field: Annotated[Norm | None, Parameter(help="Norm of Earth's field there, in uT; by default the size of the readings stays.")] = None,
-    inclination: Annotated[Dip | None, Parameter(help="Dip of the field in degrees, for the heading error; by default 57.")] = None,
+    inclination: Annotated[
+        Dip | None, Parameter(help="Dip of the field in degrees, for the heading error; else that of --place or --align accel.")
+    ] = None,
     field_error: Annotated[
         float | None, Parameter(help="Relative standard deviation of that norm in the log's unit, such as 0.02: the fit then uses it.")
     ] = None,
@@ -130,13 +132,14 @@ def _fit(log: Any, align: str, joint: bool, options: dict[str, Any]) -> Any:
         raise jaxcal.DataError(f"--align {align}: the log has no {align}; name its columns with --columns {align}=...")
     kept = np.isfinite(log.mag).all(axis=1)
     warmth = {} if log.temperature is None else _conditions(log.temperature[kept])
+    from ..magnetometer import Accelerometer, Gyroscope, aligned
+
+    if align == "accel":
+        return jaxcal.magnetometer.fit(log.mag[kept], conditions=warmth, aid=Accelerometer(log.accel[kept]), joint=joint, **options)
     found = jaxcal.magnetometer.fit(log.mag[kept], conditions=warmth, **options)
     if align == "none" or found.model is None:
         return found
-    from ..magnetometer import Accelerometer, Gyroscope, aligned
-
-    aid = Accelerometer(log.accel) if align == "accel" else Gyroscope(log.gyro, log.rate)
-    return aligned(found, log.mag, aid, joint=joint)
+    return aligned(found, log.mag, Gyroscope(log.gyro, log.rate), joint=joint)
 
 
 def _conditions(temperature: Any) -> dict[str, Any]:

@@ -30,6 +30,7 @@ _NOISY, _TOO_NOISY = 0.1, 0.2
 _ILL, _SINGULAR = 1000.0, 1e8
 _BY_NOISE = 0.5
 _BY_PENALTY, _CONFLICT = 0.5, 3.0  # standard errors
+UNEVEN = "The residuals are not white, and parts of the log differ"
 _BY_BIAS = 1.5  # what an error may be more than the biases that were found
 
 
@@ -63,7 +64,12 @@ class MagFit(Result):
     used : number of readings that were fitted: all, or of a long log as many as there are directions to tell apart.
     needed : (3, 3) unit vectors, in the corrected field's axes, in which further readings would help most.
     condition : condition number of the fit on the unit sphere; 3 for even coverage, above 1000 the data hardly determine the model.
-    inclination : dip of the field used for `heading_error`, rad.
+    inclination : dip of the field used for `heading_error`, rad: as given, or as the accelerometer shows it, or 57 degrees.
+    down : (3,) axis that points down at level, used for `heading_error`, in the axes of the norms' fit (before a rotation by `alignment`):
+        z, or the mean vertical of an accelerometer that is tilted little.
+    heading_range : (2,) least and largest `heading_error` at level, over what is not known of both: dips up to 75 degrees, and each axis
+        down. NaN in a plane and for model objects.
+    usual : median of each condition of a model object, at which `heading_error` holds.
     plane : (3, 3) for a planar fit: unit vectors of the plane, and its normal last. None otherwise.
     alignment : `Alignment` with the accelerometer, gyroscope or headings that were given; its rotation is in `model`. None otherwise.
     warnings : sentences.
@@ -101,6 +107,9 @@ class MagFit(Result):
     values: AnyArray = eqx.field(default_factory=lambda: np.zeros(0))
     causes: dict[str, float] = eqx.field(default_factory=dict)
     blocks: int = eqx.field(static=True, default=0)
+    down: AnyArray = eqx.field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+    heading_range: AnyArray = eqx.field(default_factory=lambda: np.full(2, np.nan))
+    usual: dict[str, Any] = eqx.field(default_factory=dict)
 
     @property
     def parameters(self) -> dict[str, float]:
@@ -286,7 +295,7 @@ def _by_size(
 def _doubtful(found: Found, level: float, least: float, reasons: Reasons, said: Examined, swing: float) -> None:
     """Whether the heading may be worse than the limit, by how well its error is known."""
     if said.blocks:
-        by, why = doubt(BLOCKS - 1), "The residuals are not white, and parts of the log differ"
+        by, why = doubt(BLOCKS - 1), UNEVEN
     elif said.causes:
         by, why = _BY_BIAS, f"The residuals follow {said.causes[0].name!r}"
     else:

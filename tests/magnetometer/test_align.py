@@ -239,3 +239,23 @@ def test_constant_rates_are_integrated_exactly():
     assert found.used == 3 * n
     np.testing.assert_allclose(found.bias, bias, rtol=2e-3)
     np.testing.assert_allclose(found.rotation, np.eye(3), atol=1e-7)
+
+
+def test_the_vertical_of_the_accelerometer_is_that_of_the_heading_error():
+    """A sensor that tilts by 30 degrees at a dip of 70: the truth is the same whichever of its axes points down."""
+    dip = np.deg2rad(70.0)
+    attitudes = scenario("three_turns")
+    field, up = body_field(attitudes, 1.0, dip), -9.81 * body_field(attitudes, 1.0, np.pi / 2)
+    noisy = field + 0.003 * np.random.default_rng(0).normal(size=field.shape)
+    roll = np.eye(3)[[2, 0, 1]]
+    found = [fit(noisy @ turn.T, model="symmetric", aid=Accelerometer(up @ turn.T)) for turn in (np.eye(3), roll)]
+    assert found[0].inclination == pytest.approx(dip, abs=np.deg2rad(2.0))
+    np.testing.assert_allclose(found[1].heading_error, found[0].heading_error, rtol=1e-3)
+    np.testing.assert_allclose(found[1].down, [1.0, 0.0, 0.0], atol=0.05)
+    blind = [fit(noisy @ turn.T, model="symmetric") for turn in (np.eye(3), roll)]
+    assert blind[0].heading_error[0] != pytest.approx(blind[1].heading_error[0], rel=0.1)
+    for one in blind:
+        assert "assumes a dip of 57 degrees and the z axis down" in one.reason
+        assert one.heading_range[0] < one.heading_error[0] < one.heading_range[1]
+    np.testing.assert_allclose(blind[0].heading_range, blind[1].heading_range, rtol=1e-3)
+    assert "assumes" not in found[0].reason

@@ -19,6 +19,7 @@ _LAGS, _FEWEST = 20, 24
 _FAR = 3.5  # standard deviations
 _CHANCE = 0.003  # of each of the two tests of whiteness
 _TURNING = 12  # lags at which products of residuals are looked at
+_CLOSE = range(3, 7)
 _ALONE = 4.0  # variance along one direction, over those across it
 
 
@@ -125,11 +126,12 @@ def shared(residuals: np.ndarray, normals: np.ndarray) -> Shared:
     for (i, j), value in zip(pairs, entries, strict=True):
         matrix[i, j] = matrix[j, i] = value
     values, vectors = np.linalg.eigh(matrix)
-    variance, alone = values[2], bool(values[2] > _ALONE * np.abs(values[:2]).max())
-    if alone:  # of neighbours, which share all of it
-        along = normals @ vectors[:, 2]
-        along = along[1:] * along[:-1]
-        variance = np.sum(along * residuals[1:] * residuals[:-1]) / np.sum(along**2)
+    alone = bool(values[2] > _ALONE * np.abs(values[:2]).max())
+    # of close neighbours, which share most of it, but not of the closest, which share what the log repeats
+    along = normals @ vectors[:, 2]
+    cosines = np.concatenate([along[k:] * along[:-k] for k in _CLOSE])
+    products = np.concatenate([residuals[k:] * residuals[:-k] for k in _CLOSE])
+    variance = np.sum(cosines * products) / max(np.sum(cosines**2), 1e-300)
     return Shared(False, alone, vectors[:, 2] * np.sqrt(max(variance, 0.0)))
 
 

@@ -23,6 +23,7 @@ _STILL = 0.03  # departure of the specific force from its median beyond which a 
 #: standard deviation in rad above which a verdict is "weak", and above which it is "refused"
 LIMITS = (np.deg2rad(1.0), np.deg2rad(5.0))
 _FEWEST = 5
+_LEVEL = 0.5  # length of the mean unit vertical, one for a sensor at level and zero for one turned all over
 
 
 class Alignment(eqx.Module):
@@ -93,6 +94,19 @@ class Accelerometer(eqx.Module):
         return alignment_of(
             model, rotation, base, matrix, spread, len(y), "accel", fits[-1], dip=-float(np.arcsin(np.clip(found["s"], -1, 1)))
         )
+
+
+def vertical(aid: Any, turn: Alignment) -> tuple[float | None, np.ndarray | None]:
+    """Dip, and the axis that points down at level, in the axes of the corrected field before the rotation; None where it is not seen.
+
+    A sensor that was tilted little has a mean vertical; one that was turned all over has none.
+    """
+    if not isinstance(aid, Accelerometer) or turn.verdict == "refused":
+        return None, None
+    force = array(aid.accel, "specific force")
+    mean = unit(force[still(force)]).mean(axis=0)
+    size = float(np.linalg.norm(mean))
+    return turn.dip, -turn.rotation @ mean / size if size > _LEVEL else None
 
 
 class Gyroscope(eqx.Module):

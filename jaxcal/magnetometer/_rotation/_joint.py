@@ -16,14 +16,14 @@ from ..._precision import host_float64
 from ..._types import AnyArray
 from ...fitting import Fit, information, solve
 from .._design._coverage import covered, sphere_grid
-from .._design._heading_error import needed, turned_heading_error
+from .._design._heading_error import heading_error, heading_range, needed, turned_heading_error
 from .._ellipsoid._algebraic import NotEllipsoid, algebraic, triangle
 from .._ellipsoid._kinds import NAMES, basis_of, parameters_of, upper_and_centre
 from .._ellipsoid._orthogonal import CURVED
 from .._ellipsoid._select import LONG, all_distances, thinned
 from .._ellipsoid._shape import Found, Frame, covariance_of, ellipsoid_of_model, filled, model_of, padded_length, radius_of, root, unit
 from .._result import LIMITS, MagFit, outliers
-from ._align import Accelerometer, Alignment, Gyroscope, align, alignment_of, still
+from ._align import Accelerometer, Alignment, Gyroscope, align, alignment_of, still, vertical
 from ._joint_verdict import judged, shares
 from ._residuals import CENTRE, EXTRA, TURN, JointPoses, JointTurns, joint_pose_residuals, joint_turn_residuals
 from ._turning import SEGMENT, array, attitudes_in_segments, centred, like, permutations
@@ -273,7 +273,8 @@ def _result(after: MagFit, found: Solution, frame: Frame, u, whole, limits, rate
         bool(found.fit.usable), "symmetric", noise2=found.noise2,
     )  # fmt: skip
     left = _spread(found, u)
-    joint, turned, told = judged(found, left, after.inclination, limits, len(outliers(ellipsoid.distance, ellipsoid.weight)))
+    level = after.inclination, after.alignment.rotation.T @ after.down
+    joint, turned, told = judged(found, left, level, limits, len(outliers(ellipsoid.distance, ellipsoid.weight)))
     ellipsoid = eqx.tree_at(lambda f: f.covariance, ellipsoid, joint[:9, :9])
     covariance = covariance_of(ellipsoid, frame)
     said = alignment_of(
@@ -291,7 +292,7 @@ def _result(after: MagFit, found: Solution, frame: Frame, u, whole, limits, rate
         after, model=said.model, covariance=covariance, coverage=covered((frame.scaled(whole) - centre) @ matrix.T),
         residual=ellipsoid.distance * frame.scale, outliers=outliers(ellipsoid.distance, ellipsoid.weight), needed=wanted, used=n,
         noise=float(found.sigma[0]) * frame.scale, field=size * frame.scale, plane=None, names=NAMES, kind="symmetric", alignment=said,
-        penalty=0.0, field_error=None, joint=True, **told,
+        penalty=0.0, field_error=None, joint=True, causes={}, blocks=0, down=rotation @ level[1], **told,
     )  # fmt: skip
 
 
@@ -332,7 +333,14 @@ def aligned(found: MagFit, m: Any, aid: Any, *, joint: bool = False) -> MagFit:
         raise DataError(f"The fit has no model to turn: {found.reason}")
     if joint:
         checked_joint(found.method, "auto", aid, None, None)
-    after = with_rotation(found, align(m, found.model, aid), None)
+    turn = align(m, found.model, aid)
+    dip, down = vertical(aid, turn)
+    if dip is not None and found.plane is None and np.isfinite(found.covariance).all():
+        down = found.down if down is None else down
+        shape = ellipsoid_of_model(found.model, Frame(np.zeros(3), 1.0), found.field)[0]
+        error, span = heading_error(shape, found.covariance, dip, down), heading_range(shape, found.covariance, dip, down)
+        found = dataclasses.replace(found, inclination=dip, down=down, heading_error=error, heading_range=span)
+    after = with_rotation(found, turn, None)
     return jointly(after, m, aid) if joint else after
 
 
@@ -350,7 +358,8 @@ def with_rotation(result: MagFit, alignment: Alignment, field: Any) -> MagFit:
                 f"The dip found is {degrees[0]:.1f} degrees, that of the given field {degrees[1]:.1f}: the specific force points up at "
                 "rest; where it agrees but for the sign, give it negated."
             )
-    error = np.hypot(result.heading_error, turned_heading_error(np.asarray(alignment.covariance), result.inclination))
+    down = alignment.rotation.T @ result.down
+    error = np.hypot(result.heading_error, turned_heading_error(np.asarray(alignment.covariance), result.inclination, down))
     planar = result.plane is not None
     reason = result.reason.replace("excluding a rotation common to all readings", "excluding the alignment error")
     verdict = alignment.verdict if result.verdict == "good" else result.verdict

@@ -104,9 +104,12 @@ def _condition(found: Any, natural: np.ndarray) -> float:
 
 
 def judged(
-    found: Any, spread: float, inclination: float, limits: tuple[float, float], outliers: int
+    found: Any, spread: float, level: tuple[float, np.ndarray], limits: tuple[float, float], outliers: int
 ) -> tuple[np.ndarray, np.ndarray, dict[str, Any]]:
-    """Covariance of the parameters and of the rotation; predicted heading error, condition, and verdict with its sentences."""
+    """Covariance of the parameters and of the rotation; predicted heading error, condition, and verdict with its sentences.
+
+    level : dip, and the axis of the second sensor that points down at level.
+    """
     covariance, known = _covariance(found)
     changes, natural, angles = _natural(found)
     values, vectors = np.linalg.eigh(natural @ covariance @ natural.T)
@@ -123,7 +126,7 @@ def judged(
         slopes[:, :, CENTRE] -= found.matrix
         return slopes
 
-    error = rms_heading(change, covariance, inclination) if known else np.full(2, np.inf)
+    error = rms_heading(change, covariance, *level) if known else np.full(2, np.inf)
     weakest = _words(vectors[:, -1:].T)
     if not known:
         gone = values > 1e-4 * values[-1]
