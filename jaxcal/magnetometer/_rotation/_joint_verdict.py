@@ -48,7 +48,8 @@ def _natural(found: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def _covariance(found: Any) -> tuple[np.ndarray, bool]:
     """Covariance, and whether it is one: where the data leave something open, large along that."""
     held = np.asarray(found.fit.at_bound)
-    known = information(triangle(np.asarray(found.fit.jacobian)), held=held, tolerance=_OPEN)
+    rows = np.concatenate([triangle(np.asarray(found.fit.jacobian)), np.asarray(found.fit.prior_jacobian)])
+    known = information(rows, held=held, tolerance=_OPEN)
     inverse = known.vectors.T / np.maximum(known.singular_values, _OPEN) / known.column[:, None]
     inverse = np.where(held[:, None], 0.0, inverse)
     return inverse @ inverse.T, bool(known.rank == np.sum(~held)) and not held[:9].any()
@@ -96,7 +97,8 @@ def _condition(found: Any, natural: np.ndarray) -> float:
         along = np.sqrt(np.mean(data.sigma[0] ** 2 * by_reading + along**2 * by_force))
     heard = np.repeat(data.paired, (len(jacobian) - n) // n)
     size = np.concatenate([np.full(n, data.sigma[0]), along / np.where(heard > 0, heard, 1.0)])
-    known = information(triangle(jacobian * size[:, None]), held=np.asarray(found.fit.at_bound), tolerance=_OPEN)
+    rows = np.concatenate([triangle(jacobian * size[:, None]), data.sigma[1] * np.asarray(found.fit.prior_jacobian)])
+    known = information(rows, held=np.asarray(found.fit.at_bound), tolerance=_OPEN)
     if known.rank < np.sum(~known.held):
         return np.inf
     values = np.linalg.svd(natural @ known.root, compute_uv=False)
