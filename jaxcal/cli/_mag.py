@@ -1,5 +1,6 @@
 """`jaxcal mag`: hard and soft iron of a magnetometer from a log of it in many attitudes."""
 
+import dataclasses
 import datetime
 import math
 from dataclasses import dataclass
@@ -19,6 +20,8 @@ from ._screen import Screen
 from ._work import carry_out
 
 _MICRO = 1e-6
+_PEEK = 20_000  # bytes
+_STRONGEST = 1e-3  # T: a larger field is one in counts
 #: format of --export -> name of the file where none is given
 _EXPORTS = {name: FILES[name] for name in ("motioncal", "c", "csv")}
 _OTHER = "File for another tool: motioncal, c, csv, or such as c=FILE. Repeatable; jaxcal export writes the other formats."
@@ -105,8 +108,37 @@ def mag(
     ]  # fmt: skip
     default = "" if writing.corrected else f"{stem(log)}-mag"
     plan = outputs(writing, files, default, formats=_EXPORTS, export=partial(save_export, part="magnetometer"))
+    reading, said = _ready(log, reading, align)
     done = carry_out(log, reading, running, plan, compute, command="jaxcal mag", options=options)
-    done.tell(done.found.warnings)
+    done.tell(done.found.warnings, said)
+
+
+def _ready(path: Path, reading: Reading, align: str) -> tuple[Reading, list[str]]:
+    """How to read a table of three columns and nothing else: a fit of norms needs neither times nor a unit; and the notes on that."""
+    import numpy as np
+
+    if align != "none" or reading.columns or reading.format not in (None, "csv") or not path.is_file():
+        return reading, []
+    with path.open("rb") as file:
+        lines = file.read(_PEEK).decode("utf-8", errors="replace").splitlines()[:-1]
+    cells = [line.replace(",", " ").replace(";", " ").split() for line in lines if line.strip()]
+    try:
+        values = np.array(cells, dtype=float)
+    except ValueError:
+        return reading, []
+    if values.ndim != 2 or values.shape[1] != 3:
+        return reading, []
+    said = ["three columns of numbers are readings of the magnetometer"]
+    chosen: dict[str, Any] = {"columns": ("mag=0:2",)}
+    if reading.rate is None:
+        chosen["rate"] = 1.0
+        said.append("there are no times, and a fit of norms needs none: the rows stand 1 s apart; give them with --rate")
+    if not reading.units and not np.any(values % 1):
+        chosen["units"] = ("mag=1 T",)
+        said.append(
+            "whole numbers without a unit are counts, and all results are in counts (T stands for a count); give it with --units mag=uT"
+        )
+    return dataclasses.replace(reading, **chosen), said
 
 
 def _earth(field: float | None, place: tuple[float, float] | None, date: str | None) -> Any:
@@ -156,9 +188,10 @@ def _show(screen: Screen, found: Any) -> None:
     screen.line(f"{found.verdict}: {found.reason}")
     if found.model is None:
         return
-    hard, spread = np.asarray(found.model.hard_iron) / _MICRO, found.hard_iron_error / _MICRO
+    size, unit = (_MICRO, "uT") if found.field < _STRONGEST else (1.0, "counts")
+    hard, spread = np.asarray(found.model.hard_iron) / size, found.hard_iron_error / size
     rows = [
-        ["hard iron (uT)", *(f"{b:.4f} +- {s:.2g}" if np.isfinite(s) else f"{b:.4f} open" for b, s in zip(hard, spread, strict=True))],
+        [f"hard iron ({unit})", *(f"{b:.4f} +- {s:.2g}" if np.isfinite(s) else f"{b:.4f} open" for b, s in zip(hard, spread, strict=True))],
         *(
             [f"soft iron, {axis}", *(f"{c:.5f}" for c in row)]
             for axis, row in zip("xyz", np.asarray(found.model.soft_iron), strict=True)
@@ -168,7 +201,7 @@ def _show(screen: Screen, found: Any) -> None:
     level, tilted = np.rad2deg(found.heading_error)
     facts = [
         f"heading error to expect: {level:.2g} deg rms" + (f", {tilted:.2g} deg at 20 deg of tilt" if np.isfinite(tilted) else ""),
-        f"field {found.field / _MICRO:.5g} uT, noise of a reading {found.noise / _MICRO:.3g} uT an axis",
+        f"field {found.field / size:.5g} {unit}, noise of a reading {found.noise / size:.3g} {unit} an axis",
         f"{len(found.residual)} readings, {len(found.outliers)} of them outliers; {100 * found.coverage.occupied:.0f} % of 500 directions "
         f"seen, largest gap {np.rad2deg(found.coverage.largest_gap):.0f} deg",
     ]
