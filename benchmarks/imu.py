@@ -21,7 +21,7 @@ import numpy as np
 import jaxcal
 from jaxcal.imu import MEMS_NOISE, ImuTk, Triad, multi_position
 from jaxcal.imu._fits import gyro_fit
-from jaxcal.imu._recording import padded, recording, turns_of
+from jaxcal.imu._recording import padded, recording, sampled_turns
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests" / "imu"))
@@ -44,7 +44,7 @@ def gyroscope(log, stamps, found):
     still, slots = found.still, 64
     force = np.array([found.accel.correct(log.accel[i:j]).mean(axis=0) for i, j in zip(still.start, still.stop, strict=True)])
     up = padded(force / np.linalg.norm(force, axis=1, keepdims=True), slots)
-    turns = turns_of(recording(log, stamps), still.start, still.stop, slots)
+    turns = sampled_turns(recording(log, stamps), still.start, still.stop, slots)
     begin = Triad(6258 * np.eye(3), found.gyro.bias)
     with jax.enable_x64(True):
         fit, first, best = timed(lambda: jax.block_until_ready(gyro_fit(begin, turns, up)))

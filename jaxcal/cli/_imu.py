@@ -43,8 +43,7 @@ def imu(
     height: Annotated[float, Parameter(help="Height of the place above sea level, in m.")] = 0.0,
     convention: Annotated[Literal["upper", "lower", "full"], Parameter(help="Frame of the result: upper, lower or full.")] = "upper",
     method: Annotated[Literal["joint", "imu_tk"], Parameter(help="joint, or imu_tk: the two steps of that program.")] = "joint",
-    initial: Annotated[float | None, Parameter(help="Length of the rest at the beginning, in s; 30 unless given.")] = None,
-    without_rest: Annotated[bool, Parameter(help="There is no rest at the beginning.")] = False,
+    initial: Annotated[float | None, Parameter(help="Length of a rest at the beginning, in s; else rests are found anywhere.")] = None,
     raw: Annotated[bool, Parameter(help="The log holds counts; their scale is found from the data.")] = False,
     without_g_sensitivity: Annotated[bool, Parameter(help="Leave out the gyroscope's sensitivity to acceleration.")] = False,
     earth_rate: Annotated[bool, Parameter(help="Account for the Earth's rate, with --latitude; for tactical units.")] = False,
@@ -54,15 +53,15 @@ def imu(
 ) -> None:
     """Calibrate accelerometer and gyroscope by hand, without a turntable.
 
-    The log begins with a rest of 30 s. Then hold the sensor still for 3 s
-    or more on each face, each edge and some corners, 18 to 50 poses, and
-    turn it smoothly from one to the next.
+    Leave the sensor alone for 30 s. Then hold it still for 3 s or more on
+    each face, each edge and some corners, 18 to 50 poses, and turn it
+    smoothly from one to the next.
     """
     if earth_rate and latitude is None:
         raise CallError("--earth-rate needs --latitude")
     options = {
         "gravity": gravity, "latitude": latitude, "height": height, "earth_rate": earth_rate, "convention": convention, "method": method,
-        "raw": raw, "initial": initial, "without_rest": without_rest, "without_g_sensitivity": without_g_sensitivity,
+        "raw": raw, "initial": initial, "without_g_sensitivity": without_g_sensitivity,
     }  # fmt: skip
     files: list[File] = [
         ("", "imu.png", figure(lambda plot, found, _: plot.imu(found))), ("report", "report.html", save_report),
@@ -74,7 +73,7 @@ def imu(
     def compute(data: Any, _: Any) -> Any:
         found = jaxcal.imu.multi_position(
             data, gravity=_gravity(gravity, latitude, height, notes), convention=convention, method=method, raw=raw,
-            g_sensitivity=not without_g_sensitivity, initial=None if without_rest else 30.0 if initial is None else initial,
+            g_sensitivity=not without_g_sensitivity, initial=initial,
             latitude=math.radians(latitude) if earth_rate and latitude is not None else None,
         )  # fmt: skip
         if found.verdict == "refused":

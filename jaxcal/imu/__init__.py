@@ -6,8 +6,8 @@ from ._integrate import attitude as attitude
 from ._known import TriadFit as TriadFit, rate_table as rate_table, six_position as six_position
 from ._model import Imu as Imu, Triad as Triad, gravity as gravity, in_convention as in_convention, turned_to as turned_to
 from ._multi import multi_position as multi_position
-from ._recording import StillIntervals as StillIntervals, static_intervals as static_intervals, windowed_variance as windowed_variance
 from ._residuals import Poses as Poses, Turns as Turns, Weighted as Weighted, residuals as residuals, weighted as weighted
+from ._rests import StillIntervals as StillIntervals, static_intervals as static_intervals, windowed_variance as windowed_variance
 from ._result import ImuFit as ImuFit, Observability as Observability, observability as observability
 from ._simulate import (
     MEMS as MEMS,

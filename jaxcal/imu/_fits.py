@@ -20,12 +20,12 @@ from ..fitting import AbstractLoss, Fit, covariance, leverage, solve
 from ._estimate import framed, placed, sandwich, solved
 from ._integrate import attitude
 from ._model import Imu, Triad, entries, freed, inverse
-from ._recording import Recording, Rests, means, norms, padded, turns_of
+from ._recording import Recording, Rests, means, norms, padded, sampled_turns
 from ._residuals import Pieces, Turns, Weighted, arrays, pieces, reweighted
 from ._result import ImuFit, finished, observability
 
 _FIRST_TURN = 0.02  # rad, before the turns have told their own size
-_ROUNDS = 3
+ROUNDS = 3
 _DRIFT_LEVEL = 0.01
 _CLIP = 2.5
 _KEPT = float(scipy.stats.chi2.cdf(_CLIP**2, 3) + _CLIP**2 * scipy.stats.chi2.sf(_CLIP**2, 1))
@@ -160,20 +160,28 @@ def rest_start(rests: Rests, force: np.ndarray, with_force: bool, earth: np.ndar
     return beta[0], beta[1:].T if with_force else np.zeros((3, 3)), bool(drifts)
 
 
-def _sized(data: Weighted, found: Pieces, rests: Rests, options: Options, gyro: Triad, paid: np.ndarray) -> tuple[Weighted, np.ndarray]:
-    """The same data with errors as large as the residuals say, and these sizes; norms, turns and rests (3) took `paid` parameters each."""
+def _sized(data: Weighted, found: Pieces, rests: Rests, options: Options, model: Imu, paid: np.ndarray) -> tuple[Weighted, np.ndarray]:
+    """The same data with errors as large as the residuals say, and these sizes; norms, turns and rests (3) took `paid` parameters each.
+
+    At least they are what the noise coefficients say where they are given, and else what the scatter inside the rests does.
+    """
     turns: Any = data.turns
+    gyro, across_norm = model.gyro, found.vertical[: len(rests.accel)] @ np.linalg.inv(model.accel.matrix)
     count, valid = len(rests.accel), np.isfinite(turns.sigma)
-    base = mean_variance(options.accel_noise, rests.duration)
+    given = np.max([options.accel_noise, options.gyro_noise], axis=1) > 0
+    base = mean_variance(options.accel_noise, rests.duration) if given[0] else rests.norm_variance(across_norm)
     variance = base + excess(found.norm[:count], base, paid[0])
 
     scale = np.abs(np.diag(gyro.matrix))
-    still = mean_variance(options.gyro_noise, rests.duration)[:, None] * scale**2
+    scatter = rests.gyro_variance()
+    still = mean_variance(options.gyro_noise, rests.duration)[:, None] * scale**2 if given[1] else scatter
     rest: Any = found.rest
     still = still + np.array([excess(rest[:count, axis], still[:, axis], paid[2 + axis]) for axis in range(3)])
 
     across = np.einsum("sij,si->sj", data.tangent, found.turned)[valid]
-    white = options.gyro_noise[0] ** 2 * turns.dt.sum(axis=1)[valid]
+    # the stillest rest shows the noise of the sensor, the others that of the hand too
+    density = options.gyro_noise[0] ** 2 if given[1] else np.max(np.min(scatter * rests.duration[:, None], axis=0) / scale**2)
+    white = density * turns.dt.sum(axis=1)[valid]
     upright = np.concatenate([variance, np.zeros(rests.slots - count)]) / options.gravity**2
     around = (upright[:-1] + upright[1:])[valid]
     # a turn without an error of its own would make the covariance singular where poses are shared
@@ -191,25 +199,42 @@ def refitted(start: Imu, data: Weighted, options: Options) -> Fit:
     return solved(start, data, options.convention, options.misalignment, options.g_sensitivity, options.loss)
 
 
-def joint_fit(start: Imu, data: Weighted, rests: Rests, options: Options, paid: int) -> Joint:
-    """Fit, find the sizes of the errors, and fit again; `paid` is the number of parameters of the accelerometer."""
-    found, sizes, slots = pieces(start, data), np.zeros(3), rests.slots
+def joint_fit(start: Imu, data: Weighted, rests: Rests, options: Options, paid: int, near: bool = False, rounds: int = ROUNDS) -> Joint:
+    """Fit, find the sizes of the errors, and fit again; `paid` is the number of parameters of the accelerometer.
+
+    From a start that is `near` the residuals there say how large the errors are, and the first fit is saved.
+    """
+    found, sizes, slots, fit = pieces(start, data), np.zeros(3), rests.slots, None
     data = dataclasses.replace(data, tangent=found.tangent)
     # still rates and norms are in order from the start; turns are not
     per_axis = 1 + 3 * options.g_sensitivity + (start.drift is not None)
+    traces, model = np.array([paid, 9, per_axis, per_axis, per_axis]), start
     turns: Any = data.turns
-    data = _sized(data, found, rests, options, start.gyro, np.array([paid, 9, per_axis, per_axis, per_axis]))[0]
-    data = dataclasses.replace(data, whiten=np.diag(np.repeat(np.isfinite(turns.sigma), 2) / _FIRST_TURN))
-    fit = refitted(start, data, options)
-    for _ in range(_ROUNDS - 1):
-        # every kind of residual pays for as many parameters as its part of the hat matrix has trace
-        norm, turned, rest = np.split(np.asarray(leverage(fit))[: 6 * slots - 2], [slots, 3 * slots - 2])
-        traces = np.array([norm.sum(), turned.sum(), *rest.reshape(-1, 3).sum(axis=0)])
-        found = pieces(fit.model, data)
-        data, sizes = _sized(data, found, rests, options, fit.model.gyro, traces)
-        data = jax.tree.map(np.asarray, reweighted(fit.model, data, found))
-        fit = refitted(fit.model, data, options)
+    if not near:
+        data = _sized(data, found, rests, options, start, traces)[0]
+        data = dataclasses.replace(data, whiten=np.diag(np.repeat(np.isfinite(turns.sigma), 2) / _FIRST_TURN))
+        fit = refitted(start, data, options)
+    for _ in range(rounds - (not near)):
+        if fit is not None:
+            # every kind of residual pays for as many parameters as its part of the hat matrix has trace
+            norm, turned, rest = np.split(np.asarray(leverage(fit))[: 6 * slots - 2], [slots, 3 * slots - 2])
+            traces, model = np.array([norm.sum(), turned.sum(), *rest.reshape(-1, 3).sum(axis=0)]), fit.model
+            found = pieces(model, data)
+        data, sizes = _sized(data, found, rests, options, model, traces)
+        data = jax.tree.map(np.asarray, reweighted(model, data, found))
+        fit = refitted(model, data, options)
+    assert fit is not None
     return Joint(fit, data, pieces(fit.model, data), sizes)
+
+
+def left_out(joint: Joint) -> tuple[float, int]:
+    """Mean square of the turns' components, each under the fit without this turn, to first order; and the number of turns."""
+    data, turns, slots = joint.data, joint.data.turns, len(joint.found.norm)
+    assert turns is not None
+    valid = np.isfinite(turns.sigma)
+    share = np.asarray(leverage(joint.fit))[slots : 3 * slots - 2].reshape(-1, 2).mean(axis=1)
+    across = np.einsum("sij,si->sj", data.tangent, joint.found.turned) / (1 - np.minimum(share, 0.9))[:, None]
+    return float(np.mean(across[valid] ** 2)), int(valid.sum())
 
 
 def halves(slots: int, outside: Callable[[np.ndarray], Any]) -> np.ndarray:
@@ -267,8 +292,8 @@ def tedaldi(record: Recording, base: ImuFit, fit: Fit, options: Options, each: i
     count, slots = len(still), len(np.asarray(fit.residuals)) // each
     vertical = _verticals(fit, means(record.accel, still.start, still.stop))
     last = still.stop[0] if initial is None else round(float(initial) * record.rate) + 1
-    bias = rates[:last].mean(axis=0)
-    turns, up = turns_of(record, still.start, still.stop, slots), padded(vertical, slots)
+    bias = np.nanmean(rates[:last], axis=0)
+    turns, up = sampled_turns(record, still.start, still.stop, slots), padded(vertical, slots)
     scale = scanned_scale(bias, up, turns) if raw else 1.0
     gyro = gyro_fit(Triad(np.eye(3) / scale, bias), turns, up)
     valid = np.isfinite(turns.sigma)

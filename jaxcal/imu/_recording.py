@@ -1,198 +1,41 @@
-"""A log as the calibration takes it: arrays, still intervals, means over them and turns between them (host, NumPy)."""
+"""A log as the calibration takes it: arrays, means over its rests and samples of the turns between them (host, NumPy)."""
 
-import itertools
 from typing import Any
 
 import equinox as eqx
 import numpy as np
+import scipy.stats
 
 from .._errors import DataError
-from .._precision import host_float64
 from ._residuals import Poses, Turns, Weighted
 
-MULTIPLES = tuple(range(2, 11))
-_BLOCK = 4  # windows to a block of the running sums
-_QUANTILE = 0.05
 _RUN = 3  # samples in a row at the end of the range
-_MOVED = 20.0  # variance of the initial rest over that of the stillest windows
 _UNITS = {"g": 9.80665, "mg": 9.80665e-3, "ft/s^2": 0.3048}
-
-#: start and stop of still intervals, (k,) samples each: start <= i < stop
-Ends = tuple[np.ndarray, np.ndarray]
-
-
-class StillIntervals(eqx.Module):
-    """Still stretches of a recording.
-
-    Attributes
-    ----------
-    start, stop : (k,) samples of each: start <= i < stop.
-    threshold : on the norm of the three variances, (m/s^2)^2 or what the readings' unit squared is.
-    multiple : threshold over `initial_variance`.
-    initial_variance : the same norm over the initial still period, or the 5 % quantile of the windows where there is none.
-    counts : multiple -> number of intervals, of the multiples that were compared.
-    warnings : sentences.
-    """
-
-    start: np.ndarray
-    stop: np.ndarray
-    threshold: float
-    multiple: float
-    initial_variance: float
-    counts: dict[float, int] = eqx.field(static=True)
-    warnings: tuple[str, ...] = eqx.field(static=True)
-
-    def __len__(self) -> int:
-        return len(self.start)
-
-
-def windowed_variance(x: np.ndarray, window: int) -> np.ndarray:
-    """Norm of the three unbiased variances over `window` samples about each: (n - window + 1,), infinite where samples are missing.
-
-    Running sums of blocks of a few windows, each less its own mean: counts of a million with a variance of four keep their digits.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from jaxcal.imu import windowed_variance
-    >>> print(windowed_variance(np.array([[0.0, 0, 0], [2, 0, 0], [4, 0, 0]]), 3))
-    [4.]
-    """
-    count = len(x) - window + 1
-    size = _BLOCK * window
-    missing = np.any(~np.isfinite(x), axis=1)
-    # neither padding nor gaps may lie far from the readings, whose digits they would cost
-    filled = np.where(missing[:, None], np.nanmean(x, axis=0), x)
-    filled = np.concatenate([filled, np.repeat(filled[-1:], -count % size, axis=0)])
-    blocks = np.lib.stride_tricks.sliding_window_view(filled, size + window - 1, axis=0)[::size]
-    blocks = blocks - blocks.mean(axis=2, keepdims=True)
-    sums = np.cumsum(np.pad([blocks, blocks**2], ((0, 0), (0, 0), (0, 0), (1, 0))), axis=-1)
-    first, second = sums[..., window:] - sums[..., :-window]
-    variance = np.linalg.norm((second - first**2 / window) / (window - 1), axis=1).reshape(-1)[:count]
-    if missing.any():
-        lost = np.cumsum(np.pad(missing, (1, 0)))
-        variance = np.where(lost[window:] > lost[:-window], np.inf, variance)
-    return variance
-
-
-def _runs(variance: np.ndarray, threshold: float, half: int, least: int) -> Ends:
-    """Start and stop of the stretches below the threshold, of at least so many samples."""
-    below = np.concatenate([[False], variance < threshold, [False]])
-    edges = np.flatnonzero(np.diff(below.astype(np.int8)))
-    start, stop = edges[::2] + half, edges[1::2] + half
-    kept = stop - start >= least
-    return start[kept], stop[kept]
-
-
-def _plateau(counts: dict[float, int]) -> float:
-    """Multiple in the middle of the longest run over which the number of intervals does not change."""
-    stretches = [list(part) for count, part in itertools.groupby(counts, key=counts.get) if count] or [list(counts)]
-    longest = max(stretches, key=len)
-    return longest[len(longest) // 2]
-
-
-@host_float64
-def static_intervals(
-    accel: Any,
-    rate: float | int,
-    *,
-    threshold: float | int | None = None,
-    window: float | int = 1.0,
-    initial: float | int | None = 30.0,
-    least: float | int = 1.0,
-    multiples: tuple[float | int, ...] = MULTIPLES,
-) -> StillIntervals:
-    r"""Still stretches: where the windowed variance of the accelerometer stays below a multiple of that of the initial rest.
-
-    .. math:: v_i = \|(\mathrm{var}\,x, \mathrm{var}\,y, \mathrm{var}\,z)\| < k\,v_\mathrm{init}
-
-    with unbiased variances over a window centred at sample i.
-
-    Parameters
-    ----------
-    accel : (n, 3) readings in any unit; NaN marks a gap and is never still.
-    rate : Hz.
-    threshold : multiple k of the initial variance. None tries all `multiples` and takes the middle of the longest run over which
-        the number of intervals stays the same; `multi_position` judges them by what they leave of the calibration.
-    window : length of the window, s; made an odd number of samples.
-    initial : length of the initial rest, s; None where there is none. Then the 5 % quantile of v takes its place.
-    least : shortest interval, s.
-    multiples : those to try.
-
-    Returns
-    -------
-    StillIntervals
-
-    Raises
-    ------
-    DataError
-        If the readings are not (n, 3), the record is shorter than a window or than the initial rest, the sensor does not move or is
-        constant at the beginning, or an option is not positive.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from jaxcal.imu import static_intervals
-    >>> y = np.random.default_rng(0).normal(size=(8000, 3)) * 0.01
-    >>> y[5000:6000] += 5 * np.sin(np.arange(1000) / 20)[:, None]
-    >>> found = static_intervals(y, 100.0)
-    >>> print(found.start, found.stop)
-    [  50 6050] [4951 7950]
-
-    References
-    ----------
-    D. Tedaldi, A. Pretto and E. Menegatti, ICRA 2014, section IV-A.
-    """
-    return still_tried(accel, rate, threshold, window, initial, least, multiples)[0]
-
-
-def still_tried(
-    accel: Any, rate: Any, threshold: Any, window: Any, initial: Any, least: Any, multiples: tuple[float | int, ...] = MULTIPLES
-) -> tuple[StillIntervals, dict[float, Ends], np.ndarray]:
-    """As `static_intervals`; with the intervals of every multiple that may be chosen, and the windowed variance."""
-    x = np.asarray(accel, dtype=np.float64)
-    if x.ndim != 2 or x.shape[1] != 3:
-        raise DataError(f"accel has shape {x.shape}; expected (n, 3)")
-    for name, value in (("rate", rate), ("window", window), ("least", least), ("threshold", threshold), ("initial", initial)):
-        if value is not None and not (np.isfinite(value) and value > 0):
-            raise DataError(f"{name}={value!r} must be positive")
-    half = max(round(float(window) * float(rate) / 2), 1)
-    size = 2 * half + 1
-    if len(x) < 2 * size:
-        raise DataError(f"{len(x)} samples are less than two windows of {size}; record longer, or give a shorter window=")
-    variance = windowed_variance(x, size)
-    warnings: tuple[str, ...] = ()
-    if initial is None:
-        start_variance = float(np.quantile(variance[np.isfinite(variance)], _QUANTILE))
-        warnings = ("No initial rest was given: the 5 % quantile of the windowed variance stands for it.",)
-    else:
-        last = round(float(initial) * float(rate))
-        if last >= len(x):
-            raise DataError(f"the record lasts {len(x) / rate:.3g} s, the initial rest should last {initial:g} s; give initial=")
-        start_variance = float(np.linalg.norm(np.nanvar(x[: last + 1], axis=0, ddof=1)))
-    if not start_variance > 0:
-        raise DataError(
-            "the accelerometer is constant during the initial rest: its noise is below its resolution, or it repeats one sample. "
-            "Log it at full resolution."
-        )
-    shortest = max(round(float(least) * float(rate)), 2)
-    tried = {float(k): _runs(variance, k * start_variance, half, shortest) for k in multiples}
-    counts = {k: len(start) for k, (start, _) in tried.items()}
-    if threshold is not None:
-        tried = {float(threshold): _runs(variance, threshold * start_variance, half, shortest)}
-    multiple = _plateau(counts) if threshold is None else float(threshold)
-    still = StillIntervals(*tried[multiple], multiple * start_variance, multiple, start_variance, counts, warnings)
-    return still, tried, variance
+#: s; readings are interpolated over missing samples up to this length, in which a turn by hand hardly changes its rate
+_BRIDGE = 0.1
+#: steps of every turn, so that all recordings share one compiled fit; one of 5 s then has steps of 10 ms
+_STEPS = 508
+#: s; means of so much of a rest are taken for independent: shorter ones would share a tremor of the hand
+_PIECE = 0.25
+_MOST_PIECES = 64
+_UNLIKE = 1e-3  # level at which a rest is taken to have a noise of its own
+#: s; over a longer rest the noise of the gyroscope is larger than what a hand moves
+_LONGEST = 10.0
 
 
 class Recording(eqx.Module):
-    """time (n,) s; accel, gyro (n, 3) readings, gyro None without one; temperature: mean in degC or NaN."""
+    """time (n,) s; accel, gyro (n, 3) readings, gyro None without one; temperature: mean in degC or NaN.
+
+    bridged : (n, 6) gyroscope, then accelerometer, short gaps filled, for the turns; over : (n,) whether the gyroscope saturates.
+    """
 
     time: np.ndarray
     accel: np.ndarray
     gyro: np.ndarray | None
     rate: float
     temperature: float
+    bridged: np.ndarray | None
+    over: np.ndarray | None
 
 
 def recording(log: Any, time: Any) -> Recording:
@@ -215,7 +58,8 @@ def recording(log: Any, time: Any) -> Recording:
             f"time does not grow at sample {bad + 1}: {stamps[bad]:.6f} s is followed by {stamps[bad + 1]:.6f} s; sort the samples"
         )
     temperature = float("nan") if log.temperature is None else float(np.nanmean(log.temperature))
-    return Recording(stamps - stamps[0], accel, gyro, float(log.rate), temperature)
+    both = None if gyro is None else np.concatenate([bridged(x, float(log.rate)) for x in (gyro, accel)], axis=1)
+    return Recording(stamps - stamps[0], accel, gyro, float(log.rate), temperature, both, None if gyro is None else pinned(gyro))
 
 
 def pinned(x: np.ndarray) -> np.ndarray:
@@ -233,7 +77,8 @@ def pinned(x: np.ndarray) -> np.ndarray:
 def stuck(x: np.ndarray, start: np.ndarray, stop: np.ndarray) -> np.ndarray:
     """(k,) whether an axis does not move during a still interval and is at the end of its range: it is clipped, not still."""
     low, high = np.nanmin(x, axis=0), np.nanmax(x, axis=0)
-    return np.array([np.any(np.all((x[i:j] == low) | (x[i:j] == high), axis=0)) for i, j in zip(start, stop, strict=True)], dtype=bool)
+    at_end = (x == low) | (x == high) | np.isnan(x)
+    return np.array([np.any(np.all(at_end[i:j], axis=0)) for i, j in zip(start, stop, strict=True)], dtype=bool)
 
 
 def wrong_units(accel: np.ndarray, gravity: float) -> str | None:
@@ -248,31 +93,57 @@ def wrong_units(accel: np.ndarray, gravity: float) -> str | None:
     return f"{text}. Give the unit of the log (units accel=...), or raw=True for counts."
 
 
-def not_still(still: StillIntervals, variance: np.ndarray) -> str | None:
-    """Why the beginning is no rest."""
-    quiet = float(np.quantile(variance[np.isfinite(variance)], 0.05))
-    ratio = still.initial_variance / quiet if quiet > 0 else np.inf
-    if ratio <= _MOVED:
-        return None
-    return (
-        f"The initial period is not still: its variance is {ratio:.3g} times that of the stillest windows. Leave the sensor alone at the "
-        "beginning, or say how long the rest lasts with initial= (None where there is none)."
-    )
+def bridged(readings: np.ndarray, rate: float, longest: float | None = None) -> np.ndarray:
+    """Readings with gaps up to a length in s filled by interpolation; longer gaps stay NaN."""
+    missing = ~np.all(np.isfinite(readings), axis=1)
+    if not missing.any():
+        return readings
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], missing, [False]]).astype(np.int8)))
+    first, last = edges[::2], edges[1::2]
+    short = (last - first <= max((_BRIDGE if longest is None else longest) * rate, 1)) & (first > 0) & (last < len(readings))
+    filled, there = readings.copy(), np.flatnonzero(~missing)
+    index = np.concatenate([np.arange(i, j) for i, j in zip(first[short], last[short], strict=True)] or [np.zeros(0, dtype=int)])
+    filled[index] = np.stack([np.interp(index, there, column[there]) for column in readings.T], axis=1)
+    return filled
 
 
 class Rests(eqx.Module):
-    """Means over k still intervals: readings (k, 3), middle (s from the middle of the record), duration (s), and rows of the padding."""
+    """Means over k still intervals.
+
+    accel, gyro : (k, 3) readings; time : (k,) middle, s from the middle of the record; duration : (k,) s with samples.
+    accel_scatter : (k, 3, 3) covariance of the mean; gyro_scatter : (k, 3) its variance, both from the scatter inside the interval.
+    pieces : (k,) independent parts of the interval from which they were taken.
+    slots : rows of the padding.
+    """
 
     accel: np.ndarray
     gyro: np.ndarray
     time: np.ndarray
     duration: np.ndarray
+    accel_scatter: np.ndarray
+    gyro_scatter: np.ndarray
+    pieces: np.ndarray
     slots: int
 
     def poses(self, sigma: np.ndarray, gyro_sigma: np.ndarray) -> Poses:
         """Padded poses with the given standard deviations, (k,) and (k, 3)."""
         accel, gyro, time = (padded(x, self.slots) for x in (self.accel, self.gyro, self.time))
         return Poses(accel, padded(sigma, self.slots, np.inf), gyro, padded(gyro_sigma, self.slots, np.inf), time)
+
+    def norm_variance(self, across: np.ndarray) -> np.ndarray:
+        """(k,) variance of the norm that the scatter inside the rests explains; `across` (k, 3) is its derivative by the readings."""
+        return self._shared(np.einsum("ki,kij,kj->k", across, self.accel_scatter, across))
+
+    def gyro_variance(self) -> np.ndarray:
+        """(k, 3) variance of the mean rate that the scatter inside the rests explains."""
+        return np.stack([self._shared(column) for column in self.gyro_scatter.T], axis=1)
+
+    def _shared(self, variance: np.ndarray) -> np.ndarray:
+        """The common noise of all rests, since one alone knows its own badly; its own for a rest that beyond doubt has another one."""
+        freedom, density = self.pieces - 1, variance * self.duration
+        common = np.median(density / scipy.stats.chi2.ppf(0.5, freedom) * freedom)
+        low, high = (common * scipy.stats.chi2.ppf(part, freedom) / freedom for part in (_UNLIKE, 1 - _UNLIKE))
+        return np.where((density > high) | (density < low), density, common) / self.duration
 
 
 def padded(x: np.ndarray, slots: int, fill: float | None = None) -> np.ndarray:
@@ -291,21 +162,85 @@ def power_of_two(n: int, least: int = 1) -> int:
     return max(1 << max(n - 1, 0).bit_length(), least)
 
 
+def _means(readings: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """Mean between neighbours of growing edges over the samples that are there; NaN where there is none."""
+    there = np.isfinite(readings)
+    # means of the record are taken off first: sums of large counts keep their digits
+    middle = np.nanmean(readings, axis=0)
+    filled = np.where(there, readings - middle, 0.0)
+    sums, count = (np.add.reduceat(part, edges[:-1], axis=0, dtype=float) for part in (filled[: edges[-1]], there[: edges[-1]]))
+    return np.where(count > 0, sums / np.maximum(count, 1), np.nan) + middle
+
+
 def means(readings: np.ndarray, start: np.ndarray, stop: np.ndarray) -> np.ndarray:
-    """Mean over each interval."""
-    return np.array([readings[i:j].mean(axis=0) for i, j in zip(start, stop, strict=True)])
+    """Mean over the samples of each interval that are there."""
+    return _means(readings, np.stack([start, stop], axis=1).reshape(-1))[::2]
 
 
 def rests_of(recording: Recording, start: np.ndarray, stop: np.ndarray) -> Rests:
-    """Means over whole intervals."""
+    """Means over whole intervals, and what their own scatter says of them."""
     accel = means(recording.accel, start, stop)
     gyro = 0 * accel if recording.gyro is None else means(recording.gyro, start, stop)
     middle = (recording.time[start] + recording.time[stop - 1]) / 2 - recording.time[-1] / 2
-    return Rests(accel, gyro, middle, (stop - start) / recording.rate, power_of_two(len(start) + 1, 32))
+    there = np.isfinite(recording.accel).all(axis=1)
+    duration = np.array([there[i:j].sum() for i, j in zip(start, stop, strict=True)]) / recording.rate
+    count = np.clip(np.floor(duration / _PIECE), 4, _MOST_PIECES).astype(int)
+    both = recording.accel if recording.gyro is None else np.concatenate([recording.accel, recording.gyro], axis=1)
+    scatter = np.zeros((len(start), 6, 6))
+    for k, (i, j, pieces) in enumerate(zip(start, stop, count, strict=True)):
+        parts = _means(both[i:j], np.linspace(0, j - i, pieces + 1).astype(int))
+        scatter[k, : both.shape[1], : both.shape[1]] = np.cov(parts[np.isfinite(parts).all(axis=1)], rowvar=False) / pieces
+    return Rests(
+        accel, gyro, middle, duration, scatter[:, :3, :3], np.diagonal(scatter, axis1=1, axis2=2)[:, 3:], count,
+        power_of_two(len(start) + 1, 32),
+    )  # fmt: skip
 
 
-def turns_of(recording: Recording, start: np.ndarray, stop: np.ndarray, slots: int) -> Turns:
-    """Turns from the last sample of each interval to the last before the next one; sigma is one, infinite where samples are missing."""
+def turns_of(recording: Recording, start: np.ndarray, stop: np.ndarray, slots: int, whole: bool = False) -> Turns:
+    """Turns between rests; sigma is one, infinite where too many samples are missing.
+
+    A turn goes from the last sample of a rest to the first of the next one. With `whole` it goes from the mean attitude of a rest to
+    that of the next, because a hand moves a little while it holds still: the angle from the mean attitude of a rest of length T to its
+    end is the integral of the rate weighed by t / T, and takes one step of length T / 2 with the weighed mean of the rate.
+    """
+    readings = recording.bridged
+    number, count = len(start) - 1, _STEPS + 5
+    nodes, steps = np.zeros((slots - 1, count, 6)), np.zeros((slots - 1, count - 1))
+    length = (stop - start) / recording.rate
+    for k, (i, j) in enumerate(zip(stop[:-1] - 1, start[1:], strict=True)):
+        nodes[k, 2:-2], steps[k, 2:-2] = _resampled(recording.time[i : j + 1], readings[i : j + 1])
+        for rest, here, step, ramp in ((k, slice(0, 2), 0, 0.0), (k + 1, slice(-2, None), -1, 1.0)):
+            part = readings[start[rest] : stop[rest]]
+            weight = np.abs(ramp - (np.arange(len(part)) + 0.5) / len(part)) * np.isfinite(part).all(axis=1)
+            nodes[k, here] = weight @ np.nan_to_num(part) / weight.sum()
+            steps[k, step] = length[rest] / 2 if whole and length[rest] <= _LONGEST else 0.0
+    good = np.isfinite(nodes).all(axis=(1, 2))
+    sigma = np.where(good & (np.arange(slots - 1) < number), 1.0, np.inf)
+    nodes = np.where(good[:, None, None], nodes, 0.0)
+    nodes[number:] = nodes[:1]
+    return Turns(nodes[..., :3], nodes[..., 3:], steps, sigma)
+
+
+def _resampled(time: np.ndarray, readings: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Samples of a turn at `_STEPS` + 1 nodes, and the steps between these.
+
+    A turn of fewer samples repeats its last one with steps of length zero. In a longer one a node is the mean of the samples about it,
+    weighed by a triangle, so that the sum over the steps, the angle, stays what it was.
+    """
+    if len(time) <= _STEPS + 1:
+        index = np.minimum(np.arange(_STEPS + 1), len(time) - 1)
+        return readings[index], np.diff(time[index])
+    place = (time - time[0]) / (time[-1] - time[0]) * _STEPS
+    low = np.minimum(place.astype(int), _STEPS - 1)
+    right = place - low
+    index, weight = np.concatenate([low, low + 1]), np.concatenate([1 - right, right])
+    total = np.bincount(index, weight, _STEPS + 1)
+    sums = [np.bincount(index, weight * np.concatenate([column, column]), _STEPS + 1) for column in readings.T]
+    return np.stack(sums, axis=1) / total[:, None], np.full(_STEPS, (time[-1] - time[0]) / _STEPS)
+
+
+def sampled_turns(recording: Recording, start: np.ndarray, stop: np.ndarray, slots: int) -> Turns:
+    """Turns with every sample as it is, as imu_tk takes them; their length is padded to a power of two."""
     gyro, accel = recording.gyro, recording.accel
     assert gyro is not None
     first, last = stop[:-1] - 1, start[1:]  # samples first <= i < last

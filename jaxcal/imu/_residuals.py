@@ -40,7 +40,7 @@ class Poses(eqx.Module):
 
 
 class Turns(eqx.Module):
-    """Samples of the k - 1 turns between successive poses, from the last sample of a pose to the last before the next one.
+    """Samples of the k - 1 turns between successive poses, from the last sample of a pose to the first of the next one.
 
     Turns that take fewer than n steps repeat their last sample with steps of length zero.
 

@@ -2,7 +2,7 @@
 
 import dataclasses
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -16,7 +16,7 @@ from .._results import Result, Row
 from .._types import AnyArray
 from ..fitting import Fit, Outcome, identifiability
 from ._model import Imu, Triad, entries, replaced, values
-from ._recording import StillIntervals
+from ._rests import StillIntervals
 
 PLACES = np.array([p for p in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(p)])
 _UP = PLACES / np.linalg.norm(PLACES, axis=1, keepdims=True)
@@ -155,7 +155,9 @@ class ImuFit(Result):
     cost : (2,) half the sums of squared residuals, accelerometer (m/s^2)^2 and gyroscope; imu_tk's cost for method="imu_tk".
     held_out : (2,) rms of the norms (m/s^2) and of the turns' components (rad) on poses and turns that the fit did not see.
     still : `StillIntervals` that were used.
-    thresholds : per multiple of the initial variance (multiple, intervals, total cost, leave-one-out rms in m/s^2), (m, 4).
+    thresholds : (m, 6) of the sets of rests that were compared: multiple of the accelerometer's variance at rest, intervals, total cost
+        of the norms, leave-one-out rms of the norms (m/s^2), multiple of the gyroscope's variance, leave-one-out rms of the turns'
+        components (rad; NaN where only the norms were looked at).
     observability : `Observability`: condition, missing attitudes, sentence.
     drift : (3,) drift of the gyroscope's bias, rad/s per s; zero where the F test finds none.
     rate, gravity : Hz, m/s^2.
@@ -188,7 +190,7 @@ class ImuFit(Result):
     cost: AnyArray = _unknown(2)
     held_out: AnyArray = _unknown(2)
     still: StillIntervals | None = None
-    thresholds: AnyArray = _unknown(0, 4)
+    thresholds: AnyArray = _unknown(0, 6)
     observability: Observability | None = None
     drift: AnyArray = _unknown(3, fill=0.0)
 
@@ -245,10 +247,12 @@ class ImuFit(Result):
         return value, np.asarray(slope) @ self.covariance @ np.asarray(slope).T
 
 
-def finished(result: ImuFit, fit: Fit, options: Any, notes: list[str], explain: Callable[[], str | None]) -> ImuFit:
+def finished(
+    result: ImuFit, fit: Fit, options: Any, notes: list[str], explain: Callable[[], str | None], missing: Sequence[str] = ()
+) -> ImuFit:
     """The result with intervals of 95 % by Student's t, and a verdict with the sentences that lead to it, the gravest first.
 
-    `explain` may know another unit or other axes that would mend a refused fit.
+    `explain` may know another unit or other axes that would mend a refused fit; `missing` are sentences on what the model lacks.
     """
     half = scipy.stats.t.ppf(0.975, np.maximum(result.degrees_of_freedom, 1)) * result.standard_error
     interval = np.stack([result.values - half, result.values + half], axis=1)
@@ -257,7 +261,7 @@ def finished(result: ImuFit, fit: Fit, options: Any, notes: list[str], explain: 
     force = _relative_error(result, 0)
     rate = _relative_error(result, 12) if gyro else 0.0
     rms = float(np.sqrt(np.mean(result.residual_turn**2))) if turns else 0.0
-    refused, weak = [], []
+    refused, weak = [], list(missing)
     if not bool(fit.usable) and fit.outcome != Outcome.unidentifiable:
         refused.append(f"The fit failed: {fit.message}")
     if rms > _TURN:

@@ -7,4 +7,4 @@ from ._likelihood import log_likelihood as log_likelihood
 from ._model import Noise as Noise
 from ._overbound import overbound as overbound, overbound_curve as overbound_curve
 from ._result import NoiseFit as NoiseFit
-from ._terms import Block as Block, GaussMarkov as GaussMarkov, Term as Term
+from ._terms import Block as Block, GaussMarkov as GaussMarkov, PowerLaw as PowerLaw, Term as Term

@@ -16,6 +16,7 @@ from ._checks import find_jumps, refuse_extremes, resolution, sentences_of_check
 from ._display import fit_plainly
 from ._joint import fit_jointly, with_second_opinion
 from ._model import checked_terms
+from ._observed import without_gaps
 from ._overbound import overbound
 from ._result import NoiseFit, stacked
 from ._terms import GaussMarkov, Term
@@ -124,7 +125,9 @@ def _fit(y, rate, method, terms, confidence, band, conservative=False, temperatu
         if any(found.spikes and not found.heavy for found in jumps):
             y = np.stack([found.y for found in jumps], axis=1).reshape(y.shape)
     # the noise type serves the plot outside of the band
-    curve = deviation(y, rate, m=m, confidence=confidence, alpha=0 if traced else None)
+    # the likelihood fills gaps with noise of its model, and forms the curve of such a record
+    filled = y if traced or method != "whittle" else without_gaps(y)
+    curve = deviation(filled, rate, m=m, confidence=confidence, alpha=0 if traced else None)
     inside = _inside(curve.tau, band, terms)
     curves = [curve.channel(i) for i in range(curve.deviation.shape[1])] if many else [curve]
     if method != "whittle":

@@ -68,8 +68,10 @@ def with_second_opinion(found: NoiseFit, samples: int) -> NoiseFit:
     """
     curve, names = found.deviation, tuple(term for term in found.terms if term != "markov")
     terms = tuple(found.noise.part(name)[2] for name in names)
-    beside, variance = Noise(markov=found.noise.markov, sinusoid=found.noise.sinusoid), curve.deviation**2
-    if beside.markov or beside.sinusoid:
+    further = tuple((value, term) for value, term in found.noise.further if term.name not in names)
+    beside = Noise(markov=found.noise.markov, sinusoid=found.noise.sinusoid, further=further)
+    variance = curve.deviation**2
+    if beside.markov or beside.sinusoid or further:
         variance = variance - np.asarray(beside.avar(curve.tau, dt=1.0 / curve.rate))
     kept = found.used & (variance > _LEFT * curve.deviation**2)
     if kept.sum() <= len(terms) + 1:

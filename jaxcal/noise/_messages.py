@@ -1,18 +1,28 @@
 """What a fit tells its reader: octaves left out, warnings and notes."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ..allan import Deviation
+from ._alternatives import Alternative
+from ._causes import Cause
 from ._model import Noise
-from ._ordinates import stretches
 from ._result import NoiseFit
 from ._stationarity import PARTS, Unevenness
 
-#: standard errors above which a record follows a line in time, and its temperature
-RAMP, _TEMPERATURE = 3.0, 4.0
-#: likelihood ratio that a Gauss-Markov process beside the others reaches by chance in 1 % of records (14 correlation times are
-#: tried), and within which flicker and one such process are alike
-_PROCESS, _ALIKE = 9.0, 2.0
+#: standard errors above which a record follows a line in time, where R is asked for
+RAMP = 3.0
+#: family of a cause -> what it is, and what to do
+_CAUSES = {
+    "step": ("a step of {size} at {at:.4g} s", "find what moved or switched, and record without it"),
+    "ramp": ("a straight line of {size} over the record", "add R to the terms, or wait until the sensor has settled"),
+    "warm-up": ("a warm-up of {size} with a time constant of about {at:.3g} s", "leave out the first part of the record"),
+    "sinusoid": ("a sinusoid of {size} at about {at:.3g} Hz", "look for a periodic cause such as a heater or an air conditioner"),
+    "temperature": ("the temperature, {size} per degree,", "correct the bias for temperature first"),
+}
+#: twice the log likelihood within which flicker and one Gauss-Markov process are alike
+_ALIKE = 2.0
 #: standard deviations by which two estimates may be apart
 _APART = 3.0
 
@@ -65,42 +75,66 @@ def of_curve(curve: Deviation, change: float) -> list[str]:
     return said
 
 
-def of_record(y, dt: float, lines: list[tuple[float, float]], slope: float, warm: float) -> list[str]:
-    """Warnings about missing samples, spectral lines, and a line in time or the temperature, followed by so many standard errors."""
-    said, parts = [], [part.stop - part.start for part in stretches(y)]
-    lost = 1.0 - sum(parts) / len(y)
-    if lost > 0.0:
+def of_record(y, dt: float, lines: list[tuple[float, float]]) -> list[str]:
+    """Warnings about missing samples and spectral lines."""
+    said, missing = [], np.isnan(y)
+    if missing.any():
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], missing.astype(np.int8), [0]])))
+        lengths = (edges[1::2] - edges[::2]) * dt
+        many = f"{len(lengths)} gaps, the longest of {lengths.max():.3g} s" if len(lengths) > 1 else f"a gap of {lengths[0]:.3g} s"
         said.append(
-            f"gaps: {100 * lost:.2g} % of the record is missing or in stretches too short to use; {len(parts)} stretches are left, and "
-            f"nothing slower than the longest of them, {max(parts) * dt:.3g} s, is seen"
+            f"gaps: {100 * missing.mean():.2g} % of the samples are missing, in {many}; the fit uses the likelihood of the samples that "
+            "are there, and the Allan deviation fills the gaps with noise of the fitted model"
         )
     if lines:
         shown = ", ".join(f"{frequency:.3g}" for _, frequency in lines[:6]) + (" and others" if len(lines) > 6 else "")
         said.append(f"spectral line{'s' if len(lines) > 1 else ''} at {shown} Hz: left out of the fit, and part of the model as sinusoids")
-    if slope > RAMP:
+    return said
+
+
+def of_causes(causes: Sequence[Cause], factors, covariance) -> list[str]:
+    """Warnings about causes beside noise that were taken out; `factors` and their `covariance` are those of all columns of all causes."""
+    said, first = [], 0
+    for cause in causes:
+        size, error = factors[first], float(np.sqrt(covariance[first, first]))
+        if cause.family == "sinusoid":
+            pair = slice(first, first + 2)
+            size = float(np.hypot(*factors[pair]))
+            error = float(np.sqrt(factors[pair] @ covariance[pair, pair] @ factors[pair])) / size
+        first += 2 if cause.family == "sinusoid" else 1
+        what, advice = _CAUSES[cause.family]
         said.append(
-            f"the record follows a straight line ({slope:.1f} standard errors): B and K take part of it; add R to the terms, or "
-            "remove its cause"
-        )
-    if warm > _TEMPERATURE:
-        said.append(
-            f"the record follows its temperature ({warm:.1f} standard errors): correct the bias for temperature first, for B and K "
-            "take part of it"
+            f"{what.format(size=f'{size:.3g} +- {error:.2g}', at=cause.at)} explains the slow changes of the record better than noise "
+            f"(likelihood ratio {cause.gain:.0f}): it is fitted beside the noise, and B and K are what is left; {advice}"
         )
     return said
 
 
-def of_process(time, beside, instead, flicker: str | None) -> tuple[list[str], tuple[str, ...]]:
-    """A warning or a note on a Gauss-Markov process that was not fitted, from the likelihood ratios at the correlation times."""
-    best, alike = int(np.argmax(beside)), int(np.argmax(instead))
-    if beside[best] > _PROCESS:
-        return [
-            f"a Gauss-Markov process of correlation time about {time[best]:.2g} s beside the other terms explains the spectrum better "
-            f"(likelihood ratio {beside[best]:.1f}): B and K take part of it; add markov to the terms"
-        ], ()
-    if flicker != "present" or not instead[alike] > -_ALIKE:
+def of_alternatives(found: Sequence[Alternative], fitted: bool, fit: NoiseFit) -> tuple[list[str], tuple[str, ...]]:
+    """A warning or a note on what explains the slow noise as well as B and K do, from the families that were tried, the best first."""
+    if not found:
         return [], ()
-    return [], (f"B or one Gauss-Markov process of correlation time about {time[alike]:.2g} s: this record cannot tell them apart",)
+    if fitted:
+        what, where = _described(found[0], fit), "beside" if found[0].family == "process beside" else "in place of"
+        alike = [one for one in found[1:] if one.family == "process beside" and one.gain > found[0].gain - 2.0 * _ALIKE]
+        other = "; B, K and one process explain it as well, and this record cannot tell which it is" if alike else ""
+        return [
+            f"{what} {where} B and K explain{'s' if len(found[0].terms) == 1 else ''} the spectrum better than these alone (likelihood "
+            f"ratio {found[0].gain:.1f}): part of the model, and B and K are what is left{other}"
+        ], ()
+    for one in found:
+        if one.family == "one process" and one.gain > -_ALIKE and fit.verdict.get("B") == "present":
+            time = one.terms[0].time  # type: ignore[attr-defined]
+            return [], (f"B or one Gauss-Markov process of correlation time about {time:.2g} s: this record cannot tell them apart",)
+    return [], ()
+
+
+def _described(one: Alternative, fit: NoiseFit) -> str:
+    if one.family == "power law":
+        return f"noise of exponent {one.terms[0].exponent:.2g} (flicker has 1, a random walk 2)"  # type: ignore[attr-defined]
+    each = [f"{time:.2g} s (standard deviation {float(strength) * np.sqrt(time / 2.0):.3g})" for strength, time in fit.noise.markov]
+    many = "two Gauss-Markov processes of correlation times" if len(each) > 1 else "a Gauss-Markov process of correlation time"
+    return f"{many} {' and '.join(each)}"
 
 
 def of_markov(fit: NoiseFit) -> str:

@@ -294,8 +294,8 @@ def noise_of(terms: Iterable[Term], values: Iterable[Any], sinusoid: Iterable[tu
     """Noise of the given terms alone, with their coefficients."""
     found: dict[str, Any] = {"sinusoid": tuple(sinusoid)}
     for term, value in zip(terms, values, strict=True):
-        if isinstance(term, GaussMarkov) and term.name == "markov":
-            found["markov"] = ((value, term.time),)
+        if isinstance(term, GaussMarkov) and term.name in ("markov", "markov2"):
+            found["markov"] = (*found.get("markov", ()), (value, term.time))
         elif isinstance(term, Sinusoid):
             found["sinusoid"] = (*found["sinusoid"], (value, term.frequency))
         elif term.name in BUILT_IN:

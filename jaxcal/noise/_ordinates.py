@@ -50,7 +50,7 @@ class Bins(NamedTuple):
 
 
 @functools.lru_cache(maxsize=256)
-def _layout(n: int, dt: float, terms: tuple[Term, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def layout(n: int, dt: float, terms: tuple[Term, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """First ordinate, count, columns (bins, p) and mean frequency of the bins of a gap-free stretch of n samples."""
     starts, count = log_groups(n - 1, keep_tail=True)
     count = count.astype(float)
@@ -80,7 +80,7 @@ def bins_of(y, dt: float, terms: tuple[Term, ...]) -> Bins:
     """
     if is_traced(y):
         n = y.shape[0]
-        starts, count, columns, frequency = _layout(n, dt, terms)
+        starts, count, columns, frequency = layout(n, dt, terms)
         y = eqx.error_if(y, jnp.any(jnp.isnan(y)), "a traced record must not have gaps; cut it into gap-free stretches before tracing")
         ordinates = dt * jax.scipy.fft.dct(y - jnp.mean(y), norm="ortho")[1:] ** 2
         group = np.repeat(np.arange(len(starts)), count.astype(int))
@@ -91,7 +91,7 @@ def bins_of(y, dt: float, terms: tuple[Term, ...]) -> Bins:
     parts = []
     for part in stretches(y):
         x = y[part]
-        starts, count, columns, frequency = _layout(len(x), dt, terms)
+        starts, count, columns, frequency = layout(len(x), dt, terms)
         ordinates = dt * np.asarray(scipy.fft.dct(x - np.mean(x), norm="ortho", overwrite_x=True))[1:] ** 2
         parts.append((np.add.reduceat(ordinates, starts) / count, count, columns, frequency))
     if not parts:

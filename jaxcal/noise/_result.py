@@ -1,6 +1,7 @@
 """`NoiseFit`: noise coefficients with their uncertainty; and how every estimator makes one from squared coefficients."""
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
@@ -96,6 +97,17 @@ class NoiseFit(Result):
             for term in self.terms
         ]
 
+    def without(self, names: Sequence[str], tables: bool) -> "NoiseFit":
+        """The fit whose `terms` and `covariance` leave out terms that the noise model keeps; the tables too, if asked."""
+        kept = [i for i, name in enumerate(self.terms) if name not in names]
+        entries = ("interval", "upper_limit", "verdict", "significance", "longer_record", "decides") if tables else ()
+        return dataclasses.replace(
+            self,
+            terms=tuple(self.terms[i] for i in kept),
+            covariance=self.covariance[np.ix_(kept, kept)],
+            **{entry: {name: value for name, value in getattr(self, entry).items() if name not in names} for entry in entries},
+        )
+
     def channel(self, index: int) -> "NoiseFit":
         """The fit of one channel of a record with several.
 
@@ -142,7 +154,10 @@ def stacked_noises(found: list[Any]) -> Any:
         lists = [getattr(noise, name) for noise in found]
         lists = [(*one, *((0.0, 1.0),) * (max(map(len, lists)) - len(one))) for one in lists]
         found = [dataclasses.replace(noise, **{name: one}) for noise, one in zip(found, lists, strict=True)]
-    return _joined(found)
+    names = {term.name: term for noise in found for _, term in noise.further}
+    own = [{term.name: (value, term) for value, term in noise.further} for noise in found]
+    lists = [tuple(one.get(name, (0.0, term)) for name, term in names.items()) for one in own]
+    return _joined([dataclasses.replace(noise, further=one) for noise, one in zip(found, lists, strict=True)])
 
 
 def _joined(trees: list[Any], name: str = "") -> Any:

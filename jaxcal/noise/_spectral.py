@@ -15,7 +15,7 @@ from ._lanes import inverse, namespace
 from ._likelihood import ROUGH, density, flat_start, information, minimise, several_starts
 from ._limits import Limits, chance, find_limits
 from ._ordinates import Bins
-from ._terms import Filter, GaussMarkov
+from ._terms import Filter
 
 FILTER = Filter.name
 #: groups of bins whose mean ratio to the model is tested: the first ordinates, then log-spaced
@@ -28,7 +28,6 @@ _TOLERANCE, _REFUSED, _WIDENED, _TOO_WIDE = 0.01, 0.001, 0.01, 4.0
 _ENDS, _OCTAVES, _MARGIN, _FEWEST = 24, 6, 1.0, 20
 #: standard errors at which 95 % of records show a coefficient that 1 % show by chance
 _DECIDED = 2.326 + 1.645
-_TRIED = 14  # correlation times of a Gauss-Markov process
 
 
 class Attempt(NamedTuple):
@@ -206,21 +205,3 @@ def uncertainty(fitted: Fitted, widened: AnyArray, two_sided, one_sided, terms: 
     decides = xp.stack([longer(k, index) for k, index in enumerate(own)])
     limits = limits._replace(significance=limits.significance / scale[own])
     return covariance * xp.sqrt(scale[:, None] * scale[None, :]), limits, decides
-
-
-def scan(fitted: Fitted, dt: float, duration: float, flicker) -> tuple[AnyArray, AnyArray, AnyArray]:
-    """Twice the gain in likelihood with a Gauss-Markov process beside the others, and in place of B, at correlation times (host only).
-
-    `fitted` is the fit without it, whose columns are B where `flicker`, (p,), is 1. Times are log-spaced from ten samples (0.1 s at
-    100 Hz) to a sixth of the record, 200 s at most. The gain is divided by the variance factor.
-    """
-    time = np.geomspace(10.0 * dt, max(min(duration / 6.0, 2e4 * dt), 20.0 * dt), _TRIED)
-    bins, theta, count = fitted.bins, fitted.theta, _TRIED
-    process = GaussMarkov(time=time[:, None]).psd(bins.frequency, dt)
-    level = np.median((bins.columns @ (flicker * theta))[None, :] / process, axis=1)
-    # beside the other terms, then in place of B, which is left out
-    kept = np.where(np.arange(2 * count)[:, None] < count, 1.0, 1.0 - flicker)
-    columns = np.concatenate([bins.columns * kept[:, None, :], np.tile(process, (2, 1))[:, :, None]], axis=2)
-    start = np.concatenate([theta * kept, np.append(np.zeros(count), level)[:, None]], axis=1)
-    gain = 2.0 * (fitted.cost - minimise(columns, bins.density, bins.weight, start, rtol=ROUGH).cost) / fitted.inflation
-    return time, gain[:count], gain[count:]

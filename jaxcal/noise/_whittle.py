@@ -7,20 +7,26 @@ import numpy as np
 
 from .._errors import DataError, FitError
 from .._types import AnyArray
-from ..allan import Deviation
+from ..allan import Deviation, deviation
 from ..spectrum._average import log_groups
 from . import _messages
+from ._alternatives import Alternative, find_alternatives, likeliest_time, widening
+from ._causes import find_causes
 from ._covariance import covariance_tensor
 from ._likelihood import density
 from ._limits import Limits, levels_of
-from ._ordinates import Bins, amplitudes, bins_of, find_lines, stretches
+from ._observed import Observed
+from ._ordinates import Bins, amplitudes, bins_of, find_lines
 from ._result import NoiseFit, assemble, with_edf
-from ._spectral import FILTER, Fitted, attempt, fit_bins, fit_whole, groups_of, scan, uncertainty, without
+from ._spectral import FILTER, Fitted, attempt, fit_bins, fit_whole, groups_of, uncertainty, without
 from ._stationarity import ORDINATES, Unevenness, follows, unevenness, unevenness_of_level
 from ._terms import Filter, GaussMarkov, Ramp, Term
 
-_MOST = 0.8  # share of the record that a stretch must have to stand for it
-_SHORTEST = 256  # samples of a stretch in parts of which coefficients are compared
+_SHORTEST = 256  # samples of a record in parts of which coefficients are compared
+_ROUNDS, _SETTLED = 30, 2e-3  # of the likelihood of observed samples, and the relative change of the density that ends them
+_ROUGH, _MANY = 2, 100.0  # first rounds, which trust no model above groups of so many ordinates
+_MENDED = 0.5  # share of the misfit in the whole band that others than B and K must explain to be tried there
+_FAST = ("Q", "N", FILTER)  # terms that are known from frequencies at which nothing passes for them
 
 
 class Solved(NamedTuple):
@@ -56,16 +62,10 @@ class Solved(NamedTuple):
 
 
 class Lowest(NamedTuple):
-    """The longest gap-free stretch of a record, where it is most of it; its first ordinates per squared coefficient, and in all."""
+    """The first ordinates of a record per squared coefficient, and in all."""
 
-    part: slice
     columns: AnyArray
     density: AnyArray
-
-    def follows(self, y, regressor, dt: float) -> tuple[float, float]:
-        """Coefficient of a regressor in the record and its standard error, infinite where it has gaps."""
-        y, regressor = y[self.part], regressor[self.part]
-        return follows(y, regressor, self.density, dt) if np.all(np.isfinite(regressor)) else (0.0, np.inf)
 
 
 def fit_record(
@@ -73,8 +73,9 @@ def fit_record(
 ) -> NoiseFit:
     """Fit one channel, (n,) with NaN for gaps, by its likelihood; its overlapped Allan deviation `curve` serves the plot.
 
-    A Gauss-Markov process without correlation time is given that of the highest likelihood. `band` are cluster times in s, None to
-    find them; whether the record follows a `temperature`, (n,), is told.
+    Where there are gaps, or causes beside noise are taken out, the curve is formed anew of the record filled and without them. A
+    Gauss-Markov process without correlation time is given that of the highest likelihood. `band` are cluster times in s, None to find
+    them. `temperature`, (n,), is one of the causes.
     """
     dt, n = 1.0 / curve.rate, len(y)
     asked = tuple(term.name for term in terms)
@@ -84,53 +85,71 @@ def fit_record(
         raise DataError(
             f"terms {asked!r}: a ramp, and one Gauss-Markov process without correlation time, are fitted beside other terms; add N"
         )
-    solved = _solve(y, dt, base, band)
-    lowest = _lowest(y, solved, dt)
-    line = slope, error = lowest.follows(y, np.arange(n) * dt, dt) if lowest else (0.0, np.inf)
+    t, observed, causes = np.arange(n) * dt, Observed(y, dt), ()
+    solved = _solve(observed, base, band)
+    lowest = _lowest(observed, solved)
+    line = slope, error = follows(observed.drawn, t, lowest.density, dt)
     if ramps and abs(slope) > _messages.RAMP * error:
-        y = y - slope * dt * np.arange(n)
-        solved = _solve(y, dt, base, band)
-        lowest = _lowest(y, solved, dt)
-    warm = lowest.follows(y, temperature, dt) if lowest and temperature is not None else (0.0, np.inf)
-    time, beside, instead = scan(solved.fitted, dt, n * dt, np.array([float(name == "B") for name in solved.names]))
+        y = y - slope * t
+    elif not sought:
+        slow = [name not in _FAST for name in solved.names]
+        causes = find_causes(
+            observed.drawn, lowest.columns, solved.fitted.theta * solved.bins.unit, slow, dt, _temperature_at(temperature, t)
+        )
+    if causes or ramps:
+        columns = [cause.columns(t) for cause in causes]
+        observed = Observed(y, dt, np.concatenate(columns, axis=1) if columns else None)
+        solved = _solve(observed, base, band)
+        lowest = _lowest(observed, solved)
+    # its spectrum is close enough for the degrees of freedom of the curve
+    plain, found, extra = solved, [], ()
     if sought:
-        solved = _solve(y, dt, (*base, GaussMarkov(time=float(time[np.argmax(beside)]), name=sought[0].name)), band)
-        terms = tuple(solved.columns[-2] if term in sought else term for term in terms)
-        lowest = _lowest(y, solved, dt)
+        extra = (GaussMarkov(time=likeliest_time(solved.fitted, dt, n * dt), name=sought[0].name),)
+        terms = tuple(extra[0] if term in sought else term for term in terms)
+        solved = _solve(observed, (*base, *extra), band)
+    else:
+        found, solved = _with_alternatives(observed, solved, base, band)
+        extra = tuple(term for term in solved.columns if term not in (*base, *plain.columns))
+        terms = (*terms, *extra)
+    if extra:
+        lowest = _lowest(observed, solved)
     names = solved.names
-    uneven = _uneven(y, solved, lowest, dt)
+    uneven = _uneven(observed.drawn, solved, lowest, dt)
     widened = np.array([max(uneven[name].factor, 1.0) if name in uneven else 1.0 for name in names])
+    if extra and not sought:
+        widened = widened * widening(solved.fitted, solved.columns, extra, dt)
     covariance, limits, factor = uncertainty(solved.fitted, widened, *levels_of(confidence), names)
     if not np.all(np.isfinite(solved.fitted.theta)):
         raise FitError("the fit gave no finite coefficients; fit fewer terms (terms=) or other cluster times (band=)")
     lines = amplitudes(solved.bins, solved.taken, density(solved.bins.columns, solved.fitted.theta), n * dt)
     lines = [found for found in lines if found[1] <= solved.end]
+    if not observed.complete:
+        curve = deviation(observed.drawn, curve.rate, m=curve.m, confidence=confidence)
     used = _used(curve, solved, band)
     fit = assemble(
-        *_squares(solved, covariance, limits, asked, line, confidence), terms, curve, n * dt, sinusoid=lines, used=used,
+        *_squares(solved, covariance, limits, terms, line, confidence), terms, curve, n * dt, sinusoid=lines, used=used,
         decides={name: float(factor[names.index(name)]) * n * dt for name in asked if name in names}, confidence=confidence,
         goodness=float(solved.fitted.goodness), method="whittle", band=(float(curve.tau[used].min()), float(curve.tau[used].max())),
     )  # fmt: skip
     left_out = _messages.of_octaves(curve, used, np.sqrt(np.asarray(fit.noise.avar(curve.tau, dt=dt))), band is None)
-    inflation, notes, process = float(solved.fitted.inflation), (), []
-    if not sought:
-        process, notes = _messages.of_process(time, beside, instead, fit.verdict.get("B"))
+    inflation = float(solved.fitted.inflation)
+    told, notes = _messages.of_alternatives(found, bool(extra), fit)
     where, how = "any band" if band is None else "the band asked for", f"the spectrum scatters {inflation:.1f} times as much as it may"
     unsettled = "the search for the largest likelihood did not converge; fit fewer terms or another band"
     warnings = (
         *curve.warnings,
         *_messages.of_model(fit, "spectrum", bool(solved.fitted.holds), where, how, inflation, bool(solved.fitted.cut)),
         *(() if bool(solved.fitted.settled) else (unsettled,)),
-        *_messages.of_record(y, dt, lines, 0.0 if ramps else abs(slope / error), abs(warm[0] / warm[1])),
-        *process,
+        *_messages.of_record(y, dt, lines),
+        *_messages.of_causes(causes, observed.factors, observed.covariance),
+        *told,
         *_messages.of_unevenness(uneven, n * dt),
     )
     if "markov" in asked:
-        # beside the terms proper: `terms` and `covariance` are of these alone
-        kept, notes = [i for i, name in enumerate(asked) if name != "markov"], (*notes, _messages.of_markov(fit))
-        fit = dataclasses.replace(fit, terms=tuple(asked[i] for i in kept), covariance=fit.covariance[np.ix_(kept, kept)])
-    curve = with_edf(curve, used, _model_edf(curve, fit, base, n))
-    return dataclasses.replace(fit, deviation=curve, left_out=left_out, warnings=warnings, notes=notes)
+        notes = (*notes, _messages.of_markov(fit))
+    curve = with_edf(curve, used, _model_edf(curve, plain, n))
+    fit = dataclasses.replace(fit, deviation=curve, left_out=left_out, warnings=warnings, notes=notes)
+    return fit.without([term.name for term in extra], tables=not sought)
 
 
 def fit_traced(y, rate: float, terms: tuple[Term, ...], band: tuple[float, float] | None, confidence: float) -> NoiseFit:
@@ -163,9 +182,59 @@ def _is_sought(term: Term) -> bool:
     return isinstance(term, GaussMarkov) and term.time is None
 
 
-def _solve(y, dt: float, columns: tuple[Term, ...], band) -> Solved:
-    columns = (*columns, Filter())
-    whole = bins_of(y, dt, columns)
+def _temperature_at(temperature, t):
+    """Times -> (times, 1) temperature less its mean; None where it is not known or does not move."""
+    if temperature is None or not np.all(np.isfinite(temperature)) or not np.ptp(temperature) > 0.0:
+        return None
+    return lambda when: np.interp(when, t, temperature - np.mean(temperature))[:, None]
+
+
+def _solve(observed: Observed, columns: tuple[Term, ...], band) -> Solved:
+    """Fit what was observed: once where it is complete, else until the density that fills the gaps is the one that is fitted."""
+    columns, level = (*columns, Filter()), np.ones(1)
+    solved = _solved(observed.bins(columns), columns, band, band is None and observed.complete)
+    for k in range(0 if observed.complete else _ROUNDS):
+        before, level = level, _level(solved, k < _ROUGH)
+        if k > _ROUGH and np.max(np.abs(np.log(level / before))) < _SETTLED:
+            break
+        solved = _solved(observed.bins(columns, level), columns, band, band is None and k + 1 >= _ROUGH)
+    return solved
+
+
+def _with_alternatives(observed: Observed, solved: Solved, base: tuple[Term, ...], band) -> tuple[list[Alternative], Solved]:
+    """What else explains the slow noise, and the fit with it beside B and K where it is admitted.
+
+    Where high frequencies were left out, because B and K do not describe them, others may describe the whole band.
+    """
+    dt, duration = observed.dt, len(observed.y) * observed.dt
+    if bool(solved.fitted.cut):
+        clear = solved.bins._replace(weight=np.where(solved.taken, 0.0, solved.bins.weight))
+        whole = fit_bins(clear, groups_of(clear.weight, int(np.sum(clear.weight))), False, solved.names)
+        found = find_alternatives(whole, solved.columns, dt, duration)
+        excess = whole.alone.deviance - whole.alone.freedom
+        if found and found[0].admitted and found[0].gain * whole.inflation > _MENDED * excess:
+            wider = _solve(observed, (*base, *found[0].terms), band)
+            if not bool(wider.fitted.cut):
+                return found, wider
+    found = find_alternatives(solved.fitted, solved.columns, dt, duration)
+    return found, _solve(observed, (*base, *found[0].terms), band) if found and found[0].admitted else solved
+
+
+def _level(solved: Solved, rough: bool):
+    """Density at the bins: that of the model where it was fitted, and of the ordinates themselves in lines and outside of the band.
+
+    While gaps are filled for the first time the model may fit badly, and it is scaled to the ordinates in groups of many.
+    """
+    bins, model = solved.bins, density(solved.fitted.bins.columns, solved.fitted.theta)
+    if rough:
+        group = groups_of(bins.weight, int(bins.weight.sum()))
+        count, total = (np.bincount(group, bins.weight * values) for values in (np.ones(len(model)), bins.density / model))
+        model = model * np.where(count > _MANY, total / np.maximum(count, 1.0), 1.0)[group]
+    own = (solved.fitted.bins.weight == 0.0) & (bins.weight > 0.0) & (bins.density > 0.0)
+    return np.where(own, bins.density, model) * bins.unit
+
+
+def _solved(whole: Bins, columns: tuple[Term, ...], band, automatic: bool) -> Solved:
     bins = _inside(whole, band)
     count = int(np.sum(bins.weight > 0))
     if count <= len(columns):
@@ -178,22 +247,19 @@ def _solve(y, dt: float, columns: tuple[Term, ...], band) -> Solved:
     first = attempt(plain, group)
     taken = find_lines(bins, density(plain.columns, first.theta))
     clear = bins._replace(weight=np.where(taken, 0.0, bins.weight))
-    return Solved(bins, taken, fit_bins(clear, group, band is None, names, None if taken.any() else first), columns)
+    return Solved(bins, taken, fit_bins(clear, group, automatic, names, None if taken.any() else first), columns)
 
 
-def _lowest(y, solved: Solved, dt: float) -> Lowest | None:
-    part = stretches(y)[0]
-    n = part.stop - part.start
-    if n < _MOST * len(y):
-        return None
+def _lowest(observed: Observed, solved: Solved) -> Lowest:
+    n = len(observed.y)
     k = np.arange(1, min(ORDINATES, n - 1) + 1)
-    columns = np.stack([term.ordinates(k, n, dt) for term in solved.columns], axis=1)
-    return Lowest(part, columns, columns @ solved.fitted.theta * solved.bins.unit)
+    columns = np.stack([term.ordinates(k, n, observed.dt) for term in solved.columns], axis=1)
+    return Lowest(columns, columns @ solved.fitted.theta * solved.bins.unit)
 
 
-def _uneven(y, solved: Solved, lowest: Lowest | None, dt: float) -> dict[str, Unevenness]:
-    """How uneven in time B and K are, where either is, and N; not looked at where no gap-free stretch is most of the record."""
-    if lowest is None or len(y := y[lowest.part]) < _SHORTEST:
+def _uneven(y, solved: Solved, lowest: Lowest, dt: float) -> dict[str, Unevenness]:
+    """How uneven in time B, K and N are, where any is."""
+    if len(y) < _SHORTEST:
         return {}
     names = solved.names
     found = {term: unevenness(y, lowest.columns[:, names.index(term)], lowest.density, dt) for term in ("B", "K") if term in names}
@@ -204,11 +270,12 @@ def _uneven(y, solved: Solved, lowest: Lowest | None, dt: float) -> dict[str, Un
     return found
 
 
-def _squares(solved: Solved, covariance, limits: Limits, asked: tuple[str, ...], line: tuple[float, float], confidence: float):
+def _squares(solved: Solved, covariance, limits: Limits, terms: tuple[Term, ...], line: tuple[float, float], confidence: float):
     """Squared coefficients in SI in the order of the terms asked for, their covariance and limits.
 
     The ramp is among them, from the `line` (slope, error); Q is not estimated where its octaves are left out.
     """
+    asked = [term.name for term in terms]
     p, names, unit = len(asked), solved.names, float(solved.bins.unit)
     own = [i for i, name in enumerate(names) if name != FILTER]
     where = [asked.index(names[i]) for i in own]
@@ -237,9 +304,11 @@ def _used(curve: Deviation, solved: Solved, band) -> np.ndarray:
     return used
 
 
-def _model_edf(curve: Deviation, fit: NoiseFit, terms: tuple[Term, ...], n: int):
+def _model_edf(curve: Deviation, solved: Solved, n: int):
     """Degrees of freedom of the curve under the fitted terms."""
-    dt, squares = 1.0 / curve.rate, np.array([float(np.asarray(fit.noise.coefficient(term.name))) ** 2 for term in terms])
+    fitted = [(float(value * solved.bins.unit), term) for value, term in zip(solved.fitted.theta, solved.columns, strict=True)]
+    squares, terms = zip(*((value, term) for value, term in fitted if term.name != FILTER), strict=True)
+    dt = 1.0 / curve.rate
     tensor = np.diagonal(covariance_tensor(n, tuple(int(m) for m in curve.m), dt, terms), axis1=2, axis2=3)
     variance = np.einsum("i,ijm,j->m", squares, tensor, squares)
     modelled = squares @ np.stack([np.asarray(term.avar(curve.tau, dt)) for term in terms])

@@ -142,10 +142,16 @@ def test_windowed_variance_is_that_of_numpy_even_with_large_counts():
     windows = np.lib.stride_tricks.sliding_window_view(x, 51, axis=0)
     expected = np.linalg.norm(windows.var(axis=-1, ddof=1), axis=1)
     np.testing.assert_allclose(windowed_variance(x, 51), expected, rtol=1e-8)
+    # a missing sample is left out of its windows; a window of which the half is missing says nothing
     x[2000] = np.nan
     found = windowed_variance(x, 51)
-    assert np.isinf(found[1950:2001]).all()
-    assert np.isfinite(np.delete(found, np.s_[1950:2001])).all()
+    expected[1950:2001] = np.linalg.norm(np.nanvar(windows[1950:2001], axis=-1, ddof=1), axis=1)
+    np.testing.assert_allclose(found, expected, rtol=1e-8)
+    x[2000:2030] = np.nan
+    found = windowed_variance(x, 51)
+    assert np.isinf(found[1979:2000]).all()
+    assert np.isfinite(found[:1974]).all()
+    assert np.isfinite(found[2005:]).all()
 
 
 def test_still_intervals_are_those_that_were_made():
@@ -162,17 +168,29 @@ def test_still_intervals_are_those_that_were_made():
         assert -5 <= start - (j + 50) <= 5
     assert found.counts[found.multiple] == 5
     assert len(static_intervals(x, 100.0, least=12.0)) == 3
-    without = static_intervals(x, 100.0, initial=None, threshold=3.0)
-    assert "quantile" in without.warnings[0]
-    assert len(without) == 5
+    assert len(static_intervals(x, 100.0, initial=30.0, threshold=3.0)) == 5
+    # the gyroscope sees a slow turn that the accelerometer does not
+    gyro = 1e-3 * rng.normal(size=(10_000, 3))
+    for i, j in [*moves, (2000, 2200)]:
+        gyro[i:j] += 0.1 * np.sin(np.arange(j - i) / 15)[:, None]
+    both = static_intervals(x, 100.0, gyro=gyro)
+    assert len(both) == 6
+    assert abs(both.stop[0] - 1950) < 20
+    # nor do missing samples end a rest
+    x[2400:2430], x[7000:7200:9] = np.nan, np.nan
+    assert len(static_intervals(x, 100.0)) == 5
+    x[2400:2480] = np.nan
+    assert len(static_intervals(x, 100.0)) == 6
 
 
 def test_still_intervals_refuse_with_reasons():
     x = np.random.default_rng(0).normal(size=(1000, 3))
     for call, reason in (
-        (lambda: static_intervals(x, 100.0), "the initial rest should last 30 s"),
+        (lambda: static_intervals(x, 100.0, initial=30.0), "the initial rest should last 30 s"),
+        (lambda: static_intervals(x, 100.0, gyro=x[1:]), "gyro has 999 samples, accel 1000"),
+        (lambda: static_intervals(x, 100.0, threshold=-2.0), "threshold=-2.0 must be positive"),
         (lambda: static_intervals(x[:100], 100.0), "less than two windows"),
-        (lambda: static_intervals(np.zeros((5000, 3)), 100.0), "constant during the initial rest"),
+        (lambda: static_intervals(np.zeros((5000, 3)), 100.0), "the accelerometer is constant in every window"),
         (lambda: static_intervals(x[:, 0], 100.0), "expected .n, 3."),
         (lambda: static_intervals(x, -1.0), "rate=-1.0 must be positive"),
     ):

@@ -10,7 +10,7 @@ import pytest
 import jaxcal
 from jaxcal.imu import Imu, ImuTk, Triad, in_convention, multi_position
 from jaxcal.imu._fits import gyro_fit, turn_residuals
-from jaxcal.imu._recording import padded, recording, turns_of
+from jaxcal.imu._recording import padded, recording, sampled_turns
 
 from . import cases
 
@@ -91,7 +91,7 @@ def test_the_gyroscope_fit_from_the_start_of_the_specification(xsens, tedaldi):
     still = found.still
     force = np.array([found.accel.correct(log.accel[i:j]).mean(axis=0) for i, j in zip(still.start, still.stop, strict=True)])
     vertical = padded(force / np.linalg.norm(force, axis=1, keepdims=True), 64)
-    turns = turns_of(recording(log, stamps), still.start, still.stop, 64)
+    turns = sampled_turns(recording(log, stamps), still.start, still.stop, 64)
     begin = Triad(6258 * np.eye(3), found.gyro.bias)
     # the start of the specification, whose cost there is 8.531
     given = jax.tree.map(jnp.asarray, (Imu(None, begin), (turns, vertical)))

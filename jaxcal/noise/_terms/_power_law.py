@@ -1,8 +1,9 @@
 """Q, N and K: terms whose density is a power of the frequency, and what a filter takes from white noise."""
 
 import math
-from typing import ClassVar
+from typing import Any, ClassVar
 
+import equinox as eqx
 import numpy as np
 
 from ..._precision import array_module
@@ -52,6 +53,33 @@ class Quantisation(Term):
             names=("next", "last"), transition=[[0.0, 0.0], [1.0, 0.0]], process=[[1.0, 0.0], [0.0, 0.0]],
             output=[1.0 / dt, -1.0 / dt], initial=np.eye(2),
         )  # fmt: skip
+
+
+class PowerLaw(Term):
+    r"""Noise whose density falls as a power of the frequency.
+
+    .. math:: S(f) = (2\pi f)^{-\alpha}
+
+    which for samples is :math:`[(2/dt) \sin(\pi f\,dt)]^{-\alpha}`. White noise N has the exponent 0, flicker B 1, and a random walk K 2.
+
+    Attributes
+    ----------
+    exponent : alpha, below 3.
+    name : label; give names where a model has several.
+
+    Examples
+    --------
+    >>> from jaxcal.noise import Noise, PowerLaw
+    >>> bool(Noise(further=((2.0, PowerLaw(2.0)),)).psd(0.1) == Noise(K=2.0).psd(0.1))
+    True
+    """
+
+    exponent: Any = 1.0
+    name: str = eqx.field(static=True, default="power law")
+
+    def psd(self, f, dt=None):
+        """(2 pi f)^-exponent."""
+        return angular(f, dt) ** -self.exponent
 
 
 class Filter(Quantisation):

@@ -1,0 +1,170 @@
+"""Noise of records that are not the model's: missing samples, and causes that pass for slow noise.
+
+    python benchmarks/records.py [--only gaps,causes,levels,alternatives] [--runs 20] [--seed 1]
+
+gaps: case A (2^17 samples at 100 Hz; N 0.25 deg/sqrt(h), B 7.6 deg/h, K 1.8 deg/h/sqrt(s)) with samples missing; rmse in % of N, B, K,
+share of 95 % intervals that hold the truth, share of records in which K is present, and processor seconds of a fit.
+causes: white noise (2^16 samples) with a step, a sinusoid, a warm-up, noise of another exponent or two Gauss-Markov processes; how often
+B and K are present, N is covered, and the cause named.
+alternatives: gain in likelihood of each family of other spectra in records of noise of the model, which sets the levels of
+`jaxcal.noise._alternatives`.
+levels: highest likelihood ratio of each family of causes in records of noise alone, which set `jaxcal.noise._causes.LEVELS`.
+
+Records are drawn ordinate by ordinate from their density; nothing is shared with `jaxcal.noise.Noise.simulate`.
+"""
+
+import argparse
+import time
+
+import numpy as np
+import scipy.fft
+
+import jaxcal
+from jaxcal._precision import host_float64
+from jaxcal.noise import _causes
+from jaxcal.noise._alternatives import find_alternatives
+from jaxcal.noise._model import checked_terms
+from jaxcal.noise._ordinates import Bins, layout
+from jaxcal.noise._spectral import fit_bins, groups_of
+from jaxcal.noise._terms import Filter
+
+DEG = np.pi / 180
+RATE = 100.0
+CASE_A = np.array([0.25 * DEG / 60, 7.6 * DEG / 3600, 1.8 * DEG / 3600])
+GAPS = {
+    "none": (0, 0), "0.01 %": (1e-4, 1), "0.1 %": (1e-3, 1), "1 %": (0.01, 1), "5 %": (0.05, 1), "10 %": (0.1, 1), "20 %": (0.2, 1),
+    "100 gaps of 0.1 %": (0.1, 1e-3), "10 gaps of 1 %": (0.1, 1e-2), "one gap of 30 %": (0.3, 0.3),
+}  # fmt: skip
+
+
+def columns(n):
+    """Density of the ordinates of a DCT-II of n samples per squared coefficient N, B, K."""
+    k, dt = np.arange(1, n), 1 / RATE
+    s = 2 * np.sin(np.pi * k / (2 * n))
+    return np.stack([np.ones(n - 1), dt / s * (1 - 2 / (np.pi**2 * k)), dt**2 / s**2], axis=1)
+
+
+def drawn(density, rng):
+    """A record with this density of its ordinates."""
+    ordinates = np.sqrt(density * RATE) * rng.standard_normal(len(density))
+    return scipy.fft.idct(np.concatenate([[0.0], ordinates]), norm="ortho")
+
+
+def lost(y, share, length, rng):
+    """The record without a share of its samples, in gaps of a length: 1 for single samples, else a share of the record."""
+    y, n = y.copy(), len(y)
+    size = 1 if length == 1 else int(length * n)
+    for start in rng.choice(n - size, round(share * n / size), replace=False):
+        y[start : start + size] = np.nan
+    return y
+
+
+def gaps(runs, seed):
+    n = 2**17
+    density = columns(n) @ CASE_A**2
+    print(f"{'missing':20s} {'rmse N':>8s} {'B':>6s} {'K':>6s}   inside N, B, K   K present   CPU s")
+    for name, (share, length) in GAPS.items():
+        errors, inside, present, spent = [], [], [], []
+        for i in range(runs):
+            y = drawn(density, np.random.default_rng([seed, i]))
+            y = lost(y, share, length, np.random.default_rng([seed + 1, i])) if share else y
+            start = time.process_time()
+            found = jaxcal.noise.fit(y, RATE)
+            spent.append(time.process_time() - start)
+            errors.append([float(getattr(found.noise, term)) / truth - 1 for term, truth in zip("NBK", CASE_A, strict=True)])
+            inside.append([found.interval[term][0] <= truth <= found.interval[term][1] for term, truth in zip("NBK", CASE_A, strict=True)])
+            present.append(found.verdict["K"] == "present")
+        rmse, held = 100 * np.sqrt(np.mean(np.square(errors), axis=0)), 100 * np.mean(inside, axis=0)
+        cells = " ".join(f"{value:4.0f}" for value in held)
+        print(
+            f"{name:20s} {rmse[0]:8.2f} {rmse[1]:6.1f} {rmse[2]:6.1f}   {cells}   {100 * np.mean(present):9.0f}   {np.median(spent):5.2f}"
+        )
+
+
+def _made(n):
+    """Name -> (family that is to be named, record from a generator); white noise of density 1."""
+    t, angle = np.arange(n) / n, np.pi * np.arange(1, n) / n
+    frequency = 2 * np.sin(angle / 2) * RATE / (2 * np.pi)
+
+    def process(time):
+        """Density of a Gauss-Markov process relative to that at zero."""
+        a = np.exp(-1 / (RATE * time))
+        return (1 - a) ** 2 / (1 + a * a - 2 * a * np.cos(angle))
+
+    white, sd = np.ones(n - 1), np.sqrt(RATE)
+    return {
+        "plain": ("", lambda r: drawn(white, r)),
+        "step of 0.3 sd": ("a step of", lambda r: drawn(white, r) + 0.3 * sd * (t > r.uniform(0.2, 0.8))),
+        "step of 1 sd": ("a step of", lambda r: drawn(white, r) + sd * (t > r.uniform(0.2, 0.8))),
+        "sinusoid, 1 to 6 cycles": (
+            "a sinusoid of",
+            lambda r: drawn(white, r) + 0.1 * sd * np.sin(2 * np.pi * (r.uniform(1, 6) * t + r.uniform())),
+        ),
+        "warm-up": ("a warm-up of", lambda r: drawn(white, r) + sd * np.exp(-t / r.uniform(0.02, 0.2))),
+        "exponent 0.8, corner 0.1 Hz": ("noise of exponent", lambda r: drawn(1 + (0.1 / frequency) ** 0.8, r)),
+        "exponent 0.8, corner 1 Hz": ("noise of exponent", lambda r: drawn(1 + (1 / frequency) ** 0.8, r)),
+        "exponent 1.2, corner 0.1 Hz": ("noise of exponent", lambda r: drawn(1 + (0.1 / frequency) ** 1.2, r)),
+        "exponent 1.2, corner 1 Hz": ("noise of exponent", lambda r: drawn(1 + (1 / frequency) ** 1.2, r)),
+        "processes of 0.5 and 30 s": ("Gauss-Markov process", lambda r: drawn(1 + 5 * process(0.5) + 200 * process(30.0), r)),
+        "processes of 1 and 20 s": ("Gauss-Markov process", lambda r: drawn(1 + process(1.0) + process(20.0), r)),
+    }
+
+
+def causes(runs, seed):
+    print(f"{'record':26s} B present   K present   N covered   cause named   (in % of {runs})")
+    for name, (family, make) in _made(2**16).items():
+        counts = np.zeros(4)
+        for i in range(runs):
+            found = jaxcal.noise.fit(make(np.random.default_rng([seed, i])), RATE)
+            low, high = found.interval["N"]
+            named = any(family in sentence if family else "explain" in sentence for sentence in found.warnings)
+            counts += [found.verdict["B"] == "present", found.verdict["K"] == "present", low <= 1.0 <= high, named]
+        print(f"{name:26s}" + "".join(f"{100 * value / runs:9.1f}   " for value in counts))
+
+
+def levels(runs, seed):
+    n = 2**16
+    low = columns(n)[:512]
+    asked, _causes._MOST = dict(_causes.LEVELS), 1
+    print(f"{'noise':8s} {'family':12s}   highest likelihood ratio in 50, 90, 97, 99.7 % of {runs}")
+    for name, noise in {"N": (1, 0, 0), "N, B": (1, 0.1, 0), "N, B, K": (1, 0.1, 0.03), "N, K": (1, 0, 0.1)}.items():
+        squares = np.array(noise, dtype=float) ** 2
+        for family in [one for one in asked if one != "temperature"]:
+            _causes.LEVELS.update({one: 2.0 if one == family else np.inf for one in asked})
+            found = []
+            for i in range(runs):
+                y = drawn(columns(n) @ squares, np.random.default_rng([seed, i]))
+                fitted = np.array([float(getattr(jaxcal.noise.fit(y, RATE, terms="NBK").noise, term)) for term in "NBK"]) ** 2
+                cause = _causes.find_causes(y, low, fitted, [False, True, True], 1 / RATE)
+                found.append(cause[0].gain if cause else 0.0)
+            print(f"{name:8s} {family:12s}   " + "  ".join(f"{q:6.1f}" for q in np.quantile(found, [0.5, 0.9, 0.97, 0.997])))
+    _causes.LEVELS.update(asked)
+
+
+def alternatives(runs, seed):
+    n = 2**16
+    terms = (*checked_terms("QNBK"), Filter())
+    _, count, shapes, frequency = layout(n, 1 / RATE, terms)
+    print(f"{'noise':8s} {'family':16s}   twice the gain in log likelihood in 50, 90, 97, 99 % of {runs}")
+    for name, noise in {"N, B": (1, 1.0, 0), "N, B, K": (1, 0.3, 0.1), "N, K": (1, 0, 0.1), "case A": CASE_A}.items():
+        found = {}
+        for i in range(runs):
+            density = shapes[:, 1:4] @ np.square(noise)
+            drawn_ordinates = density * np.random.default_rng([seed, i]).gamma(count / 2, 2 / count)
+            bins = Bins(drawn_ordinates / density[-1], count, shapes, frequency, 1.0)
+            fitted = fit_bins(bins, groups_of(count, n - 1), True, tuple(term.name for term in terms))
+            for one in find_alternatives(fitted, terms, 1 / RATE, n / RATE):
+                found.setdefault(one.family, []).append(one.gain)
+        for family, gains in found.items():
+            gains = np.append(gains, np.full(runs - len(gains), -np.inf))  # no B and no K to be replaced
+            print(f"{name:8s} {family:16s}   " + "  ".join(f"{np.sort(gains)[int(q * (runs - 1))]:6.1f}" for q in (0.5, 0.9, 0.97, 0.99)))
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--only", default="gaps,causes")
+    parser.add_argument("--runs", type=int, default=20)
+    parser.add_argument("--seed", type=int, default=1)
+    options = parser.parse_args()
+    for table in options.only.split(","):
+        {"gaps": gaps, "causes": causes, "levels": levels, "alternatives": host_float64(alternatives)}[table](options.runs, options.seed)

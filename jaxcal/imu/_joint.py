@@ -1,0 +1,228 @@
+"""The joint fit of a recording (host): which of several sets of rests to take, the fit, and its result."""
+
+import dataclasses
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+
+from ..fitting import Fit, leverage
+from . import _fits, _recording
+from ._estimate import described, framed, placed, sandwich, solved
+from ._fits import Joint, Options
+from ._lack import lacks
+from ._model import EARTH_RATE, Imu, freed
+from ._recording import Recording, Rests, padded
+from ._residuals import Turns, Weighted, pieces
+from ._rests import Ends, Multiples
+from ._result import SINGULAR, ImuFit, Observability, finished, observability
+
+
+def count_of(free: Any) -> int:
+    """Number of parameters that are free."""
+    return int(sum(np.sum(leaf) for leaf in jax.tree.leaves(free)))
+
+
+class Begun(eqx.Module):
+    """What the fit of one set of rests starts from; `turns` is None without a gyroscope."""
+
+    rests: Rests
+    fit: Fit
+    vertical: np.ndarray
+    start: Imu
+    turns: Turns | None
+    scale: float
+    seen: Observability
+    notes: tuple[str, ...] = eqx.field(static=True)
+
+
+class Refusal(eqx.Module):
+    """Why a set of rests allows no fit."""
+
+    reason: str = eqx.field(static=True)
+    seen: Observability | None = None
+    notes: tuple[str, ...] = eqx.field(static=True, default=())
+
+
+class Job(eqx.Module):
+    """One recording, the model to fit, the number of parameters of the accelerometer, and the options."""
+
+    record: Recording
+    model: Imu
+    needed: int
+    options: Options
+    raw: bool
+
+    def best(self, table: np.ndarray, usable: dict[Multiples, Ends], fits: dict[Multiples, Fit]) -> tuple[Multiples, np.ndarray, Any]:
+        """The set of rests to take, the mean squares of turns left out (m,), and what its fit begins with and where.
+
+        The variance of the parameters is the mean square of the residuals over their number: sets are compared by this of the poses and,
+        with a gyroscope, of the turns, each left out of the fit that predicts it. Of each bound on the gyroscope the best bound on the
+        accelerometer is looked at, since the turns take a joint fit each. The same comparison says whether turns go between mean
+        attitudes, which frees them of what the hand moves, or between the ends of the rests, which spares them the gyroscope's noise.
+        """
+        pairs, turned, found = list(usable), np.full(len(table), np.nan), []
+        score, near, refused = table[:, 4] / table[:, 2], None, {}
+
+        def tried(i: int, whole: bool) -> tuple[float, int, Begun, Joint] | None:
+            begun = self.begun(usable[pairs[i]], fits[pairs[i]], whole, near)
+            if isinstance(begun, Refusal) or begun.turns is None:
+                refused[i] = begun
+                return None
+            joint = self.joint(begun, near is not None, 1 if near is not None else 2)
+            variance, count = _fits.left_out(joint)
+            turned[i] = np.fmin(turned[i], variance)
+            return score[i] * variance / count, i, begun, joint
+
+        for bound in np.unique(table[:, 1])[::-1]:
+            here = np.flatnonzero(table[:, 1] == bound)
+            if (one := tried(int(here[np.argmin(score[here])]), True)) is not None:
+                found.append(one)
+                near = (one[3].fit.model, one[2].scale) if bool(one[3].fit.usable) and near is None else near
+        if not found:  # there is no gyroscope, or the refusal of the set with the best norms says why
+            i = min(refused, key=lambda i: score[i])
+            return pairs[i], turned, (refused[i], None)
+        best = min(found, key=lambda entry: entry[0])
+        if (other := tried(best[1], False)) is not None and other[0] < best[0]:
+            best = other
+        return pairs[best[1]], turned, best[2:]
+
+    def begun(self, ends: Ends, fit: Fit, whole: bool, near: tuple[Imu, float] | None) -> Begun | Refusal:
+        """Means and turns of a set of rests, and where its fit starts: at a model and scale that are near, if there are some."""
+        record, options, notes = self.record, self.options, []
+        clipped = _recording.stuck(record.accel, *ends)
+        start, stop = (part[~clipped] for part in ends)
+        if clipped.any():
+            notes.append(f"{clipped.sum()} poses were left out: an axis of the accelerometer is at the end of its range (saturated).")
+        if len(start) < self.needed:
+            why = f"{len(start)} of {len(clipped)} still intervals are left, {self.needed} are needed"
+            return Refusal(f"{why}: an axis of the accelerometer saturates.")
+        rests = _recording.rests_of(record, start, stop)
+        data = _recording.norms(rests.accel, rests.slots, options.gravity)
+        if clipped.any():
+            begin = _fits.nominal_start(self.model.accel, rests.accel, options.gravity) if self.raw else self.model.accel
+            fit = solved(Imu(begin), data, options.convention, options.misalignment, rtol=None)
+        at_rest = pieces(fit.model, data)
+        vertical, size = at_rest.vertical[: len(start)], options.gravity - at_rest.norm[: len(start)]
+        seen = observability(vertical, not options.misalignment)
+        if not seen.condition <= SINGULAR:
+            return Refusal(seen.sentence, seen)
+        accel = jax.tree.map(np.asarray, fit.model.accel)
+        if record.gyro is None:
+            return Begun(rests, fit, vertical, Imu(accel), None, 1.0, seen, tuple(notes))
+        turns = _recording.turns_of(record, start, stop, rests.slots, whole)
+        over, valid = np.asarray(record.over), np.isfinite(turns.sigma)
+        bad = np.zeros(len(valid), dtype=bool)
+        bad[: len(start) - 1] = [over[i:j].any() for i, j in zip(stop[:-1] - 1, start[1:], strict=True)]
+        if lost := len(start) - 1 - int(valid.sum()):
+            notes.append(f"{lost} turns were left out: more samples are missing in them than can be interpolated.")
+        if bad.any():
+            notes.append(f"{bad.sum()} turns were left out: the gyroscope saturates in them. Turn more slowly.")
+            turns = dataclasses.replace(turns, sigma=np.where(bad, np.inf, turns.sigma))
+        if (kept := int(np.isfinite(turns.sigma).sum())) < 6:
+            why = " ".join(notes) or "There are too few poses."
+            return Refusal(f"{kept} turns are left, 6 are needed for a gyroscope. {why}", seen)
+        force = size[:, None] * vertical
+        bias, cross, drift = _fits.rest_start(rests, force, options.g_sensitivity, np.zeros(3))
+        if near is not None:
+            scale = near[1]
+        else:
+            scale = _fits.scanned_scale(bias, padded(vertical, rests.slots), turns) if self.raw else 1.0
+        if options.latitude is not None:
+            earth = EARTH_RATE * np.sin(options.latitude) * vertical / scale
+            bias, cross, drift = _fits.rest_start(rests, force, options.g_sensitivity, earth)
+        moving = np.zeros(3) if drift else None
+        if drift:
+            notes.append("The gyroscope's bias drifts during the record (F test, 1 %); a linear drift is part of the fit. Let it warm up.")
+        if near is not None:
+            start = Imu(near[0].accel, near[0].gyro, moving, near[0].north)
+            return Begun(rests, fit, vertical, start, turns, scale, seen, tuple(notes))
+        matrix = np.eye(3) / scale if self.raw else self.model.gyro.matrix
+        gyro = eqx.tree_at(lambda t: (t.matrix, t.bias, t.g_sensitivity), self.model.gyro, (matrix, bias, cross))
+        return Begun(rests, fit, vertical, Imu(accel, gyro, moving, self.model.north), turns, scale, seen, tuple(notes))
+
+    def joint(self, begun: Begun, near: bool, rounds: int) -> Joint:
+        """The fit of one set of rests, in so many rounds of finding the size of the errors."""
+        one = np.ones((len(begun.rests.accel), 3))
+        poses, gravity = begun.rests.poses(one[:, 0], one), np.asarray(self.options.gravity)
+        data = Weighted(poses, begun.turns, gravity, self.options.latitude)
+        return _fits.joint_fit(begun.start, data, begun.rests, self.options, self.needed, near, rounds)
+
+    def result(self, base: ImuFit, begun: Begun | Refusal, joint: Joint | None, held_out: bool) -> ImuFit:
+        """The calibration by the set of rests that was chosen; `joint` is a first fit of it."""
+        options = self.options
+        notes, base = [*base.warnings, *begun.notes], dataclasses.replace(base, observability=begun.seen)
+        if isinstance(begun, Refusal):
+            return dataclasses.replace(base, reason=begun.reason)
+        rests, count = begun.rests, len(begun.rests.accel)
+        if joint is None:
+            data = _recording.norms(rests.accel, rests.slots, options.gravity)
+            known = rests.norm_variance(begun.vertical @ np.linalg.inv(begun.start.accel.matrix))
+            extra = _fits.excess(pieces(begun.fit.model, data).norm[:count], known, self.needed)
+            sigma = padded(np.sqrt(known + extra), rests.slots, np.inf)
+            data = eqx.tree_at(lambda d: d.poses.sigma, data, sigma)
+            fit = solved(begun.fit.model, data, options.convention, options.misalignment, loss=options.loss, rtol=None)
+            sizes = np.array([np.sqrt(np.mean(known + extra)), np.nan, np.nan])
+            return _result(base, Joint(fit, data, pieces(fit.model, data), sizes), rests, self.needed, options, notes, lambda: None)
+        turns: Any = begun.turns
+        start = dataclasses.replace(begun.start, accel=joint.fit.model.accel, gyro=joint.fit.model.gyro)
+        found = self.joint(dataclasses.replace(begun, start=start), True, _fits.ROUNDS - 1)
+        if held_out:
+            base = dataclasses.replace(base, held_out=_fits.held_out(found, options))
+        explain = partial(_fits.explanation, np.asarray(begun.start.gyro.bias), padded(begun.vertical, rests.slots), turns, begun.scale)
+        return _result(base, found, rests, self.needed, options, notes, explain)
+
+
+def _own_sizes(fit: Fit, slots: int, names: tuple[str, ...]) -> np.ndarray:
+    """(p,) standard deviation of the kind of residual that determines a parameter, over that of all residuals.
+
+    Norms determine the accelerometer, turns the gyroscope's matrix, still rates its bias and its sensitivity to specific force.
+    """
+    kind = np.repeat([0, 1, 2], [slots, 2 * slots - 2, 3 * slots])[: len(fit.residuals)]
+    own = np.arange(len(fit.residuals)) < len(kind)  # not the heading's
+    square, share = (np.asarray(part)[own] for part in ((fit.weights * fit.residuals) ** 2, fit.counted - leverage(fit)))
+    size, freedom = (np.bincount(kind, part, 3) for part in (square, share))
+    ratio = np.sqrt(size / np.maximum(freedom, 1) / np.asarray(fit.mean_curvature) ** 2 / np.asarray(fit.variance))
+    ratio = np.where(freedom < 1, 1.0, ratio)
+    place = [0 if name.startswith("accel") else 2 if name.startswith(("gyro.bias", "gyro.g_sens")) else 1 for name in names]
+    return ratio[place]
+
+
+def _result(
+    base: ImuFit, joint: Joint, rests: Rests, needed: int, options: Options, notes: list[str], explain: Callable[[], str | None]
+) -> ImuFit:
+    """The result of a fit with or without a gyroscope, judged."""
+    fit, found, slots, count = joint.fit, joint.found, rests.slots, len(rests.accel)
+    blocks = np.concatenate([np.arange(slots), np.repeat(slots + np.arange(slots - 1), 2), np.repeat(np.arange(slots), 3), [-1, -1]])
+    weight, gyro, drift = np.asarray(fit.weights), fit.model.gyro, np.zeros(3)
+    turned, rest, pairs, own = np.zeros((0, 3)), np.zeros((0, 3)), np.ones((0, 2)), 0
+    if gyro is not None and joint.data.turns is not None:
+        valid = np.isfinite(joint.data.turns.sigma)
+        turned, pairs = found.turned[valid], weight[slots : 3 * slots - 2].reshape(-1, 2)[valid]
+        rest = found.rest[:count] @ np.linalg.inv(gyro.matrix).T
+        own = count_of(freed(Imu(None, gyro), options.convention, g_sensitivity=False)) - 3
+        drift = drift if fit.model.drift is None else np.linalg.solve(gyro.matrix, fit.model.drift)
+    made = described(fit, joint.data, options.convention)
+    robust = framed(fit.model, options.convention, placed(fit.names, sandwich(fit, blocks[: len(weight)]), made.names))[1][0]
+    model = jax.tree.map(np.asarray, made.model)
+    result = dataclasses.replace(
+        base, accel=model.accel, gyro=model.gyro, residual_norm=found.norm[:count], residual_turn=np.linalg.norm(turned, axis=1),
+        residual_rest=rest, sigma=joint.sigma, drift=drift,
+        down_weighted=(np.flatnonzero(weight[:count] < 0.5), np.flatnonzero(np.min(pairs, axis=1, initial=1) < 0.5)),
+        cost=0.5 * np.array([np.sum(found.norm[:count] ** 2), np.sum(turned**2) if len(turned) else np.nan]),
+    )  # fmt: skip
+    still = 3 * (count - 1 - 3 * options.g_sensitivity) if len(turned) else 0
+    by_field = {"accel": count - needed, "gyro": 2 * len(turned) - own, "gyro.bias": still, "gyro.g_sensitivity": still}
+    freedom = np.array([by_field.get(name.split("[")[0], by_field[name.split(".")[0]]) for name in result.names], dtype=float)
+    own_size = _own_sizes(fit, slots, made.names)
+    plain = np.asarray(made.covariance) * own_size[:, None] * own_size[None, :]
+    missing = lacks(joint, rests) if fit.model.plain and bool(fit.usable) else []
+    for lack in missing:
+        shift = np.outer(lack.shift, lack.shift)
+        plain = plain + np.asarray(framed(fit.model, options.convention, placed(fit.names, shift, made.names))[1][0])
+    plain, robust = (np.asarray(placed(made.names, np.asarray(matrix), result.names)) for matrix in (plain, robust))
+    result = dataclasses.replace(result, covariance=plain, robust_covariance=robust, degrees_of_freedom=freedom)
+    return finished(result, fit, options, notes, explain, [lack.sentence for lack in missing])

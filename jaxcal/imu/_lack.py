@@ -1,0 +1,146 @@
+"""Lack of fit (host): what the model of the sensors leaves out, by name, and what that does to the parameters."""
+
+import dataclasses
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+import scipy.stats
+
+from .._units import STANDARD_GRAVITY
+from ._fits import Joint
+from ._recording import Rests
+from ._residuals import pieces
+
+_LEVEL = 1e-3  # of each F test; a recording without such a term fails about one of eight tests in 125 recordings
+_LEAST = 3  # residuals that must be left to judge a term
+_ALIKE = 1.5  # terms whose sums of squares differ by less cannot be told apart
+_NUDGE = 1e-3  # of a finite difference, in the unit of the readings
+
+
+class Lack(eqx.Module):
+    """A term that the model lacks: its sentence, and the change of the parameters (p,) that it would bring, by the names of the fit."""
+
+    shift: np.ndarray
+    sentence: str = eqx.field(static=True)
+
+
+def lacks(joint: Joint, rests: Rests) -> list[Lack]:
+    """Terms that the residuals ask for: the best for the norms, for the turns and for the still rates, each where it is significant.
+
+    Residuals of one kind, in units of their standard deviation, are regressed on the parameters that determine them and on the effect of
+    three coefficients, one for each axis. The F test compares with the residuals that are left, whose size need not be known.
+    """
+    fit, slots = joint.fit, len(joint.found.norm)
+    names, root = np.array(fit.names), np.sqrt(np.asarray(fit.weights))
+    rows, slope = root * np.asarray(fit.residuals), root[:, None] * np.asarray(fit.jacobian)
+    found = []
+
+    def judged(part: slice, own: np.ndarray, terms: dict[str, np.ndarray], size: Any, text: str) -> None:
+        """Test the terms (n, q) in one kind of residual, for the parameters that are its `own`."""
+        here = np.any(slope[part] != 0, axis=1)
+        best = _best(rows[part][here], slope[part][here][:, own], {name: (root[part, None] * x)[here] for name, x in terms.items()})
+        if best is None:
+            return
+        name, also, change, coefficient, level = best
+        shift = np.zeros(len(names))
+        shift[own] = change
+        kind = f"{name} {size(name, coefficient)}" + (f" (or {' or '.join(also)}, which these data cannot tell from it)" if also else "")
+        found.append(Lack(shift, text.format(kind=kind, level=max(level, 1e-300))))
+
+    force = (joint.found.vertical * (np.linalg.norm(joint.found.vertical, axis=1) * _gravity(joint) - joint.found.norm)[:, None])[:slots]
+    duration = max(float(np.ptp(rests.time)), 1e-9)
+
+    def norm_size(name: str, coefficient: np.ndarray) -> str:
+        if "drift" in name:
+            return f"of {1e3 * np.abs(coefficient).max() / STANDARD_GRAVITY:.2g} mg over the recording"
+        return f"of {1e3 * np.abs(coefficient).max() / STANDARD_GRAVITY:.2g} mg at 1 g"
+
+    judged(
+        slice(0, slots), np.char.startswith(names, "accel."), _norm_terms(joint, force, rests, duration), norm_size,
+        "The poses ask for {kind} of the accelerometer, which the model lacks (p = {level:.1g}); the intervals count what it would change.",
+    )  # fmt: skip
+    if joint.data.turns is None:
+        return found
+    fast = float(np.quantile(np.abs(joint.data.turns.gyro - np.asarray(fit.model.gyro.bias)) / _scale(fit.model.gyro), 0.999))
+    judged(
+        slice(slots, 3 * slots - 2), np.char.startswith(names, "gyro.matrix"), _turn_terms(joint, fast),
+        lambda name, coefficient: f"of {100 * np.abs(coefficient).max():.2g} % of the rate at {np.rad2deg(fast):.3g} deg/s",
+        "The turns ask for {kind} of the gyroscope, which the model lacks (p = {level:.1g}); the intervals count what it would change.",
+    )  # fmt: skip
+    return found
+
+
+def _gravity(joint: Joint) -> float:
+    return float(joint.data.gravity)
+
+
+def _scale(triad: Any) -> np.ndarray:
+    return np.abs(np.diag(np.asarray(triad.matrix)))
+
+
+def _norm_terms(joint: Joint, force: np.ndarray, rests: Rests, duration: float) -> dict[str, np.ndarray]:
+    """Whitened effect on the norms (k, 3) of one unit, at 1 g or over the recording, of a term of each axis."""
+    count, slots, g = len(rests.accel), len(force), STANDARD_GRAVITY
+    across = -joint.found.vertical / np.asarray(joint.data.poses.sigma)[:, None]  # of a change of the force along each axis
+    time = np.zeros((slots, 1))
+    time[:count, 0] = (rests.time - rests.time.min()) / duration
+    size = np.abs(force) / g
+    return {
+        "a quadratic term": across * size**2, "a cubic term": across * force / g * size**2, "an asymmetry of sign": across * size,
+        "a linear drift": across * time, "a drift of a warm-up": across * np.exp(-4 * time),
+    }  # fmt: skip
+
+
+def _turn_terms(joint: Joint, fast: float) -> dict[str, np.ndarray]:
+    """Whitened effect on the turns (2s, 3) of a term of each axis, as a share of the rate at the largest rate."""
+    model, data = joint.fit.model, joint.data
+    turns: Any = data.turns
+    gyro = jax.tree.map(np.asarray, model.gyro)
+    scale = np.diag(gyro.matrix)
+    rate = (turns.gyro - gyro.bias) / scale / fast
+    slots = len(turns.sigma) + 1
+    terms = {}
+    for name, part in (("a cubic term", rate**3), ("an asymmetry of sign", np.abs(rate)), ("a quadratic term", rate**2)):
+        columns = []
+        for axis in range(3):
+            nudged = turns.gyro.copy()
+            nudged[..., axis] += _NUDGE * fast * scale[axis] * part[..., axis]
+            moved = pieces(model, dataclasses.replace(data, turns=dataclasses.replace(turns, gyro=nudged))).turned - joint.found.turned
+            across = np.einsum("sij,si->sj", data.tangent, moved).reshape(-1) / _NUDGE
+            columns.append(np.asarray(data.whiten) @ across)
+        terms[name] = np.stack(columns, axis=1).reshape(2 * slots - 2, 3)
+    return terms
+
+
+def _best(r: np.ndarray, own: np.ndarray, terms: dict[str, np.ndarray]) -> tuple[str, list[str], np.ndarray, np.ndarray, float] | None:
+    """The term that leaves the least, those as good, the change of the parameters, the coefficients, and the level of its F test."""
+    freedom = len(r) - np.linalg.matrix_rank(own) - 3
+    if freedom < _LEAST:
+        return None
+    plain, _ = _left(r, own)
+    tried = {name: _left(r, np.concatenate([own, -x], axis=1)) for name, x in terms.items()}
+    name = min(tried, key=lambda key: np.sum(tried[key][0] ** 2))
+    left, solution = tried[name]
+    ratio = (np.sum(plain**2) - np.sum(left**2)) / 3 / max(np.sum(left**2) / freedom, 1e-300)
+    level = float(scipy.stats.f.sf(ratio, 3, freedom))
+    # what is left out of the fit must be predicted better, too
+    if level >= _LEVEL or _predicted(left, np.concatenate([own, terms[name]], axis=1)) >= _predicted(plain, own):
+        return None
+    also = [key for key, (other, _) in tried.items() if key != name and np.sum(other**2) < _ALIKE * np.sum(left**2)]
+    return name, also, solution[:-3], solution[-3:], level
+
+
+def _left(r: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Residuals after the regression, and its step: r + columns step is what is left."""
+    length = np.linalg.norm(columns, axis=0)
+    length = np.where(length > 0, length, 1)
+    step = -np.linalg.lstsq(columns / length, r)[0]
+    return r + columns / length @ step, step / length
+
+
+def _predicted(left: np.ndarray, columns: np.ndarray) -> float:
+    """Sum of the squared residuals, each under the regression without it."""
+    basis = np.linalg.qr(columns)[0]
+    return float(np.sum((left / np.maximum(1 - np.sum(basis**2, axis=1), 1e-3)) ** 2))

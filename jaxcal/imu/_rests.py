@@ -1,0 +1,251 @@
+"""Where a recording rests, from the accelerometer and the gyroscope together (host, NumPy)."""
+
+import itertools
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+
+from .._errors import DataError
+from .._precision import host_float64
+
+MULTIPLES = tuple(range(2, 11))
+#: for the joint fit, whose turns tell whether a rest in which the hand drifted is worth having
+_WIDER = (2, 3, 4, 6, 10, 20, 40, 100)
+#: of the variance of the gyroscope. A hand turns a sensor to and fro by much more than its noise and hardly moves the mean vertical;
+#: which of them bounds the rests best is what `multi_position` finds out.
+GYRO_MULTIPLES = (100.0, 300.0, 1000.0, np.inf)
+_BLOCK = 4  # windows to a block of the running sums
+_QUANTILE = 0.05
+_MOVED = 20.0  # variance of the initial rest over that of the stillest windows
+
+#: start and stop of still intervals, (k,) samples each: start <= i < stop
+Ends = tuple[np.ndarray, np.ndarray]
+#: multiples of the variances of accelerometer and gyroscope
+Multiples = tuple[float, float]
+
+
+class StillIntervals(eqx.Module):
+    """Still stretches of a recording.
+
+    Attributes
+    ----------
+    start, stop : (k,) samples of each: start <= i < stop.
+    threshold : on the norm of the accelerometer's three variances, (m/s^2)^2 or what the readings' unit squared is.
+    multiple : threshold over `initial_variance`.
+    initial_variance : the same norm over the initial still period, or in the stillest windows where none was given.
+    gyro_multiple : the same ratio for the gyroscope; infinite where it did not matter, or there is none.
+    counts : multiple -> number of intervals, of the multiples that were compared, at this `gyro_multiple`.
+    """
+
+    start: np.ndarray
+    stop: np.ndarray
+    threshold: float
+    multiple: float
+    initial_variance: float
+    gyro_multiple: float
+    counts: dict[float, int] = eqx.field(static=True)
+
+    def __len__(self) -> int:
+        return len(self.start)
+
+
+def windowed_variance(x: np.ndarray, window: int) -> np.ndarray:
+    """Norm of the three unbiased variances over `window` samples about each: (n - window + 1,).
+
+    Missing samples (NaN rows) are left out of their windows; a window of which more than half is missing has an infinite variance.
+    Running sums of blocks of a few windows, each less its own mean: counts of a million with a variance of four keep their digits.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.imu import windowed_variance
+    >>> print(windowed_variance(np.array([[0.0, 0, 0], [2, 0, 0], [4, 0, 0]]), 3))
+    [4.]
+    """
+    count = len(x) - window + 1
+    size = _BLOCK * window
+    present = np.all(np.isfinite(x), axis=1)
+    # neither padding nor gaps may lie far from the readings, whose digits they would cost
+    filled = x if present.all() else np.where(present[:, None], x, np.nanmean(x, axis=0))
+    filled = np.concatenate([filled, np.repeat(filled[-1:], -count % size, axis=0)])
+    there = np.concatenate([present, np.ones(len(filled) - len(x), dtype=bool)])
+    blocks, kept = (
+        np.lib.stride_tricks.sliding_window_view(part, size + window - 1, axis=0)[::size] for part in (filled, there[:, None].astype(float))
+    )
+    blocks = (blocks - blocks.mean(axis=2, keepdims=True)) * kept
+    sums = np.cumsum(np.pad([blocks, blocks**2], ((0, 0), (0, 0), (0, 0), (1, 0))), axis=-1)
+    first, second = sums[..., window:] - sums[..., :-window]
+    number = np.cumsum(np.pad(kept, ((0, 0), (0, 0), (1, 0))), axis=-1)
+    number = number[..., window:] - number[..., :-window]
+    variance = (second - first**2 / np.maximum(number, 1)) / np.maximum(number - 1, 1)
+    variance = np.linalg.norm(variance, axis=1).reshape(-1)[:count]
+    return np.where(number.reshape(-1)[:count] * 2 > window, variance, np.inf)
+
+
+def _runs(still: np.ndarray, half: int, least: int) -> Ends:
+    """Start and stop of the stretches of still windows, of at least so many samples."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int8)))
+    start, stop = edges[::2] + half, edges[1::2] + half
+    kept = stop - start >= least
+    return start[kept], stop[kept]
+
+
+def _plateau(counts: dict[float, int]) -> float:
+    """Multiple in the middle of the longest run over which the number of intervals does not change."""
+    stretches = [list(part) for count, part in itertools.groupby(counts, key=counts.get) if count] or [list(counts)]
+    longest = max(stretches, key=len)
+    return longest[len(longest) // 2]
+
+
+@host_float64
+def static_intervals(
+    accel: Any,
+    rate: float | int,
+    *,
+    gyro: Any = None,
+    threshold: float | int | None = None,
+    gyro_threshold: float | int = 300.0,
+    window: float | int = 1.0,
+    initial: float | int | None = None,
+    least: float | int = 1.0,
+    multiples: tuple[float | int, ...] = MULTIPLES,
+) -> StillIntervals:
+    r"""Still stretches: where the windowed variances of accelerometer and gyroscope stay below multiples of what they are at rest.
+
+    .. math:: v_i = \|(\mathrm{var}\,x, \mathrm{var}\,y, \mathrm{var}\,z)\| < k\,v_\mathrm{rest}
+
+    with unbiased variances over a window centred at sample i. The interval begins and ends half a window away from the motion.
+
+    Parameters
+    ----------
+    accel : (n, 3) readings in any unit; NaN marks a missing sample. A window is judged by the samples it has, if these are the half.
+    rate : Hz.
+    gyro : (n, 3) readings of the gyroscope; None leaves the accelerometer alone to say what is still.
+    threshold : multiple k of the accelerometer's variance at rest. None tries all `multiples` and takes the middle of the longest run
+        over which the number of intervals stays the same; `multi_position` judges them by what they leave of the calibration.
+    gyro_threshold : multiple of the gyroscope's variance at rest.
+    window : length of the window, s; made an odd number of samples.
+    initial : length of a rest at the beginning, s, whose variance is the reference; None takes the 5 % quantile of v.
+    least : shortest interval, s.
+    multiples : those to try.
+
+    Returns
+    -------
+    StillIntervals
+
+    Raises
+    ------
+    DataError
+        If the readings are not (n, 3), the record is shorter than two windows or than the initial rest, the sensor never changes, or
+        an option is not positive.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.imu import static_intervals
+    >>> y = np.random.default_rng(0).normal(size=(8000, 3)) * 0.01
+    >>> y[5000:6000] += 5 * np.sin(np.arange(1000) / 20)[:, None]
+    >>> found = static_intervals(y, 100.0)
+    >>> print(found.start, found.stop)
+    [  50 6050] [4951 7950]
+
+    References
+    ----------
+    D. Tedaldi, A. Pretto and E. Menegatti, ICRA 2014, section IV-A.
+    """
+    windows = Windows(accel, gyro, rate, window, initial, least)
+    return windows.intervals(_positive("gyro_threshold", gyro_threshold), multiples, threshold)
+
+
+def _positive(name: str, value: Any) -> float:
+    if not (value > 0 and not np.isnan(value)):
+        raise DataError(f"{name}={value!r} must be positive")
+    return float(value)
+
+
+def _triads(name: str, readings: Any) -> np.ndarray:
+    x = np.asarray(readings, dtype=np.float64)
+    if x.ndim != 2 or x.shape[1] != 3:
+        raise DataError(f"{name} has shape {x.shape}; expected (n, 3)")
+    return x
+
+
+class Windows:
+    """Windowed variances of a recording and their references at rest."""
+
+    def __init__(self, accel: Any, gyro: Any, rate: Any, window: Any, initial: Any, least: Any):
+        x, y = _triads("accel", accel), None if gyro is None else _triads("gyro", gyro)
+        for name, value in (("rate", rate), ("window", window), ("least", least), ("initial", initial)):
+            if value is not None and not (np.isfinite(value) and value > 0):
+                raise DataError(f"{name}={value!r} must be positive")
+        self.half = max(round(float(window) * float(rate) / 2), 1)
+        size = 2 * self.half + 1
+        if len(x) < 2 * size:
+            raise DataError(f"{len(x)} samples are less than two windows of {size}; record longer, or give a shorter window=")
+        if y is not None and len(y) != len(x):
+            raise DataError(f"gyro has {len(y)} samples, accel {len(x)}; give one for each")
+        if initial is not None and round(float(initial) * float(rate)) >= len(x):
+            raise DataError(f"the record lasts {len(x) / rate:.3g} s, the initial rest should last {initial:g} s; give initial=")
+        self.shortest, self.initial, self.rate = max(round(float(least) * float(rate)), 2), initial, float(rate)
+        self.variance, self.reference = self._referred(x, size, "accelerometer")
+        self.gyro_variance, self.gyro_reference = (None, np.nan) if y is None else self._referred(y, size, "gyroscope")
+
+    def _referred(self, x: np.ndarray, size: int, name: str) -> tuple[np.ndarray, float]:
+        """Windowed variance, and its value at rest: in the initial one, or in the stillest of the windows that are not constant."""
+        variance = windowed_variance(x, size)
+        changing = variance[np.isfinite(variance) & (variance > 0)]
+        if self.initial is not None:
+            last = round(float(self.initial) * self.rate)
+            reference = float(np.linalg.norm(np.nanvar(x[: last + 1], axis=0, ddof=1)))
+        else:
+            reference = float(np.quantile(changing, _QUANTILE)) if len(changing) else 0.0
+        if not reference > 0:
+            where = "during the initial rest" if self.initial is not None else "in every window that has samples"
+            raise DataError(
+                f"the {name} is constant {where}: its noise is below its resolution, or it repeats one sample. Log it at full resolution."
+            )
+        return variance, reference
+
+    def ends(self, multiples: Multiples) -> Ends:
+        """Start and stop of the still intervals."""
+        still = self.variance < multiples[0] * self.reference
+        if self.gyro_variance is not None:
+            still &= self.gyro_variance < multiples[1] * self.gyro_reference
+        return _runs(still, self.half, self.shortest)
+
+    def intervals(self, gyro_multiple: float, multiples: tuple[float | int, ...] = MULTIPLES, chosen: Any = None) -> StillIntervals:
+        """The intervals of one multiple of the gyroscope's variance, at the accelerometer's that was chosen or is on the plateau."""
+        counts = {float(k): len(self.ends((float(k), gyro_multiple))[0]) for k in multiples}
+        multiple = _plateau(counts) if chosen is None else _positive("threshold", chosen)
+        ends = self.ends((multiple, gyro_multiple))
+        bound = np.inf if self.gyro_variance is None else gyro_multiple
+        return StillIntervals(*ends, multiple * self.reference, multiple, self.reference, bound, counts)
+
+    def tried(self, threshold: Any, both: bool) -> dict[Multiples, Ends]:
+        """Still intervals of every pair of multiples, those that are the same once."""
+        first = (_WIDER if both else MULTIPLES) if threshold is None else (_positive("threshold", threshold),)
+        second = GYRO_MULTIPLES if both and self.gyro_variance is not None else (np.inf,)
+        found: dict[Multiples, Ends] = {}
+        seen = set()
+        # of equal intervals the ones with the loosest bound on the gyroscope are kept: it did not matter
+        for pair in itertools.product(map(float, first), reversed(second)):
+            ends = self.ends(pair)
+            key = (ends[0].tobytes(), ends[1].tobytes())
+            if not both or key not in seen:
+                found[pair] = ends
+                seen.add(key)
+        return found
+
+    def moved(self) -> str | None:
+        """Why the beginning is no rest, where its length was given."""
+        if self.initial is None:
+            return None
+        quiet = float(np.quantile(self.variance[np.isfinite(self.variance)], _QUANTILE))
+        ratio = self.reference / quiet if quiet > 0 else np.inf
+        if ratio <= _MOVED:
+            return None
+        return (
+            f"The initial period is not still: its variance is {ratio:.3g} times that of the stillest windows. Leave out initial=, or give "
+            "the length of the rest."
+        )

@@ -1,0 +1,157 @@
+r"""Spectra that pass for flicker and a random walk: another exponent, and Gauss-Markov processes.
+
+The fit takes B and K for the slow noise of a record. Before they are called present, others are tried in their place: a density
+:math:`c^2 (2\pi f)^{-\alpha}`, one Gauss-Markov process, and two; and one process beside B and K. All are fitted to the same ordinates.
+What counts is twice the gain in log likelihood over B and K. An alternative is admitted where it reaches a level that fewer than one
+record in a hundred of Q, N, B and K alone reaches (`benchmarks/records.py --only alternatives`). Its terms are then fitted beside B and
+K, which are judged by what they explain beyond it.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .._types import AnyArray
+from ._lanes import inverse
+from ._likelihood import ROUGH, information, minimise
+from ._spectral import Fitted
+from ._terms import BUILT_IN, Filter, GaussMarkov, PowerLaw, Term
+
+_ALIKE = 0.1  # exponents nearer than this to 1 are flicker
+_EXPONENTS = np.array([0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.1, 1.2, 1.3, 1.4, 1.5, 1.6, 1.7, 1.8])
+_TIMES = 14  # correlation times that are tried, from ten samples to a quarter of the record
+_HALVINGS = 4  # of the step between neighbours, around the best of them
+_SLOW = 5.41  # twice the gain of B and K over none below which there is nothing to replace
+_TINY = np.finfo(float).tiny ** 0.5
+#: family -> shape parameters and coefficients beyond those of B and K, and twice the gain in log likelihood that admits it
+_FAMILIES = {"power law": (0, 5.5), "one process": (0, 7.0), "two processes": (2, 12.0), "process beside": (2, 12.0)}
+_PARAMETER = 2.0  # what one parameter more must gain for a family to be preferred to another
+
+
+class Alternative(NamedTuple):
+    """A family, its terms, and twice the gain in log likelihood over B and K."""
+
+    family: str
+    terms: tuple[Term, ...]
+    gain: float
+
+    @property
+    def admitted(self) -> bool:
+        """Whether the gain is too large for chance."""
+        return self.gain > _FAMILIES[self.family][1]
+
+
+def find_alternatives(fitted: Fitted, terms: tuple[Term, ...], dt: float, duration: float) -> list[Alternative]:
+    """The best of each family, the likeliest family first; none where B and K are not there, or terms of the user's own are.
+
+    Parameters
+    ----------
+    fitted : the fit with B and K.
+    terms : the terms of its columns.
+    dt, duration : sampling interval and length of the record in s.
+    """
+    slow = np.array([term.name in ("B", "K") for term in terms])
+    if not np.any(fitted.theta[slow] > 0.0) or any(term.name not in (*BUILT_IN, Filter.name) for term in terms):
+        return []
+    search = _Search(fitted, slow, dt)
+    if search.gain(search.without()) > -_SLOW:
+        return []
+    times, step = _times(dt, duration)
+    laws, ones = [(PowerLaw(exponent=float(value)),) for value in _EXPONENTS], [(_process(time),) for time in times]
+    pairs = [(_process(long), _process(short, "markov2")) for i, long in enumerate(times) for short in times[:i]]
+    found = {
+        "power law": search.refined(search.best(laws), 0.1),
+        "one process": search.refined(search.best(ones), step),
+        "two processes": search.refined(search.best(pairs), step),
+        "process beside": search.best(ones, beside=True),
+    }
+    listed = [Alternative(family, best, search.gain(cost)) for family, (best, cost) in found.items()]
+    return sorted(listed, key=lambda one: -(one.gain - _PARAMETER * _FAMILIES[one.family][0] + 1e3 * one.admitted))
+
+
+def likeliest_time(fitted: Fitted, dt: float, duration: float) -> float:
+    """Correlation time in s of the Gauss-Markov process beside the fitted terms that has the highest likelihood."""
+    search = _Search(fitted, np.zeros(len(fitted.theta), dtype=bool), dt)
+    ((process,), _) = search.best([(_process(time),) for time in _times(dt, duration)[0]], beside=True)
+    return process.time
+
+
+def widening(fitted: Fitted, terms: tuple[Term, ...], extra: tuple[Term, ...], dt: float) -> AnyArray:
+    """By how much the variance of each coefficient grows because the shapes of the `extra` terms were estimated too."""
+    theta, step, bins = fitted.theta, 1e-4, fitted.bins
+    names = [term.name for term in terms]
+    size = [theta[names.index(term.name)] / (2.0 * step) for term in extra]
+    sides = [[_moved(term, sign * step).psd(bins.frequency, dt) for sign in (1.0, -1.0)] for term in extra]
+    slopes = np.stack([one * (high - low) for one, (high, low) in zip(size, sides, strict=True)], axis=1)
+    there = np.append(theta > 0.0, np.any(slopes != 0.0, axis=0))
+    wide = bins._replace(columns=np.concatenate([bins.columns, slopes], axis=1)[:, there])
+    count = int(np.sum(theta > 0.0))
+    both = information(wide, np.append(theta, np.zeros(len(extra)))[there])
+    factor = np.ones(len(theta))
+    factor[theta > 0.0] = np.diagonal(inverse(both))[:count] / np.diagonal(inverse(both[:count, :count]))
+    return factor
+
+
+def _times(dt: float, duration: float) -> tuple[list[float], float]:
+    """Correlation times in s, and the logarithm of the ratio of neighbours."""
+    times = np.geomspace(10.0 * dt, max(duration / 4.0, 20.0 * dt), _TIMES)
+    return times.tolist(), float(np.log(times[1] / times[0]))
+
+
+def _process(time: float, name: str = "markov") -> GaussMarkov:
+    return GaussMarkov(time=float(time), name=name)
+
+
+def _moved(term: Term, by: float) -> Term:
+    """The term with an exponent or the logarithm of its correlation time moved."""
+    if isinstance(term, PowerLaw):
+        return PowerLaw(exponent=1.0 + np.sign(term.exponent - 1.0) * max(abs(term.exponent + by - 1.0), _ALIKE))
+    assert isinstance(term, GaussMarkov)
+    return _process(term.time * float(np.exp(by)), term.name)
+
+
+class _Search:
+    """Fits with other terms in place of the slow ones, or beside them."""
+
+    def __init__(self, fitted: Fitted, slow: AnyArray, dt: float):
+        self._fitted, self._slow, self._dt = fitted, slow, dt
+        bins, theta = fitted.bins, fitted.theta
+        model = np.maximum(bins.columns @ theta, _TINY)
+        # without slow terms a process may be anywhere: it begins at the level of the ordinates
+        self._level = np.maximum(bins.columns[:, slow] @ theta[slow] if slow.any() else bins.density, _TINY)
+        self._share = bins.weight * np.minimum(self._level / model, 1.0) ** 2
+
+    def gain(self, cost: float) -> float:
+        """Twice the gain in log likelihood over the fit, in units of its variance factor."""
+        return float(2.0 * (self._fitted.cost - cost) / self._fitted.inflation)
+
+    def without(self) -> float:
+        """Cost without the slow terms."""
+        kept, bins = ~self._slow, self._fitted.bins
+        start = np.where(self._fitted.theta[kept] > 0.0, self._fitted.theta[kept], 0.0)
+        start = np.maximum(start, np.where(bins.columns[:, kept].min(axis=0) >= 0.0, _TINY, 0.0))
+        return float(minimise(bins.columns[:, kept], bins.density, bins.weight, start[None, :], rtol=ROUGH).cost[0])
+
+    def best(self, candidates: list[tuple[Term, ...]], beside: bool = False) -> tuple[tuple[Term, ...], float]:
+        """The candidate of the least cost, and that cost."""
+        bins, lanes = self._fitted.bins, len(candidates)
+        extra = np.stack([np.stack([term.psd(bins.frequency, self._dt) for term in one], axis=1) for one in candidates])
+        kept = np.ones_like(self._slow) if beside else ~self._slow
+        # each term begins at the level of the slow ones where it is the strongest of its candidate
+        strength = extra / extra.max(axis=1, keepdims=True)
+        own = self._share[:, None] * (strength / np.maximum(strength.sum(axis=2, keepdims=True), _TINY)) ** 4
+        level = np.sum(own * (np.log(self._level)[:, None] - np.log(extra)), axis=1) / np.maximum(np.sum(own, axis=1), _TINY)
+        columns = np.concatenate([np.broadcast_to(bins.columns[:, kept], (lanes, len(self._level), kept.sum())), extra], axis=2)
+        start = np.concatenate([np.tile(self._fitted.theta[kept], (lanes, 1)), np.exp(level)], axis=1)
+        costs = minimise(columns, bins.density, bins.weight, start, rtol=ROUGH).cost
+        index = int(np.argmin(costs))
+        return candidates[index], float(costs[index])
+
+    def refined(self, found: tuple[tuple[Term, ...], float], step: float) -> tuple[tuple[Term, ...], float]:
+        """The candidate with its shape parameters moved by less than a step, to where the cost is least."""
+        for _ in range(_HALVINGS):
+            step *= 0.5
+            terms = found[0]
+            moves = [(i, sign * step) for i in range(len(terms)) for sign in (-1.0, 1.0)]
+            found = min(found, self.best([(*terms[:i], _moved(terms[i], by), *terms[i + 1 :]) for i, by in moves]), key=lambda one: one[1])
+        return found

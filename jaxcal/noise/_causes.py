@@ -1,0 +1,191 @@
+r"""Causes that pass for slow noise: a step, a ramp, a warm-up, a slow sinusoid, the temperature.
+
+They are changes of the mean, and regressors of the likelihood. Each family is searched at the lowest ordinates of the record by
+its likelihood ratio at a fixed density of the noise,
+
+.. math:: \lambda = \frac{(\sum x_k y_k/S_k)^2}{\sum x_k^2/S_k}
+
+once under the fitted density, where B and K may already have taken the cause for noise, and once under that of N and Q alone,
+where they have not. The noise is then fitted anew beside the best of each family. What counts is the likelihood ratio of the two
+fits, in which B and K may take what they can. A cause is admitted where fewer than one record in 300 of noise alone reaches its ratio
+in the search of its family. The levels were found from simulated records of N, of N and B, and of N, B and K (`benchmarks/records.py`).
+"""
+
+import functools
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy.fft
+
+from ..spectrum._average import log_groups
+from ._likelihood import minimise
+
+_BLOCKS = 4096  # means over blocks keep the lowest ordinates
+_ORDINATES = 512
+_MARGIN = 48  # parts of a record in which a step has to last
+_TIMES = 2.0 ** -np.arange(1, 7)  # time constants of a warm-up over the length of the record
+_CYCLES = np.arange(0.5, 10.01, 0.25)
+_ROUNDS = 3  # of the regression and the fit of the noise
+_MOST = 4
+_STRONGEST = 1e6  # ratio of the start of a coefficient to the least that matters
+#: likelihood ratio that one in 300 records of noise alone reaches in the search of a family
+LEVELS = {"step": 24.0, "ramp": 14.0, "warm-up": 15.0, "sinusoid": 24.0, "temperature": 12.0}
+
+
+class Cause(NamedTuple):
+    """One cause: its family, where it was found (s, time constant in s, or Hz), its likelihood ratio, and its columns."""
+
+    family: str
+    at: float
+    gain: float
+    columns: Callable[[np.ndarray], np.ndarray]
+
+
+class _Low(NamedTuple):
+    """The lowest ordinates of a record, times at the middles of its blocks, and the factor of an orthonormal DCT-II of the blocks."""
+
+    record: np.ndarray
+    times: np.ndarray
+    factor: np.ndarray
+
+    def transform(self, x):
+        """Ordinates of regressors given at `times`."""
+        return (self.factor * scipy.fft.dct(x, norm="ortho", axis=0)[1 : len(self.factor) + 1].T).T
+
+
+def _lowest(y, most: int, dt: float) -> _Low:
+    size = max(len(y) // _BLOCKS, 1)
+    count = len(y) // size
+    k = np.arange(1, min(_ORDINATES, most, max(count // 4, 8)) + 1)
+    # a mean over a block attenuates
+    attenuated = np.sin(np.pi * k / (2 * count)) / (size * np.sin(np.pi * k / (2 * count * size)))
+    low = _Low(np.empty(0), (np.arange(count) + 0.5) * size * dt, np.sqrt(size * dt) / attenuated)
+    return low._replace(record=low.transform(y[: count * size].reshape(count, size).mean(axis=1)))
+
+
+def _step(start: float, t):
+    return (np.asarray(t) >= start).astype(float)[:, None]
+
+
+def _line(t):
+    return (np.asarray(t) / t[-1])[:, None]
+
+
+def _decay(time: float, t):
+    return np.exp(-np.asarray(t) / time)[:, None]
+
+
+def _wave(frequency: float, t):
+    return np.stack([np.cos(2 * np.pi * frequency * t), np.sin(2 * np.pi * frequency * t)], axis=1)
+
+
+def _steps(low: _Low, density) -> tuple[float, float]:
+    """Best likelihood ratio of a step, and its time: scores by one sum, variances by one transform."""
+    count, kept = len(low.times), len(density)
+    # ordinate k of a step at block j is -sin(pi k j / count) times this
+    amplitude = low.factor * np.sqrt(0.5 / count) / np.sin(np.pi * np.arange(1, kept + 1) / (2 * count))
+    sines = scipy.fft.dst(np.pad(amplitude * low.record / density, (0, count - 1 - kept)), type=1) / 2.0
+    squares = np.pad(amplitude**2 / density, (1, count - 1 - kept))
+    variance = (squares.sum() - np.real(np.fft.fft(squares))[1:]) / 2.0
+    margin = max(count // _MARGIN, 2)
+    ratio = (sines**2 / variance)[margin - 1 : count - margin]
+    best = int(np.argmax(ratio))
+    return float(ratio[best]), float(low.times[best + margin] - 0.5 * (low.times[1] - low.times[0]))
+
+
+def _best(low: _Low, density, choices) -> tuple[float, float, Any]:
+    """The choice of the largest likelihood ratio."""
+    found = (-1.0, 0.0, None)
+    for at, columns in choices:
+        x = low.transform(columns(low.times))
+        weighted = x / density[:, None]
+        ratio = float((low.record @ weighted) @ np.linalg.pinv(x.T @ weighted, hermitian=True) @ (weighted.T @ low.record))
+        found = max(found, (ratio, at, columns), key=lambda one: one[0])
+    return found
+
+
+def _candidates(low: _Low, density, temperature) -> dict[str, tuple[float, float, Any]]:
+    duration = low.times[-1] + low.times[0]
+    ratio, start = _steps(low, density)
+    found = {
+        "step": (ratio, start, functools.partial(_step, start)),
+        "ramp": _best(low, density, [(0.0, _line)]),
+        "warm-up": _best(low, density, [(time * duration, functools.partial(_decay, time * duration)) for time in _TIMES]),
+        "sinusoid": _best(low, density, [(c / duration, functools.partial(_wave, c / duration)) for c in _CYCLES]),
+    }
+    return found if temperature is None else found | {"temperature": _best(low, density, [(0.0, temperature)])}
+
+
+def find_causes(y, columns, theta, slow, dt: float, temperature: Callable[[np.ndarray], np.ndarray] | None = None) -> tuple[Cause, ...]:
+    """The causes that explain a record better than its slow noise alone does, in the order in which they were admitted.
+
+    Parameters
+    ----------
+    y : (n,) record without gaps.
+    columns, theta : (ordinates, p) expected first ordinates per squared coefficient, and (p,) squared coefficients as fitted.
+    slow : (p,) which of them are fitted anew beside a cause; the others are known from higher frequencies.
+    dt : sampling interval in s.
+    temperature : times in s -> (times, 1) temperature, where it is known.
+    """
+    low = _lowest(y, len(columns), dt)
+    kept = len(low.record)
+    columns, slow = columns[:kept], np.asarray(slow, dtype=bool)
+    base = columns[:, ~slow] @ theta[~slow]
+    if not np.all(base > 0.0):
+        return ()
+    causes: list[Cause] = []
+    (fitted,), (cost,) = _refitted(low, [np.zeros((kept, 0))], columns[:, slow], base, theta[slow])
+    while len(causes) < _MOST:
+        held = [low.transform(cause.columns(low.times)) for cause in causes]
+        tried: dict[tuple[str, float], Any] = {}
+        for density in (base + columns[:, slow] @ fitted, base):
+            rest = low._replace(record=_residual(low.record, held, density))
+            for family, (ratio, at, made) in _candidates(rest, density, temperature).items():
+                if ratio > LEVELS[family]:
+                    tried[family, at] = made
+        if not tried:
+            break
+        designs = [np.concatenate([*held, low.transform(made(low.times))], axis=1) for made in tried.values()]
+        found, costs = _refitted(low, designs, columns[:, slow], base, theta[slow])
+        levels = np.array([LEVELS[family] for family, _ in tried])
+        best = int(np.argmax(cost - costs - levels))
+        if not cost - costs[best] > levels[best]:
+            break
+        (family, at), made = list(tried.items())[best]
+        causes.append(Cause(family, at, float(cost - costs[best]), made))
+        fitted, cost = found[best], costs[best]
+    return tuple(causes)
+
+
+def _residual(record, held, density):
+    """The record less its regression on columns at a density."""
+    if not held:
+        return record
+    x = np.concatenate(held, axis=1) / np.sqrt(density)[:, None]
+    return record - np.concatenate(held, axis=1) @ np.linalg.lstsq(x, record / np.sqrt(density), rcond=None)[0]
+
+
+def _refitted(low: _Low, designs, columns, base, begun):
+    """Slow coefficients beside each design, (designs, p), and -2 log likelihood there."""
+    starts, count = log_groups(len(low.record), keep_tail=True)
+    count = count.astype(float)
+    means = [np.add.reduceat(values, starts, axis=0) / count.reshape(-1, *(1,) * (values.ndim - 1)) for values in (columns, base)]
+    theta = np.tile(begun, (len(designs), 1))
+    target = np.empty((len(designs), len(count)))
+    p = theta.shape[1]
+    for _ in range(_ROUNDS):
+        for i, design in enumerate(designs):
+            rest = _residual(low.record, [design] if design.shape[1] else [], base + columns @ theta[i])
+            target[i] = np.add.reduceat(rest**2, starts) / count
+        if p:
+            # each start: what the fit of the whole record found, and none of each term, since the likelihood has local minima
+            flat = np.median(target / means[1], axis=1)[:, None] * (means[1] / means[0].T).min(axis=1)[None, :]
+            begin = np.concatenate([theta, np.maximum(flat, theta / _STRONGEST)])
+            found = minimise(means[0], np.tile(target, (2, 1)), count, begin, base=means[1])
+            costs = found.cost.reshape(2, -1)
+            theta = found.theta.reshape(2, len(designs), p)[np.argmin(costs, axis=0), np.arange(len(designs))]
+        if not any(design.shape[1] for design in designs):
+            break
+    s = means[1] + theta @ means[0].T
+    return theta, np.sum(count * (np.log(s) + target / s), axis=1)

@@ -1,0 +1,207 @@
+r"""The likelihood of the samples that were observed: gaps, doubtful samples, and a mean with regressors.
+
+Under the DCT-Whittle model a complete record x is normal with precision Q = D' diag(dt / S_k) D, D the orthonormal DCT-II, its
+mean left free. Observed are y = x + X b + u: u has no variance where a sample is trusted, an infinite one where it is missing, and
+one of its own where it is doubtful. Let z be the expectation of x given y at the generalised least squares estimate of b, and
+
+.. math:: \rho_k = 1 - \frac{\mathrm{Var}[(Dx)_k \mid y]}{S_k/dt} - h_k
+
+with h_k the leverage of ordinate k in the regression. The score of the restricted likelihood of y is then that of a complete
+record with ordinates P_k = dt (Dz)_k^2 / rho_k of weight rho_k. So `Observed.bins` gives bins that everything else treats as
+those of a complete record. They depend on the density S, which is renewed with each fit until nothing changes: this is the EM
+algorithm, whose maximum is that of the likelihood of the observed samples (A. P. Dempster, N. M. Laird and D. B. Rubin, J. R.
+Stat. Soc. B 39, 1977). The weights put the information of each ordinate, with what it shares with others, in its own row.
+"""
+
+import dataclasses
+
+import numpy as np
+import scipy.fft
+
+from .._errors import DataError
+from ._ordinates import Bins, layout
+from ._terms import Term
+
+_SEED = 20_211  # of the draws that estimate the conditional variance: the same record always gives the same numbers
+_DRAWN = 2**19  # samples in all draws together, at least: short records take more draws
+_MOST_DRAWS = 64
+_EXACT, _ROUGH = 1e-4, 1e-2  # relative residual of the conjugate gradients: for the expectation, and for draws
+_ITERATIONS = 300
+_LEAST = 0.02  # share of the information of an ordinate below which it takes no part
+_FEWEST = 16  # samples
+
+
+def _dct(x):
+    return scipy.fft.dct(x, norm="ortho", axis=0)
+
+
+def _idct(x):
+    return scipy.fft.idct(x, norm="ortho", axis=0)
+
+
+@dataclasses.dataclass
+class Observed:
+    """A record as it was observed.
+
+    Parameters
+    ----------
+    y : (n,) samples; NaN marks a missing one.
+    dt : sampling interval in s.
+    regressors : (n, p) what the mean may contain beside a constant.
+    doubt : (n,) variance of each sample beside the model's, 0 for one that is trusted; None for no doubt.
+
+    Attributes
+    ----------
+    complete : whether every sample is there and trusted, and the mean has no regressors: the bins then depend on nothing.
+    filled : (n,) expectation of the record given what was observed, from the last call of `bins`; the regressors are taken out.
+    drawn : (n,) the same with one draw of what is not known, so that it scatters like a complete record.
+    factors, covariance : estimate of the regressors' factors b, and their covariance, from the last call of `bins`.
+    misfit : the quadratic form z' Q z of the last call.
+    """
+
+    y: np.ndarray
+    dt: float
+    regressors: np.ndarray | None = None
+    doubt: np.ndarray | None = None
+
+    def __post_init__(self):
+        y = np.asarray(self.y, dtype=float)
+        n, missing = len(y), np.isnan(y)
+        if n - missing.sum() < _FEWEST:
+            raise DataError(f"{n - int(missing.sum())} of {n} samples are there; a noise model needs {_FEWEST} at least")
+        variance = np.zeros(n) if self.doubt is None else np.array(self.doubt, dtype=float)
+        variance[missing] = np.inf
+        self._open = np.flatnonzero(variance > 0.0)
+        self._trust = 1.0 / variance[self._open]
+        columns = np.zeros((n, 0)) if self.regressors is None else np.asarray(self.regressors, dtype=float)
+        # regressors are observed where the record is
+        self._given = np.concatenate([y[:, None], columns], axis=1)
+        self._given[missing] = 0.0
+        self._given -= self._given.sum(axis=0) / (n - missing.sum())
+        self._given[missing] = 0.0
+        runs = _runs_of(self._open)
+        self._runs = {length: (where, self._trust[where].mean(axis=1)) for length, where in runs.items()}
+        self._rng = np.random.default_rng(_SEED)
+        self._draws = 0 if not len(self._open) else min(_MOST_DRAWS, max(2, -(-_DRAWN // n)))
+        self._white = self._rng.standard_normal((self._draws, n))
+        self._doubted = self._rng.standard_normal((self._draws, len(self._open)))
+        self._before: dict[object, np.ndarray] = {}
+        self.complete = not len(self._open) and not columns.shape[1]
+        self.filled = self.drawn = y if not len(self._open) else without_gaps(y)
+        self.factors, self.covariance, self.misfit = np.zeros(columns.shape[1]), np.zeros((columns.shape[1],) * 2), np.nan
+
+    def bins(self, terms: tuple[Term, ...], density: np.ndarray | None = None) -> Bins:
+        """Bins of the ordinates.
+
+        Parameters
+        ----------
+        terms : the term of each column of the bins.
+        density : (bins,) density at the bins of an earlier call, in the unit of the record squared per Hz; None where none is
+            known yet: missing samples then lie on straight lines.
+        """
+        n, dt = len(self.y), self.dt
+        starts, count, columns, frequency = layout(n, dt, terms)
+        if density is None:
+            level, lost = np.ones(n - 1), np.zeros(n - 1)
+            z = without_gaps(np.where(np.isnan(self.y)[:, None], np.nan, self._given))
+        else:
+            at = np.arange(1, n) / (2.0 * n * dt)
+            level = np.exp(np.interp(np.log(at), np.log(frequency), np.log(density[: len(frequency)])))
+            z, lost = self._expected(level)
+        spectrum = _dct(z)[1:]
+        precision = dt / level
+        design = spectrum[:, 1:]
+        if design.shape[1]:
+            scale = np.sqrt(np.maximum(np.sum(design**2 * precision[:, None], axis=0), np.finfo(float).tiny))
+            weighted = design * (np.sqrt(precision)[:, None] / scale)
+            inverse = np.linalg.pinv(weighted.T @ weighted, rcond=1e-12, hermitian=True)
+            self.factors = inverse @ (weighted.T @ (np.sqrt(precision) * spectrum[:, 0])) / scale
+            self.covariance = inverse / np.outer(scale, scale)
+            lost = lost + np.einsum("ki,ij,kj->k", weighted, inverse, weighted)
+        remainder = spectrum[:, 0] - design @ self.factors
+        self.filled = z[:, 0] - z[:, 1:] @ self.factors
+        self.drawn = self.filled.copy()
+        if self._draws and density is not None:
+            self.drawn[self._open] += self._before[0]
+        self.misfit = float(np.sum(precision * remainder**2))
+        share = np.clip(1.0 - np.add.reduceat(lost, starts) / count, 0.0, 1.0)
+        weight = np.where(share < _LEAST, 0.0, count * share)
+        ordinates = np.add.reduceat(dt * remainder**2, starts) / count / np.maximum(share, _LEAST)
+        unit = np.exp(np.sum(weight * np.log(np.maximum(ordinates, np.finfo(float).tiny))) / max(np.sum(weight), 1.0))
+        return Bins(ordinates / unit, weight, columns, frequency, unit)
+
+    def _expected(self, level):
+        """Expectation of the record and of the regressors given the density, and the conditional variance over it, (n - 1,)."""
+        n, lost = len(self.y), np.zeros(len(self.y) - 1)
+        if not len(self._open):
+            return self._given, lost
+        precision = np.concatenate([[0.0], self.dt / level])
+        # between trusted neighbours a random walk and white noise have sines for eigenvectors: the inverse is nearly this
+        at, n = np.arange(1, n), len(self.y)
+        sines = {
+            length: 1.0 / (self.dt / np.interp(np.arange(1, length + 1) * n / (length + 1.0), at, level) + trust[:, None])
+            for length, (_, trust) in self._runs.items()
+        }
+        known = self._given.copy()
+        known[self._open] = 0.0
+        pull = self._given[self._open] * self._trust[:, None] - _idct(precision[:, None] * _dct(known))[self._open]
+        z = known
+        for i in range(z.shape[1]):
+            z[self._open, i] = self._before["y", i] = self._solve(pull[:, i], precision, sines, self._before.get(("y", i)), _EXACT)
+        for i, (white, doubted) in enumerate(zip(self._white, self._doubted, strict=True)):
+            pull = _idct(np.sqrt(precision) * white)[self._open] + np.sqrt(self._trust) * doubted
+            self._before[i] = self._solve(pull, precision, sines, self._before.get(i), _ROUGH)
+            drawn = np.zeros(n)
+            drawn[self._open] = self._before[i]
+            lost += _dct(drawn)[1:] ** 2 * precision[1:] / self._draws
+        return z, lost
+
+    def _solve(self, b, precision, sines, start, tolerance):
+        """(Q + T)^-1 b over the open samples by conjugate gradients, preconditioned with sines in each run of them."""
+        full = np.zeros(len(self.y))
+
+        def product(v):
+            full[self._open] = v
+            return _idct(precision * _dct(full))[self._open] + self._trust * v
+
+        def nearly_inverse(r):
+            out = np.empty_like(r)
+            for length, (where, _) in self._runs.items():
+                waves = scipy.fft.dst(r[where], type=1, norm="ortho", axis=-1) * sines[length]
+                out[where] = scipy.fft.idst(waves, type=1, norm="ortho", axis=-1)
+            return out
+
+        v = np.zeros_like(b) if start is None else start.copy()
+        r = b.copy() if start is None else b - product(v)
+        enough = tolerance**2 * (b @ nearly_inverse(b))
+        z = nearly_inverse(r)
+        direction, size = z, r @ z
+        for _ in range(_ITERATIONS):
+            if size <= enough:
+                break
+            image = product(direction)
+            step = size / (direction @ image)
+            v, r = v + step * direction, r - step * image
+            z = nearly_inverse(r)
+            size, last = r @ z, size
+            direction = z + size / last * direction
+        return v
+
+
+def _runs_of(index) -> dict[int, np.ndarray]:
+    """Length -> (runs, length) positions in `index` of its runs of consecutive numbers."""
+    if not len(index):
+        return {}
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(index) > 1) + 1, [len(index)]])
+    lengths = np.diff(edges)
+    return {int(length): edges[:-1][lengths == length][:, None] + np.arange(length) for length in np.unique(lengths)}
+
+
+def without_gaps(y: np.ndarray) -> np.ndarray:
+    """(n,) or (n, channels) with straight lines through the gaps of each channel."""
+    filled = np.array(y, dtype=float)
+    for column in filled.reshape(len(filled), -1).T:
+        missing = np.isnan(column)
+        if missing.any() and not missing.all():
+            column[missing] = np.interp(np.flatnonzero(missing), np.flatnonzero(~missing), column[~missing])
+    return filled

@@ -1,0 +1,80 @@
+"""What passes for B and K: steps, warm-ups, sinusoids, other exponents, Gauss-Markov processes. It is named, and B and K are not."""
+
+import numpy as np
+import pytest
+import scipy.fft
+
+import jaxcal
+
+RATE, SAMPLES, RUNS = 100.0, 2**15, 5
+T = np.arange(SAMPLES) / SAMPLES
+
+
+def density(processes=(), exponent=0.0, corner=0.0):
+    """Of the ordinates of a DCT-II: white noise of 1, processes of (level, correlation time), and a power law beside."""
+    angle, dt = np.pi * np.arange(1, SAMPLES) / SAMPLES, 1 / RATE
+    total = 1.0 + (corner / (2 * np.sin(angle / 2) / (2 * np.pi * dt))) ** exponent * (exponent > 0)
+    for level, time in processes:
+        a = np.exp(-dt / time)
+        total = total + level * (1 - a) ** 2 / (1 + a * a - 2 * a * np.cos(angle))
+    return total
+
+
+def drawn(level, seed):
+    """A record drawn ordinate by ordinate, which shares nothing with `Noise.simulate`."""
+    ordinates = np.sqrt(np.broadcast_to(level, SAMPLES - 1) * RATE) * np.random.default_rng(seed).standard_normal(SAMPLES - 1)
+    return scipy.fft.idct(np.concatenate([[0.0], ordinates]), norm="ortho")
+
+
+SD = np.sqrt(RATE)
+MEANS = {
+    "a step of": lambda u: 0.5 * SD * (0.2 + 0.6 * u < T),
+    "a warm-up of": lambda u: SD * np.exp(-T / (0.03 + 0.1 * u)),
+    "a sinusoid of": lambda u: 0.15 * SD * np.sin(2 * np.pi * ((1 + 5 * u) * T + u)),
+    "a straight line of": lambda u: (0.5 + u) * SD * T,
+}
+SPECTRA = {
+    "noise of exponent": density(exponent=0.75, corner=3.0),
+    "Gauss-Markov process": density(processes=((30.0, 0.2), (3000.0, 10.0))),
+}
+
+
+@pytest.mark.parametrize("cause", [*MEANS, *SPECTRA])
+def test_what_passes_for_slow_noise_is_named_and_no_b_or_k_is_present(cause):
+    named = false = covered = 0
+    for seed in range(RUNS):
+        y = drawn(SPECTRA.get(cause, 1.0), seed)
+        y = y + MEANS[cause](np.random.default_rng([seed, 1]).uniform()) if cause in MEANS else y
+        found = jaxcal.noise.fit(y, RATE)
+        named += any(cause in sentence for sentence in found.warnings)
+        false += [found.verdict[term] for term in "BK"].count("present")
+        covered += found.interval["N"][0] <= 1.0 <= found.interval["N"][1]
+    assert named >= RUNS - 1
+    assert false <= 1  # of ten verdicts, each false in one of a hundred by chance
+    assert covered >= RUNS - 2
+
+
+def test_noise_of_the_model_alone_has_no_other_cause():
+    truth = jaxcal.noise.Noise(N=0.25 / 60, B=7.6 / 3600, K=1.8 / 3600)
+    records = np.stack([truth.simulate(SAMPLES, RATE, seed=seed) for seed in range(15)], axis=1)
+    said = [sentence for one in jaxcal.noise.fit(records, RATE).warnings for sentence in one if "explain" in sentence]
+    assert len(said) <= 2  # a cause is named in about one record in fifty, by chance
+
+
+def test_the_size_of_a_step_has_an_interval_that_holds_it():
+    inside = 0
+    for seed in range(10):
+        y = drawn(1.0, seed) + 3.0 * (T > 0.5)
+        (said,) = [sentence for sentence in jaxcal.noise.fit(y, RATE).warnings if "a step of" in sentence]
+        size, error = (float(word) for word in said.split(" at ")[0].removeprefix("a step of ").split(" +- "))
+        inside += abs(size - 3.0) <= 1.96 * error + 0.02  # printed to three digits
+    assert inside >= 8
+
+
+def test_a_channel_with_another_spectrum_is_stacked_with_the_others():
+    y = np.stack([drawn(1.0, 0), drawn(SPECTRA["noise of exponent"], 0), drawn(SPECTRA["Gauss-Markov process"], 0)], axis=1)
+    found = jaxcal.noise.fit(y, RATE)
+    tau = found.deviation.tau
+    assert found.terms == ("Q", "N", "B", "K")
+    ratio = np.sqrt(np.asarray(found.noise.avar(tau, dt=1 / RATE))) / found.deviation.deviation
+    assert np.all(np.abs(ratio[: len(tau) // 2] - 1.0) < 0.1)  # short cluster times have many degrees of freedom
