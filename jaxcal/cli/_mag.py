@@ -135,9 +135,7 @@ def _ready(path: Path, reading: Reading, align: str) -> tuple[Reading, list[str]
         said.append("there are no times, and a fit of norms needs none: the rows stand 1 s apart; give them with --rate")
     if not reading.units and not np.any(values % 1):
         chosen["units"] = ("mag=1 T",)
-        said.append(
-            "whole numbers without a unit are counts, and all results are in counts (T stands for a count); give it with --units mag=uT"
-        )
+        said.append("whole numbers without a unit are counts, and so are all results (T stands for a count); give it with --units mag=uT")
     return dataclasses.replace(reading, **chosen), said
 
 
