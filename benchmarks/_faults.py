@@ -73,6 +73,18 @@ def simulate(case, seed, count=COUNT):
     return m, conditions
 
 
+def random_log(seed, tilt=(5.0, 180.0), noise=(0.001, 0.2), count=(5, 3000)):
+    """Readings (n, 3) of a random sensor at all headings and tilts up to some angle in degrees; noise over field and n log-uniform."""
+    rng = np.random.default_rng([7, seed])
+    n, spread = (np.exp(rng.uniform(*np.log(limits))) for limits in (count, noise))
+    dip, most = rng.uniform(-1.3, 1.3), np.deg2rad(rng.uniform(*tilt))
+    angles = rng.uniform(0, 2 * np.pi, int(n)), np.arccos(rng.uniform(np.cos(most), 1, int(n))), rng.uniform(0, 2 * np.pi, int(n))
+    first, lean, last = (Rotation.from_rotvec(angle[:, None] * axis) for angle, axis in zip(angles, np.eye(3)[[2, 1, 2]], strict=True))
+    field = (first * lean * last).inv().apply([np.cos(dip), 0.0, np.sin(dip)])
+    soft = np.eye(3) + 0.1 * rng.normal(size=(3, 3))
+    return field @ (soft + soft.T) / 2 + rng.normal(size=3) + spread * rng.normal(size=field.shape)
+
+
 def heading_error(model):
     """Root mean square error of the level headings, in rad, of readings without noise."""
     level = np.stack([np.cos(_HEADINGS) * np.cos(DIP), -np.sin(_HEADINGS) * np.cos(DIP), np.full(24, np.sin(DIP))], axis=1)

@@ -1,5 +1,6 @@
 """`jaxcal mag`: hard and soft iron of a magnetometer from a log of it in many attitudes."""
 
+import dataclasses
 import datetime
 import math
 from dataclasses import dataclass
@@ -19,6 +20,8 @@ from ._screen import Screen
 from ._work import carry_out
 
 _MICRO = 1e-6
+_PEEK = 20_000  # bytes
+_STRONGEST = 1e-3  # T: a larger field is one in counts
 #: format of --export -> name of the file where none is given
 _EXPORTS = {name: FILES[name] for name in ("motioncal", "c", "csv")}
 _OTHER = "File for another tool: motioncal, c, csv, or such as c=FILE. Repeatable; jaxcal export writes the other formats."
@@ -49,7 +52,9 @@ def mag(
         Parameter(help="What to fit: sphere (hard iron), diagonal, symmetric (soft iron), or planar for turns about one axis."),
     ] = "auto",
     field: Annotated[Norm | None, Parameter(help="Norm of Earth's field there, in uT; by default the size of the readings stays.")] = None,
-    inclination: Annotated[Dip | None, Parameter(help="Dip of the field in degrees, for the heading error; by default 57.")] = None,
+    inclination: Annotated[
+        Dip | None, Parameter(help="Dip of the field in degrees, for the heading error; else that of --place or --align accel.")
+    ] = None,
     field_error: Annotated[
         float | None, Parameter(help="Relative standard deviation of that norm in the log's unit, such as 0.02: the fit then uses it.")
     ] = None,
@@ -103,8 +108,35 @@ def mag(
     ]  # fmt: skip
     default = "" if writing.corrected else f"{stem(log)}-mag"
     plan = outputs(writing, files, default, formats=_EXPORTS, export=partial(save_export, part="magnetometer"))
+    reading, said = _ready(log, reading, align)
     done = carry_out(log, reading, running, plan, compute, command="jaxcal mag", options=options)
-    done.tell(done.found.warnings)
+    done.tell(done.found.warnings, said)
+
+
+def _ready(path: Path, reading: Reading, align: str) -> tuple[Reading, list[str]]:
+    """How to read a table of three columns and nothing else: a fit of norms needs neither times nor a unit; and the notes on that."""
+    import numpy as np
+
+    if align != "none" or reading.columns or reading.format not in (None, "csv") or not path.is_file():
+        return reading, []
+    with path.open("rb") as file:
+        lines = file.read(_PEEK).decode("utf-8", errors="replace").splitlines()[:-1]
+    cells = [line.replace(",", " ").replace(";", " ").split() for line in lines if line.strip()]
+    try:
+        values = np.array(cells, dtype=float)
+    except ValueError:
+        return reading, []
+    if values.ndim != 2 or values.shape[1] != 3:
+        return reading, []
+    said = ["three columns of numbers are readings of the magnetometer"]
+    chosen: dict[str, Any] = {"columns": ("mag=0:2",)}
+    if reading.rate is None:
+        chosen["rate"] = 1.0
+        said.append("there are no times, and a fit of norms needs none: the rows stand 1 s apart; give them with --rate")
+    if not reading.units and not np.any(values % 1):
+        chosen["units"] = ("mag=1 T",)
+        said.append("whole numbers without a unit are counts, and so are all results (T stands for a count); give it with --units mag=uT")
+    return dataclasses.replace(reading, **chosen), said
 
 
 def _earth(field: float | None, place: tuple[float, float] | None, date: str | None) -> Any:
@@ -130,13 +162,14 @@ def _fit(log: Any, align: str, joint: bool, options: dict[str, Any]) -> Any:
         raise jaxcal.DataError(f"--align {align}: the log has no {align}; name its columns with --columns {align}=...")
     kept = np.isfinite(log.mag).all(axis=1)
     warmth = {} if log.temperature is None else _conditions(log.temperature[kept])
+    from ..magnetometer import Accelerometer, Gyroscope, aligned
+
+    if align == "accel":
+        return jaxcal.magnetometer.fit(log.mag[kept], conditions=warmth, aid=Accelerometer(log.accel[kept]), joint=joint, **options)
     found = jaxcal.magnetometer.fit(log.mag[kept], conditions=warmth, **options)
     if align == "none" or found.model is None:
         return found
-    from ..magnetometer import Accelerometer, Gyroscope, aligned
-
-    aid = Accelerometer(log.accel) if align == "accel" else Gyroscope(log.gyro, log.rate)
-    return aligned(found, log.mag, aid, joint=joint)
+    return aligned(found, log.mag, Gyroscope(log.gyro, log.rate), joint=joint)
 
 
 def _conditions(temperature: Any) -> dict[str, Any]:
@@ -153,9 +186,10 @@ def _show(screen: Screen, found: Any) -> None:
     screen.line(f"{found.verdict}: {found.reason}")
     if found.model is None:
         return
-    hard, spread = np.asarray(found.model.hard_iron) / _MICRO, found.hard_iron_error / _MICRO
+    size, unit = (_MICRO, "uT") if found.field < _STRONGEST else (1.0, "counts")
+    hard, spread = np.asarray(found.model.hard_iron) / size, found.hard_iron_error / size
     rows = [
-        ["hard iron (uT)", *(f"{b:.4f} +- {s:.2g}" if np.isfinite(s) else f"{b:.4f} open" for b, s in zip(hard, spread, strict=True))],
+        [f"hard iron ({unit})", *(f"{b:.4f} +- {s:.2g}" if np.isfinite(s) else f"{b:.4f} open" for b, s in zip(hard, spread, strict=True))],
         *(
             [f"soft iron, {axis}", *(f"{c:.5f}" for c in row)]
             for axis, row in zip("xyz", np.asarray(found.model.soft_iron), strict=True)
@@ -165,7 +199,7 @@ def _show(screen: Screen, found: Any) -> None:
     level, tilted = np.rad2deg(found.heading_error)
     facts = [
         f"heading error to expect: {level:.2g} deg rms" + (f", {tilted:.2g} deg at 20 deg of tilt" if np.isfinite(tilted) else ""),
-        f"field {found.field / _MICRO:.5g} uT, noise of a reading {found.noise / _MICRO:.3g} uT an axis",
+        f"field {found.field / size:.5g} {unit}, noise of a reading {found.noise / size:.3g} {unit} an axis",
         f"{len(found.residual)} readings, {len(found.outliers)} of them outliers; {100 * found.coverage.occupied:.0f} % of 500 directions "
         f"seen, largest gap {np.rad2deg(found.coverage.largest_gap):.0f} deg",
     ]

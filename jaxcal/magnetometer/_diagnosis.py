@@ -46,16 +46,26 @@ def checked_conditions(conditions: dict[str, Any], count: int) -> dict[str, np.n
     return found
 
 
-def cost_of(said: Examined, found: Found, whole: np.ndarray, dip: float) -> dict[str, float]:
-    """The rms heading error in rad that each cause adds at level; of correlated noise, all of the error."""
+def cost_of(found: Found, steps: np.ndarray, dip: float) -> float:
+    """The rms heading error in rad that biases (k, 9) of a fit make at level."""
     rows = np.array(PLANAR_ROWS) if found.kind in PLANAR else np.arange(9)
+    return float(heading_error(found.shape, steps[:, rows].T @ steps[:, rows], dip)[0])
 
-    def of(steps: np.ndarray) -> float:
-        if not len(steps):
-            return float(whole[0])
-        return float(heading_error(found.shape, steps[:, rows].T @ steps[:, rows], dip)[0])
 
-    return {cause.name: of(cause.steps) for cause in said.causes}
+def costs_of(said: Examined, found: Found, whole: np.ndarray, dip: float) -> dict[str, float]:
+    """That of each cause; of correlated noise, all of the error."""
+    return {cause.name: cost_of(found, cause.steps, dip) if len(cause.steps) else float(whole[0]) for cause in said.causes}
+
+
+def assumptions(dip: float, no_dip: bool, no_axis: bool, span: np.ndarray) -> str:
+    """What the heading error takes for granted, and its range without that."""
+    if not (no_dip or no_axis) or not np.isfinite(span).all():
+        return ""
+    taken = [f"a dip of {np.rad2deg(dip):.0f} degrees"] * no_dip + ["the z axis down"] * no_axis
+    others = ["dips up to 75 degrees"] * no_dip + ["other axes down"] * no_axis
+    low, high = np.rad2deg(span)
+    most = f"{low:.2g} to {high:.2g} degrees" if high < 30 else f"{low:.2g} to more than 30 degrees" if low < 30 else "more than 30 degrees"
+    return f" This assumes {' and '.join(taken)}; with {' and '.join(others)} the error at level is {most}."
 
 
 def sentences(said: Examined, costs: dict[str, float], limit: float) -> list[str]:

@@ -13,8 +13,8 @@ from .._errors import DataError
 from .._precision import host_float64, is_traced
 from ..fitting import AbstractLoss
 from ._design._coverage import covered, sphere_grid
-from ._design._heading_error import heading_departure, heading_error, information, needed
-from ._diagnosis import checked_conditions, cost_of, sentences
+from ._design._heading_error import heading_departure, heading_error, heading_range, information, needed
+from ._diagnosis import assumptions, checked_conditions, cost_of, costs_of, sentences
 from ._ellipsoid._algebraic import NotEllipsoid, algebraic, axes, consistent, constrained, extents, li_griffiths, minmax
 from ._ellipsoid._causes import examined
 from ._ellipsoid._kinds import COUNT, NAMES, PLANAR, PLANAR_NAMES, SOLID, parameters_of
@@ -26,7 +26,7 @@ from ._field import INCLINATION
 from ._model import MagModel
 from ._own_model import fit_model, one_by_one
 from ._result import LIMITS, NEAR_PLANAR, NEAR_PLANAR_SENTENCE, NOT_JUDGED, MagFit, judge, outliers, refusal
-from ._rotation._align import align
+from ._rotation._align import align, vertical
 from ._rotation._joint import checked_joint, jointly, with_rotation
 
 _LINE = 0.01  # second singular value of the centred readings, of 0.58 for a full sphere
@@ -89,7 +89,8 @@ def fit(
     field_error : relative standard deviation with which the norm `field` is known in the unit of the readings: the sensor's sensitivity
         and the mean stretch of its soft iron, not the field model alone. The fit then uses it, which helps most with part of a sphere.
     loss : None, "huber", "cauchy", "tukey" or a loss of `jaxcal.fitting`, for readings with outliers; "ml" and "radial" only.
-    inclination : dip of the field in rad for `heading_error`; that of `field`, or 57 degrees (Ankara), unless given.
+    inclination : dip of the field in rad for `heading_error`; unless given that of `field`, or what an `Accelerometer` shows. Else 57
+        degrees are assumed, and `heading_range` says what other dips would make of it.
     choose : "bic" or "held_out", how "auto" compares models.
     limits : rms heading error in rad above which the verdict is "weak", and above which it is "refused".
     per_direction : logs of more than 20,000 readings are thinned to this many in each of 500 directions: neighbours repeat one
@@ -152,7 +153,7 @@ def fit(
     loss, recorded = loss_of(loss), checked_conditions(conditions or {}, len(m))
     if joint:
         checked_joint(method, model, aid, loss, field_error)
-    whole, used = m, None
+    whole, used, assumed = m, None, inclination is None and np.ndim(field) == 0
     if per_direction is not None and len(m) > LONG and method not in _EXTREMES:
         used = thinned(Frame.of(m).scaled(m), per_direction, loss)
         m = m[used]
@@ -203,17 +204,27 @@ def fit(
             told["heading_error"] = np.hypot(told["heading_error"], heading_departure(found, best, dip))
         except NotEllipsoid:
             told["heading_error"] = np.full(2, np.inf)
+    turn = None if aid is None else align(whole, told["model"], aid)
+    seen, down = (None, None) if turn is None else vertical(aid, turn)
+    shape, matrix = found.shape / frame.scale**2, told["covariance"]
+    if seen is not None and plane is None and method in _EXACT:
+        dip = float(seen) if assumed else dip
+        told["heading_error"] = heading_error(shape, matrix, dip, down)
     known = information(directions_of(found, u), found.kind, found.noise / radius_of(found.shape, plane is not None))
-    verdict, reason = judge(found, u, told["heading_error"], known, limits, loss, notes, said)
-    costs = cost_of(said, found, told["heading_error"], dip)
+    verdict, reason = judge(found, u, told["heading_error"], known, limits, loss, notes, said, cost_of(found, said.swing[None], dip))
+    dips = None if assumed and seen is None else dip
+    span = np.full(2, np.nan) if plane is not None else heading_range(shape, matrix, dips, down)
+    reason += assumptions(dip, dips is None, down is None, span)
+    costs = costs_of(said, found, told["heading_error"], dip)
     result = dataclasses.replace(
         refusal(method, dip, reason), verdict=verdict, condition=known.condition, kind=found.kind, penalty=found.penalty,
         field_error=field_error, names=NAMES if plane is None else PLANAR_NAMES, causes=costs, blocks=said.blocks, **told,
+        down=np.array([0.0, 0.0, 1.0]) if down is None else down, heading_range=span,
         **_of_all(found, frame, whole, told, norm, sentences(said, costs, limits[0])),
     )  # fmt: skip
-    if aid is None:
+    if turn is None:
         return result
-    after = with_rotation(result, align(whole, told["model"], aid), field)
+    after = with_rotation(result, turn, field)
     return jointly(after, whole, aid, limits=limits, rows=used) if joint else after
 
 

@@ -21,12 +21,14 @@ from ..fitting import Fit, covariance, identifiability, solve
 from ._design._coverage import covered
 from ._design._heading_error import rms_heading
 from ._ellipsoid._algebraic import extents, traced_start
+from ._ellipsoid._causes import SERIAL
 from ._ellipsoid._kinds import basis_of, shape_and_centre
 from ._ellipsoid._orthogonal import CURVED
 from ._ellipsoid._residuals import surface_distances
+from ._ellipsoid._serial import BLOCKS, doubt, leave_out, white
 from ._ellipsoid._shape import Frame, model_of, radius_of
 from ._model import MagModel
-from ._result import NEAR_PLANAR, NEAR_PLANAR_SENTENCE, NOT_JUDGED, MagFit, Reasons, expected, outliers, refusal
+from ._result import NEAR_PLANAR, NEAR_PLANAR_SENTENCE, NOT_JUDGED, UNEVEN, MagFit, Reasons, expected, outliers, refusal
 
 _ENTRY = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
 _UPPER = np.triu_indices(3)
@@ -65,6 +67,26 @@ def _start(model: MagModel, m: Any, field: Any, conditions: Any) -> tuple[Leaves
     return jax.lax.stop_gradient(jax.tree.map(pick, given, other)), jax.lax.stop_gradient(turn), norm
 
 
+def _changes(leaves: Leaves, turn: Array, norm: Any, usual: dict[str, Any], directions: Any) -> Array:
+    """Derivative of corrected unit fields with respect to what is fitted, (n, 3, p), under the usual conditions."""
+    there = {name: jnp.broadcast_to(value, (len(directions), *jnp.shape(value))) for name, value in usual.items()}
+    readings = leaves.model(turn).measure(norm * jnp.asarray(directions), **there)
+    slope = jax.jacfwd(lambda leaves: leaves.model(turn).correct(readings, **there))(leaves)
+    return jnp.concatenate([x.reshape(*readings.shape, -1) for x in jax.tree.leaves(slope)], axis=-1) / norm
+
+
+_changes_compiled = filter_jit(_changes)
+
+
+def changes_of(found: MagFit, directions: np.ndarray) -> np.ndarray:
+    """That of a fit of a model object (host only)."""
+    model: Any = found.model
+    left, _, right = np.linalg.svd(np.asarray(model.soft_iron))
+    turn = left @ right
+    leaves = Leaves((np.asarray(model.soft_iron) @ turn.T)[_UPPER], eqx.tree_at(lambda m: m.soft_iron, model, None))
+    return np.asarray(_changes_compiled(leaves, turn, found.field, found.usual, directions))
+
+
 def _pure(dip: float, model: MagModel, m: Any, field: Any, conditions: Any) -> tuple[Fit, dict[str, Any]]:
     """The fit, and what a `MagFit` has of it."""
     begin, turn, norm = _start(model, m, field, conditions)
@@ -78,15 +100,10 @@ def _pure(dip: float, model: MagModel, m: Any, field: Any, conditions: Any) -> t
             begin = jax.lax.stop_gradient(found.model)
     fitted, matrix = found.model.model(turn), covariance(found, scaled=True)
     usual = {name: jnp.median(jnp.asarray(value), axis=0) for name, value in conditions.items()}
-
-    def change(directions: Any) -> Array:
-        there = {name: jnp.broadcast_to(value, (len(directions), *value.shape)) for name, value in usual.items()}
-        readings = fitted.measure(norm * directions, **there)
-        slope = jax.jacfwd(lambda leaves: leaves.model(turn).correct(readings, **there))(found.model)
-        return jnp.concatenate([x.reshape(*readings.shape, -1) for x in jax.tree.leaves(slope)], axis=-1) / norm
-
+    change = functools.partial(_changes, found.model, turn, norm, usual)
     return eqx.tree_at(lambda f: f.problem, found, None), {
         "model": fitted, "covariance": matrix, "residual": found.residuals, "noise": noise, "field": norm, "values": found.parameters,
+        "usual": usual,
         "heading_error": rms_heading(change, matrix, dip),
     }  # fmt: skip
 
@@ -134,13 +151,24 @@ def fit_model(
     if not np.allclose(back, m, rtol=1e-6, atol=1e-6 * np.abs(m).max()):
         raise DataError(f"`measure` and `correct` of {result.kind} do not undo one another; `correct` must be its inverse.")
     far = outliers(result.residual / field)
-    identified, reasons = identifiability(found), Reasons([], [])
+    identified, reasons, doubtful = identifiability(found), Reasons([], []), 0.0
+    jacobian, left = np.asarray(found.jacobian), np.asarray(found.residuals)
+    if np.isfinite(result.covariance).all() and noise > 1e-9 * field and not white(jacobian, left):
+        matrix = leave_out(jacobian, left, np.zeros((count, count)))
+        error = np.asarray(rms_heading(functools.partial(changes_of, result), matrix, dip))
+        said = (
+            f"The noise is correlated from reading to reading; the errors are those between fits without parts of the log ({BLOCKS} parts)."
+        )
+        result = dataclasses.replace(
+            result, covariance=matrix, heading_error=error, blocks=BLOCKS, causes={SERIAL: float(error[0])}, warnings=(said,)
+        )
+        doubtful = doubt(BLOCKS - 1) * float(error[0])
     if not bool(found.usable) or not np.isfinite(result.covariance).all():
         reasons.refused.append(f"The fit has no solution that the readings determine: {found.message} {identified.sentence}")
     elif extents(Frame.of(m).scaled(m))[-1] < NEAR_PLANAR:
         reasons.refused.append(NEAR_PLANAR_SENTENCE.partition(", or use")[0] + ".")
-    else:
-        reasons.heading(result.heading_error, limits, f". {identified.sentence}")
+    elif not reasons.heading(result.heading_error, limits, f". {identified.sentence}") and doubtful > limits[0]:
+        reasons.weak.append(f"{UNEVEN}: the heading may be wrong by {np.rad2deg(doubtful):.2g} degrees rms.")
     reasons.scatter(noise / field, "surface of this model")
     reasons.outliers(len(far), len(m))
     said = reasons.text(f"The {expected(result.heading_error)}, excluding a rotation common to all readings.")

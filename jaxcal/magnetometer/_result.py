@@ -30,6 +30,7 @@ _NOISY, _TOO_NOISY = 0.1, 0.2
 _ILL, _SINGULAR = 1000.0, 1e8
 _BY_NOISE = 0.5
 _BY_PENALTY, _CONFLICT = 0.5, 3.0  # standard errors
+UNEVEN = "The residuals are not white, and parts of the log differ"
 _BY_BIAS = 1.5  # what an error may be more than the biases that were found
 
 
@@ -63,7 +64,12 @@ class MagFit(Result):
     used : number of readings that were fitted: all, or of a long log as many as there are directions to tell apart.
     needed : (3, 3) unit vectors, in the corrected field's axes, in which further readings would help most.
     condition : condition number of the fit on the unit sphere; 3 for even coverage, above 1000 the data hardly determine the model.
-    inclination : dip of the field used for `heading_error`, rad.
+    inclination : dip of the field used for `heading_error`, rad: as given, or as the accelerometer shows it, or 57 degrees.
+    down : (3,) axis that points down at level, used for `heading_error`, in the axes of the norms' fit (before a rotation by `alignment`):
+        z, or the mean vertical of an accelerometer that is tilted little.
+    heading_range : (2,) least and largest `heading_error` at level, over what is not known of both: dips up to 75 degrees, and each axis
+        down. NaN in a plane and for model objects.
+    usual : median of each condition of a model object, at which `heading_error` holds.
     plane : (3, 3) for a planar fit: unit vectors of the plane, and its normal last. None otherwise.
     alignment : `Alignment` with the accelerometer, gyroscope or headings that were given; its rotation is in `model`. None otherwise.
     warnings : sentences.
@@ -101,6 +107,9 @@ class MagFit(Result):
     values: AnyArray = eqx.field(default_factory=lambda: np.zeros(0))
     causes: dict[str, float] = eqx.field(default_factory=dict)
     blocks: int = eqx.field(static=True, default=0)
+    down: AnyArray = eqx.field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+    heading_range: AnyArray = eqx.field(default_factory=lambda: np.full(2, np.nan))
+    usual: dict[str, Any] = eqx.field(default_factory=dict)
 
     @property
     def parameters(self) -> dict[str, float]:
@@ -245,13 +254,13 @@ def _structural(found: Found, u: np.ndarray, told: Information, planar: bool) ->
 
 def judge(
     found: Found, u: np.ndarray, error: np.ndarray, told: Information, limits: tuple[float, float], loss: Any, notes: list[str],
-    said: Examined,
+    said: Examined, swing: float,
 ) -> tuple[str, str]:  # fmt: skip
     """Verdict, and the sentences that lead to it."""
     planar = found.kind in PLANAR
     reasons = Reasons(_structural(found, u, told, planar), list(notes))
     if not reasons.refused:
-        _by_size(found, error, told, limits, reasons, said)
+        _by_size(found, error, told, limits, reasons, said, swing)
     far = len(outliers(found.distance, found.weight))
     if far > 0.4 * len(u):
         reasons.refused.append(f"{far} of {len(u)} readings are outliers: no majority of the readings agrees.")
@@ -261,14 +270,16 @@ def judge(
     return reasons.verdict, text + (" It holds for headings in the plane of the readings only." if planar else "")
 
 
-def _by_size(found: Found, error: np.ndarray, told: Information, limits: tuple[float, float], reasons: Reasons, said: Examined) -> None:
+def _by_size(
+    found: Found, error: np.ndarray, told: Information, limits: tuple[float, float], reasons: Reasons, said: Examined, swing: float
+) -> None:
     """Reasons that are a matter of degree: scatter, predicted heading error, condition."""
     if not found.converged:
         reasons.refused.append(f"The fit did not converge: {found.message or 'it ran off, as fits of this cost do with partial coverage.'}")
     reasons.scatter(found.noise / radius_of(found.shape))
     level, least = np.rad2deg([error[0], limits[0]])
     if not reasons.heading(error, limits, f"; least certain is {told.weakest}."):
-        _doubtful(found, level, least, reasons, said)
+        _doubtful(found, level, least, reasons, said, swing)
     if found.conflict > _CONFLICT:
         reasons.weak.append(
             f"The field that the readings alone give is {found.conflict:.2g} standard errors from the given one: its unit, the "
@@ -281,10 +292,10 @@ def _by_size(found: Found, error: np.ndarray, told: Information, limits: tuple[f
         reasons.weak.append(f"The readings hardly determine {told.weakest} (condition number {told.condition:.0f}).")
 
 
-def _doubtful(found: Found, level: float, least: float, reasons: Reasons, said: Examined) -> None:
+def _doubtful(found: Found, level: float, least: float, reasons: Reasons, said: Examined, swing: float) -> None:
     """Whether the heading may be worse than the limit, by how well its error is known."""
     if said.blocks:
-        by, why = doubt(BLOCKS - 1), "The residuals are not white, and parts of the log differ"
+        by, why = doubt(BLOCKS - 1), UNEVEN
     elif said.causes:
         by, why = _BY_BIAS, f"The residuals follow {said.causes[0].name!r}"
     else:
@@ -292,3 +303,8 @@ def _doubtful(found: Found, level: float, least: float, reasons: Reasons, said: 
         why = f"{len(found.distance)} readings leave the noise uncertain by a factor of {by:.2g}"
     if level * by > least:
         reasons.weak.append(f"{why}: the heading may be wrong by {level * by:.2g} degrees rms.")
+    elif np.rad2deg(swing) > least:
+        reasons.weak.append(
+            "The noise is correlated as that of a hard iron that moves would be, by which the heading may be wrong by "
+            f"{np.rad2deg(swing):.2g} degrees rms."
+        )

@@ -13,12 +13,13 @@ from .._errors import DataError
 from .._precision import array_module, host_float64
 from .._types import AnyArray, Array
 from ..fitting import solve_many
-from ._design._heading_error import grids, heading_slopes, planar_slopes, tilted
+from ._design._heading_error import across, change_of, grids, heading_slopes, levelled, planar_slopes, tilted
 from ._ellipsoid._kinds import ENTRIES, PLANAR, parameters_of, shape_and_centre
 from ._ellipsoid._orthogonal import CURVED, bounds_of, padded
 from ._ellipsoid._residuals import Penalty, Readings, Size, distances, natural_rows, orthogonal, penalised
 from ._ellipsoid._shape import Frame, ellipsoid_of_model, radius_of
 from ._field import INCLINATION, unit_field
+from ._own_model import changes_of
 from ._result import MagFit
 
 #: step to go, relative to the statistical uncertainty, at which a refit is done
@@ -130,7 +131,10 @@ def heading_uncertainty(found: MagFit, headings: Any, *, tilt: float | int = 0.0
     shape, _ = ellipsoid_of_model(found.model, Frame(np.zeros(3), 1.0), found.field)
     if found.plane is None:
         attitudes = tilted(headings, float(tilt))
-        slopes = heading_slopes(shape, attitudes, unit_field(attitudes, found.inclination))
+        directions, turn = unit_field(attitudes, found.inclination), levelled(found.down)
+        sideways = across(attitudes, directions) @ turn
+        change = changes_of(found, directions @ turn) if len(found.values) else change_of(shape, directions @ turn)
+        slopes = np.einsum("ni,nip->np", sideways, change)
     else:
         basis = np.asarray(found.plane)
         slopes = planar_slopes(basis @ shape @ basis.T, headings)

@@ -8,7 +8,7 @@ import numpy as np
 
 from .._log import Log
 from .._results import plain
-from ..magnetometer import MagFit, MagModel, heading_uncertainty
+from ..magnetometer import MagFit, heading_uncertainty
 from ..plot import _magnetometer as pictures
 from ._html import Markup, definitions, join, numbers, provenance, recording, scroll, section, table, tag, warnings_of
 from ._page import picture
@@ -33,8 +33,8 @@ def document(found: MagFit, log: Log | None) -> dict[str, Any]:
     return {
         "schema": "jaxcal.mag/1", "version": importlib.metadata.version("jaxcal"), **of(found, "verdict", "reason", "method"),
         "model": found.kind, **of(model, "hard_iron"), "hard_iron_error": None if model is None else plain(found.hard_iron_error),
-        **of(model, "soft_iron"), **of(found, "field", "noise", "penalty", "field_error", "joint", "heading_error", "inclination"),
-        **of(found, "causes", "blocks"),
+        **of(model, "soft_iron"), **of(found, "field", "noise", "penalty", "field_error", "joint", "heading_error", "heading_range"),
+        **of(found, "inclination", "down", "causes", "blocks"),
         "covariance": {"parameters": list(found.names), "values": plain(found.covariance)},
         "coverage": None if cover is None else of(cover, "gaps", "variance", "wobble", "occupied", "largest_gap"),
         **of(found, "needed", "outliers"), "readings": len(found.residual),
@@ -107,7 +107,7 @@ def _pictures(found: MagFit, m: np.ndarray | None) -> Markup:
     if fitted:
         about = "Distance of each reading to the ellipsoid, by direction. Its numbers are those of the readings."
         figures.append((pictures.residual(m, found), "Residuals", about, Markup("")))
-    if type(found.model) is MagModel and np.isfinite(found.covariance).all():
+    if np.isfinite(found.covariance).all():
         about = "Standard deviation of the heading against heading."
         figures.append((pictures.heading_error(found), "Heading error", about, _headings(found)))
     parts = [

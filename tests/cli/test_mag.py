@@ -133,3 +133,18 @@ def test_both_sensors_at_once(simulated, folder):
     assert document["provenance"]["options"]["joint"] is True
     np.testing.assert_allclose(document["soft_iron"], truth, atol=6e-3)
     assert call("mag", "tumble.csv", "--joint").status == 2
+
+
+def test_counts_need_neither_times_nor_a_unit(call, folder):
+    """Three columns of whole numbers, as an Arduino prints them."""
+    rng = np.random.default_rng(0)
+    u = rng.normal(size=(300, 3))
+    m = np.round(400 * u / np.linalg.norm(u, axis=1, keepdims=True) + [50, -20, 10] + 4 * rng.normal(size=u.shape)).astype(int)
+    (folder / "counts.txt").write_text("".join(f"{x} {y} {z}\n" for x, y, z in m))
+    found = call("mag", "counts.txt", "--json", "counts.json")
+    assert (found.status, found.err) == (0, "")
+    assert "hard iron (counts)" in found.out
+    assert "are counts, and so are all results" in " ".join(found.out.split())
+    document = json.loads((folder / "counts.json").read_text())
+    assert np.abs(np.array(document["hard_iron"]) - [50, -20, 10]).max() < 2
+    assert document["field"] == pytest.approx(400, rel=0.01)

@@ -56,7 +56,9 @@ def test_furbrain_dips_are_no_wider_than_listed(reference):
         assert np.rad2deg(found.spread) == pytest.approx([before, after], abs=6e-4)
         assert np.rad2deg(found.angle) == pytest.approx(angle, abs=6e-3)
         assert np.rad2deg(found.spread[1]) <= recorded[name]["dip_std_rotation_aligned_deg"]
-        assert np.all((np.rad2deg(np.sqrt(np.diag(found.covariance))) > 0.04) & (np.rad2deg(np.sqrt(np.diag(found.covariance))) < 0.13))
+        off = np.rad2deg(np.sqrt(np.diag(found.covariance)))
+        # some sets of shots are not white from shot to shot
+        assert np.all((off > 0.04) & (off < 0.25))
 
 
 def test_the_accelerometer_finds_the_turn_and_the_dip_as_well_as_it_says():
@@ -239,3 +241,82 @@ def test_constant_rates_are_integrated_exactly():
     assert found.used == 3 * n
     np.testing.assert_allclose(found.bias, bias, rtol=2e-3)
     np.testing.assert_allclose(found.rotation, np.eye(3), atol=1e-7)
+
+
+def test_the_vertical_of_the_accelerometer_is_that_of_the_heading_error():
+    """A sensor that tilts by 30 degrees at a dip of 70: the truth is the same whichever of its axes points down."""
+    dip = np.deg2rad(70.0)
+    attitudes = scenario("three_turns")
+    field, up = body_field(attitudes, 1.0, dip), -9.81 * body_field(attitudes, 1.0, np.pi / 2)
+    noisy = field + 0.003 * np.random.default_rng(0).normal(size=field.shape)
+    roll = np.eye(3)[[2, 0, 1]]
+    found = [fit(noisy @ turn.T, model="symmetric", aid=Accelerometer(up @ turn.T)) for turn in (np.eye(3), roll)]
+    assert found[0].inclination == pytest.approx(dip, abs=np.deg2rad(2.0))
+    np.testing.assert_allclose(found[1].heading_error, found[0].heading_error, rtol=1e-3)
+    np.testing.assert_allclose(found[1].down, [1.0, 0.0, 0.0], atol=0.05)
+    blind = [fit(noisy @ turn.T, model="symmetric") for turn in (np.eye(3), roll)]
+    assert blind[0].heading_error[0] != pytest.approx(blind[1].heading_error[0], rel=0.1)
+    for one in blind:
+        assert "assumes a dip of 57 degrees and the z axis down" in one.reason
+        assert one.heading_range[0] < one.heading_error[0] < one.heading_range[1]
+    np.testing.assert_allclose(blind[0].heading_range, blind[1].heading_range, rtol=1e-3)
+    assert "assumes" not in found[0].reason
+
+
+def hand(delay, seed, rate=100.0, count=1200, fine=20):
+    """Readings that lag the rates by a delay, in a hand that turns at varied rates, and the true rotation; rates at the instants."""
+    rng, total = np.random.default_rng(seed), count * fine
+    t = np.arange(total)[:, None] / (rate * fine)
+    waves = [rng.normal(size=3) * np.sin(2 * np.pi * rng.uniform(0.1, 1.2) * t + rng.uniform(0, 2 * np.pi, 3)) for _ in range(8)]
+    rates = 0.75 * np.sum(waves, axis=0)
+    attitude, found = Rotation.identity(), []
+    for middle in (rates[1:] + rates[:-1]) / 2 / (rate * fine):
+        found.append(attitude.as_quat())
+        attitude = attitude * Rotation.from_rotvec(middle)
+    found.append(attitude.as_quat())
+    body = Rotation.from_quat(np.array(found))
+    now = np.arange(count) * fine
+    then = np.clip(now - round(delay * rate * fine), 0, total - 1)
+    turn = Rotation.from_rotvec(VECTOR).as_matrix()
+    field = body[then].inv().apply([np.cos(1.0), 0.0, np.sin(1.0)])
+    m = field @ turn.T + 0.005 * rng.normal(size=field.shape) + [0.3, -0.2, 0.1]
+    return m, rates[now] + 0.002 * rng.normal(size=(count, 3)) + [0.01, -0.02, 0.005], turn
+
+
+@pytest.mark.parametrize("delay", [-0.02, 0.0, 0.005, 0.02])
+@pytest.mark.parametrize("joint", [False, True])
+def test_the_delay_between_the_sensors_is_found(delay, joint):
+    m, gyro, turn = hand(delay, 3)
+    found = fit(m, model="symmetric", aid=Gyroscope(gyro, 100.0), joint=joint).alignment
+    assert found.delay == pytest.approx(delay, abs=1e-3)
+    assert abs(found.delay - delay) < 4 * found.delay_error + 1e-5
+    assert found.delay_error < 5e-4
+    assert angle_between(found.rotation, turn) < np.deg2rad(0.4)
+    assert f"known to {1e3 * found.delay_error:.2g} ms" in found.reason
+
+
+def angle_between(one, other):
+    return Rotation.from_matrix(one @ other.T).magnitude()
+
+
+def test_a_delay_that_the_turns_do_not_show_is_said():
+    """Slow turns, at one rate about each of two axes: a delay is a rotation, and what is known of delays beforehand bounds it."""
+    steps = np.repeat([[0.0, 0.0, 0.1], [0.1, 0.0, 0.0]], 300, axis=0)
+    body = [np.eye(3)]
+    for step in Rotation.from_rotvec(steps[:-1] / 10.0).as_matrix():
+        body.append(body[-1] @ step)
+    field = np.swapaxes(body, 1, 2) @ np.array([0.5, 0.0, 0.8]) + 0.01 * np.random.default_rng(0).normal(size=(600, 3))
+    found = align(field, PLAIN, Gyroscope(steps, 10.0))
+    assert found.delay_error > 0.02
+    assert "do not show the delay" in found.reason
+
+
+def test_a_shift_of_the_rates_moves_the_delay_and_not_the_rotation(reference):
+    """A flight controller's log of 200 Hz (pichim), its rates moved by up to 20 ms."""
+    log = np.loadtxt(next((reference / "data" / "magnetometer" / "pichim").glob("*.txt")), delimiter=",")
+    m, gyro = log[500:2500, :3], log[:, 3:]
+    model = fit(log[:, :3]).model
+    found = {k: align(m, model, Gyroscope(gyro[500 + k : 2500 + k], 200.0)) for k in (0, -4, -2, 2, 4)}
+    for k, one in found.items():
+        assert np.rad2deg(angle_between(one.rotation, found[0].rotation)) < 0.2
+        assert one.delay - found[0].delay == pytest.approx(k / 200.0, abs=5e-4)

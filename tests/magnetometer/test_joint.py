@@ -211,10 +211,10 @@ def test_residuals_compiled_and_their_slopes():
     rows = np.arange(40)
     start = np.concatenate([np.eye(3)[np.triu_indices(3)], cases.MILD.hard_iron, [0.1, -0.2, 0.05]])
     for pairs, more in (
-        (Pairs.of(m, rows, Gyroscope(gyro, RATE)), np.zeros(3)),
+        (Pairs.of(m, rows, Gyroscope(gyro, RATE)), np.zeros(4)),
         (Pairs.of(m, rows, Accelerometer(accel)), np.array([-0.8])),
     ):
-        data = jax.tree.map(jnp.asarray, pairs.data(m, start, np.eye(3), np.array([0.01, 0.02]), 1e-4, np.zeros(3)))
+        data = jax.tree.map(jnp.asarray, pairs.data(m, start, np.eye(3), np.array([0.01, 0.02]), 1e-4, np.zeros(4)))
         begin = jnp.asarray(np.concatenate([start, more]))
         eager = pairs.function(begin, data)
         run = jax.jit(lambda p, f=pairs.function, d=data: f(p, d))

@@ -10,7 +10,7 @@ import scipy.stats
 
 import jaxcal
 from jaxcal import DataError
-from jaxcal.magnetometer import MagModel, fit, residuals
+from jaxcal.magnetometer import MagModel, fit, heading_uncertainty, residuals
 
 from . import cases
 
@@ -129,6 +129,15 @@ def test_a_model_object_without_more_fields_is_the_symmetric_fit():
     np.testing.assert_allclose(one.model.hard_iron, other.model.hard_iron, atol=1e-7 * FIELD)
     np.testing.assert_allclose(one.heading_error, other.heading_error, rtol=1e-4)
     np.testing.assert_allclose(one.hard_iron_error, other.hard_iron_error, rtol=1e-4)
+
+
+def test_its_heading_uncertainty_is_that_of_all_its_parameters(found):
+    headings = np.arange(24) * np.pi / 12
+    for tilt, error in zip((0.0, np.deg2rad(20.0)), found.heading_error, strict=True):
+        assert cases.rms(heading_uncertainty(found, headings, tilt=tilt)) == pytest.approx(error, rel=1e-6)
+    assert len(jaxcal.plot.heading_error(found).lines) == 2
+    plain, other = fit(drawn(0), model=MagModel(np.eye(3), np.zeros(3)), field=FIELD), fit(drawn(0), model="symmetric", field=FIELD)
+    np.testing.assert_allclose(heading_uncertainty(plain, headings), heading_uncertainty(other, headings), rtol=1e-3)
 
 
 def test_what_the_readings_leave_open_is_named():

@@ -23,6 +23,7 @@ _IN_PLANE = {
 }  # fmt: skip
 _TILT = np.deg2rad(20.0)
 _HEADINGS = np.arange(24) * np.pi / 12
+_DIPS = (0.0, np.deg2rad(50.0), np.deg2rad(75.0))  # Earth's, but for the polar regions; an odd function adds nothing below zero
 
 
 def tilted(headings: np.ndarray, tilt: float) -> np.ndarray:
@@ -51,7 +52,7 @@ def _level_parts(attitudes: np.ndarray, y: np.ndarray) -> list[np.ndarray]:
     return [np.sum(y * axis, axis=1) for axis in _level_axes(attitudes)]
 
 
-def _across(attitudes: np.ndarray, directions: np.ndarray) -> np.ndarray:
+def across(attitudes: np.ndarray, directions: np.ndarray) -> np.ndarray:
     """Derivative of the magnetic heading with respect to the corrected field, (n, 3)."""
     (forward, right), (x, y) = _level_axes(attitudes), _level_parts(attitudes, directions)
     return (y[:, None] * forward - x[:, None] * right) / (x**2 + y**2)[:, None]
@@ -59,10 +60,10 @@ def _across(attitudes: np.ndarray, directions: np.ndarray) -> np.ndarray:
 
 @functools.lru_cache(maxsize=64)
 def grids_across(inclination: float) -> list[np.ndarray]:
-    return [_across(*grid) for grid in grids(inclination)]
+    return [across(*grid) for grid in grids(inclination)]
 
 
-def _change(shape: Any, directions: np.ndarray) -> Any:
+def change_of(shape: Any, directions: np.ndarray) -> Any:
     """Derivative of corrected unit fields with respect to the shape's entries and the centre, (n, 3, 9)."""
     xp, matrix = array_module(shape), root(shape)
     by_shape = xp.einsum("eij,nj->nie", root_slopes(shape), directions @ xp.linalg.inv(matrix))
@@ -71,7 +72,7 @@ def _change(shape: Any, directions: np.ndarray) -> Any:
 
 def heading_slopes(shape: Any, attitudes: np.ndarray, directions: np.ndarray) -> Any:
     """Derivative of the magnetic heading with respect to the shape's entries and the centre, (n, 9)."""
-    return array_module(shape).einsum("ni,nip->np", _across(attitudes, directions), _change(shape, directions))
+    return array_module(shape).einsum("ni,nip->np", across(attitudes, directions), change_of(shape, directions))
 
 
 def planar_slopes(shape: Any, headings: np.ndarray) -> Any:
@@ -80,14 +81,26 @@ def planar_slopes(shape: Any, headings: np.ndarray) -> Any:
     return heading_slopes(shape, level, unit_field(level, 0.0))[:, np.array(PLANAR_ROWS)]
 
 
-def rms_heading(change: Callable[[np.ndarray], Any], covariance: Any, inclination: float) -> Any:
+def levelled(down: np.ndarray | None) -> np.ndarray:
+    """Rotation (3, 3) that turns rows of vectors, in axes of which z points down at level, to those of which another does."""
+    if down is None:
+        return np.eye(3)
+    z, axis = np.array([0.0, 0.0, 1.0]), np.asarray(down) / np.linalg.norm(down)
+    if axis[2] < -1 + 1e-12:
+        return np.diag([1.0, -1.0, -1.0])
+    both = z + axis
+    return 2 * np.outer(both, both) / (both @ both) - np.eye(3)  # half a turn about what lies between them
+
+
+def rms_heading(change: Callable[[np.ndarray], Any], covariance: Any, inclination: float, down: np.ndarray | None = None) -> Any:
     """Root mean square heading error in rad, at level and at 20 degrees of tilt, of parameters that are known to `covariance` (p, p).
 
     change : from unit fields in body axes (n, 3) to the derivative of the corrected ones with respect to the parameters, (n, 3, p).
+    down : the axis that points down at level; z by default.
     """
-    both = zip(grids(inclination), grids_across(inclination), strict=True)
-    slopes = [array_module(covariance).einsum("ni,nip->np", across, change(directions)) for (_, directions), across in both]
-    return _rms(slopes, covariance)
+    both, turn = zip(grids(inclination), grids_across(inclination), strict=True), levelled(down)
+    xp = array_module(covariance)
+    return _rms([xp.einsum("ni,nip->np", sideways @ turn, change(directions @ turn)) for (_, directions), sideways in both], covariance)
 
 
 def _rms(slopes: list[Any], covariance: Any) -> Any:
@@ -98,17 +111,24 @@ def _rms(slopes: list[Any], covariance: Any) -> Any:
     return xp.where(known, xp.sqrt(xp.stack([(rows @ safe * rows).sum(axis=1).mean() for rows in slopes])), xp.inf)
 
 
-def heading_error(shape: Any, covariance: Any, inclination: float) -> Any:
+def heading_error(shape: Any, covariance: Any, inclination: float, down: np.ndarray | None = None) -> Any:
     """Predicted rms heading error of an ellipsoid; in a plane there is no tilt."""
     if len(covariance) == 5:
         xp = array_module(covariance)
         return xp.concatenate([_rms([planar_slopes(shape, _HEADINGS)], covariance), xp.full(1, np.inf)])
-    return rms_heading(lambda directions: _change(shape, directions), covariance, inclination)
+    return rms_heading(lambda directions: change_of(shape, directions), covariance, inclination, down)
 
 
-def turned_heading_error(covariance: np.ndarray, inclination: float) -> np.ndarray:
+def turned_heading_error(covariance: np.ndarray, inclination: float, down: np.ndarray | None = None) -> np.ndarray:
     """That of a rotation about the body axes."""
-    return rms_heading(lambda directions: np.cross(np.eye(3), directions[:, None]).swapaxes(1, 2), covariance, inclination)
+    return rms_heading(lambda directions: np.cross(np.eye(3), directions[:, None]).swapaxes(1, 2), covariance, inclination, down)
+
+
+def heading_range(shape: np.ndarray, covariance: np.ndarray, dip: float | None, down: np.ndarray | None) -> np.ndarray:
+    """Least and largest rms heading error at level: over dips up to 75 degrees and axes that point down, of what is not known of both."""
+    dips, axes = _DIPS if dip is None else (dip,), np.eye(3) if down is None else [down]
+    errors = [heading_error(shape, covariance, angle, axis)[0] for angle in dips for axis in axes]
+    return np.array([min(errors), max(errors)])
 
 
 def heading_departure(first: Found, second: Found, inclination: float) -> np.ndarray:

@@ -12,7 +12,7 @@ import scipy.stats
 
 from ._kinds import COUNT, PLANAR, basis_of, slopes_of
 from ._residuals import Size
-from ._serial import BLOCKS, correlation_time, kind_of, leave_out, tamed, white
+from ._serial import BLOCKS, correlation_time, leave_out, shared, tamed, white
 from ._shape import Found, radius_of, root, unit
 
 DRIFT, FAST, BENT, PLACE, ALONE, SERIAL = "drift", "rate of turn", "nonlinearity", "place", "current or moving part", "correlated noise"
@@ -32,11 +32,16 @@ class Cause(NamedTuple):
 
 
 class Examined(NamedTuple):
-    """Covariance of the parameters, number of parts that it is from (zero for white residuals), and causes, the strongest first."""
+    """Covariance of the parameters, number of parts that it is from (zero for white residuals), and causes, the strongest first.
+
+    swing : (9,) how far the hard iron may have moved from its mean at any time; for correlated noise, which it cannot be told from, the
+        verdict alone counts it.
+    """
 
     covariance: np.ndarray
     blocks: int
     causes: list[Cause]
+    swing: np.ndarray
 
 
 def _rows(found: Found, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -106,7 +111,7 @@ def examined(
     count, n = COUNT[found.kind], len(u)
     radius = radius_of(found.shape, found.kind in PLANAR)
     if not np.isfinite(found.covariance).all() or not found.noise > _EXACT * radius or not found.converged:
-        return Examined(found.covariance, 0, [])
+        return Examined(found.covariance, 0, [], np.zeros(9))
     slopes = slopes_of(found.parameters, basis_of(found.kind))[:, :count]
     weight = np.sqrt(np.asarray(found.weight))[:, None]
     by_entries, normals, z = _rows(found, u)
@@ -132,7 +137,7 @@ def examined(
         causes.append(Cause(name, np.array(steps), float(np.max(np.abs(part @ coefficients))) / radius))
     if white(jacobian, left):
         rest = np.sum(left**2) / np.sum((weight[:, 0] * found.distance) ** 2)
-        return Examined(found.covariance * min(rest, 1.0), 0, causes)
+        return Examined(found.covariance * min(rest, 1.0), 0, causes, np.zeros(9))
     known = np.zeros((count, count))
     if size is not None:  # the derivative of the mean semi-axis, of the field that was given
         slope = np.linalg.inv(found.shape) / -6
@@ -143,10 +148,11 @@ def examined(
     if np.isfinite(part).all():
         matrix = np.zeros((9, 9))
         matrix[:count, :count] = part
-    of_norm, offset = kind_of(left, normals)
-    if offset is None:
+    of_norm, alone, swing = shared(left, normals)
+    # half the range of what takes any value alike is the square root of three standard deviations
+    half = np.concatenate([np.zeros(6), np.sqrt(3.0) * swing])
+    if alone:
+        rest = Cause(ALONE, half[None], float(np.linalg.norm(half)) / radius)
+    else:
         rest = Cause(PLACE if of_norm else SERIAL, np.zeros((0, 9)), float(np.std(left)) / radius)
-    else:  # half the range of what takes any value alike is the square root of three standard deviations
-        half = np.sqrt(3.0) * offset
-        rest = Cause(ALONE, np.concatenate([np.zeros(6), half])[None], float(np.linalg.norm(half)) / radius)
-    return Examined(matrix, BLOCKS, [*causes, rest])
+    return Examined(matrix, BLOCKS, [*causes, rest], half)

@@ -6,6 +6,7 @@ from the solution, which is exact for what is linear about it, and costs no comp
 """
 
 import itertools
+from typing import NamedTuple
 
 import numpy as np
 import scipy.special
@@ -18,6 +19,7 @@ _LAGS, _FEWEST = 20, 24
 _FAR = 3.5  # standard deviations
 _CHANCE = 0.003  # of each of the two tests of whiteness
 _TURNING = 12  # lags at which products of residuals are looked at
+_CLOSE = range(3, 7)
 _ALONE = 4.0  # variance along one direction, over those across it
 
 
@@ -95,19 +97,28 @@ def correlation_time(residuals: np.ndarray) -> float:
     return float(max(1 + 2 * np.sum(values[1 : np.argmax(lost) if lost.any() else len(values)]), 1.0))
 
 
-def kind_of(residuals: np.ndarray, normals: np.ndarray) -> tuple[bool, np.ndarray | None]:
-    """Whether neighbouring residuals agree whatever their directions, as a field that varies makes them, rather than as an offset would.
+class Shared(NamedTuple):
+    """What neighbouring residuals have in common.
 
-    And the offset that varies, (3,), where it does so along one direction, as that of a current: the standard deviation of its swing.
-    Products of residuals some lags apart are a variance of the norm, plus n'Sn of their normals with the covariance S of the offset.
+    of_norm : whether they agree whatever their directions, as a field that varies makes them, rather than as an offset would.
+    alone : whether an offset varies along one direction, as that of a current.
+    swing : (3,) standard deviation of the offset, along the direction in which it varies most.
     """
+
+    of_norm: bool
+    alone: bool
+    swing: np.ndarray
+
+
+def shared(residuals: np.ndarray, normals: np.ndarray) -> Shared:
+    """From products of residuals some lags apart: a variance of the norm, plus n'Sn of their normals with the covariance S of an offset."""
     n = len(residuals)
     lags = np.unique(np.round(np.geomspace(1, max(n // _TURNING, 2), _TURNING)).astype(int))
     first, second = (np.concatenate([part(k) for k in lags]) for part in (lambda k: normals[k:], lambda k: normals[:-k]))
     products = np.concatenate([residuals[k:] * residuals[:-k] for k in lags])
     norm, offset = np.linalg.lstsq(np.stack([np.ones(len(first)), np.sum(first * second, axis=1)], axis=1), products, rcond=None)[0]
     if norm > offset:
-        return True, None
+        return Shared(True, False, np.zeros(3))
     pairs = [(i, j) for i in range(3) for j in range(i, 3)]
     columns = [first[:, i] * second[:, j] + (i != j) * first[:, j] * second[:, i] for i, j in pairs]
     entries = np.linalg.lstsq(np.stack([np.ones(len(first)), *columns], axis=1), products, rcond=None)[0][1:]
@@ -115,12 +126,13 @@ def kind_of(residuals: np.ndarray, normals: np.ndarray) -> tuple[bool, np.ndarra
     for (i, j), value in zip(pairs, entries, strict=True):
         matrix[i, j] = matrix[j, i] = value
     values, vectors = np.linalg.eigh(matrix)
-    if not values[2] > _ALONE * np.abs(values[:2]).max():
-        return False, None
+    alone = bool(values[2] > _ALONE * np.abs(values[:2]).max())
+    # of close neighbours, which share most of it, but not of the closest, which share what the log repeats
     along = normals @ vectors[:, 2]
-    along = along[1:] * along[:-1]
-    variance = np.sum(along * residuals[1:] * residuals[:-1]) / np.sum(along**2)
-    return False, vectors[:, 2] * np.sqrt(max(variance, 0.0))
+    cosines = np.concatenate([along[k:] * along[:-k] for k in _CLOSE])
+    products = np.concatenate([residuals[k:] * residuals[:-k] for k in _CLOSE])
+    variance = np.sum(cosines * products) / max(np.sum(cosines**2), 1e-300)
+    return Shared(False, alone, vectors[:, 2] * np.sqrt(max(variance, 0.0)))
 
 
 def doubt(freedom: float | int) -> float:

@@ -93,6 +93,8 @@ def root(shape: Any) -> Any:
 
 def _root(shape: Any, xp: Any) -> Any:
     values, vectors = xp.linalg.eigh(shape)
+    # that of an ellipsoid that ran off may be negative by rounding
+    values = xp.maximum(values, xp.finfo(values.dtype).eps * xp.abs(values[-1]))
     return (vectors * xp.sqrt(values)[None, :]) @ vectors.T
 
 
@@ -123,8 +125,10 @@ def root_slopes(shape: Any) -> Any:
 
 def radius_of(shape: Any, planar: bool = False) -> Any:
     """Geometric mean of the semi-axes, or of those in the plane."""
-    det = array_module(shape).linalg.det
-    return det(shape[:2, :2]) ** -0.25 if planar else det(shape) ** (-1 / 6)
+    xp = array_module(shape)
+    det = xp.linalg.det(shape[:2, :2] if planar else shape)
+    # rounding may leave an ellipsoid that ran off none, or a negative one
+    return xp.maximum(det, xp.finfo(shape.dtype).tiny) ** (-0.25 if planar else -1 / 6)
 
 
 def directions_of(found: Found, u: np.ndarray) -> np.ndarray:

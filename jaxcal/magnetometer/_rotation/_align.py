@@ -13,7 +13,8 @@ from ..._compile import jit
 from ..._errors import DataError
 from ..._precision import host_float64
 from ..._types import AnyArray
-from ...fitting import Fit, covariance, solve
+from ...fitting import Fit, Gaussian, covariance, solve
+from .._ellipsoid._serial import leave_out, white
 from .._ellipsoid._shape import filled, unit
 from .._model import MagModel
 from ._residuals import dip_residuals, heading_residuals, turn_residuals
@@ -23,6 +24,10 @@ _STILL = 0.03  # departure of the specific force from its median beyond which a 
 #: standard deviation in rad above which a verdict is "weak", and above which it is "refused"
 LIMITS = (np.deg2rad(1.0), np.deg2rad(5.0))
 _FEWEST = 5
+_ROUNDS, _SETTLED, _EXACT = 6, 1e-6, 1e-12
+DELAY = 0.05  # s, standard deviation of delays as they are, before anything is measured
+_OPEN = 0.5  # of it: a delay known no better was not determined
+_LEVEL = 0.5  # length of the mean unit vertical, one for a sensor at level and zero for one turned all over
 
 
 class Alignment(eqx.Module):
@@ -38,6 +43,7 @@ class Alignment(eqx.Module):
     spread : (2,) standard deviation before and after the rotation, rad: of the dip, of the heading, or of an axis of the unit
         field while the sensor turns.
     bias : (3,) bias of the gyroscope, rad/s; zero with other sensors.
+    delay, delay_error : time by which the magnetometer is behind the gyroscope in s, and its standard deviation; NaN with other sensors.
     used : number of readings.
     verdict : "good", "weak" (a standard deviation above 1 degree) or "refused" (above 5).
     reason : a sentence.
@@ -56,6 +62,8 @@ class Alignment(eqx.Module):
     verdict: str = eqx.field(static=True)
     reason: str = eqx.field(static=True)
     source: str = eqx.field(static=True)
+    delay: float = float("nan")
+    delay_error: float = float("nan")
 
 
 class Accelerometer(eqx.Module):
@@ -95,12 +103,27 @@ class Accelerometer(eqx.Module):
         )
 
 
+def vertical(aid: Any, turn: Alignment) -> tuple[float | None, np.ndarray | None]:
+    """Dip, and the axis that points down at level, in the axes of the corrected field before the rotation; None where it is not seen.
+
+    A sensor that was tilted little has a mean vertical; one that was turned all over has none.
+    """
+    if not isinstance(aid, Accelerometer) or turn.verdict == "refused":
+        return None, None
+    force = array(aid.accel, "specific force")
+    mean = unit(force[still(force)]).mean(axis=0)
+    size = float(np.linalg.norm(mean))
+    return turn.dip, -turn.rotation @ mean / size if size > _LEVEL else None
+
+
 class Gyroscope(eqx.Module):
     """A gyroscope beside the magnetometer: it shows how the field turns in the sensor's axes.
 
     Attributes
     ----------
-    gyro : (n, 3) rates in rad/s at the times of the readings; NaN where there is none.
+    gyro : (n, 3) rates in rad/s at the instants of the readings; NaN where there is none. A mean over the interval before the reading is
+        the rate half an interval earlier: the delay that is found is then larger by that half. The delay of the readings is estimated, with
+        50 ms as its standard deviation beforehand.
     rate : readings per second.
     """
 
@@ -112,22 +135,40 @@ class Gyroscope(eqx.Module):
             raise DataError(f"The rates are integrated: give the readings per second, a positive `rate`; got {self.rate!r}.")
 
     def _align(self, y: np.ndarray, model: MagModel) -> "Alignment":
-        segment, attitude, slope = attitudes_in_segments(like(self.gyro, y, "rates"), float(self.rate), SEGMENT)
-        size = np.sqrt(np.nanmean(np.sum(y**2, axis=1)))
-        kept = (segment >= 0) & np.isfinite(y).all(axis=1)
-        _enough(int(kept.sum()), "readings with rates")
-        number, member = np.unique(segment[kept], return_inverse=True)
-        count = len(member)
-        rows = {"y": y[kept] / size, "attitude": attitude[kept], "slope": slope[kept], "member": member}
-        data = {name: filled(x, x[:1]) for name, x in rows.items()}
-        data |= {"weight": filled(np.ones(count)), "base": np.eye(3), "segments": filled(np.ones(len(number)))}
-        rotation, found, matrix, fits = _turned(turn_residuals, {"bias": np.zeros(3)}, data)
-        before = _values(turn_residuals, {"rho": np.zeros(3), "bias": np.zeros(3)}, data)
-        spread = np.sqrt([np.sum(np.square(off)) / (3 * max(count - len(number), 1)) for off in (before, fits[0].residuals)])
+        gyro, size = like(self.gyro, y, "rates"), np.sqrt(np.nanmean(np.sum(y**2, axis=1)))
+        base, lag, noise, first = np.eye(3), np.zeros(4), np.nan, np.nan
+        for turn in range(_ROUNDS):
+            segment, attitude, slope = attitudes_in_segments(gyro - lag[:3], float(self.rate), SEGMENT, lag[3])
+            kept = (segment >= 0) & np.isfinite(y).all(axis=1)
+            _enough(int(kept.sum()), "readings with rates")
+            number, member = np.unique(segment[kept], return_inverse=True)
+            count = len(member)
+            rows = {"y": y[kept] / size, "attitude": attitude[kept], "slope": slope[kept], "member": member}
+            data = {name: filled(x, x[:1]) for name, x in rows.items()}
+            data |= {"weight": filled(np.ones(count)), "base": base, "segments": filled(np.ones(len(number)))}
+            begin = {"rho": np.zeros(3), "bias": np.zeros(3), "delay": np.float64(0.0)}
+            free = max(count - len(number), 1)
+            if not turn:
+                first = noise = np.sqrt(np.sum(np.square(_values(turn_residuals, begin, data))) / (3 * free))
+            # in standard deviations, as the prior of the delay is
+            data["weight"] = data["weight"] / max(noise, _EXACT)
+            fit = solve(turn_residuals, begin, data, priors=Gaussian("delay", -lag[3], DELAY))
+            found, last = fit.model, noise
+            base = base @ Rotation.from_rotvec(np.array(found["rho"])).as_matrix()
+            lag = lag + np.append(np.asarray(found["bias"]), np.asarray(found["delay"]))
+            noise = max(noise, _EXACT) * np.sqrt(np.sum(np.square(fit.residuals)) / (3 * free))
+            if turn and abs(float(found["delay"])) < _SETTLED and abs(noise - last) < 0.01 * last:
+                break
+        matrix = _spread_of(fit)
         # each segment's field was estimated too
-        free = np.asarray(fits[-1].degrees_of_freedom)
-        matrix = matrix * free / max(free - 3 * len(number), 1)
-        return alignment_of(model, rotation, np.eye(3), matrix, spread, count, "gyro", fits[-1], bias=np.asarray(found["bias"]))
+        left = np.asarray(fit.degrees_of_freedom)
+        matrix = matrix * left / max(left - 3 * len(number), 1)
+        names = [name.partition("[")[0] for name in fit.names]
+        turned = [i for i, name in enumerate(names) if name == "rho"]
+        return alignment_of(
+            model, base, np.eye(3), matrix[np.ix_(turned, turned)], np.array([first, noise]), count, "gyro", fit, bias=lag[:3],
+            delay=(float(lag[3]), float(np.sqrt(matrix[names.index("delay"), names.index("delay")]))),
+        )  # fmt: skip
 
 
 class Headings(eqx.Module):
@@ -233,7 +274,19 @@ def _turned(
         turn = Rotation.from_rotvec(np.array(fits[-1].model["rho"])).as_matrix()
         start, data = {**fits[-1].model, "rho": np.zeros(3)}, {**data, "base": data["base"] @ turn}
     order = [i for i, name in enumerate(fits[-1].names) if name.startswith("rho")]
-    return data["base"], start, np.asarray(covariance(fits[-1], scaled=True))[np.ix_(order, order)], fits
+    return data["base"], start, _spread_of(fits[-1])[np.ix_(order, order)], fits
+
+
+def _spread_of(fit: Fit) -> np.ndarray:
+    """Covariance of the parameters: of white residuals, or where they are not, from fits without parts of the log."""
+    matrix, counted = np.asarray(covariance(fit, scaled=True)), np.asarray(fit.counted)
+    jacobian, residuals = np.asarray(fit.jacobian)[counted], np.asarray(fit.residuals)[counted]
+    if not np.isfinite(matrix).all() or not np.std(residuals) > _EXACT or white(jacobian, residuals):
+        return matrix
+    prior = np.asarray(fit.prior_jacobian)
+    known = prior.T @ prior
+    inverse = np.linalg.pinv(jacobian.T @ jacobian + known, hermitian=True)
+    return leave_out(jacobian, residuals, known) + inverse @ known @ inverse
 
 
 def still(accel: np.ndarray) -> np.ndarray:
@@ -244,7 +297,7 @@ def still(accel: np.ndarray) -> np.ndarray:
     return there & (np.abs(size / usual - 1) < _STILL)
 
 
-def alignment_of(model, rotation, base, matrix, spread, used, source, fit, dip=float("nan"), bias=None) -> Alignment:
+def alignment_of(model, rotation, base, matrix, spread, used, source, fit, dip=float("nan"), bias=None, delay=None) -> Alignment:
     rho = Rotation.from_matrix(base.T @ rotation).as_rotvec()
     angle = float(np.linalg.norm(rho))
     along = rho / angle if angle > 1e-12 else np.full(3, 3**-0.5)
@@ -257,8 +310,13 @@ def alignment_of(model, rotation, base, matrix, spread, used, source, fit, dip=f
         verdict = "good" if most <= LIMITS[0] else "weak" if most <= LIMITS[1] else "refused"
         degrees, axis = np.rad2deg([angle, most]), "xyz"[int(np.argmax(np.abs(axes[:, -1])))]
         reason = f"The rotation is {degrees[0]:.2g} degrees; it is least certain about {axis}, by {degrees[1]:.2g} degrees."
+        if delay is not None and delay[1] > _OPEN * DELAY:
+            reason += " The turns do not show the delay between the sensors: vary their rate."
+        elif delay is not None:
+            reason += f" The magnetometer is {1e3 * delay[0]:.2g} ms behind the gyroscope, known to {1e3 * delay[1]:.2g} ms."
     return Alignment(
         model=MagModel(np.asarray(model.soft_iron) @ rotation, np.asarray(model.hard_iron)), rotation=rotation, covariance=matrix,
         angle=angle, angle_error=float(np.sqrt(along @ matrix @ along)) if known else np.inf, dip=dip, spread=spread,
         bias=np.zeros(3) if bias is None else bias, used=used, verdict=verdict, reason=reason, source=source,
+        delay=float("nan") if delay is None else delay[0], delay_error=float("nan") if delay is None else delay[1],
     )  # fmt: skip

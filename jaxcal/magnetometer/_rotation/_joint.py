@@ -14,18 +14,18 @@ from ..._compile import jit
 from ..._errors import DataError
 from ..._precision import host_float64
 from ..._types import AnyArray
-from ...fitting import Fit, information, solve
+from ...fitting import Fit, Gaussian, information, solve
 from .._design._coverage import covered, sphere_grid
-from .._design._heading_error import needed, turned_heading_error
+from .._design._heading_error import heading_error, heading_range, needed, turned_heading_error
 from .._ellipsoid._algebraic import NotEllipsoid, algebraic, triangle
 from .._ellipsoid._kinds import NAMES, basis_of, parameters_of, upper_and_centre
 from .._ellipsoid._orthogonal import CURVED
 from .._ellipsoid._select import LONG, all_distances, thinned
 from .._ellipsoid._shape import Found, Frame, covariance_of, ellipsoid_of_model, filled, model_of, padded_length, radius_of, root, unit
 from .._result import LIMITS, MagFit, outliers
-from ._align import Accelerometer, Alignment, Gyroscope, align, alignment_of, still
+from ._align import DELAY as PRIOR, Accelerometer, Alignment, Gyroscope, align, alignment_of, still, vertical
 from ._joint_verdict import judged, shares
-from ._residuals import CENTRE, EXTRA, TURN, JointPoses, JointTurns, joint_pose_residuals, joint_turn_residuals
+from ._residuals import CENTRE, DELAY, EXTRA, TURN, JointPoses, JointTurns, joint_pose_residuals, joint_turn_residuals
 from ._turning import SEGMENT, array, attitudes_in_segments, centred, like, permutations
 
 _ROUNDS, _SETTLED = 6, 3e-3
@@ -76,9 +76,13 @@ class Solution(eqx.Module):
         return self.base.T @ self.upper
 
 
+def _delay(parameters: Any) -> Any:
+    return parameters[DELAY]
+
+
 @functools.partial(jit, static_argnums=0)
-def _attempt(function: Callable, start: AnyArray, data: Any, bounds: Any) -> Fit:
-    fit = solve(function, start, data, bounds=bounds, rtol=_PRECISE, max_steps=_STEPS)
+def _attempt(function: Callable, start: AnyArray, data: Any, bounds: Any, priors: Any) -> Fit:
+    fit = solve(function, start, data, bounds=bounds, priors=priors, rtol=_PRECISE, max_steps=_STEPS)
     return eqx.tree_at(lambda f: f.problem, fit, None)
 
 
@@ -116,7 +120,7 @@ class Pairs(eqx.Module):
         first = (filled(u, u[:1]), filled(np.ones(n)))
         if self.force is not None:
             return JointPoses(*first, filled(self.paired.astype(float)), *common, filled(self.force, self.force[:1]))
-        segment_of_all, attitude, slope = attitudes_in_segments(self.gyro - bias, self.rate, SEGMENT)
+        segment_of_all, attitude, slope = attitudes_in_segments(self.gyro - bias[:3], self.rate, SEGMENT, bias[3])
         segment, attitude, slope = (x[self.rows] for x in (segment_of_all, attitude, slope))
         there = segment >= 0
         number, member = np.unique(segment[there], return_inverse=True)
@@ -131,7 +135,7 @@ class Pairs(eqx.Module):
         normal = (u - parameters[CENTRE]) @ (upper.T @ upper)
         # noise of the rates adds up to a random walk, whose slowest part in n steps, the mean taken off, has n^2/pi^2 their variance;
         # all of it has n/6, and cannot be more than what is left along the surface
-        steps = np.bincount(segment_of_all[segment_of_all >= 0])[np.maximum(segment, 0)]
+        steps = np.maximum(np.bincount(segment_of_all[segment_of_all >= 0], minlength=1)[np.maximum(segment, 0)], 1)
         radius = radius_of(upper.T @ upper)
         walk = np.minimum((self.step * radius / sigma[1]) ** 2, 6 / steps)
         heard = there / np.sqrt(1 + walk * (steps / np.pi) ** 2)
@@ -156,8 +160,8 @@ def _nearest(rotation: np.ndarray) -> np.ndarray:
 def _solved(u, pairs: Pairs, begin, base, noise: float, dip: float | None) -> Solution:
     """Fit and standard deviations by turns."""
     accel = pairs.force is not None
-    bias, sigma = np.zeros(3), np.full(2, max(noise, _LEAST))
-    extra = np.zeros(3)
+    bias, sigma = np.zeros(4), np.full(2, max(noise, _LEAST))
+    extra = np.zeros(4)
     if accel:
         y = unit((u - begin[CENTRE]) @ _upper(begin).T @ base)
         product = np.sum(y * pairs.force, axis=1)[pairs.paired]
@@ -172,7 +176,8 @@ def _solved(u, pairs: Pairs, begin, base, noise: float, dip: float | None) -> So
         radius = radius_of(_upper(parameters).T @ _upper(parameters))
         noise2 = sigma[0] ** 2 if 0.5 * radius > sigma[0] > CURVED * radius else 0.0
         data = pairs.data(u, parameters, base, sigma, noise2, bias)
-        fit = _attempt(pairs.function, parameters, data, (low, high))
+        priors = () if accel else (Gaussian(_delay, -bias[3], PRIOR),)
+        fit = _attempt(pairs.function, parameters, data, (low, high), priors)
         parameters = np.array(fit.parameters)
         base = base @ Rotation.from_rotvec(parameters[TURN]).as_matrix()
         parameters[TURN] = 0.0
@@ -273,13 +278,15 @@ def _result(after: MagFit, found: Solution, frame: Frame, u, whole, limits, rate
         bool(found.fit.usable), "symmetric", noise2=found.noise2,
     )  # fmt: skip
     left = _spread(found, u)
-    joint, turned, told = judged(found, left, after.inclination, limits, len(outliers(ellipsoid.distance, ellipsoid.weight)))
+    level = after.inclination, rotation.T @ after.down
+    joint, turned, told = judged(found, left, level, limits, len(outliers(ellipsoid.distance, ellipsoid.weight)))
     ellipsoid = eqx.tree_at(lambda f: f.covariance, ellipsoid, joint[:9, :9])
     covariance = covariance_of(ellipsoid, frame)
     said = alignment_of(
         model_of(shape, centre, frame, size), rotation, _nearest(rotation), turned, np.array([after.alignment.spread[0], left]),
         int(np.sum(found.data.paired > 0)), after.alignment.source, found.fit,
-        dip=float("nan") if rates else -float(np.arcsin(np.clip(found.parameters[12], -1, 1))), bias=found.bias,
+        dip=float("nan") if rates else -float(np.arcsin(np.clip(found.parameters[12], -1, 1))), bias=found.bias[:3],
+        delay=(float(found.bias[3]), float(np.sqrt(joint[DELAY, DELAY]))) if rates else None,
     )  # fmt: skip
     if len(whole) > n:
         distance = all_distances(ellipsoid, frame.scaled(whole))
@@ -291,7 +298,7 @@ def _result(after: MagFit, found: Solution, frame: Frame, u, whole, limits, rate
         after, model=said.model, covariance=covariance, coverage=covered((frame.scaled(whole) - centre) @ matrix.T),
         residual=ellipsoid.distance * frame.scale, outliers=outliers(ellipsoid.distance, ellipsoid.weight), needed=wanted, used=n,
         noise=float(found.sigma[0]) * frame.scale, field=size * frame.scale, plane=None, names=NAMES, kind="symmetric", alignment=said,
-        penalty=0.0, field_error=None, joint=True, **told,
+        penalty=0.0, field_error=None, joint=True, causes={}, blocks=0, down=rotation @ level[1], **told,
     )  # fmt: skip
 
 
@@ -332,7 +339,14 @@ def aligned(found: MagFit, m: Any, aid: Any, *, joint: bool = False) -> MagFit:
         raise DataError(f"The fit has no model to turn: {found.reason}")
     if joint:
         checked_joint(found.method, "auto", aid, None, None)
-    after = with_rotation(found, align(m, found.model, aid), None)
+    turn = align(m, found.model, aid)
+    dip, down = vertical(aid, turn)
+    if dip is not None and found.plane is None and np.isfinite(found.covariance).all():
+        down = found.down if down is None else down
+        shape = ellipsoid_of_model(found.model, Frame(np.zeros(3), 1.0), found.field)[0]
+        error, span = heading_error(shape, found.covariance, dip, down), heading_range(shape, found.covariance, dip, down)
+        found = dataclasses.replace(found, inclination=dip, down=down, heading_error=error, heading_range=span)
+    after = with_rotation(found, turn, None)
     return jointly(after, m, aid) if joint else after
 
 
@@ -350,7 +364,8 @@ def with_rotation(result: MagFit, alignment: Alignment, field: Any) -> MagFit:
                 f"The dip found is {degrees[0]:.1f} degrees, that of the given field {degrees[1]:.1f}: the specific force points up at "
                 "rest; where it agrees but for the sign, give it negated."
             )
-    error = np.hypot(result.heading_error, turned_heading_error(np.asarray(alignment.covariance), result.inclination))
+    down = alignment.rotation.T @ result.down
+    error = np.hypot(result.heading_error, turned_heading_error(np.asarray(alignment.covariance), result.inclination, down))
     planar = result.plane is not None
     reason = result.reason.replace("excluding a rotation common to all readings", "excluding the alignment error")
     verdict = alignment.verdict if result.verdict == "good" else result.verdict

@@ -48,7 +48,8 @@ def _natural(found: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def _covariance(found: Any) -> tuple[np.ndarray, bool]:
     """Covariance, and whether it is one: where the data leave something open, large along that."""
     held = np.asarray(found.fit.at_bound)
-    known = information(triangle(np.asarray(found.fit.jacobian)), held=held, tolerance=_OPEN)
+    rows = np.concatenate([triangle(np.asarray(found.fit.jacobian)), np.asarray(found.fit.prior_jacobian)])
+    known = information(rows, held=held, tolerance=_OPEN)
     inverse = known.vectors.T / np.maximum(known.singular_values, _OPEN) / known.column[:, None]
     inverse = np.where(held[:, None], 0.0, inverse)
     return inverse @ inverse.T, bool(known.rank == np.sum(~held)) and not held[:9].any()
@@ -96,7 +97,8 @@ def _condition(found: Any, natural: np.ndarray) -> float:
         along = np.sqrt(np.mean(data.sigma[0] ** 2 * by_reading + along**2 * by_force))
     heard = np.repeat(data.paired, (len(jacobian) - n) // n)
     size = np.concatenate([np.full(n, data.sigma[0]), along / np.where(heard > 0, heard, 1.0)])
-    known = information(triangle(jacobian * size[:, None]), held=np.asarray(found.fit.at_bound), tolerance=_OPEN)
+    rows = np.concatenate([triangle(jacobian * size[:, None]), data.sigma[1] * np.asarray(found.fit.prior_jacobian)])
+    known = information(rows, held=np.asarray(found.fit.at_bound), tolerance=_OPEN)
     if known.rank < np.sum(~known.held):
         return np.inf
     values = np.linalg.svd(natural @ known.root, compute_uv=False)
@@ -104,9 +106,12 @@ def _condition(found: Any, natural: np.ndarray) -> float:
 
 
 def judged(
-    found: Any, spread: float, inclination: float, limits: tuple[float, float], outliers: int
+    found: Any, spread: float, level: tuple[float, np.ndarray], limits: tuple[float, float], outliers: int
 ) -> tuple[np.ndarray, np.ndarray, dict[str, Any]]:
-    """Covariance of the parameters and of the rotation; predicted heading error, condition, and verdict with its sentences."""
+    """Covariance of the parameters and of the rotation; predicted heading error, condition, and verdict with its sentences.
+
+    level : dip, and the axis of the second sensor that points down at level.
+    """
     covariance, known = _covariance(found)
     changes, natural, angles = _natural(found)
     values, vectors = np.linalg.eigh(natural @ covariance @ natural.T)
@@ -123,7 +128,7 @@ def judged(
         slopes[:, :, CENTRE] -= found.matrix
         return slopes
 
-    error = rms_heading(change, covariance, inclination) if known else np.full(2, np.inf)
+    error = rms_heading(change, covariance, *level) if known else np.full(2, np.inf)
     weakest = _words(vectors[:, -1:].T)
     if not known:
         gone = values > 1e-4 * values[-1]

@@ -15,8 +15,8 @@ from .._ellipsoid._distance import mean_curvature, signed_distance
 from .._ellipsoid._kinds import basis_of, upper_and_centre
 from .._field import heading
 
-#: U by rows, centre, rotation vector; then the bias of the rates, or the sine
-CENTRE, TURN, EXTRA = slice(6, 9), slice(9, 12), slice(12, None)
+#: U by rows, centre, rotation vector; then the bias of the rates and the delay, or the sine
+CENTRE, TURN, EXTRA, DELAY = slice(6, 9), slice(9, 12), slice(12, None), 15
 
 
 def turn(rho: Array) -> Array:
@@ -38,7 +38,7 @@ def heading_residuals(parameters: dict[str, Array], data: dict[str, Array]) -> A
 
 
 def _turned_back(body: Array, bias: Array, attitude: Array, slope: Array) -> tuple[Array, Array]:
-    """Vectors with the bias taken off the attitude, to first order: in the axes of the reading, and of its segment's first."""
+    """Vectors with bias and delay (4,) taken off the attitude, to first order: in the axes of the reading, and of its segment's first."""
     body = body - jnp.cross(jnp.einsum("nij,j->ni", slope, bias), body)
     return body, jnp.einsum("nij,nj->ni", attitude, body)
 
@@ -46,7 +46,8 @@ def _turned_back(body: Array, bias: Array, attitude: Array, slope: Array) -> tup
 def turn_residuals(parameters: dict[str, Array], data: dict[str, Array]) -> Array:
     """Field in the axes of each segment's first reading, less its mean, the least-squares estimate: it stands still as the sensor turns."""
     member, weight, y = data["member"], data["weight"], data["y"] @ (data["base"] @ turn(parameters["rho"]))
-    still = weight[:, None] * _turned_back(y, parameters["bias"], data["attitude"], data["slope"])[1]
+    lag = jnp.concatenate([parameters["bias"], parameters["delay"][None]])
+    still = weight[:, None] * _turned_back(y, lag, data["attitude"], data["slope"])[1]
     total, number = (jax.ops.segment_sum(x, member, num_segments=len(data["segments"])) for x in (still, weight))
     mean = total / jnp.maximum(number, 1)[:, None]
     return still - weight[:, None] * mean[member]
@@ -70,8 +71,9 @@ class Joint(eqx.Module):
 class JointTurns(Joint):
     """Beside attitudes from rates: sigma is that along the surface; paired is below one where the noise of the rates adds up.
 
-    member : (n,) segment of a reading. attitude, slope : (n, 3, 3), of `attitudes_in_segments`. tangent : (n, 3, 2) along the surface.
-    metric, inverse : (n, 3, 3) and (segments, 3, 3), weights with which a segment's field is averaged, and the inverse of their sum.
+    member : (n,) segment of a reading. attitude, slope : (n, 3, 3) and (n, 3, 4), of `attitudes_in_segments`.
+    tangent : (n, 3, 2) along the surface. metric, inverse : (n, 3, 3) and (segments, 3, 3), weights with which a segment's field is
+    averaged, and the inverse of their sum.
     """
 
     member: Any

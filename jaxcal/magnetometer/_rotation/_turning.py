@@ -35,13 +35,27 @@ def permutations() -> np.ndarray:
     return found[np.argsort(-np.trace(found, axis1=1, axis2=2), kind="stable")]
 
 
-def attitudes_in_segments(gyro: np.ndarray, rate: float, most: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Attitude of each sample relative to the first of its segment, from rates (n, 3).
+def delayed(gyro: np.ndarray, samples: float) -> np.ndarray:
+    """Rates so many samples earlier, linear between samples; at the edge of a gap those of the sample itself."""
+    if samples == 0:
+        return gyro
+    place = np.arange(len(gyro)) - samples
+    first = np.clip(np.floor(place).astype(int), 0, max(len(gyro) - 2, 0))
+    share = np.clip(place - first, 0.0, 1.0)[:, None]
+    earlier = (1 - share) * gyro[first] + share * gyro[np.minimum(first + 1, len(gyro) - 1)]
+    return np.where(np.isfinite(earlier) & np.isfinite(gyro), earlier, gyro)
+
+
+def attitudes_in_segments(gyro: np.ndarray, rate: float, most: float, delay: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Attitude of each reading relative to the first of its segment, from rates (n, 3) at the instants of the samples.
+
+    A reading shows the field as it was `delay` seconds before the sample of the rates beside it.
 
     A segment ends where the angle travelled reaches `most` rad, after 10 s, or at a sample that is NaN, which belongs to none. Returned
     are the number of its segment (n,), -1 for none; the attitude (n, 3, 3) from the body axes of the sample to those of the segment's
-    first; and the derivative (n, 3, 3) of the rotation vector, in the axes of the sample, with respect to a bias of the rates.
+    first; and the derivative (n, 3, 4) of the rotation vector, in the axes of the sample, by a bias of the rates and by the delay.
     """
+    gyro = delayed(gyro, delay * rate)
     n, good = len(gyro), np.asarray(np.isfinite(gyro).all(axis=1))
     step = np.where(good[1:, None] & good[:-1, None], (gyro[1:] + gyro[:-1]) / 2 / rate, 0.0)
     travelled = np.concatenate([[0.0], np.cumsum(np.linalg.norm(step, axis=1))])
@@ -59,7 +73,7 @@ def attitudes_in_segments(gyro: np.ndarray, rate: float, most: float) -> tuple[n
         attitude[k] = attitude[k - 1] @ small[k - 1]
         back = np.swapaxes(small[k - 1], 1, 2)
         slope[k] = back @ slope[k - 1] + (np.eye(3) + back) / (2 * rate)
-    return np.where(good, segment, -1), attitude, slope
+    return np.where(good, segment, -1), attitude, np.concatenate([slope, np.where(good[:, None], gyro, 0.0)[:, :, None]], axis=2)
 
 
 def centred(x: np.ndarray, member: np.ndarray) -> np.ndarray:
