@@ -186,7 +186,8 @@ def _own_sizes(fit: Fit, slots: int, names: tuple[str, ...]) -> np.ndarray:
     square, share = (np.asarray(part)[own] for part in ((fit.weights * fit.residuals) ** 2, fit.counted - leverage(fit)))
     size, freedom = (np.bincount(kind, part, 3) for part in (square, share))
     ratio = np.sqrt(size / np.maximum(freedom, 1) / np.asarray(fit.mean_curvature) ** 2 / np.asarray(fit.variance))
-    ratio = np.where(freedom < 1, 1.0, ratio)
+    # still rates that turn to and fro by hand scatter less than they seem to: the long rest that shows the bias is no better for it
+    ratio = np.where(freedom < 1, 1.0, np.maximum(ratio, [0, 0, 1 / np.sqrt(np.asarray(fit.variance))]))
     place = [0 if name.startswith("accel") else 2 if name.startswith(("gyro.bias", "gyro.g_sens")) else 1 for name in names]
     return ratio[place]
 
