@@ -68,7 +68,7 @@ def xsens(_):
             f"{name:12s} {len(one.still)} poses, left after a turn {rms:.3f} deg rms; held out {one.held_out[0]:.4f} m/s^2, "
             f"{np.rad2deg(one.held_out[1]):.3f} deg a component; {best:.1f} s with the held-out fits, {first:.0f} s with compilation"
         )
-    print("costs: " + ", ".join(f"{k:.0f}: {cost:.6f} ({n:.0f})" for k, n, cost, _ in found["imu_tk"].thresholds))
+    print("costs: " + ", ".join(f"{k:.0f}: {cost:.6f} ({n:.0f})" for k, n, cost, *_ in found["imu_tk"].thresholds))
     theirs, ours = found["imu_tk"], found["joint"]
     for name, triad in (("accelerometer", theirs.accel), ("gyroscope", theirs.gyro)):
         form = ImuTk.of(triad)

@@ -11,6 +11,7 @@ from cyclopts import Parameter
 import jaxcal
 
 from .._units import STANDARD_GRAVITY, number
+from ..imu._session import rests_among
 from ._export import FILES
 from ._options import CallError, Files, Latitude, Log, Reading, Running, stem
 from ._outputs import File, figure, outputs, save_calibration, save_export, save_json, save_report
@@ -44,6 +45,9 @@ def imu(
     convention: Annotated[Literal["upper", "lower", "full"], Parameter(help="Frame of the result: upper, lower or full.")] = "upper",
     method: Annotated[Literal["joint", "imu_tk"], Parameter(help="joint, or imu_tk: the two steps of that program.")] = "joint",
     initial: Annotated[float | None, Parameter(help="Length of a rest at the beginning, in s; else rests are found anywhere.")] = None,
+    regions: Annotated[
+        Path | None, Parameter(help="JSON or CSV of labelled regions: a Ferraris session (x_p, x_a, ..., z_rot), or rests.")
+    ] = None,
     raw: Annotated[bool, Parameter(help="The log holds counts; their scale is found from the data.")] = False,
     without_g_sensitivity: Annotated[bool, Parameter(help="Leave out the gyroscope's sensitivity to acceleration.")] = False,
     earth_rate: Annotated[bool, Parameter(help="Account for the Earth's rate, with --latitude; for tactical units.")] = False,
@@ -61,7 +65,7 @@ def imu(
         raise CallError("--earth-rate needs --latitude")
     options = {
         "gravity": gravity, "latitude": latitude, "height": height, "earth_rate": earth_rate, "convention": convention, "method": method,
-        "raw": raw, "initial": initial, "without_g_sensitivity": without_g_sensitivity,
+        "raw": raw, "initial": initial, "regions": regions and str(regions), "without_g_sensitivity": without_g_sensitivity,
     }  # fmt: skip
     files: list[File] = [
         ("", "imu.png", figure(lambda plot, found, _: plot.imu(found))), ("report", "report.html", save_report),
@@ -71,8 +75,15 @@ def imu(
     notes: list[str] = []
 
     def compute(data: Any, _: Any) -> Any:
+        labelled = None if regions is None else jaxcal.imu.read_regions(regions, data.rate)
+        rests = None if labelled is None else rests_among(labelled)
+        if labelled is not None and rests is None:
+            if raw or method != "joint" or convention != "upper" or earth_rate or without_g_sensitivity or initial is not None:
+                raise CallError("--regions of a Ferraris session takes none of --raw, --method, --convention, --earth-rate, --initial and "
+                                "--without-g-sensitivity")  # fmt: skip
+            return jaxcal.imu.ferraris(data, labelled, gravity=_gravity(gravity, latitude, height, notes))
         found = jaxcal.imu.multi_position(
-            data, gravity=_gravity(gravity, latitude, height, notes), convention=convention, method=method, raw=raw,
+            data, gravity=_gravity(gravity, latitude, height, notes), convention=convention, method=method, raw=raw, rests=rests,
             g_sensitivity=not without_g_sensitivity, initial=initial,
             latitude=math.radians(latitude) if earth_rate and latitude is not None else None,
         )  # fmt: skip

@@ -9,6 +9,7 @@ from ._multi import multi_position as multi_position
 from ._residuals import Poses as Poses, Turns as Turns, Weighted as Weighted, residuals as residuals, weighted as weighted
 from ._rests import StillIntervals as StillIntervals, static_intervals as static_intervals, windowed_variance as windowed_variance
 from ._result import ImuFit as ImuFit, Observability as Observability, observability as observability
+from ._session import ferraris as ferraris, read_regions as read_regions
 from ._simulate import (
     MEMS as MEMS,
     MEMS_NOISE as MEMS_NOISE,

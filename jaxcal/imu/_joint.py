@@ -20,6 +20,9 @@ from ._residuals import Turns, Weighted, pieces
 from ._rests import Ends, Multiples
 from ._result import SINGULAR, ImuFit, Observability, finished, observability
 
+#: ratio of the noise of two rests that is the hand's
+_UNEVEN = 10.0
+
 
 def count_of(free: Any) -> int:
     """Number of parameters that are free."""
@@ -176,17 +179,21 @@ class Job(eqx.Module):
         return _result(base, found, rests, self.needed, options, notes, explain)
 
 
-def _own_sizes(fit: Fit, slots: int, names: tuple[str, ...]) -> np.ndarray:
+def _own_sizes(fit: Fit, names: tuple[str, ...], rests: Rests) -> np.ndarray:
     """(p,) standard deviation of the kind of residual that determines a parameter, over that of all residuals.
 
     Norms determine the accelerometer, turns the gyroscope's matrix, still rates its bias and its sensitivity to specific force.
     """
+    slots, density = rests.slots, rests.gyro_variance() * rests.duration[:, None]
     kind = np.repeat([0, 1, 2], [slots, 2 * slots - 2, 3 * slots])[: len(fit.residuals)]
     own = np.arange(len(fit.residuals)) < len(kind)  # not the heading's
     square, share = (np.asarray(part)[own] for part in ((fit.weights * fit.residuals) ** 2, fit.counted - leverage(fit)))
     size, freedom = (np.bincount(kind, part, 3) for part in (square, share))
     ratio = np.sqrt(size / np.maximum(freedom, 1) / np.asarray(fit.mean_curvature) ** 2 / np.asarray(fit.variance))
-    ratio = np.where(freedom < 1, 1.0, ratio)
+    # rates that go to and fro in a hand have means that scatter less than they seem to; a rest on a table, which shows the bias, is no
+    # better for it
+    uneven = np.any(density.max(axis=0) > _UNEVEN * density.min(axis=0))
+    ratio = np.where(freedom < 1, 1.0, np.maximum(ratio, [0, 0, uneven / np.sqrt(np.asarray(fit.variance))]))
     place = [0 if name.startswith("accel") else 2 if name.startswith(("gyro.bias", "gyro.g_sens")) else 1 for name in names]
     return ratio[place]
 
@@ -217,7 +224,7 @@ def _result(
     still = 3 * (count - 1 - 3 * options.g_sensitivity) if len(turned) else 0
     by_field = {"accel": count - needed, "gyro": 2 * len(turned) - own, "gyro.bias": still, "gyro.g_sensitivity": still}
     freedom = np.array([by_field.get(name.split("[")[0], by_field[name.split(".")[0]]) for name in result.names], dtype=float)
-    own_size = _own_sizes(fit, slots, made.names)
+    own_size = _own_sizes(fit, made.names, rests)
     plain = np.asarray(made.covariance) * own_size[:, None] * own_size[None, :]
     missing = lacks(joint, rests) if fit.model.plain and bool(fit.usable) else []
     for lack in missing:

@@ -16,6 +16,7 @@ from ._residuals import pieces
 _LEVEL = 1e-3  # of each F test; a recording without such a term fails about one of eight tests in 125 recordings
 _LEAST = 3  # residuals that must be left to judge a term
 _ALIKE = 1.5  # terms whose sums of squares differ by less cannot be told apart
+_APART = 0.05  # share of a term, in length, that the parameters must not be able to stand for
 _NUDGE = 1e-3  # of a finite difference, in the unit of the readings
 
 
@@ -49,7 +50,8 @@ def lacks(joint: Joint, rests: Rests) -> list[Lack]:
         kind = f"{name} {size(name, coefficient)}" + (f" (or {' or '.join(also)}, which these data cannot tell from it)" if also else "")
         found.append(Lack(shift, text.format(kind=kind, level=max(level, 1e-300))))
 
-    force = (joint.found.vertical * (np.linalg.norm(joint.found.vertical, axis=1) * _gravity(joint) - joint.found.norm)[:, None])[:slots]
+    # not the size that was measured, whose error is the residual
+    force = joint.found.vertical * float(joint.data.gravity)
     duration = max(float(np.ptp(rests.time)), 1e-9)
 
     def norm_size(name: str, coefficient: np.ndarray) -> str:
@@ -70,10 +72,6 @@ def lacks(joint: Joint, rests: Rests) -> list[Lack]:
         "The turns ask for {kind} of the gyroscope, which the model lacks (p = {level:.1g}); the intervals count what it would change.",
     )  # fmt: skip
     return found
-
-
-def _gravity(joint: Joint) -> float:
-    return float(joint.data.gravity)
 
 
 def _scale(triad: Any) -> np.ndarray:
@@ -120,6 +118,10 @@ def _best(r: np.ndarray, own: np.ndarray, terms: dict[str, np.ndarray]) -> tuple
     if freedom < _LEAST:
         return None
     plain, _ = _left(r, own)
+    # six faces cannot tell a cubic term from a scale: terms that the parameters could stand for are not tried
+    terms = {name: x for name, x in terms.items() if all(np.linalg.norm(_left(y, own)[0]) > _APART * np.linalg.norm(y) for y in x.T)}
+    if not terms:
+        return None
     tried = {name: _left(r, np.concatenate([own, -x], axis=1)) for name, x in terms.items()}
     name = min(tried, key=lambda key: np.sum(tried[key][0] ** 2))
     left, solution = tried[name]

@@ -15,7 +15,7 @@ from ._joint import Job, count_of
 from ._known import checked_gravity
 from ._model import CONVENTIONS, Imu, Triad, freed
 from ._recording import Recording
-from ._rests import Ends, Multiples, StillIntervals, Windows
+from ._rests import Ends, Multiples, StillIntervals, Windows, given_rests
 from ._result import ImuFit
 
 METHODS = ("joint", "imu_tk")
@@ -41,6 +41,7 @@ def multi_position(
     window: float | int = 1.0,
     least: float | int = 1.0,
     time: Any = None,
+    rests: Any = None,
     held_out: bool = True,
 ) -> ImuFit:
     r"""Scale factors, misalignments, biases and g-sensitivity from poses held still and the turns between them.
@@ -73,6 +74,7 @@ def multi_position(
     initial : length of a rest at the beginning, s, whose variance is the reference; None takes the stillest 5 % of the recording.
     window, least : window of the variance and shortest interval, s.
     time : (n,) stamps in s, where those of the log's even grid are not wanted.
+    rests : (k, 2) first sample of each rest, and the one after its last, where they are known; None finds them.
     held_out : whether to fit twice more, each time without half the poses and turns, for `held_out`.
 
     Returns
@@ -114,7 +116,7 @@ def multi_position(
     start = started(None if isinstance(model, str) else model, record.gyro is not None, latitude is not None)
     needed = count_of(freed(Imu(start.accel), convention, options.misalignment))
     windows = Windows(record.accel, record.gyro if method == "joint" else None, record.rate, window, initial, least)
-    tried = windows.tried(threshold, method == "joint")
+    tried = windows.tried(threshold, method == "joint") if rests is None else {(np.inf, np.inf): given_rests(rests, len(record.time))}
     base = dataclasses.replace(empty, still=windows.intervals(np.inf, chosen=threshold))
     if moved := windows.moved():
         return dataclasses.replace(base, reason=moved)

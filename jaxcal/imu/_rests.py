@@ -158,6 +158,20 @@ def static_intervals(
     return windows.intervals(_positive("gyro_threshold", gyro_threshold), multiples, threshold)
 
 
+def given_rests(rests: Any, samples: int) -> Ends:
+    """Rests that the caller knows, checked."""
+    ends = np.asarray(rests)
+    if ends.ndim != 2 or ends.shape[1] != 2:
+        raise DataError(f"rests has shape {ends.shape}; expected (k, 2): the first sample of each rest, and the one after its last")
+    ends = ends[np.argsort(ends[:, 0])].astype(int)
+    bad = (ends[:, 1] - ends[:, 0] < 10) | (ends[:, 0] < 0) | (ends[:, 1] > samples)
+    bad[1:] |= ends[1:, 0] < ends[:-1, 1] + 2
+    if bad.any():
+        first, last = ends[np.argmax(bad)]
+        raise DataError(f"the rest from sample {first} to {last} is outside of the log, shorter than 10 samples, or meets another")
+    return ends[:, 0], ends[:, 1]
+
+
 def _positive(name: str, value: Any) -> float:
     if not (value > 0 and not np.isnan(value)):
         raise DataError(f"{name}={value!r} must be positive")

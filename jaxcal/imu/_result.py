@@ -31,7 +31,8 @@ _NEAR = np.cos(np.deg2rad(25.0))
 _ALIKE = 20.0  # degrees
 _FEW_POSES, _FEW_TURNS = 12, 10
 _TURN = np.deg2rad(5.0)
-_UNKNOWN, _POOR = 0.1, 0.01
+#: relative standard error of a matrix that is as good as unknown, and that makes the verdict weak
+UNKNOWN, POOR = 0.1, 0.01
 _ROTATION = np.deg2rad(0.03)
 _UNITS = {"matrix": "1", "g_sensitivity": "rad/s per m/s^2"}
 
@@ -258,8 +259,8 @@ def finished(
     interval = np.stack([result.values - half, result.values + half], axis=1)
     seen: Any = result.observability
     gyro, poses, turns = result.gyro is not None, len(result.residual_norm), len(result.residual_turn)
-    force = _relative_error(result, 0)
-    rate = _relative_error(result, 12) if gyro else 0.0
+    force = relative_error(result, 0)
+    rate = relative_error(result, 12) if gyro else 0.0
     rms = float(np.sqrt(np.mean(result.residual_turn**2))) if turns else 0.0
     refused, weak = [], list(missing)
     if not bool(fit.usable) and fit.outcome != Outcome.unidentifiable:
@@ -268,14 +269,14 @@ def finished(
         refused.append(
             f"After a turn the gyroscope's vertical is {np.rad2deg(rms):.1f} degrees (rms) off the accelerometer's: wrong axes or unit."
         )
-    if gyro and not refused and not rate <= _UNKNOWN:
+    if gyro and not refused and not rate <= UNKNOWN:
         refused.append(
             "The turns do not determine the gyroscope: turn by 45 to 180 degrees about several horizontal axes. A rotation about "
             "the vertical tells nothing."
         )
     if fit.outcome == Outcome.unidentifiable and not refused and seen.condition <= SINGULAR:
         refused.append(identifiability(fit).sentence)
-    elif not force <= _UNKNOWN:
+    elif not force <= UNKNOWN:
         refused.append(seen.sentence)
     if poses < _FEW_POSES and options.misalignment:
         weak.append(f"There are {poses} poses, 18 to 24 are advised.")
@@ -283,9 +284,9 @@ def finished(
         weak.append(seen.sentence)
     if gyro and turns < _FEW_TURNS:
         weak.append(f"There are {turns} turns, 10 or more are advised.")
-    if gyro and _POOR < rate <= _UNKNOWN:
+    if gyro and POOR < rate <= UNKNOWN:
         weak.append(f"The gyroscope's matrix is known to {100 * rate:.2g} % only; add turns of 45 to 180 degrees about other axes.")
-    if _POOR < force <= _UNKNOWN:
+    if POOR < force <= UNKNOWN:
         weak.append(f"The accelerometer's matrix is known to {100 * force:.2g} % only. {seen.sentence}")
     for kind, which, count in zip(("poses", "turns"), result.down_weighted, (poses, turns), strict=True):
         if len(which) > max(2, 0.2 * count):
@@ -298,16 +299,17 @@ def finished(
     if refused and (why := explain()):
         sentences.append(why)
     if verdict == "good":
-        second = f", gyroscope {_parts(rate)}" if gyro else ""
-        sentences = [f"Standard errors: accelerometer {_parts(force)}{second} in scale and misalignment."]
+        second = f", gyroscope {parts_of(rate)}" if gyro else ""
+        sentences = [f"Standard errors: accelerometer {parts_of(force)}{second} in scale and misalignment."]
     return dataclasses.replace(result, interval=interval, verdict=verdict, reason=" ".join(sentences), warnings=tuple(notes))
 
 
-def _relative_error(result: ImuFit, first: int) -> float:
-    """Largest standard error of the entries of a matrix, over its scale."""
+def relative_error(result: ImuFit, first: int) -> float:
+    """Largest standard error of the entries of a matrix, over its scale; `first` is the place of the matrix in `names`."""
     errors, matrix = (x[first : first + 9].reshape(3, 3) for x in (result.standard_error, result.values))
     return float(np.max(errors / np.abs(np.diag(matrix))[:, None]))
 
 
-def _parts(value: float) -> str:
+def parts_of(value: float) -> str:
+    """A ratio in % or ppm."""
     return f"{100 * value:.2g} %" if value >= 1e-4 else f"{1e6 * value:.2g} ppm"

@@ -67,7 +67,8 @@ def page(found: ImuFit, log: Log | None, version: str) -> tuple[str, str, Markup
     method = f"{found.method}, convention {found.convention}, gravity {found.gravity:.6g} m/s²"
     known = {"Made by": f"jaxcal {version}", "Method": method}
     if found.still is not None:
-        known["Still intervals"] = f"{len(found.residual_norm)}, below {found.still.multiple:g} times the initial variance"
+        below = f"below {found.still.multiple:g} times the variance at rest" if np.isfinite(found.still.multiple) else "as given"
+        known["Still intervals"] = f"{len(found.residual_norm)}, {below}"
     sections = [section("Verdict", "verdict", verdict, *tables), section("Residuals", "residuals", figure, *_numbers(found), *held)]
     sections += [section("Attitudes", "attitudes", tag("p", seen)), warnings_of(log, found.warnings), recording(log)]
     return "Calibration", lead, join((*sections, provenance(known, log)))

@@ -78,3 +78,23 @@ def test_files_named_alone_are_the_only_ones(call, folder):
     call(*LOG)
     assert call("imu", "log.csv", "--gravity", "9.80665", "--json", "a.json", "--quiet").out == ""
     assert listing(folder) == ["a.json", "log.csv"]
+
+
+def test_a_session_with_labelled_regions(call, folder):
+    rng = np.random.default_rng(0)
+    regions, rows = {}, []
+    for j, axis in enumerate("xyz"):
+        for kind, sign in (("p", 1), ("a", -1), ("rot", 0)):
+            regions[f"{axis}_{kind}"] = {"start": 300 * len(rows), "end": 300 * len(rows) + 300}
+            force = 9.81 * (sign or 1) * np.eye(3)[j] + 0.01 * rng.normal(size=(300, 3))
+            rows.append(np.concatenate([force, (sign == 0) * 2 * np.pi / 3 * np.eye(3)[j] + 1e-3 * rng.normal(size=(300, 3))], axis=1))
+    header = "acc_x [m/s^2],acc_y [m/s^2],acc_z [m/s^2],gyr_x [rad/s],gyr_y [rad/s],gyr_z [rad/s]"
+    np.savetxt(folder / "box.csv", np.concatenate(rows), delimiter=",", header=header, comments="")
+    (folder / "regions.json").write_text(json.dumps(regions))
+    found = call("imu", "box.csv", "--rate", "100", "--gravity", "9.81", "--regions", "regions.json", "--json", "box.json")
+    assert found.status == 0
+    document = json.loads((folder / "box.json").read_text())
+    assert (document["verdict"], document["method"], document["poses"], document["turns"]) == ("good", "ferraris", 6, 3)
+    assert np.diag(document["sensors"]["gyro"]["matrix"]) == pytest.approx(np.ones(3), abs=2e-3)
+    refused = call("imu", "box.csv", "--rate", "100", "--gravity", "9.81", "--regions", "regions.json", "--raw")
+    assert (refused.status, "takes none of --raw" in refused.reason) == (2, True)

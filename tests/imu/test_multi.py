@@ -78,13 +78,13 @@ def test_errors_common_to_a_still_interval_are_in_the_intervals():
     inside, naive = [], []
     for seed in range(12):
         log = cases.recording(seed)
-        still = fit(log).still if seed == 0 else still
+        still = fit(log, threshold=10).still if seed == 0 else still
         rng = np.random.default_rng([seed, 5])
         accel = np.array(log.accel)
         middle = np.r_[0, (still.stop[:-1] + still.start[1:]) // 2, len(accel)]
         for i, j in itertools.pairwise(middle):
             accel[i:j] += 3 * white * rng.normal(size=3)
-        found = fit(jaxcal.Log(None, gyro=log.gyro, accel=accel, rate=log.rate))
+        found = fit(jaxcal.Log(None, gyro=log.gyro, accel=accel, rate=log.rate), threshold=10)
         keep = np.diag(found.covariance)[:12] > 0
         inside.append(((found.interval[:12, 0] <= truth) & (truth <= found.interval[:12, 1]))[keep])
         # what a residual per sample would say

@@ -1,0 +1,275 @@
+"""`ferraris`: both triads from a session with labelled regions, six faces and three turns; `read_regions`: the labels of a file."""
+
+import csv
+import dataclasses
+import json
+import re
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.stats
+
+from .._errors import DataError
+from .._precision import host_float64
+from ._known import checked_gravity, six_position
+from ._model import Triad
+from ._recording import Recording, recording, rests_of
+from ._result import POOR, UNKNOWN, ImuFit, parts_of, relative_error
+
+_LABEL = re.compile(r"([xyz])[ _-]?(p|up|a|down|rot|turn)", re.IGNORECASE)
+_KINDS = {"p": 1, "up": 1, "a": -1, "down": -1, "rot": 0, "turn": 0}
+_REST = re.compile(r"(rest|still|pose|static)[ _-]?\d*", re.IGNORECASE)
+_EXPECTED = (
+    "expected x_p, x_a, y_p, y_a, z_p, z_a for an axis up or down, and x_rot, y_rot, z_rot for a turn about it; or rest for each rest"
+)
+_NAMES = {"label": ("label", "name", "region"), "start": ("start", "begin", "from"), "stop": ("stop", "end", "to")}
+
+#: label, first sample, and the sample after the last
+Region = tuple[str, int, int]
+
+
+def read_regions(path: Any, rate: float) -> list[Region]:
+    r"""Labelled regions of a recording from a file.
+
+    Parameters
+    ----------
+    path : JSON as imucal writes it, {"x_p": {"start": 540, "end": 1271}, ...}, in samples; or CSV with the columns label, start and stop,
+        in samples, or in s where the header says `start [s]`. The end is not part of a region.
+    rate : Hz.
+
+    Returns
+    -------
+    List of (label, start, stop) in samples.
+
+    Raises
+    ------
+    DataError
+        If the file cannot be read so.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from jaxcal.imu import read_regions
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "regions.csv")
+    ...     _ = path.write_text("label,start [s],stop [s]\nx_p,1.0,4.5\n")
+    ...     read_regions(path, 100.0)
+    [('x_p', 100, 450)]
+    """
+    path = Path(path)
+    if not path.exists():
+        raise DataError(f"{path} does not exist; give a file of labelled regions")
+    text = path.read_text(encoding="utf-8-sig")
+    if text.lstrip().startswith(("{", "[")):
+        try:
+            content = json.loads(text)
+        except json.JSONDecodeError as error:
+            raise DataError(f"{path} is no JSON: {error}") from error
+        return _listed(content, str(path))
+    rows = list(csv.DictReader(text.splitlines()))
+    columns = {re.sub(r"\W.*", "", str(name).strip().lower()): str(name) for name in (rows[0] if rows else {})}
+    found = {key: next((columns[word] for word in words if word in columns), None) for key, words in _NAMES.items()}
+    if None in found.values():
+        raise DataError(f"{path} lacks the column {next(key for key, name in found.items() if name is None)}; expected label,start,stop")
+    factor = rate if "[s]" in str(found["start"]) else 1.0
+    try:
+        return _listed([(row[found["label"]], *(factor * float(row[found[end]]) for end in ("start", "stop"))) for row in rows], str(path))
+    except (TypeError, ValueError) as error:
+        raise DataError(f"{path}: {error}; expected numbers as start and stop of every region") from error
+
+
+def _listed(regions: Any, where: str = "regions") -> list[Region]:
+    """Regions of a mapping or a list, as (label, start, stop)."""
+    if isinstance(regions, Mapping):
+        regions = [(label, ends) for label, ends in regions.items()]
+    found = []
+    for region in regions if isinstance(regions, Iterable) else ():
+        try:
+            label, *ends = region if not isinstance(region, Mapping) else (region["label"], region)
+            ends = ends[0] if len(ends) == 1 else ends
+            start, stop = (ends["start"], ends.get("end", ends.get("stop"))) if isinstance(ends, Mapping) else ends
+            found.append((str(label), round(float(start)), round(float(stop))))
+        except (TypeError, ValueError, KeyError) as error:
+            raise DataError(f"{where}: {region!r} is no region; expected (label, start, stop) in samples") from error
+    if not found:
+        raise DataError(f"{where} holds no region; {_EXPECTED}")
+    return found
+
+
+def rests_among(regions: Any) -> list[tuple[int, int]] | None:
+    """Start and stop of the regions, where every label is that of a rest; else None."""
+    listed = _listed(regions)
+    return [(start, stop) for _, start, stop in listed] if all(_REST.fullmatch(label.strip()) for label, _, _ in listed) else None
+
+
+@host_float64
+def ferraris(log: Any, regions: Any, *, gravity: float | int, angle: float = 2 * np.pi) -> ImuFit:
+    r"""Accelerometer and gyroscope from a Ferraris session: six faces of a box at rest, and a turn about each axis.
+
+    .. math:: \bar y_a = M_a f + b_a,\quad f = \pm g e_j;\qquad \bar y_g = b_g + G f;\qquad
+              \int (y_g - b_g - G f)\,dt = \pm M_g e_j\,\alpha
+
+    by least squares; regions of the same label are repetitions. The frame of the result is that of the box. A turn has the sign that the
+    gyroscope shows, so that a gyroscope mounted upside down is not noticed.
+
+    The intervals come from the residuals of the six faces. These show how well the box lies on a face; the axis of a turn is taken to be
+    as good, and its angle better by the root of two of it, because nothing but a repetition can show the error of a turn.
+
+    Parameters
+    ----------
+    log : `jaxcal.Log` with accelerometer and gyroscope.
+    regions : (label, start, stop) of each, in samples, `stop` excluded; or a mapping from label to (start, stop). The labels are x_p, x_a,
+        y_p, y_a, z_p, z_a for an axis up or down, and x_rot, y_rot, z_rot for the turns. `read_regions` reads them from a file.
+    gravity : m/s^2 at the place.
+    angle : rad of each turn.
+
+    Returns
+    -------
+    ImuFit
+
+    Raises
+    ------
+    DataError
+        If a region is missing or outside of the log, or the readings contradict its label.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> rng = np.random.default_rng(0)
+    >>> f, w, regions = [], [], []
+    >>> for j, axis in enumerate("xyz"):
+    ...     for kind, up, rate in (("p", j, 0.0), ("a", j, 0.0), ("rot", j, 2 * np.pi / 5)):
+    ...         regions.append((f"{axis}_{kind}", 500 * len(f), 500 * len(f) + 500))
+    ...         f.append(np.tile((-9.81 if kind == "a" else 9.81) * np.eye(3)[up], (500, 1)))
+    ...         w.append(np.tile(rate * np.eye(3)[j], (500, 1)))
+    >>> noisy = [np.concatenate(x) + 1e-3 * rng.normal(size=(4500, 3)) for x in (f, w)]
+    >>> found = jaxcal.imu.ferraris(jaxcal.Log(None, accel=noisy[0], gyro=noisy[1], rate=100.0), regions, gravity=9.81)
+    >>> print(found.verdict, found.gyro.matrix.diagonal().round(3))
+    good [1. 1. 1.]
+
+    References
+    ----------
+    F. Ferraris, U. Grimaldi and M. Parvis, Sensors and Materials 7 (1995) 311.
+    """
+    record, size = recording(log, None), checked_gravity(gravity)
+    if record.gyro is None:
+        raise DataError("The log has no gyroscope; for the accelerometer alone take jaxcal.imu.six_position.")
+    faces, turns = _sorted(_listed(regions), len(record.time))
+    up = np.array([sign * np.eye(3)[axis] for axis, sign, _, _ in faces])
+    start, stop = (np.array([face[i] for face in faces]) for i in (2, 3))
+    rests, force = rests_of(record, start, stop), size * up
+    for (axis, sign, i, j), reading in zip(faces, rests.accel, strict=True):
+        if not sign * reading[axis] > 0.5 * size:
+            side = "up" if sign > 0 else "down"
+            raise DataError(
+                f"Samples {i} to {j} are labelled {'xyz'[axis]} {side}, but read {reading.round(2).tolist()} m/s^2. Check label and unit."
+            )
+    accel = six_position(rests.accel, size, up=up)
+    columns = np.concatenate([np.ones((len(up), 1)), force], axis=1)
+    beta = np.linalg.lstsq(columns, rests.gyro)[0]
+    left = rests.gyro - columns @ beta
+    freedom = 3 * (len(up) - 4)
+    inner = np.linalg.inv(columns.T @ columns)
+    still = inner * np.sum(left**2) / freedom
+    tilt = float(accel.sigma[0]) / size
+    corrected = accel.triad.correct(np.nan_to_num(record.bridged[:, 3:]))
+    sums, seen = _turned(record, corrected, turns, beta, angle)
+    matrix = np.stack([np.mean(sums[seen == axis], axis=0) for axis in range(3)], axis=1) / angle
+    error = sums - angle * matrix.T[seen]
+    gyro = Triad(matrix, beta[0], beta[1:].T)
+    covariance = _covariance(accel.covariance, still, _turn_variance(record, corrected, turns, still, rests, tilt, matrix, angle, seen))
+    result = ImuFit(
+        rate=record.rate, gravity=size, temperature=record.temperature, verdict="good", reason="", convention="box", method="ferraris",
+        accel=accel.triad, gyro=gyro, covariance=covariance, robust_covariance=covariance,
+        degrees_of_freedom=np.repeat([3.0 * accel.degrees_of_freedom, float(freedom)], [12, 21]),
+        residual_norm=size - np.linalg.norm(accel.triad.correct(rests.accel), axis=1), residual_turn=np.linalg.norm(error, axis=1),
+        residual_rest=left @ np.linalg.inv(matrix).T,
+        sigma=np.array([accel.sigma[0], np.sqrt(2) * tilt, np.sqrt(np.sum(left**2) / freedom)]), warnings=tuple(accel.warnings),
+    )  # fmt: skip
+    return _judged(result, tilt, len(turns))
+
+
+def _sorted(regions: list[Region], samples: int) -> tuple[list[Any], list[Any]]:
+    """Faces as (axis, sign, start, stop), and turns likewise with the sign zero."""
+    found = []
+    for label, start, stop in regions:
+        match = _LABEL.fullmatch(label.strip())
+        if match is None:
+            raise DataError(f"The label {label!r} says nothing of an axis; {_EXPECTED}")
+        if not 0 <= start < stop <= samples:
+            raise DataError(f"The region {label} goes from sample {start} to {stop}; the log has the samples 0 to {samples}")
+        if stop - start < 10:
+            raise DataError(f"The region {label} has {stop - start} samples; expected a second or more")
+        found.append(("xyz".index(match[1].lower()), _KINDS[match[2].lower()], start, stop))
+    there = {region[:2] for region in found}
+    missing = [
+        f"{'xyz'[axis]}_{word}" for axis in range(3) for sign, word in ((1, "p"), (-1, "a"), (0, "rot")) if (axis, sign) not in there
+    ]
+    if missing:
+        raise DataError(f"The session lacks {', '.join(missing)}; a Ferraris session has six faces and three turns")
+    return [region for region in found if region[1]], [region for region in found if not region[1]]
+
+
+def _turned(record: Recording, force: np.ndarray, turns: list[Any], beta: np.ndarray, angle: float) -> tuple[np.ndarray, np.ndarray]:
+    """Integrals (n, 3) of the readings less what they are at rest, positive about the axis of the turn, and these axes."""
+    sums = []
+    for axis, _, i, j in turns:
+        rate = np.asarray(record.bridged)[i:j, :3] - beta[0] - force[i:j] @ beta[1:]
+        if not np.isfinite(rate).all():
+            raise DataError(
+                f"The turn about {'xyz'[axis]} (samples {i} to {j}) lacks more samples than can be interpolated; record it again"
+            )
+        total = rate.sum(axis=0) / record.rate
+        if np.argmax(np.abs(total)) != axis or not 0.7 < abs(total[axis]) / angle < 1.4:
+            raise DataError(
+                f"Samples {i} to {j} are labelled a turn about {'xyz'[axis]} by {np.rad2deg(angle):.4g} degrees, but the gyroscope turned "
+                f"by {np.rad2deg(total).round(1).tolist()} degrees about x, y, z. Check the label, the ends of the region and the unit."
+            )
+        sums.append(np.sign(total[axis]) * total)
+    return np.array(sums), np.array([turn[0] for turn in turns])
+
+
+def _turn_variance(
+    record: Recording, force: np.ndarray, turns: list[Any], still: np.ndarray, rests: Any, tilt: float, matrix: np.ndarray, angle: float,
+    seen: np.ndarray,
+) -> np.ndarray:  # fmt: skip
+    """(3, 3) variance of the entries of the gyroscope's matrix."""
+    density = np.median(rests.gyro_scatter * rests.duration[:, None], axis=0)
+    size = np.abs(np.diag(matrix))
+    variance = np.zeros((3, 3))
+    for axis, _, i, j in turns:
+        weight = np.concatenate([[j - i], force[i:j].sum(axis=0)]) / record.rate
+        placed = (tilt * size) ** 2
+        placed[axis] = 2 * (tilt * size[axis] / angle) ** 2
+        variance[:, axis] += (weight @ still @ weight + density * (j - i) / record.rate) / angle**2 + placed
+    return variance / np.bincount(seen, minlength=3) ** 2
+
+
+def _covariance(accel: np.ndarray, still: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """(33, 33) of both triads; the gyroscope's matrix is taken apart from its bias, on which it hardly depends."""
+    covariance = np.zeros((33, 33))
+    covariance[:12, :12] = accel
+    covariance[np.arange(12, 21), np.arange(12, 21)] = matrix.ravel()
+    for axis in range(3):
+        place = np.array([21 + axis, *range(24 + 3 * axis, 27 + 3 * axis)])
+        covariance[np.ix_(place, place)] = still
+    return covariance
+
+
+def _judged(result: ImuFit, tilt: float, turns: int) -> ImuFit:
+    """The result with intervals and verdict."""
+    half = scipy.stats.t.ppf(0.975, result.degrees_of_freedom) * result.standard_error
+    interval = np.stack([result.values - half, result.values + half], axis=1)
+    force, rate = relative_error(result, 0), relative_error(result, 12)
+    notes = list(result.warnings)
+    if turns == 3:
+        notes.append("Each turn was made once: an error of its angle goes into the gyroscope's scale. Repeat the turns to see it.")
+    worst = max(force, rate)
+    verdict = "good" if worst <= POOR else "weak" if worst <= UNKNOWN else "refused"
+    reason = f"Standard errors: accelerometer {parts_of(force)}, gyroscope {parts_of(rate)} in scale and misalignment."
+    if verdict != "good":
+        reason = f"The faces disagree by {np.rad2deg(tilt):.2g} degrees: the box was not square or did not lie flat. {reason}"
+    return dataclasses.replace(result, interval=interval, verdict=verdict, reason=reason, warnings=tuple(notes))
