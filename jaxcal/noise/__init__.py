@@ -6,5 +6,6 @@ from ._fit import characterise as characterise, fit as fit
 from ._likelihood import log_likelihood as log_likelihood
 from ._model import Noise as Noise
 from ._overbound import overbound as overbound, overbound_curve as overbound_curve
+from ._recordings import RecordingsFit as RecordingsFit, fit_recordings as fit_recordings
 from ._result import NoiseFit as NoiseFit
 from ._terms import Block as Block, GaussMarkov as GaussMarkov, PowerLaw as PowerLaw, Term as Term

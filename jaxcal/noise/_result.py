@@ -93,7 +93,7 @@ class NoiseFit(Result):
             return [row._replace(name=f"{row.name}, channel {i}") for i, rows in enumerate(channels) for row in rows]
         none = (np.nan, np.nan)
         return [
-            Row(term, self.noise.coefficient(term), *self.interval.get(term, none), _UNITS.get(term, "SI"), self.verdict.get(term, ""))
+            Row(term, self.noise.coefficient(term), *self.interval.get(term, none), UNITS.get(term, "SI"), self.verdict.get(term, ""))
             for term in self.terms
         ]
 
@@ -125,7 +125,7 @@ class NoiseFit(Result):
 
 
 #: of the coefficients, where "unit" is that of the readings
-_UNITS = {"Q": "unit s", "N": "unit sqrt(s)", "B": "unit", "K": "unit/sqrt(s)", "R": "unit/s"}
+UNITS = {"Q": "unit s", "N": "unit sqrt(s)", "B": "unit", "K": "unit/sqrt(s)", "R": "unit/s"}
 _NUMBERS = ("interval", "upper_limit", "significance", "covariance", "goodness", "longer_record", "band", "used", "decides")
 _SENTENCES = ("left_out", "warnings", "notes")
 _NOISES = ("noise", "other", "conservative")
