@@ -48,6 +48,8 @@ def checked_conditions(conditions: dict[str, Any], count: int) -> dict[str, np.n
 
 def cost_of(found: Found, steps: np.ndarray, dip: float) -> float:
     """The rms heading error in rad that biases (k, 9) of a fit make at level."""
+    if not steps.any():
+        return 0.0
     rows = np.array(PLANAR_ROWS) if found.kind in PLANAR else np.arange(9)
     return float(heading_error(found.shape, steps[:, rows].T @ steps[:, rows], dip)[0])
 

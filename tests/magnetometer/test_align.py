@@ -320,3 +320,17 @@ def test_a_shift_of_the_rates_moves_the_delay_and_not_the_rotation(reference):
     for k, one in found.items():
         assert np.rad2deg(angle_between(one.rotation, found[0].rotation)) < 0.2
         assert one.delay - found[0].delay == pytest.approx(k / 200.0, abs=5e-4)
+
+
+def test_a_joint_fit_of_correlated_noise_is_as_certain_as_it_says():
+    away = []
+    for seed in range(6):
+        m, gyro, _ = hand(0.0, seed, count=1000, fine=8)
+        rng, slow = np.random.default_rng([seed, 1]), np.zeros((1000, 3))
+        for k in range(1, 1000):
+            slow[k] = 0.9 * slow[k - 1] + 0.02 * np.sqrt(1 - 0.9**2) * rng.normal(size=3)
+        found = fit(m + slow, field=1.0, aid=Gyroscope(gyro, 100.0), joint=True)
+        assert found.blocks == 6
+        assert "correlated noise" in found.causes
+        away.append((found.model.hard_iron - [0.3, -0.2, 0.1]) / found.hard_iron_error)
+    assert 0.5 < cases.rms(away) < 1.6

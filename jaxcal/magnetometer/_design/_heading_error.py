@@ -126,9 +126,15 @@ def turned_heading_error(covariance: np.ndarray, inclination: float, down: np.nd
 
 def heading_range(shape: np.ndarray, covariance: np.ndarray, dip: float | None, down: np.ndarray | None) -> np.ndarray:
     """Least and largest rms heading error at level: over dips up to 75 degrees and axes that point down, of what is not known of both."""
+    if not np.isfinite(covariance).all():
+        return np.full(2, np.inf)
     dips, axes = _DIPS if dip is None else (dip,), np.eye(3) if down is None else [down]
-    errors = [heading_error(shape, covariance, angle, axis)[0] for angle in dips for axis in axes]
-    return np.array([min(errors), max(errors)])
+    turns = [levelled(axis) for axis in axes]
+    directions = np.concatenate([grids(angle)[0][1] @ turn for angle in dips for turn in turns])
+    sideways = np.concatenate([grids_across(angle)[0] @ turn for angle in dips for turn in turns])
+    slopes = np.einsum("ni,nip->np", sideways, change_of(shape, directions))
+    errors = np.sqrt(np.sum(slopes @ covariance * slopes, axis=1).reshape(-1, len(_HEADINGS)).mean(axis=1))
+    return np.array([errors.min(), errors.max()])
 
 
 def heading_departure(first: Found, second: Found, inclination: float) -> np.ndarray:

@@ -298,7 +298,7 @@ def _result(after: MagFit, found: Solution, frame: Frame, u, whole, limits, rate
         after, model=said.model, covariance=covariance, coverage=covered((frame.scaled(whole) - centre) @ matrix.T),
         residual=ellipsoid.distance * frame.scale, outliers=outliers(ellipsoid.distance, ellipsoid.weight), needed=wanted, used=n,
         noise=float(found.sigma[0]) * frame.scale, field=size * frame.scale, plane=None, names=NAMES, kind="symmetric", alignment=said,
-        penalty=0.0, field_error=None, joint=True, causes={}, blocks=0, down=rotation @ level[1], **told,
+        penalty=0.0, field_error=None, joint=True, down=rotation @ level[1], **told,
     )  # fmt: skip
 
 

@@ -11,14 +11,17 @@ from ..._compile import jit
 from ...fitting import information
 from .._design._heading_error import WORDS, rms_heading
 from .._ellipsoid._algebraic import triangle
+from .._ellipsoid._causes import SERIAL
 from .._ellipsoid._kinds import ENTRIES, basis_of, upper_and_centre
+from .._ellipsoid._serial import BLOCKS, doubt, leave_out, white
 from .._ellipsoid._shape import radius_of, root, root_slopes, unit
-from .._result import Reasons, expected
+from .._result import UNEVEN, Reasons, expected
 from ._residuals import CENTRE, TURN, JointPoses
 
 _ALL = (*WORDS, "rotation about x", "rotation about y", "rotation about z")
 _OPEN = 1e-8  # smallest singular value, of the largest
 _BY_NOISE = 0.5
+_EXACT = 1e-9
 _ILL = 1000.0
 _LITTLE, _MORE = 0.005, 1.2  # of the field, and of the scatter across the surface: rates that do not fit
 _MUCH, _FOURFOLD = 0.05, 4.0
@@ -53,6 +56,23 @@ def _covariance(found: Any) -> tuple[np.ndarray, bool]:
     inverse = known.vectors.T / np.maximum(known.singular_values, _OPEN) / known.column[:, None]
     inverse = np.where(held[:, None], 0.0, inverse)
     return inverse @ inverse.T, bool(known.rank == np.sum(~held)) and not held[:9].any()
+
+
+def _serial(found: Any, covariance: np.ndarray) -> tuple[np.ndarray, int]:
+    """Covariance from fits without parts of the log and their number, where the residuals are not white; else that given, and zero."""
+    free, n = ~np.asarray(found.fit.at_bound), len(found.data.u)
+    residuals, jacobian = np.asarray(found.fit.residuals), np.asarray(found.fit.jacobian)[:, free]
+    # all residuals of a reading stand together
+    order = np.argsort(np.concatenate([np.arange(n), np.repeat(np.arange(n), (len(residuals) - n) // n)]), kind="stable")
+    there = order[np.asarray(found.fit.counted)[order]]
+    residuals, jacobian = residuals[there], jacobian[there]
+    if found.sigma[0] < _EXACT or white(jacobian, residuals):
+        return covariance, 0
+    prior = np.asarray(found.fit.prior_jacobian)[:, free]
+    part = np.ix_(free, free)
+    matrix, inside = np.zeros_like(covariance), covariance[part]
+    matrix[part] = leave_out(jacobian, residuals, prior.T @ prior) + inside @ (prior.T @ prior) @ inside
+    return (matrix, BLOCKS) if np.isfinite(matrix).all() else (covariance, 0)
 
 
 @functools.partial(jit, static_argnums=0)
@@ -128,6 +148,9 @@ def judged(
         slopes[:, :, CENTRE] -= found.matrix
         return slopes
 
+    blocks = 0
+    if known:
+        covariance, blocks = _serial(found, covariance)
     error = rms_heading(change, covariance, *level) if known else np.full(2, np.inf)
     weakest = _words(vectors[:, -1:].T)
     if not known:
@@ -154,12 +177,21 @@ def judged(
             f"The specific force is off by {degrees:.2g} degrees: the sensor moved, or the accelerometer is not calibrated."
         )
     if not reasons.refused:
-        reasons.heading(error, limits, f"; least certain is {weakest}.")
+        worst = np.rad2deg(error[0]) * (doubt(BLOCKS - 1) if blocks else 1.0)
+        if not reasons.heading(error, limits, f"; least certain is {weakest}.") and worst > np.rad2deg(limits[0]):
+            reasons.weak.append(f"{UNEVEN}: the heading may be wrong by {worst:.2g} degrees rms.")
         if condition > _ILL:
             reasons.weak.append(f"Readings and {sensor} hardly determine {weakest} (condition number {condition:.3g}).")
     reasons.outliers(outliers, found.count)
     turned = angles @ covariance @ angles.T if known else np.full((3, 3), np.inf)
     covariance = covariance if known else np.full_like(covariance, np.inf)
     said = f"Norms and {sensor} were fitted together; the {expected(error)}, that of the rotation included."
-    told = {"heading_error": error, "condition": condition, "verdict": reasons.verdict, "reason": reasons.text(said)}
+    told = {
+        "heading_error": error,
+        "condition": condition,
+        "verdict": reasons.verdict,
+        "reason": reasons.text(said),
+        "blocks": blocks,
+        "causes": {SERIAL: float(error[0])} if blocks else {},
+    }
     return covariance, turned, told
