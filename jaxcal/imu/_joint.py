@@ -193,7 +193,7 @@ def _own_sizes(fit: Fit, names: tuple[str, ...], rests: Rests) -> np.ndarray:
     # rates that go to and fro in a hand have means that scatter less than they seem to; a rest on a table, which shows the bias, is no
     # better for it
     uneven = np.any(density.max(axis=0) > _UNEVEN * density.min(axis=0))
-    ratio = np.where(freedom < 1, 1.0, np.maximum(ratio, [0, 0, uneven / np.sqrt(np.asarray(fit.variance))]))
+    ratio = np.where(freedom < 1, 1.0, np.maximum(ratio, np.array([0.0, 0.0, float(uneven) / float(np.sqrt(np.asarray(fit.variance)))])))
     place = [0 if name.startswith("accel") else 2 if name.startswith(("gyro.bias", "gyro.g_sens")) else 1 for name in names]
     return ratio[place]
 

@@ -131,6 +131,7 @@ def multi_position(
         return dataclasses.replace(base, reason=reason)
     if method == "imu_tk":
         # a rest may lack up to half a window
+        assert record.gyro is not None
         filled = [_recording.bridged(x, record.rate, longest) for x, longest in ((record.accel, window / 2), (record.gyro, None))]
         record = dataclasses.replace(record, accel=filled[0], gyro=filled[1])
         each = windows.shortest

@@ -182,7 +182,7 @@ def rests_of(recording: Recording, start: np.ndarray, stop: np.ndarray) -> Rests
     accel = means(recording.accel, start, stop)
     gyro = 0 * accel if recording.gyro is None else means(recording.gyro, start, stop)
     middle = (recording.time[start] + recording.time[stop - 1]) / 2 - recording.time[-1] / 2
-    there = np.isfinite(recording.accel).all(axis=1)
+    there = np.asarray(np.isfinite(recording.accel).all(axis=1))
     duration = np.array([there[i:j].sum() for i, j in zip(start, stop, strict=True)]) / recording.rate
     count = np.clip(np.floor(duration / _PIECE), 4, _MOST_PIECES).astype(int)
     both = recording.accel if recording.gyro is None else np.concatenate([recording.accel, recording.gyro], axis=1)
@@ -203,7 +203,7 @@ def turns_of(recording: Recording, start: np.ndarray, stop: np.ndarray, slots: i
     that of the next, because a hand moves a little while it holds still: the angle from the mean attitude of a rest of length T to its
     end is the integral of the rate weighed by t / T, and takes one step of length T / 2 with the weighed mean of the rate.
     """
-    readings = recording.bridged
+    readings = np.asarray(recording.bridged)
     number, count = len(start) - 1, _STEPS + 5
     nodes, steps = np.zeros((slots - 1, count, 6)), np.zeros((slots - 1, count - 1))
     length = (stop - start) / recording.rate
@@ -214,7 +214,7 @@ def turns_of(recording: Recording, start: np.ndarray, stop: np.ndarray, slots: i
             weight = np.abs(ramp - (np.arange(len(part)) + 0.5) / len(part)) * np.isfinite(part).all(axis=1)
             nodes[k, here] = weight @ np.nan_to_num(part) / weight.sum()
             steps[k, step] = length[rest] / 2 if whole and length[rest] <= _LONGEST else 0.0
-    good = np.isfinite(nodes).all(axis=(1, 2))
+    good = np.asarray(np.isfinite(nodes).all(axis=(1, 2)))
     sigma = np.where(good & (np.arange(slots - 1) < number), 1.0, np.inf)
     nodes = np.where(good[:, None, None], nodes, 0.0)
     nodes[number:] = nodes[:1]

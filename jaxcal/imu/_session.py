@@ -86,6 +86,7 @@ def _listed(regions: Any, where: str = "regions") -> list[Region]:
         regions = [(label, ends) for label, ends in regions.items()]
     found = []
     for region in regions if isinstance(regions, Iterable) else ():
+        ends: Any
         try:
             label, *ends = region if not isinstance(region, Mapping) else (region["label"], region)
             ends = ends[0] if len(ends) == 1 else ends
@@ -175,12 +176,14 @@ def ferraris(log: Any, regions: Any, *, gravity: float | int, angle: float = 2 *
     inner = np.linalg.inv(columns.T @ columns)
     still = inner * np.sum(left**2) / freedom
     tilt = float(accel.sigma[0]) / size
-    corrected = accel.triad.correct(np.nan_to_num(record.bridged[:, 3:]))
+    corrected = np.asarray(accel.triad.correct(np.nan_to_num(np.asarray(record.bridged)[:, 3:])))
     sums, seen = _turned(record, corrected, turns, beta, angle)
     matrix = np.stack([np.mean(sums[seen == axis], axis=0) for axis in range(3)], axis=1) / angle
     error = sums - angle * matrix.T[seen]
     gyro = Triad(matrix, beta[0], beta[1:].T)
-    covariance = _covariance(accel.covariance, still, _turn_variance(record, corrected, turns, still, rests, tilt, matrix, angle, seen))
+    covariance = _covariance(
+        np.asarray(accel.covariance), still, _turn_variance(record, corrected, turns, still, rests, tilt, matrix, angle, seen)
+    )
     result = ImuFit(
         rate=record.rate, gravity=size, temperature=record.temperature, verdict="good", reason="", convention="box", method="ferraris",
         accel=accel.triad, gyro=gyro, covariance=covariance, robust_covariance=covariance,

@@ -225,7 +225,7 @@ def fit(
     if turn is None:
         return result
     after = with_rotation(result, turn, field)
-    return jointly(after, whole, aid, limits=limits, rows=used) if joint else after
+    return after if aid is None or not joint else jointly(after, whole, aid, limits=limits, rows=used)
 
 
 def _distinct(m: np.ndarray) -> int:

@@ -57,8 +57,9 @@ def find_alternatives(fitted: Fitted, terms: tuple[Term, ...], dt: float, durati
     if search.gain(search.without()) > -_SLOW:
         return []
     times, step = _times(dt, duration)
-    laws, ones = [(PowerLaw(exponent=float(value)),) for value in _EXPONENTS], [(_process(time),) for time in times]
-    pairs = [(_process(long), _process(short, "markov2")) for i, long in enumerate(times) for short in times[:i]]
+    laws: list[tuple[Term, ...]] = [(PowerLaw(exponent=float(value)),) for value in _EXPONENTS]
+    ones: list[tuple[Term, ...]] = [(_process(time),) for time in times]
+    pairs: list[tuple[Term, ...]] = [(_process(long), _process(short, "markov2")) for i, long in enumerate(times) for short in times[:i]]
     found = {
         "power law": search.refined(search.best(laws), 0.1),
         "one process": search.refined(search.best(ones), step),
@@ -72,8 +73,9 @@ def find_alternatives(fitted: Fitted, terms: tuple[Term, ...], dt: float, durati
 def likeliest_time(fitted: Fitted, dt: float, duration: float) -> float:
     """Correlation time in s of the Gauss-Markov process beside the fitted terms that has the highest likelihood."""
     search = _Search(fitted, np.zeros(len(fitted.theta), dtype=bool), dt)
-    ((process,), _) = search.best([(_process(time),) for time in _times(dt, duration)[0]], beside=True)
-    return process.time
+    times = _times(dt, duration)[0]
+    ((process,), _) = search.best([(_process(time),) for time in times], beside=True)
+    return float(getattr(process, "time"))  # noqa: B009
 
 
 def widening(fitted: Fitted, terms: tuple[Term, ...], extra: tuple[Term, ...], dt: float) -> AnyArray:
@@ -81,7 +83,7 @@ def widening(fitted: Fitted, terms: tuple[Term, ...], extra: tuple[Term, ...], d
     theta, step, bins = fitted.theta, 1e-4, fitted.bins
     names = [term.name for term in terms]
     size = [theta[names.index(term.name)] / (2.0 * step) for term in extra]
-    sides = [[_moved(term, sign * step).psd(bins.frequency, dt) for sign in (1.0, -1.0)] for term in extra]
+    sides = [[np.asarray(_moved(term, sign * step).psd(bins.frequency, dt)) for sign in (1.0, -1.0)] for term in extra]
     slopes = np.stack([one * (high - low) for one, (high, low) in zip(size, sides, strict=True)], axis=1)
     there = np.append(theta > 0.0, np.any(slopes != 0.0, axis=0))
     wide = bins._replace(columns=np.concatenate([bins.columns, slopes], axis=1)[:, there])
@@ -137,13 +139,13 @@ class _Search:
     def best(self, candidates: list[tuple[Term, ...]], beside: bool = False) -> tuple[tuple[Term, ...], float]:
         """The candidate of the least cost, and that cost."""
         bins, lanes = self._fitted.bins, len(candidates)
-        extra = np.stack([np.stack([term.psd(bins.frequency, self._dt) for term in one], axis=1) for one in candidates])
+        extra = np.stack([np.stack([np.asarray(term.psd(bins.frequency, self._dt)) for term in one], axis=1) for one in candidates])
         kept = np.ones_like(self._slow) if beside else ~self._slow
         # each term begins at the level of the slow ones where it is the strongest of its candidate
         strength = extra / extra.max(axis=1, keepdims=True)
         own = self._share[:, None] * (strength / np.maximum(strength.sum(axis=2, keepdims=True), _TINY)) ** 4
         level = np.sum(own * (np.log(self._level)[:, None] - np.log(extra)), axis=1) / np.maximum(np.sum(own, axis=1), _TINY)
-        columns = np.concatenate([np.broadcast_to(bins.columns[:, kept], (lanes, len(self._level), kept.sum())), extra], axis=2)
+        columns = np.concatenate([np.broadcast_to(bins.columns[:, kept], (lanes, len(self._level), int(np.sum(kept)))), extra], axis=2)
         start = np.concatenate([np.tile(self._fitted.theta[kept], (lanes, 1)), np.exp(level)], axis=1)
         costs = minimise(columns, bins.density, bins.weight, start, rtol=ROUGH).cost
         index = int(np.argmin(costs))

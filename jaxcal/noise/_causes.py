@@ -51,7 +51,7 @@ class _Low(NamedTuple):
 
     def transform(self, x):
         """Ordinates of regressors given at `times`."""
-        return (self.factor * scipy.fft.dct(x, norm="ortho", axis=0)[1 : len(self.factor) + 1].T).T
+        return (self.factor * np.asarray(scipy.fft.dct(x, norm="ortho", axis=0))[1 : len(self.factor) + 1].T).T
 
 
 def _lowest(y, most: int, dt: float) -> _Low:
@@ -85,7 +85,7 @@ def _steps(low: _Low, density) -> tuple[float, float]:
     count, kept = len(low.times), len(density)
     # ordinate k of a step at block j is -sin(pi k j / count) times this
     amplitude = low.factor * np.sqrt(0.5 / count) / np.sin(np.pi * np.arange(1, kept + 1) / (2 * count))
-    sines = scipy.fft.dst(np.pad(amplitude * low.record / density, (0, count - 1 - kept)), type=1) / 2.0
+    sines = np.asarray(scipy.fft.dst(np.pad(amplitude * low.record / density, (0, count - 1 - kept)), type=1)) / 2.0
     squares = np.pad(amplitude**2 / density, (1, count - 1 - kept))
     variance = (squares.sum() - np.real(np.fft.fft(squares))[1:]) / 2.0
     margin = max(count // _MARGIN, 2)

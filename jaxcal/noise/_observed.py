@@ -33,11 +33,11 @@ _NOTHING = 1e-6  # share of a record below which nothing but rounding is left of
 
 
 def _dct(x):
-    return scipy.fft.dct(x, norm="ortho", axis=0)
+    return np.asarray(scipy.fft.dct(x, norm="ortho", axis=0))
 
 
 def _idct(x):
-    return scipy.fft.idct(x, norm="ortho", axis=0)
+    return np.asarray(scipy.fft.idct(x, norm="ortho", axis=0))
 
 
 @dataclasses.dataclass

@@ -18,6 +18,8 @@ import scipy.fft
 import scipy.optimize
 import scipy.special
 
+from .._types import AnyArray
+
 _ROUNDS = 3
 _CLIP = 3.0  # robust standard deviations at which the first record is clipped
 _BLOCK = 64  # samples of a running median
@@ -103,7 +105,7 @@ _LAWS = (
 )
 
 
-def tamed(y, dt: float, spectrum: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]) -> Tails:
+def tamed(y, dt: float, spectrum: Callable[[np.ndarray], tuple[AnyArray, AnyArray]]) -> Tails:
     """The record (n,), NaN where a sample is missing, with normal white noise.
 
     `spectrum` fits a record, and gives frequencies in Hz and the density there.
@@ -140,7 +142,7 @@ def _predicted(x, dt: float, frequency, density):
     """(n,) each sample from all others."""
     at = np.arange(1, len(x)) / (2.0 * len(x) * dt)
     precision = dt * np.exp(-np.interp(np.log(at), np.log(frequency), np.log(density)))
-    ordinates = scipy.fft.dct(x, norm="ortho")
+    ordinates = np.asarray(scipy.fft.dct(x, norm="ortho"))
     ordinates[0], ordinates[1:] = 0.0, ordinates[1:] * precision
     return x - scipy.fft.idct(ordinates, norm="ortho") / precision.mean()
 

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..._precision import array_module
+from ..._types import AnyArray
 from .._ellipsoid._algebraic import matrix_of, triangle
 from .._ellipsoid._kinds import PLANAR, PLANAR_ROWS
 from .._ellipsoid._residuals import BASES, natural_rows
@@ -81,7 +82,7 @@ def planar_slopes(shape: Any, headings: np.ndarray) -> Any:
     return heading_slopes(shape, level, unit_field(level, 0.0))[:, np.array(PLANAR_ROWS)]
 
 
-def levelled(down: np.ndarray | None) -> np.ndarray:
+def levelled(down: AnyArray | None) -> np.ndarray:
     """Rotation (3, 3) that turns rows of vectors, in axes of which z points down at level, to those of which another does."""
     if down is None:
         return np.eye(3)
@@ -92,7 +93,7 @@ def levelled(down: np.ndarray | None) -> np.ndarray:
     return 2 * np.outer(both, both) / (both @ both) - np.eye(3)  # half a turn about what lies between them
 
 
-def rms_heading(change: Callable[[np.ndarray], Any], covariance: Any, inclination: float, down: np.ndarray | None = None) -> Any:
+def rms_heading(change: Callable[[np.ndarray], Any], covariance: Any, inclination: float, down: AnyArray | None = None) -> Any:
     """Root mean square heading error in rad, at level and at 20 degrees of tilt, of parameters that are known to `covariance` (p, p).
 
     change : from unit fields in body axes (n, 3) to the derivative of the corrected ones with respect to the parameters, (n, 3, p).
@@ -111,7 +112,7 @@ def _rms(slopes: list[Any], covariance: Any) -> Any:
     return xp.where(known, xp.sqrt(xp.stack([(rows @ safe * rows).sum(axis=1).mean() for rows in slopes])), xp.inf)
 
 
-def heading_error(shape: Any, covariance: Any, inclination: float, down: np.ndarray | None = None) -> Any:
+def heading_error(shape: Any, covariance: Any, inclination: float, down: AnyArray | None = None) -> Any:
     """Predicted rms heading error of an ellipsoid; in a plane there is no tilt."""
     if len(covariance) == 5:
         xp = array_module(covariance)
@@ -119,12 +120,12 @@ def heading_error(shape: Any, covariance: Any, inclination: float, down: np.ndar
     return rms_heading(lambda directions: change_of(shape, directions), covariance, inclination, down)
 
 
-def turned_heading_error(covariance: np.ndarray, inclination: float, down: np.ndarray | None = None) -> np.ndarray:
+def turned_heading_error(covariance: np.ndarray, inclination: float, down: AnyArray | None = None) -> np.ndarray:
     """That of a rotation about the body axes."""
     return rms_heading(lambda directions: np.cross(np.eye(3), directions[:, None]).swapaxes(1, 2), covariance, inclination, down)
 
 
-def heading_range(shape: np.ndarray, covariance: np.ndarray, dip: float | None, down: np.ndarray | None) -> np.ndarray:
+def heading_range(shape: AnyArray, covariance: AnyArray, dip: float | None, down: AnyArray | None) -> np.ndarray:
     """Least and largest rms heading error at level: over dips up to 75 degrees and axes that point down, of what is not known of both."""
     if not np.isfinite(covariance).all():
         return np.full(2, np.inf)

@@ -111,7 +111,7 @@ def examined(
     count, n = COUNT[found.kind], len(u)
     radius = radius_of(found.shape, found.kind in PLANAR)
     if not np.isfinite(found.covariance).all() or not found.noise > _EXACT * radius or not found.converged:
-        return Examined(found.covariance, 0, [], np.zeros(9))
+        return Examined(np.asarray(found.covariance), 0, [], np.zeros(9))
     slopes = slopes_of(found.parameters, basis_of(found.kind))[:, :count]
     weight = np.sqrt(np.asarray(found.weight))[:, None]
     by_entries, normals, z = _rows(found, u)
