@@ -20,6 +20,8 @@ from ._residuals import Turns, Weighted, pieces
 from ._rests import Ends, Multiples
 from ._result import SINGULAR, ImuFit, Observability, finished, observability
 
+#: poses beyond the number of parameters from which errors of prediction can be compared
+_SPARE = 3
 #: ratio of the noise of two rests that is the hand's
 _UNEVEN = 10.0
 
@@ -80,8 +82,10 @@ class Job(eqx.Module):
             turned[i] = np.fmin(turned[i], variance)
             return score[i] * variance / count, i, begun, joint
 
-        for bound in np.unique(table[:, 1])[::-1]:
-            here = np.flatnonzero(table[:, 1] == bound)
+        # with hardly more poses than parameters nothing is left to be predicted, and the errors look small
+        enough = table[:, 2] >= min(self.needed + _SPARE, table[:, 2].max())
+        for bound in np.unique(table[enough, 1])[::-1]:
+            here = np.flatnonzero((table[:, 1] == bound) & enough)
             if (one := tried(int(here[np.argmin(score[here])]), True)) is not None:
                 found.append(one)
                 near = (one[3].fit.model, one[2].scale) if bool(one[3].fit.usable) and near is None else near
