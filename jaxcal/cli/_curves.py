@@ -52,6 +52,8 @@ def allan(
     m: str = "log",
     confidence: Level = 0.95,
     bias_corrected: bool = False,
+    alpha: Literal[-2, -1, 0, 1, 2] | None = None,
+    robust: bool = False,
     reading: Reading = Reading(),
     writing: Deviations = Deviations(),
     running: Running = Running(),
@@ -67,8 +69,14 @@ def allan(
         Cluster sizes: log (15 per decade), octave, decade, all, or numbers of samples as 1,10,100.
     bias_corrected
         Take off the bias of the total statistics and of Theo1, for the noise type found.
+    alpha
+        Noise type for the intervals, instead of the one found: 2 white phase, 1 flicker phase, 0 white frequency, -1 flicker
+        frequency, -2 random walk of frequency.
+    robust
+        An M-estimate that outliers do not carry off, for adev, oadev, hdev and ohdev.
     """
     options: dict[str, Any] = {"kind": kind, "m": _sizes(m), "confidence": confidence, "bias_corrected": bias_corrected}
+    options |= {"alpha": alpha, "robust": robust}
 
     def compute(recording: Any, _: Any) -> dict[str, Any]:
         found = {}
