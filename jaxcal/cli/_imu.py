@@ -11,7 +11,6 @@ from cyclopts import Parameter
 import jaxcal
 
 from .._units import STANDARD_GRAVITY, number
-from ..imu._session import rests_among
 from ._export import FILES
 from ._options import CallError, Files, Latitude, Log, Reading, Running, stem
 from ._outputs import File, figure, outputs, save_calibration, save_export, save_json, save_report
@@ -75,6 +74,8 @@ def imu(
     notes: list[str] = []
 
     def compute(data: Any, _: Any) -> Any:
+        from ..imu._session import rests_among  # a command's help must not wait for JAX
+
         labelled = None if regions is None else jaxcal.imu.read_regions(regions, data.rate)
         rests = None if labelled is None else rests_among(labelled)
         if labelled is not None and rests is None:

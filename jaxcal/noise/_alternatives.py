@@ -2,8 +2,8 @@ r"""Spectra that pass for flicker and a random walk: another exponent, and Gauss
 
 The fit takes B and K for the slow noise of a record. Before they are called present, others are tried in their place: a density
 :math:`c^2 (2\pi f)^{-\alpha}`, one Gauss-Markov process, and two; and one process beside B and K. All are fitted to the same ordinates.
-What counts is twice the gain in log likelihood over B and K. An alternative is admitted where it reaches a level that fewer than one
-record in a hundred of Q, N, B and K alone reaches (`benchmarks/records.py --only alternatives`). Its terms are then fitted beside B and
+What counts is twice the gain in log likelihood over B and K. An alternative is admitted where it reaches a level that about one
+record in 300 of Q, N, B and K alone reaches (`benchmarks/records.py --only alternatives`). Its terms are then fitted beside B and
 K, which are judged by what they explain beyond it.
 """
 
@@ -24,7 +24,7 @@ _HALVINGS = 4  # of the step between neighbours, around the best of them
 _SLOW = 5.41  # twice the gain of B and K over none below which there is nothing to replace
 _TINY = np.finfo(float).tiny ** 0.5
 #: family -> shape parameters and coefficients beyond those of B and K, and twice the gain in log likelihood that admits it
-_FAMILIES = {"power law": (0, 5.5), "one process": (0, 7.0), "two processes": (2, 12.0), "process beside": (2, 12.0)}
+_FAMILIES = {"power law": (0, 9.0), "one process": (0, 8.0), "two processes": (2, 13.0), "process beside": (2, 13.0)}
 _PARAMETER = 2.0  # what one parameter more must gain for a family to be preferred to another
 
 

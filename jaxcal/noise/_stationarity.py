@@ -35,7 +35,7 @@ _BLOCKS = 4096
 _CUTS, _SHORTEST, _MOST_LEVELS = 256, 16, 6
 #: likelihood ratio at which a record is cut, far above the 20 that chance reaches among so many blocks; logarithm of the ratio of N^2
 #: below which two levels are one; blocks that one level has at least
-_CUT, _ALIKE, _FEWEST_CUTS = 30.0, 0.1, 4
+_CUT, _ALIKE, _FEWEST_CUTS = 30.0, 0.4, 4
 
 
 class Unevenness(NamedTuple):

@@ -27,6 +27,7 @@ _SHORTEST = 256  # samples of a record in parts of which coefficients are compar
 _ROUNDS, _SETTLED = 30, 2e-3  # of the likelihood of observed samples, and the relative change of the density that ends them
 _ROUGH, _MANY = 2, 100.0  # first rounds, which trust no model above groups of so many ordinates
 _MENDED = 0.5  # share of the misfit in the whole band that others than B and K must explain to be tried there
+_SURE = 30.0  # likelihood ratio at which what stands in place of B and K cannot be chance, which reaches 15 in one of a thousand records
 _FAST = ("Q", "N", FILTER)  # terms that are known from frequencies at which nothing passes for them
 
 
@@ -128,6 +129,8 @@ def fit_record(
     if extra and not sought:
         widened = widened * widening(solved.fitted, solved.columns, extra, dt)
     covariance, limits, factor = uncertainty(solved.fitted, widened, *levels_of(confidence), names)
+    if extra and not sought and found[0].gain < _SURE:
+        limits = _with_limits_of(limits, names, plain, float(plain.bins.unit / solved.bins.unit), confidence)
     lines = amplitudes(solved.bins, solved.taken, density(solved.bins.columns, solved.fitted.theta), n * dt)
     lines = [found for found in lines if found[1] <= solved.end]
     if tails.law or not observed.complete:
@@ -232,6 +235,16 @@ def _with_alternatives(observed: Observed, solved: Solved, base: tuple[Term, ...
 def _spectrum(solved: Solved):
     """Frequencies in Hz and the density there."""
     return solved.bins.frequency, _level(solved, False)
+
+
+def _with_limits_of(limits: Limits, names: tuple[str, ...], plain: Solved, unit: float, confidence: float) -> Limits:
+    """Limits of B and K that hold too where an alternative was admitted by chance: both ends reach to those of the fit without it."""
+    other = uncertainty(plain.fitted, np.ones(len(plain.names)), *levels_of(confidence), plain.names)[1].scaled(unit)
+    low, high, upper = limits.low.copy(), limits.high.copy(), limits.upper.copy()
+    for name in {"B", "K"} & set(names):
+        i, j = ([one for one in fit if one != FILTER].index(name) for fit in (names, plain.names))
+        low[i], high[i], upper[i] = min(low[i], other.low[j]), max(high[i], other.high[j]), max(upper[i], other.upper[j])
+    return limits._replace(low=low, high=high, upper=upper)
 
 
 def _level(solved: Solved, rough: bool):

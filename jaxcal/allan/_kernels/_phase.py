@@ -15,9 +15,7 @@ BLOCK = 16384
 #: phase points of the longest record that stays in the second-level cache (2 MB)
 IN_CACHE = 1 << 18
 _ROW = 32
-_CHUNK = 1 << 14  # samples summed at a time: larger products of matrices would start threads
-_WIDTH = 16
-_TRIANGLE = np.triu(np.ones((_WIDTH, _WIDTH)))
+_CHUNK = 1 << 16  # samples that pass through the second-level cache together
 
 
 def padded_length(samples: int) -> int:
@@ -29,8 +27,7 @@ def integrate(values, out, parts: int, run: Callable = map) -> bool:
     """Running sum of the values less their mean, from 0, into `out` (one longer): False, with `out` spoilt, if one is not finite.
 
     The mean comes off first, so that the sum stays small: the statistics do not see it, and its digits are not lost. `run`
-    maps a function over `parts` stretches of the record, in threads if it is a pool's. The sums within rows of 16 samples are a product of
-    matrices: `np.cumsum`, in which every addition waits for the last one, takes more than twice as long.
+    maps a function over `parts` stretches of the record, in threads if it is a pool's.
     """
     rest, edges = out[1:], [len(values) * i // parts for i in range(parts + 1)]
     pieces = [[slice(a, min(a + _CHUNK, stop)) for a in range(start, stop, _CHUNK)] for start, stop in itertools.pairwise(edges)]
@@ -45,14 +42,9 @@ def integrate(values, out, parts: int, run: Callable = map) -> bool:
 
     def fill(part, carry):
         for piece in part:
-            held, out = np.subtract(values[piece], values[0] + shift), rest[piece]
-            whole = len(held) // _WIDTH * _WIDTH
-            rows = held[:whole].reshape(-1, _WIDTH)
-            starts = np.cumsum(np.append(carry, rows @ _TRIANGLE[0]))
-            rows[:, 0] += starts[:-1]
-            np.matmul(rows, _TRIANGLE, out=out[:whole].reshape(-1, _WIDTH))
-            out[whole:] = starts[-1] + np.cumsum(held[whole:])
-            carry = out[-1]
+            held = np.subtract(values[piece], values[0] + shift, out=rest[piece])
+            held[0] += carry
+            carry = np.cumsum(held, out=held)[-1]
 
     out[0] = 0.0
     list(run(fill, pieces, np.cumsum(sums) - sums - shift * np.array(edges[:-1])))
