@@ -55,7 +55,9 @@ def fit(
     High frequencies (short cluster times) at which the model does not hold, because of a filter, averaging or a resonance in the
     sensor, are left out and named; what a filter leaves below is fitted as a nuisance, and Q, which has its shape, is then not
     estimated. Spectral lines are taken out, and become sinusoids of the model. Where the record scatters more than the model
-    allows, the intervals are widened, with a warning. Single outlying samples are set to the mean of their neighbours, and counted.
+    allows, the intervals are widened, with a warning. A step, a ramp, a warm-up or a slow sinusoid is fitted together with the noise and
+    named. Another exponent, or Gauss-Markov processes, join the model where they explain the slow noise better than B and K.
+    Single outlying samples are set to the mean of their neighbours, and counted.
 
     Parameters
     ----------

@@ -105,7 +105,7 @@ def of_causes(causes: Sequence[Cause], factors, covariance) -> list[str]:
         what, advice = _CAUSES[cause.family]
         said.append(
             f"{what.format(size=f'{size:.3g} +- {error:.2g}', at=cause.at)} explains the slow changes of the record better than noise "
-            f"(likelihood ratio {cause.gain:.0f}): it is fitted beside the noise, and B and K are what is left; {advice}"
+            f"(likelihood ratio {cause.gain:.0f}): it is fitted together with the noise, and B and K stand for what remains; {advice}"
         )
     return said
 
@@ -120,7 +120,7 @@ def of_alternatives(found: Sequence[Alternative], fitted: bool, fit: NoiseFit) -
         other = "; B, K and one process explain it as well, and this record cannot tell which it is" if alike else ""
         return [
             f"{what} {where} B and K explain{'s' if len(found[0].terms) == 1 else ''} the spectrum better than these alone (likelihood "
-            f"ratio {found[0].gain:.1f}): part of the model, and B and K are what is left{other}"
+            f"ratio {found[0].gain:.1f}): the model has it now, and B and K stand for what remains{other}"
         ], ()
     for one in found:
         if one.family == "one process" and one.gain > -_ALIKE and fit.verdict.get("B") == "present":

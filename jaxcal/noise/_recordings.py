@@ -99,9 +99,7 @@ def fit_recordings(
     Prediction interval of a normal sample: G. J. Hahn and W. Q. Meeker, Statistical Intervals, Wiley, 1991.
     """
     if len(records) < 2:
-        raise DataError(
-            f"{len(records)} recording{'s' * (len(records) != 1)}: how recordings differ is seen in two at least; use fit for one"
-        )
+        raise DataError(f"{len(records)} recording{'s' * (len(records) != 1)}: two at least show how recordings differ; use fit for one")
     fits = []
     for i, record in enumerate(records):
         if np.ndim(record) != 1:

@@ -27,7 +27,8 @@ class NoiseFit(Result):
 
     Attributes
     ----------
-    noise : fitted `Noise`, SI units.
+    noise : fitted `Noise`, SI units. Where another spectrum explains the slow noise better than B and K, its Gauss-Markov processes
+        (`noise.markov`) or its power law (`noise.further`) are part of it, and a warning names them.
     terms : names of the fitted terms, in the order of `covariance`. A Gauss-Markov process is not among them: it is
         `noise.markov`, and has an entry "markov" in the tables below.
     interval : term -> (low, high) at level `confidence`, in the unit of the coefficient; low is 0 where zero cannot be excluded.
@@ -97,17 +98,6 @@ class NoiseFit(Result):
             for term in self.terms
         ]
 
-    def without(self, names: Sequence[str], tables: bool) -> "NoiseFit":
-        """The fit whose `terms` and `covariance` leave out terms that the noise model keeps; the tables too, if asked."""
-        kept = [i for i, name in enumerate(self.terms) if name not in names]
-        entries = ("interval", "upper_limit", "verdict", "significance", "longer_record", "decides") if tables else ()
-        return dataclasses.replace(
-            self,
-            terms=tuple(self.terms[i] for i in kept),
-            covariance=self.covariance[np.ix_(kept, kept)],
-            **{entry: {name: value for name, value in getattr(self, entry).items() if name not in names} for entry in entries},
-        )
-
     def channel(self, index: int) -> "NoiseFit":
         """The fit of one channel of a record with several.
 
@@ -122,6 +112,18 @@ class NoiseFit(Result):
         found |= {name: getattr(self, name)[index] for name in _SENTENCES}
         found |= {name: None if (one := getattr(self, name)) is None else one.channel(index) for name in (*_NOISES, "deviation")}
         return dataclasses.replace(self, verdict={term: value[index] for term, value in self.verdict.items()}, **found)
+
+
+def without_terms(fit: NoiseFit, names: Sequence[str], tables: bool) -> NoiseFit:
+    """The fit without some terms in `terms` and `covariance`, and in its tables if asked; its noise model keeps them."""
+    kept = [i for i, name in enumerate(fit.terms) if name not in names]
+    entries = ("interval", "upper_limit", "verdict", "significance", "longer_record", "decides") if tables else ()
+    return dataclasses.replace(
+        fit,
+        terms=tuple(fit.terms[i] for i in kept),
+        covariance=fit.covariance[np.ix_(kept, kept)],
+        **{entry: {name: value for name, value in getattr(fit, entry).items() if name not in names} for entry in entries},
+    )
 
 
 #: of the coefficients, where "unit" is that of the readings

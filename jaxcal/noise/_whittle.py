@@ -17,7 +17,7 @@ from ._likelihood import density
 from ._limits import Limits, levels_of
 from ._observed import Observed
 from ._ordinates import Bins, amplitudes, bins_of, find_lines
-from ._result import NoiseFit, assemble, with_edf
+from ._result import NoiseFit, assemble, with_edf, without_terms
 from ._spectral import FILTER, Fitted, attempt, fit_bins, fit_whole, groups_of, uncertainty, without
 from ._stationarity import ORDINATES, Level, Unevenness, follows, levels_of_white, unevenness, unevenness_of_level
 from ._tails import Tails, tamed
@@ -27,7 +27,8 @@ _SHORTEST = 256  # samples of a record in parts of which coefficients are compar
 _ROUNDS, _SETTLED = 30, 2e-3  # of the likelihood of observed samples, and the relative change of the density that ends them
 _ROUGH, _MANY = 2, 100.0  # first rounds, which trust no model above groups of so many ordinates
 _MENDED = 0.5  # share of the misfit in the whole band that others than B and K must explain to be tried there
-_SURE = 30.0  # likelihood ratio at which what stands in place of B and K cannot be chance, which reaches 15 in one of a thousand records
+#: likelihood ratio above which what stands in place of B and K is not chance: records of the model reached 15 at most
+_SURE = 30.0
 _FAST = ("Q", "N", FILTER)  # terms that are known from frequencies at which nothing passes for them
 
 
@@ -161,7 +162,7 @@ def fit_record(
         notes = (*notes, _messages.of_markov(fit))
     curve = with_edf(curve, used, _model_edf(curve, plain, n))
     fit = dataclasses.replace(fit, deviation=curve, left_out=left_out, warnings=warnings, notes=notes)
-    return fit.without([term.name for term in extra], tables=not sought)
+    return without_terms(fit, [term.name for term in extra], tables=not sought)
 
 
 def fit_traced(y, rate: float, terms: tuple[Term, ...], band: tuple[float, float] | None, confidence: float) -> NoiseFit:
