@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from jaxcal import DataError, read
-from jaxcal.io._columns import parse_name
+from jaxcal.io._names import parse_name
 
 DEG, G = np.pi / 180.0, 9.80665
 NAMES = ["time", "gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z"]
