@@ -15,7 +15,7 @@ _PIECE = 1 << 20
 
 
 def zip_kind(path: pathlib.Path) -> str:
-    """"npz", or "zip" for packed logs; a workbook is refused with its sheets."""
+    """The format npz, or zip for packed logs; a workbook is refused with its sheets."""
     book = ""
     try:
         with zipfile.ZipFile(path) as archive:
@@ -35,7 +35,8 @@ def _workbook(archive: zipfile.ZipFile) -> str:
         sheets = [re.sub(r"&#?\w+;", "?", name) for name in re.findall(r"<(?:\w+:)?sheet\b[^>]*?\bname=\"([^\"]{1,200})\"", text)]
     shown = ", ".join(sheets[:8]) + (f" and {len(sheets) - 8} more" if len(sheets) > 8 else "")
     return (
-        f"this is a workbook (XLSX) with the sheet{'s' * (len(sheets) != 1)} {shown or 'of unknown name'}, which is not read: save the sheet that "
+        f"this is a workbook (XLSX) with the sheet{'s' * (len(sheets) != 1)} {shown or 'of unknown name'}, which is not read: save "
+        "the sheet that "
         "holds the log as CSV (File, Save as, CSV UTF-8), with a line of column names, and read that"
     )
 
@@ -47,7 +48,9 @@ def unpacked(path: pathlib.Path) -> Iterator[pathlib.Path]:
     with zipfile.ZipFile(path) as archive, tempfile.TemporaryDirectory(prefix="jaxcal-") as folder:
         members = [one for one in archive.infolist() if not one.is_dir() and _wanted(one.filename)]
         if len(members) > _MOST:
-            raise DataError(f"the zip file holds {len(members)} files, more than the {_MOST} that are looked at; unpack it and give one log")
+            raise DataError(
+                f"the zip file holds {len(members)} files, more than the {_MOST} that are looked at; unpack it and give one log"
+            )
         if any(one.flag_bits & 1 for one in members):
             raise DataError("the zip file is encrypted; unpack it with its password and give the log in it")
         check_declared(sum(one.file_size for one in members), size, "the zip file")

@@ -93,7 +93,7 @@ def _rolls(names: list[str], meanings: list[Name | None]) -> None:
     """Rates about the axes of roll, pitch and yaw: GyroR, GyroP, GyroY, and p, q, r."""
     low = [plain(name) for name in names]
     for stem in ("gyro", "gyr", "rate", "omega", ""):
-        for axes in (("r", "p", "y"), ("roll", "pitch", "yaw"), ("p", "q", "r") if not stem else ("p", "q", "r")):
+        for axes in (("r", "p", "y"), ("roll", "pitch", "yaw"), ("p", "q", "r")):
             wanted = [stem + axis for axis in axes]
             if (not stem and axes != ("p", "q", "r")) or not all(word in low for word in wanted):
                 continue
@@ -109,9 +109,10 @@ def _groups(table, meanings: list[Name | None], kind: str) -> dict[tuple[int, st
     """Columns of one kind by sensor: number and stem -> axis -> column; a sensor without a value is none."""
     found: dict[tuple[int, str], dict[str, int]] = {}
     for i, one in enumerate(meanings):
-        if one is not None and one.kind == kind and one.axis and _present(table, i):
+        if one is not None and one.kind == kind and one.axis and is_number(table, i):
             found.setdefault((one.instance, one.stem), {}).setdefault(one.axis, i)
-    return found
+    full = {key: axes for key, axes in found.items() if any(_present(table, i) for i in axes.values())}
+    return full or dict(list(found.items())[:1])
 
 
 def _by_name(table, columns: Columns, found: Selection) -> None:
@@ -186,7 +187,9 @@ def _by_file(table, columns: Columns, found: Selection) -> None:
         if unit:
             found.units[kind] = unit
         found.doubtful |= {"accel"} & {kind}
-        found.notes.append(f"{kind}: the columns {', '.join(table.names[i] for i in axes)} are those of the {kind}, as the name of the file says")
+        found.notes.append(
+            f"{kind}: the columns {', '.join(table.names[i] for i in axes)} are those of the {kind}, as the name of the file says"
+        )
 
 
 def _refuse_or_position(table, columns: Columns, found: Selection) -> None:
@@ -194,7 +197,8 @@ def _refuse_or_position(table, columns: Columns, found: Selection) -> None:
     if found.gravity_free:
         shown = ", ".join(names[i] for i in found.gravity_free[:3])
         raise DataError(
-            f"{shown} hold acceleration from which gravity was removed (linear or free acceleration): there is no specific force in it, and "
+            f"{shown} hold acceleration from which gravity was removed (linear or free acceleration): there is no specific force in "
+            "it, and "
             "no other sensor is in the table. Record the accelerometer itself; to read these values all the same, name them with "
             f"columns={{'accel': [...]}} (--columns accel={':'.join(map(str, (found.gravity_free[0], found.gravity_free[-1])))} "
             "--units accel=m/s^2)"
@@ -228,10 +232,8 @@ def _by_position(table, columns: Columns, found: Selection) -> None:
             roles = [kind]
         else:
             roles = _guess.roles([np.column_stack([table.columns[i] for i in triple]).astype(np.float64) for triple in triples])
-            found.warnings.append(
-                f"the columns have no names: {', '.join(f'{role} is {triple[0]}-{triple[-1]}' for role, triple in zip(roles, triples, strict=True))}, "
-                f"a guess from the size of the values; if it is wrong, {HOW}"
-            )
+            which = ", ".join(f"{role} is {triple[0]}-{triple[-1]}" for role, triple in zip(roles, triples, strict=True))
+            found.warnings.append(f"a guess from the size of the values, since the columns have no names: {which}; if it is wrong, {HOW}")
     except DataError as error:
         raise DataError(f"{error}; {HOW}") from None
     found.columns |= ({"time": time} if time else {}) | dict(zip(roles, triples, strict=True))
@@ -248,7 +250,8 @@ def _label(table) -> str | None:
             return kinds.pop()
         if 1 < len(words) < 50 and kinds & set(SENSORS):
             raise DataError(
-                f"column {i} names a sensor in every row ({', '.join(sorted(words)[:6])}): the rows of several sensors are mixed; split the file "
+                f"column {i} names a sensor in every row ({', '.join(sorted(words)[:6])}): the rows of several sensors are mixed; "
+                "split the file "
                 "by that column and read the parts"
             )
     return None
@@ -267,12 +270,14 @@ def _tell_unused(table, found: Selection, named: dict[str, list[int]]) -> None:
     used = {i for indices in found.columns.values() for i in indices}
     strange = [
         i for i, name in enumerate(table.names)
-        if i not in used and found.names[i] is None and _LIKE.search(name) and not _NOT_LIKE.search(name) and not is_counter(name) and _present(table, i)
+        if i not in used and found.names[i] is None and _LIKE.search(name) and not (_NOT_LIKE.search(name) or is_counter(name))
+        and _present(table, i)
     ]  # fmt: skip
     if strange:
         shown = ", ".join(f"{i} ({table.names[i]})" for i in strange[:9]) + (" ..." if len(strange) > 9 else "")
         found.warnings.append(
-            f"not read, although the names look like those of a sensor: columns {shown}; if they are one, name them with columns= (--columns)"
+            f"not read, although the names look like those of a sensor: columns {shown}; if they are one, name them with columns= "
+            "(--columns)"
         )
     if found.gravity_free and "accel" not in found.columns:
         shown = ", ".join(table.names[i] for i in found.gravity_free[:3])

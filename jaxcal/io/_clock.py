@@ -86,7 +86,7 @@ def stated_rate(preamble: str, stem: str) -> tuple[float, str] | None:
     return None
 
 
-def clock_of(table, found: Selection, units: dict[str, str], rate: float | None) -> Clock | None:
+def clock_of(table, found: Selection, units: dict[str, str], rate: float | int | None) -> Clock | None:
     """The clock of a table, or None where it has none."""
     wanted = found.columns.get("time")
     if wanted is not None and "time" not in found.guessed:
@@ -104,6 +104,8 @@ def clock_of(table, found: Selection, units: dict[str, str], rate: float | None)
     if not clocks:
         found.columns.pop("time", None)
         return None
+    if len(clocks) > 1:
+        clocks = [one for one in clocks if one.distinct > 1.5 / max(len(one.time), 1)] or clocks[:1]
     best = max(clocks, key=lambda one: (round(min(one.distinct, 0.9), 1), one.sure))
     others = [one for one in clocks if one is not best and one.distinct > 0.01 and np.isfinite(one.mean) and one.mean > 0]
     for other in others:
@@ -132,7 +134,11 @@ def _candidates(table, found: Selection, wanted: list[int] | None) -> list[list[
     if sets:
         return sets
     used = {i for indices in found.columns.values() for i in indices}
-    free = [i for i in range(len(table.columns)) if i not in used and found.names[i] is None and not (any(table.names) and is_counter(table.names[i]))]
+    free = [
+        i
+        for i in range(len(table.columns))
+        if i not in used and found.names[i] is None and not (any(table.names) and is_counter(table.names[i]))
+    ]
     return [[i] for i in free if table.columns[i].dtype.kind in "iuf" and increasing(table.columns[i])][:1]
 
 
@@ -140,7 +146,7 @@ def _varies(table, index: int) -> bool:
     column = table.columns[index]
     if column.dtype.kind == "M":
         return bool((~np.isnat(column)).any())
-    return column.dtype.kind in "iuf" and bool(np.isfinite(column).any()) and bool(np.nanmax(column) > np.nanmin(column))
+    return column.dtype.kind in "iuf" and bool(np.isfinite(column).any())
 
 
 def _named_unit(found: Selection, indices: list[int]) -> str | None:
@@ -163,7 +169,7 @@ def _counts_rows(table, indices: list[int], stated: str | None) -> bool:
     return bool(np.mean(steps == 1) > 0.95)
 
 
-def _read(table, indices: list[int], stated: str | None, rate: float | None, found: Selection, *, explicit: bool) -> Clock:
+def _read(table, indices: list[int], stated: str | None, rate: float | int | None, found: Selection, *, explicit: bool) -> Clock:
     """Stamps of columns: dates as they are, whole numbers relative to the first so that no digit is lost, decimals as they are."""
     columns = [table.columns[i] for i in indices]
     for i, column in zip(indices, columns, strict=True):
@@ -185,7 +191,11 @@ def _read(table, indices: list[int], stated: str | None, rate: float | None, fou
         steps = np.diff(column)
         step = float(np.median(steps[steps > 0])) if np.any(steps > 0) else np.nan
         unit = "us" if step > 2500 else "1e-4 s"
-        guess = (unit, f"SampleTimeFine with a median step of {step:g}, {'as Movella DOT counts' if unit == 'us' else 'as Xsens MT counts'}", True)
+        guess = (
+            unit,
+            f"SampleTimeFine with a median step of {step:g}, {'as Movella DOT counts' if unit == 'us' else 'as Xsens MT counts'}",
+            True,
+        )
     elif stated is not None:
         guess = (stated, "" if explicit else "from the name", True)
     else:
@@ -225,7 +235,7 @@ def _pair(table, indices: list[int], columns: list[np.ndarray]) -> Clock:
     return Clock(indices, (seconds - first) + nanoseconds * 1e-9, "s + ns", "s and ns", "s", True, int(first) * 10**9)
 
 
-def _unit_by_step(stamps: np.ndarray, integer: bool, rate: float | None) -> tuple[str, str, bool]:
+def _unit_by_step(stamps: np.ndarray, integer: bool, rate: float | int | None) -> tuple[str, str, bool]:
     """Unit of stamps that no name tells: that which agrees with `rate`, that of an epoch, or by the median step."""
     steps = np.diff(stamps)
     steps = steps[(steps > 0) & np.isfinite(steps)]
@@ -277,7 +287,8 @@ def _compare(table, best: Clock, other: Clock, found: Selection) -> Clock:
         for power in (-9, -6, -4, -3, 3, 4, 6, 9):
             if abs(ratio * 10.0**power - 1.0) < 0.05:
                 raise DataError(
-                    f"the clocks {shown[0]} ({best.unit}) and {shown[1]} ({other.unit}) differ by a factor of {10.0 ** abs(power):g}: one of the "
+                    f"the clocks {shown[0]} ({best.unit}) and {shown[1]} ({other.unit}) differ by a factor of "
+                    f"{10.0 ** abs(power):g}: one of the "
                     "units is wrong; name the clock and its unit with columns={'time': ...} and units={'time': ...} (--columns time=... "
                     "--units time=...)"
                 )
@@ -309,8 +320,10 @@ def refuse_restarts(clock: Clock) -> None:
     if restarts:
         rows = ", ".join(str(row + 1) for row in restarts[:6]) + (" ..." if len(restarts) > 6 else "")
         raise DataError(
-            f"time begins again {len(restarts)} time{'s' * (len(restarts) > 1)}, at row{'s' * (len(restarts) > 1)} {rows} (it jumps back by "
-            f"{float(drops.max()):.4g} s): there are several recordings, or copies of one, one below the other; keep the rows of one of them, such "
+            f"time begins again {len(restarts)} time{'s' * (len(restarts) > 1)}, at row{'s' * (len(restarts) > 1)} {rows} (it jumps "
+            "back by "
+            f"{float(drops.max()):.4g} s): there are several recordings, or copies of one, one below the other; keep the rows of "
+            "one of them, such "
             f"as the first {restarts[0]}"
         )
 
@@ -331,14 +344,17 @@ def check_rate(clock: Clock, stated: tuple[float, str] | None, warnings: list[st
         for power in (-6, -4, -3, -1, 1, 3, 4, 6):
             if abs(rate / stated[0] * 10.0**power - 1) < 0.1:
                 raise DataError(
-                    f"{stated[1]} {stated[0]:g} Hz, but the clock {names} in {clock.unit} gives {rate:.4g} Hz: the unit of time is wrong, or "
+                    f"{stated[1]} {stated[0]:g} Hz, but the clock {names} in {clock.unit} gives {rate:.4g} Hz: the unit of time is "
+                    "wrong, or "
                     "this is no clock; give the unit with units={'time': ...} (--units time=...), or leave the stamps out with "
                     "columns={'time': None} (--columns time=none) and rate= (--rate)"
                 )
-        warnings.append(f"{stated[1]} {stated[0]:g} Hz, but the stamps say {rate:.5g} Hz, which is used")
+        if stated[1] != "the file states":  # of which the log itself will speak
+            warnings.append(f"{stated[1]} {stated[0]:g} Hz, but the stamps say {rate:.5g} Hz, which is used")
     if rate < 0.5 and clock.unit != "date" and stated is None:
         warnings.append(
-            f"the clock {names} in {clock.unit} gives one sample every {clock.period:.4g} s; if that is wrong, give the unit with --units time=..."
+            f"the clock {names} in {clock.unit} gives one sample every {clock.period:.4g} s; if that is wrong, give the unit with "
+            "--units time=..."
         )
 
 

@@ -181,6 +181,8 @@ def gravity_stays(accel: np.ndarray, period: float | None) -> float:
     """Part of the length of the vectors that is left when they are averaged over a second: near 1 with gravity, small without."""
     width = int(np.clip(round(1.0 / period) if period and np.isfinite(period) else 50, 2, max(2, len(accel) // 4)))
     count = len(accel) // width
+    if not count:
+        return np.nan
     blocks = accel[: count * width].reshape(count, width, -1)
     means = np.linalg.norm(blocks.mean(axis=1), axis=1)
     means, median = means[np.isfinite(means)], median_norm(accel)

@@ -10,7 +10,17 @@ import numpy as np
 from .._errors import DataError
 from .._units import STANDARD_GRAVITY, factor, find_unit
 from ._evidence import (
-    Turning, all_integer, counts_hint, field_size, gravity_stays, median_norm, normalised, norms, spread, step_unit, thinned,
+    Turning,
+    all_integer,
+    counts_hint,
+    field_size,
+    gravity_stays,
+    median_norm,
+    normalised,
+    norms,
+    spread,
+    step_unit,
+    thinned,
 )  # fmt: skip
 
 _DEG = np.pi / 180.0
@@ -63,7 +73,8 @@ def accel_unit(values: np.ndarray, stated: str | None, where: str, period: float
     if force < _FORCE[0] or stays < 0.45:
         raise DataError(_gravity_free(stated, values, seen, stays))
     raise DataError(
-        f"the unit of accel is stated as {stated} ({where}), but its {seen} would be {force:.3g} times gravity, and it is that of gravity in "
+        f"the unit of accel is stated as {stated} ({where}), but its {seen} would be {force:.3g} times gravity, and it is that of "
+        "gravity in "
         f"no unit: its scale, or its bytes, are wrong; correct the file, or give the size of one count, as in "
         f"units={{'accel': '{1 / norm:.4g} g'}} (--units accel='{1 / norm:.4g} g')"
     )
@@ -71,9 +82,12 @@ def accel_unit(values: np.ndarray, stated: str | None, where: str, period: float
 
 def _gravity_free(stated: str, values: np.ndarray, seen: str, stays: float) -> str:
     unit = stated or "m/s^2"
-    why = f"{seen}{' ' + stated if stated else ''}" + (f", of which {100 * stays:.0f} % is left after averaging" if np.isfinite(stays) else "")
+    why = f"{seen}{' ' + stated if stated else ''}" + (
+        f", of which {100 * stays:.0f} % is left after averaging" if np.isfinite(stays) else ""
+    )
     return (
-        f"gravity is missing from accel ({why}): this is linear acceleration, from which gravity was removed, and no specific force. Record the "
+        f"gravity is missing from accel ({why}): this is linear acceleration, from which gravity was removed, and no specific "
+        "force. Record the "
         "accelerometer itself (with g); if the values are right and the unit is not, give it with "
         f"units={{'accel': '{unit}'}} (--units accel={unit}), which switches this check off"
     )
@@ -101,7 +115,8 @@ def mag_unit(values: np.ndarray, stated: str | None, where: str) -> Guess:
     raise DataError(
         f"the unit of mag is stated as {stated} ({where}), but its {seen} would be {field:.3g} uT, and the Earth's field is 22 to 67 uT"
         + (f": it is that in {better[0]}" if better else ": the values may be normalised, or counts")
-        + f"; give the unit that is right, with units={{'mag': '{advice}'}} (--units mag='{advice}'), or leave mag out with columns= (--columns)"
+        + f"; give the unit that is right, with units={{'mag': '{advice}'}} (--units mag='{advice}'), or leave mag out with "
+        "columns= (--columns)"
     )
 
 
@@ -146,7 +161,7 @@ def gyro_unit(values: np.ndarray, stated: str | None, where: str, turns: Turning
     if steps:
         return Guess(steps[0], steps[1], other[steps[0]])
     if turns is not None and turns.unit:
-        sure = abs(turns.correlation) > 0.5
+        sure = bool(abs(turns.correlation) > 0.5)
         reason = f"states {abs(turns.slope) ** -1:.2g} times the turns of gravity or the field, r = {abs(turns.correlation):.2f}"
         return Guess(turns.unit, reason + ("" if sure else "; uncertain"), other[turns.unit], sure)
     if largest > 35:

@@ -16,6 +16,11 @@ AXES = "xyz"
 #: kinds of which no sensor is made; "linear" holds acceleration without gravity
 OTHERS = ("linear", "gravity", "attitude", "motion", "counter")
 
+
+def _words(text: str) -> frozenset[str]:
+    return frozenset(text.split())
+
+
 _WORDS = {
     "gyro": (
         "g|gyr|gyro|gyros|gyroscope|gyroscopes|gyroskop|giroscopio|giroscopo|gyrorotation|gyrorotationrate|gyroscoperotationrate|w|omega|"
@@ -49,14 +54,14 @@ _WORDS = {
     "motion": "pos|position|p|vel|velocity|speed|v|lat|lon|latitude|longitude|alt|altitude|height|dist|displacement|trans|translation|d|s",
 }  # fmt: skip
 _KINDS = {kind: frozenset(words.split("|")) for kind, words in _WORDS.items()}
-_TIME = frozenset(
-    "t|time|times|timestamp|timestamps|stamp|ts|tstamp|clock|elapsed|elapsedtime|timeelapsed|datetime|utc|utctime|zeit|zeitstempel|uhrzeit|"
-    "temps|tiempo|tempo|horodatage|secondselapsed|elapsedseconds|timesincestart|timesinceboot|timefromstart|systemtime|systime|sensortime|"
-    "devicetime|unixtime|unixtimestamp|unix|epoch|epoc|epochtime|timeintervalsince|timestampsince|loggingtime|gpstow|tow|gpstime|rostime|"
-    "hosttime|phonetime|phonetimestamp|localtime|rtc|chiptime|recordtime|recordingtime|logtime|boottime|timestampunix|timeunix|"
-    "samplingtime|timestampsample|acquisitiontime|runtime|uptime|relativetime|reltime|abstime|absolutetime|measurementtime|timeboot|"
-    "timesincereset|timetag|gpssow|sow|timeofday|timeofweek|monotonictime|starttime|timestart|timesample|wallclock|"
-    "sensortimestamp|loggingtimestamp|motiontimestamp|imutime|imutimestamp|timeimu".split("|")
+_TIME = _words(
+    "t time timestamp timestamps stamp ts tstamp clock elapsed elapsedtime timeelapsed datetime utc utctime zeit zeitstempel uhrzeit "
+    "temps tiempo tempo horodatage secondselapsed elapsedseconds timesincestart timesinceboot timefromstart systemtime systime "
+    "sensortime devicetime unixtime unixtimestamp unix epoch epoc epochtime timeintervalsince timestampsince loggingtime gpstow tow "
+    "gpstime rostime hosttime phonetime phonetimestamp localtime rtc chiptime recordtime recordingtime logtime boottime timestampunix "
+    "timeunix samplingtime timestampsample acquisitiontime runtime uptime relativetime reltime abstime absolutetime measurementtime "
+    "timeboot timesincereset timetag gpssow sow timeofday timeofweek monotonictime starttime timestart timesample wallclock "
+    "sensortimestamp loggingtimestamp motiontimestamp imutime imutimestamp timeimu"
 )
 _TIME_UNITS = {
     "s": "s", "sec": "s", "secs": "s", "second": "s", "seconds": "s", "sekunden": "s", "ms": "ms", "msec": "ms", "msecs": "ms",
@@ -65,7 +70,7 @@ _TIME_UNITS = {
     "nano": "ns", "nanoseconds": "ns", "min": "min", "minutes": "min",
 }  # fmt: skip
 _FRACTIONS = ("nsec", "nsecs", "nanosec")
-_TEMPERATURE = frozenset("temp|temperature|imutemp|imutemperature|temperatur|gyrotemp|acctemp|dietemp|temperatura|tmp".split("|"))
+_TEMPERATURE = _words("temp temperature imutemp imutemperature temperatur gyrotemp acctemp dietemp temperatura tmp")
 _COUNTER = re.compile(
     r"|index|idx|unnamed|i|n|id|no|nr|num|number|row|rows|rownumber|line|seq|sequence|frame|frames|framenumber|frameid|counter|count|cnt|"
     r"packet|packets|packetcounter|packetnumber|packetnum|packetid|packetcount|sample|samples|samplenumber|sampleno|sampleid|sampleidx|"
@@ -73,10 +78,10 @@ _COUNTER = re.compile(
     r"datapoint|msgcount|loggingsample|measurement|messung|tick|ticks|zahler|nummer|lfd|lfdnr|headerseq|serial|entry|event"
 )
 #: words that say where a column comes from, not what it is
-_ORIGINS = frozenset(
-    "imu field header msg data sensor sensors raw cal uncal calibrated uncalibrated value values val axis axe achse asse adc body smooth in "
-    "of the device phone input reading readings meas measured signal comp component channel ch ln wr low noise wide range mpu icm lsm bmi "
-    "bno xsens mems filt filtered lpf avg".split()
+_ORIGINS = _words(
+    "imu field header msg data sensor sensors raw cal uncal calibrated uncalibrated value values val axis axe achse asse adc body "
+    "smooth in of the device phone input reading readings meas measured signal comp component channel ch ln wr low noise wide range "
+    "mpu icm lsm bmi bno xsens mems filt filtered lpf avg"
 )
 
 
@@ -259,4 +264,5 @@ def parse_name(name: str) -> tuple[str, str, str | None] | None:
     found = parse(name)
     if found is None or found.kind in OTHERS:
         return None
-    return "accel" if found.kind == "accel or linear" else found.kind, found.axis, found.unit
+    unit = "1e-4 s" if found.unit == "sampletimefine" else found.unit
+    return "accel" if found.kind == "accel or linear" else found.kind, found.axis, unit

@@ -54,7 +54,7 @@ PROFILES = (
     Profile(
         "Xsens DOT", ("packetcounter",),
         ((rf"acc_{_XYZ}", "accel", "m/s^2"), (rf"gyr_{_XYZ}", "gyro", "deg/s"), (rf"freeacc_{_XYZ}", "linear", "m/s^2"),
-         (rf"dv\[?[123]\]?|dq_.*", "attitude", None)),
+         (r"dv\[?[123]\]?|dq_.*", "attitude", None)),
         preamble=r"DeviceTag|OutputRate|Xsens DOT|Movella",
     ),
     Profile(
@@ -74,7 +74,8 @@ PROFILES = (
     ),
     Profile(
         "Betaflight blackbox", (r"gyroadc\[0\].*",),
-        ((r"gyroadc\[([012])\].*", "gyro", "deg/s"), (r"accsmooth\[([012])\].*", "accel", None), (r"gyrounfilt\[([012])\].*", "gyro", "deg/s"),
+        ((r"gyroadc\[([012])\].*", "gyro", "deg/s"), (r"accsmooth\[([012])\].*", "accel", None),
+         (r"gyrounfilt\[([012])\].*", "gyro", "deg/s"),
          (r"magadc\[([012])\].*", "mag", None), (r"time(?: \(us\))?", "time", "us")),
         unit_from=("accel", r"acc_1G\W+(\d+)", "g"),
     ),
@@ -95,11 +96,13 @@ PROFILES = (
 
 #: names of the 30 columns of a KITTI oxts file, which has no header
 OXTS = tuple(
-    f"oxts_{word}" for word in (
-        "lat lon alt roll pitch yaw vn ve vf vl vu ax ay az af al au wx wy wz wf wl wu pos_accuracy vel_accuracy navstat numsats posmode "
-        "velmode orimode"
-    ).split()
-)  # fmt: skip
+    "oxts_" + word
+    for words in (
+        "lat lon alt roll pitch yaw vn ve vf vl vu ax ay az af al au wx wy wz wf wl wu",
+        "pos_accuracy vel_accuracy navstat numsats posmode velmode orimode",
+    )
+    for word in words.split()
+)
 
 
 def matching(names: list[str], preamble: str, file: str) -> tuple[Profile | None, dict[int, Name]]:

@@ -17,12 +17,12 @@ from .._units import si_unit
 from ._archive import unpacked
 from ._columns import SENSORS, parse_columns, parse_topics, parse_units
 from ._find import FORMATS, find
+from ._phase import differentiate
 from ._readers._arrays import read_hdf5, read_mat, read_npy, read_npz, read_parquet
 from ._readers._csv import read_csv
 from ._readers._dataflash import read_ardupilot
 from ._readers._px4 import read_px4
 from ._readers._ros import read_ros
-from ._phase import differentiate
 from ._saved import SUFFIXES, save
 from ._sensors import read_oxts, read_sensors
 from ._table import Signals, Table, interpret

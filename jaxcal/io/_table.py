@@ -104,7 +104,9 @@ def interpret(
     return signals
 
 
-def _clock(table: Table, found: Any, columns: Columns, units: dict[str, str], rate: float | None, problems: list[str]) -> Clock | None:
+def _clock(
+    table: Table, found: Any, columns: Columns, units: dict[str, str], rate: float | int | None, problems: list[str]
+) -> Clock | None:
     if "time" in columns and columns["time"] is None:
         return None
     try:
@@ -133,7 +135,7 @@ def _set_time(
     label = label_of(table, clock.columns)
     try:
         refuse_restarts(clock)
-        if signals.rate is None and "time" in found.guessed:
+        if signals.rate is None and clock.reason:
             check_rate(clock, stated, signals.warnings, label)
     except DataError as error:
         problems.append(str(error))
@@ -171,7 +173,9 @@ def _units(
             signals.warnings.append(f"mag is left out: {why}; read it with columns={{'mag': ...}} and units={{'mag': ...}} all the same")
             del raw[name], values[name]
         elif why:
-            problems.append(f"mag: {why}; there is no other sensor in the table. Give its unit with units={{'mag': ...}} (--units mag=...) to read it")
+            problems.append(
+                f"mag: {why}; there is no other sensor in the table. Give its unit with units={{'mag': ...}} (--units mag=...) to read it"
+            )
     turns = _turns(values, period)
     for name in raw:
         first = table.names[found.columns[name][0]]
@@ -229,7 +233,8 @@ def _check_turns(
     if not 0.2 < abs(slope) < 5.0:
         what = "the clock is not in " + clock.unit if clock is not None and not clock.sure else "the unit of gyro or of time is wrong"
         sentence = (
-            f"gravity or the field turns {slope:.3g} times as fast as gyro in {guesses['gyro'].unit} says (r = {abs(turns.correlation):.2f}): {what}"
+            f"gravity or the field turns {slope:.3g} times as fast as gyro in {guesses['gyro'].unit} says "
+            f"(r = {abs(turns.correlation):.2f}): {what}"
         )
         if guesses["gyro"].reason and (guesses["gyro"].reason != "as given"):
             problems.append(f"{sentence}; give them with units={{'gyro': ..., 'time': ...}} (--units gyro=...,time=...), or rate= (--rate)")
@@ -246,7 +251,11 @@ def _numbers(table: Table, index: int, kinds: str = "iufb") -> np.ndarray:
     column = table.columns[index]
     if column.dtype.kind in kinds and index not in table.clocks:
         return column
-    held = "dates" if column.dtype.kind == "M" or index in table.clocks else f"text, such as {next((str(v) for v in column if v is not None), '')!r}"
+    held = (
+        "dates"
+        if column.dtype.kind == "M" or index in table.clocks
+        else f"text, such as {next((str(v) for v in column if v is not None), '')!r}"
+    )
     raise DataError(
         f"column {index} ({table.names[index] or 'no name'}) holds {held}, where numbers are expected; name other columns with "
         "columns= (--columns)"

@@ -97,7 +97,10 @@ def main():
         tally[outcome] = tally.get(outcome, 0) + 1
         if entry["kind"] == "text" and entry["expect"] == "read":
             text, read = text + 1, read + (outcome == "read")
-        print(f"{'' if right else '** '}{entry['file']}: {outcome}; expected {entry['expect']}. {said if len(sys.argv) > 1 or not right else ''}")
+        print(
+            f"{'' if right else '** '}{entry['file']}: {outcome}; expected {entry['expect']}. "
+            f"{said if len(sys.argv) > 1 or not right else ''}"
+        )
     print(tally, f"text files read without options: {read} of {text}")
 
 

@@ -9,6 +9,7 @@ import functools
 import itertools
 import os
 import pathlib
+import re
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
@@ -55,18 +56,28 @@ def _cut_last(text: Text, layout: Layout, columns: list[np.ndarray]) -> str | No
     rows = [line for line in tail.splitlines()[1 if len(tail) > 60_000 else 0 :] if line.strip()]
     if len(rows) < 3 or len(split(rows[-1], layout.delimiter)) != layout.width:
         return None  # a row of too few fields is left out anyhow
-    fields = [split(row, layout.delimiter)[-1].strip() for row in rows[-1000:]]
-    fields = [field.replace(",", ".") if layout.comma else field for field in fields]
-    decimals = [len(field.partition(".")[2]) for field in fields]
-    exponent = any("e" in field.lower() for field in fields)
-    mantissas = {len(field.lower().partition("e")[2]) for field in fields[:-1]}
-    if exponent and len(mantissas) == 1 and len(fields[-1].lower().partition("e")[2]) in mantissas:
-        return None
-    if not exponent and "." in fields[-1] and decimals[-1] >= min(decimals[:-1]) > 0:
-        return None
-    if not exponent and len(fields[-1]) >= max(map(len, fields[:-1])):
+    fields = [split(row, layout.delimiter)[-1].strip().replace(",", ".") for row in rows[-1000:]]
+    if _is_whole(fields[-1], [field for field in fields[:-1] if field not in MISSING]):
         return None
     return f"the file does not end with a line feed: its last row ({rows[-1][:60]!r}) may be cut off within a number, and is left out"
+
+
+def _is_whole(field: str, others: list[str]) -> bool:
+    """Whether a number at the end of a file is written out like the `others`, so that at most a last digit is lost."""
+    if field in MISSING or not others:
+        return True
+    forms = [re.fullmatch(r"[+-]?(\d*)(?:\.(\d*))?(?:[eE]([+-]?\d+))?", other) for other in [*others, field]]
+    if forms[-1] is None:
+        return False
+    exponents = [len(form[3] or "") for form in forms if form]
+    if any(exponents[:-1]):
+        # a short exponent is another number; without one, the number must be as long as those that have none
+        plain = not exponents[-1] and not all(exponents[:-1]) and len(field) >= np.median([*map(len, others)])
+        return bool(plain or exponents[-1] == max(exponents[:-1]))
+    decimals = [len(form[2] or "") for form in forms if form]
+    if max(decimals[:-1]):
+        return bool(decimals[-1] >= max(1, np.median(decimals[:-1]) - 1))
+    return len(field.lstrip("+-")) >= max(len(other.lstrip("+-")) for other in others)
 
 
 class Seen(NamedTuple):
