@@ -36,7 +36,7 @@ _SPELLINGS = {
     "rps": "rad/s", "rads": "rad/s", "rad_s": "rad/s", "radps": "rad/s", "rad/sec": "rad/s",
     "dps": "deg/s", "degs": "deg/s", "deg_s": "deg/s", "deg/sec": "deg/s", "degps": "deg/s", "\u00b0/s": "deg/s",
     "mdps": "mdeg/s", "dph": "deg/h", "deg/hr": "deg/h", "\u00b0/h": "deg/h",
-    "m/s2": "m/s^2", "m/s/s": "m/s^2", "m/s**2": "m/s^2", "m/s\u00b2": "m/s^2", "mps2": "m/s^2", "ms2": "m/s^2",
+    "m/s2": "m/s^2", "m/s/s": "m/s^2", "m/sec^2": "m/s^2", "m/sec2": "m/s^2", "m/s**2": "m/s^2", "m/s\u00b2": "m/s^2", "mps2": "m/s^2", "ms2": "m/s^2",
     "m_s2": "m/s^2", "m_s_2": "m/s^2", "ms-2": "m/s^2", "m s^-2": "m/s^2", "gal": "cm/s^2", "gs": "g", "gee": "g",
     "milli-g": "mg", "ft/s2": "ft/s^2",
     "tesla": "T", "ut": "uT", "\u00b5t": "uT", "\u03bct": "uT", "nt": "nT", "mt": "mT", "t": "T",

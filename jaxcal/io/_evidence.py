@@ -178,7 +178,13 @@ def turning(gyro: np.ndarray, vector: np.ndarray, period: float) -> Turning | No
 
 
 def gravity_stays(accel: np.ndarray, period: float | None) -> float:
-    """Part of the length of the vectors that is left when they are averaged over a second: near 1 with gravity, small without."""
+    """Part of the length of the vectors that is left when they are averaged over a second: near 1 with gravity, small without.
+
+    Vectors of nearly one length hold gravity however fast they turn: their part is 1.
+    """
+    found = norms(accel)
+    if len(found) and np.ptp(np.quantile(found, [0.25, 0.75])) < 0.35 * np.median(found):
+        return 1.0
     width = int(np.clip(round(1.0 / period) if period and np.isfinite(period) else 50, 2, max(2, len(accel) // 4)))
     count = len(accel) // width
     if not count:
