@@ -1,7 +1,6 @@
 """Which columns of a table are which sensor: as `columns=` says, a device is known to name them, or their names, units and values tell."""
 
 import dataclasses
-import os
 import re
 
 import numpy as np
@@ -84,7 +83,9 @@ def select(table, columns: Columns) -> Selection:
 def _shared_prefix(names: list[str]) -> str:
     """What all names begin with, up to a separator, as the name of a device; nothing where it may be a word of a sensor."""
     named = [name for name in names if name]
-    prefix = os.path.commonprefix(named) if len(named) > 3 else ""
+    ends = (min(named), max(named)) if len(named) > 3 else ("", "")
+    same = next((i for i, (a, b) in enumerate(zip(*ends, strict=False)) if a != b), min(map(len, ends)))
+    prefix = ends[0][:same]
     prefix = prefix[: max(prefix.rfind(mark) for mark in "_./: ") + 1]
     return "" if len(prefix) < 4 or _LIKE.search(prefix) else prefix
 

@@ -159,7 +159,7 @@ def _named_unit(found: Selection, indices: list[int]) -> str | None:
 def _counts_rows(table, indices: list[int], stated: str | None) -> bool:
     """Whether a column counts rows: whole numbers, one after the other, and no unit that says otherwise."""
     column = table.columns[indices[0]]
-    if len(indices) > 1 or indices[0] in table.clocks or column.dtype.kind not in "iuf" or stated in ("ms", "us", "ns"):
+    if len(indices) > 1 or indices[0] in table.clocks or column.dtype.kind not in "iuf" or stated is not None:
         return False
     steps = np.diff(column[: 1 << 17])
     steps = steps[np.isfinite(steps)]
@@ -356,6 +356,8 @@ def check_rate(clock: Clock, stated: tuple[float, str] | None, warnings: list[st
                 )
         if stated[1] != "the file states":  # of which the log itself will speak
             warnings.append(f"{stated[1]} {stated[0]:g} Hz, but the stamps say {rate:.5g} Hz, which is used")
+    if clock.unit == "s" and stated is None and clock.period == 1.0 and clock.seconds[0] in (0.0, 1.0):
+        warnings.append(f"the clock {names} rises by 1 in every row: one sample a second, or a counter; if it counts rows, give --rate")
     if rate < 0.5 and clock.unit != "date" and stated is None:
         warnings.append(
             f"the clock {names} in {clock.unit} gives one sample every {clock.period:.4g} s; if that is wrong, give the unit with "

@@ -79,7 +79,8 @@ _COUNTER = re.compile(
 )
 #: words that say where a column comes from, not what it is
 _ORIGINS = _words(
-    "imu field header msg data sensor sensors raw cal uncal calib uncalib calibrated uncalibrated value values val axis axe achse asse adc body "
+    "imu field header msg data sensor sensors raw cal uncal calib uncalib calibrated uncalibrated value values val axis axe achse "
+    "asse adc body "
     "smooth in of the device phone input reading readings meas measured signal comp component channel ch ln wr low noise wide range "
     "mpu icm lsm bmi bno xsens mems filt filtered lpf avg"
 )
@@ -115,7 +116,7 @@ def unit_of(text: str, quantity: str) -> str | None:
     text = re.sub(r"^(?:\u00b0|degrees?|grad)(?=\s*(?:/|per|s))", "deg", re.sub(r"\s*\bper\b\s*", "/", text), flags=re.IGNORECASE)
     text = re.sub(r"[ _.]s(ec)?\^?\(?-1\)?$", "/s", text)
     text = re.sub(r"[ _.]s(ec)?\^?\(?-2\)?$", "/s^2", text)
-    if quantity == "mag" and re.fullmatch(r"[^\x00-\x7f]T|\u02af?t|micro ?tesla|micro_?t", text, re.IGNORECASE):
+    if quantity == "mag" and re.fullmatch(r"[^\x00-\x7f]t|micro[ _]?tesla", text, re.IGNORECASE):
         return "uT"
     if quantity == "temperature" and re.fullmatch(r"[^\x00-\x7f]{0,2}C?", text) and text:
         return "degC"

@@ -56,6 +56,7 @@ def read_ros(paths: list[pathlib.Path], version: int, topics: list[str] | None, 
         if not found:
             others = ", ".join(sorted({f"{c.topic} ({c.msgtype})" for r in readers for c in r.connections})) or "none"
             raise DataError(f"no topic of type sensor_msgs Imu, MagneticField or Temperature; the topics are: {others}")
+        signals.sources = listed
         chosen = _choose(found, topics, present, signals.notes)
         streams = [_stream(readers, topic, version, signals.warnings) for topic in chosen]
     if len(paths) > 1:

@@ -8,7 +8,7 @@ from ..._errors import DataError
 from .._columns import scale
 from .._evidence import turning
 from .._guess import accel_unit, gyro_unit, mag_unit, no_field
-from .._table import Signals
+from .._table import Choice, Signals
 
 #: records gathered at a time
 _PIECE = 1 << 16
@@ -76,6 +76,8 @@ def join(parts: list[Part], units: dict[str, str], signals: Signals) -> None:
     time = signals.time = (main.stamps - main.stamps[0]) * 1e-9
     for part in parts:
         unit = signals.units[part.name] = units.get(part.name) or part.unit
+        why = "as given" if part.name in units else "as the format prescribes"
+        signals.choices.append(Choice(part.name, (part.source,), unit, why, True, f"--topics {part.source} --units {part.name}={unit}"))
         factor, offset = scale(unit, part.name)
         values = np.asfortranarray(part.values) * factor + offset
         if part.stamps is main.stamps or np.array_equal(part.stamps, main.stamps):
