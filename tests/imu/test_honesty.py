@@ -28,6 +28,7 @@ def test_a_linear_sensor_is_good_and_in_its_intervals(base):
     assert np.mean(inside) > 0.88
 
 
+@pytest.mark.long
 def test_missing_samples_cost_next_to_nothing(base):
     """2 % of the samples lost, seen by the stamps alone: the same poses and turns, and errors larger by at most a tenth.
 
@@ -45,6 +46,7 @@ def test_missing_samples_cost_next_to_nothing(base):
     assert np.sqrt(np.mean(np.square(moved))) <= np.sqrt(1.1**2 - 1)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("case", "words"),
     [
