@@ -1,5 +1,6 @@
 """Noise model, simulation and fit."""
 
+from ._axes import Correlation as Correlation, correlation as correlation
 from ._covariance import allan_covariance as allan_covariance
 from ._discrete import StateSpace as StateSpace, discrete as discrete
 from ._fit import characterise as characterise, fit as fit
