@@ -20,6 +20,7 @@ def base():
     return [calibrated(seed, "base") for seed in SEEDS]
 
 
+@pytest.mark.long
 def test_a_linear_sensor_is_good_and_in_its_intervals(base):
     assert all(found.verdict == "good" for found, _ in base)
     free = np.array(base[0][0].standard_error) > 0

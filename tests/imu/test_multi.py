@@ -118,6 +118,7 @@ def test_counts_without_a_nominal_scale():
     assert "raw=True for counts" in refused.reason
 
 
+@pytest.mark.long
 def test_a_disturbed_pose_hardly_matters():
     log = cases.recording(1)
     clean = fit(log)
@@ -303,6 +304,7 @@ def test_a_fit_is_drawn_and_stored(found, tmp_path):
     np.testing.assert_array_equal(again.imu.gyro.covariance.values, found.covariance[12:, 12:])
 
 
+@pytest.mark.long
 def test_laws_of_constants_and_axes():
     """A constant of the gyroscope is its bias; with the convention "full" no axis is better than another, so that axes exchanged in a
     circle turn all matrices from both sides."""

@@ -37,7 +37,7 @@ def simulated(n, rate, noise, seed):
 
 
 @pytest.mark.parametrize("gaps", [(0.3, 1), (0.3, None)], ids=["scattered", "one gap"])
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.long)])
 def test_the_fit_is_at_the_maximum_of_the_dense_likelihood(gaps, seed):
     n, dt = 400, 1.0
     y = lost(simulated(n, 1 / dt, {"N": 1.0, "B": 0.6, "K": 0.2}, seed), *gaps, seed)

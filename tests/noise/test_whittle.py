@@ -20,7 +20,7 @@ TERMS = ("Q", "N", "B", "K")
 CASE_A = Noise(N=0.25 / 60 * D, B=7.6 / 3600 * D, K=1.8 / 3600 * D)
 
 
-@pytest.mark.parametrize("seed", [0, 3])
+@pytest.mark.parametrize("seed", [0, pytest.param(3, marks=pytest.mark.long)])
 def test_minimum_and_limits_equal_those_of_a_general_minimiser(seed):
     """L-BFGS-B on `log_likelihood` from many starts finds nothing better, and the levels of the profile at the ends of the intervals."""
     y = dataclasses.replace(CASE_A, Q=0.4 / 3600 * D).simulate(1 << 13, RATE, seed=seed)
@@ -157,6 +157,7 @@ def test_a_ramp_is_told_and_fitted_where_asked(record):
     assert not any("straight line" in s for s in fit.warnings)
 
 
+@pytest.mark.long
 def test_the_interval_of_a_ramp_has_the_level_asked_for():
     """The slope is normal: half-widths go as the quantiles, and 50 % intervals hold the truth in half of the records."""
     slope = 2e-4 * D
