@@ -20,6 +20,7 @@ from ._result import MagFit
 
 _FEWEST = 12  # readings from which the fit advises; before, the greatest gap between directions does
 _PARAMETERS = 9
+_LOOKS = 5.0  # the error is looked at after every reading, and the luckiest look stops: as many of them count as independent
 
 
 class Guide(eqx.Module):
@@ -58,7 +59,8 @@ def guide(
 
     C the covariance of the nine parameters, W the mean outer product of the heading's slopes, :math:`\sigma` the noise of a reading.
     With fewer than twelve readings the direction farthest from those seen is next. The error of one calibration is a quadratic form of
-    nine normal parameters. Its upper limit takes the mean and variance of that form, and the degrees of freedom of the noise.
+    nine normal parameters. Its upper limit takes the mean and variance of that form, the degrees of
+    freedom of the noise, and that the limit is looked at after every reading (Bonferroni, as five independent looks).
 
     Parameters
     ----------
@@ -114,7 +116,7 @@ def guide(
     form = weight @ covariance
     mean, spread = float(np.trace(form)), float(np.trace(form @ form))
     freedom = mean**2 / spread  # of the chi-square that the form is nearly
-    quantile = scipy.stats.f.ppf(confidence, freedom, max(len(m) - _PARAMETERS, 1))
+    quantile = scipy.stats.f.ppf(1.0 - (1.0 - confidence) / _LOOKS, freedom, max(len(m) - _PARAMETERS, 1))
     error = float(found.heading_error[0])
     bound = float(error * np.sqrt(quantile))
     stop = bool(bound <= limit and found.verdict != "refused")
