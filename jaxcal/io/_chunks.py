@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 
 from .._errors import DataError
-from ._columns import listing, parse_name
+from ._columns import listing
 from ._find import detect
+from ._names import parse_name
 from ._readers._bounds import require
 from ._readers._csv import row_edges, stretch
 from ._readers._text import open_text, sniff

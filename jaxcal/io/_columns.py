@@ -1,10 +1,8 @@
-"""Which column holds what, in which unit: as `columns=`, `units=` and `topics=` say, or as the names of the columns tell."""
+"""Which column holds what, in which unit, as `columns=`, `units=` and `topics=` say."""
 
 import re
 from collections.abc import Mapping
 from typing import Any
-
-import numpy as np
 
 from .._errors import DataError, UnitError
 from .._units import factor, find_unit, quantities, si_unit, to_si
@@ -14,23 +12,6 @@ AXES = "xyz"
 
 #: quantity -> its columns (by number or name), or None to leave it out
 Columns = dict[str, list[int | str] | None]
-
-_TIME = {"t", "time", "timestamp", "timestamps", "stamp", "ts", "clock", "elapsed", "elapsedtime", "datetime", "utc"}
-#: names that are a unit at the same time
-_TIME_UNITS = {
-    "s": "s", "sec": "s", "secs": "s", "seconds": "s", "ms": "ms", "msec": "ms", "millis": "ms", "milliseconds": "ms",
-    "us": "us", "usec": "us", "micros": "us", "microseconds": "us",
-    "ns": "ns", "nsec": "ns", "nsecs": "ns", "nanosec": "ns", "nanos": "ns", "nanoseconds": "ns",
-}  # fmt: skip
-_SENSOR = {
-    "gyro": re.compile("g|gyr|gyro|gyros|gyroscope|w|omega|angularvelocity|angvel|rate|angularrate|wrss"),
-    "accel": re.compile("a|acc|accel|accelerometer|acceleration|f|specificforce|linearacceleration|linacc|arss"),
-    "mag": re.compile("m|mag|magn|magnetometer|b|field|magneticfield"),
-}
-_TEMPERATURE = {"temp", "temperature", "imutemp", "imutemperature"}
-#: words that say where a column comes from, not what it is
-_NOISE_WORDS = re.compile(r"imu\d*|field|header|msg|data|sensor|raw|cal|uncal|value")
-_COUNTER = re.compile(r"index|idx|i|n|id|no|row|line|seq|frame|counter|count|packetcounter|packet|sample|samples|samplenumber")
 
 
 def parse_columns(given: Mapping[str, Any] | str | None) -> Columns:
@@ -125,87 +106,6 @@ def _column(value: Any) -> int | str:
     return int(value) if isinstance(value, str) and value.isdecimal() else value
 
 
-def bracketed_unit(name: str) -> str | None:
-    """Text in the brackets of a column name, or None."""
-    match = re.search(r"\[([^\]]*)\]|\(([^)]*)\)", name)
-    return match and (match[1] if match[1] is not None else match[2]).strip()
-
-
-def unit_of(text: str, quantity: str) -> str | None:
-    """Unit that a header spells, or None; exponents such as ``rad s^-1`` and ``m s-2`` are understood."""
-    if quantity == "mag" and text.strip() == "g":
-        return "G"
-    text = text.replace("\u207b\u00b9", "-1").replace("\u207b\u00b2", "-2").replace("\u00b7", " ").replace("*", " ")
-    text = re.sub(r"[ _.]s(ec)?\^?\(?-1\)?$", "/s", text.strip())
-    text = re.sub(r"[ _.]s(ec)?\^?\(?-2\)?$", "/s^2", text)
-    return find_unit(text, quantity)
-
-
-def parse_name(name: str) -> tuple[str, str, str | None] | None:
-    """Quantity, axis (x, y, z, or "" where there is none; "nsec" for the second half of a stamp) and unit of a column name.
-
-    Examples
-    --------
-    >>> from jaxcal.io._columns import parse_name
-    >>> parse_name("gyro_x_dps"), parse_name("a_RS_S_z [m s^-2]"), parse_name("TimeUS"), parse_name("Notes")
-    (('gyro', 'x', 'deg/s'), ('accel', 'z', 'm/s^2'), ('time', '', 'us'), None)
-    """
-    inside = bracketed_unit(name)
-    bare = re.sub(r"\[[^\]]*\]|\([^)]*\)", " ", name)
-    words = [word.lower() for word in re.findall(r"[0-9A-Za-z\u00b0\u00b5\u03bc]+", bare)]
-    while words:
-        found = _time(words) or _sensor(words) or _temperature(words)
-        if found:
-            quantity, axis, unit = found
-            return quantity, axis, (unit_of(inside, quantity) if inside else None) or unit
-        # an origin may stand before the name, or among its words
-        at = next((i for i, word in enumerate(words) if _NOISE_WORDS.fullmatch(word)), None)
-        if at is None:
-            return None
-        del words[at]
-    return None
-
-
-def _time(words: list[str]) -> tuple[str, str, str | None] | None:
-    joined, head, last = "".join(words), "".join(words[:-1]), words[-1]
-    if joined == "sampletimefine":
-        return "time", "", "1e-4 s"
-    if joined in _TIME:
-        return "time", "", None
-    # a column that is called "s" is something else
-    if last in _TIME_UNITS and (head in _TIME or (not head and last != "s")):
-        return "time", "nsec" if last in ("nsec", "nsecs", "nanosec") else "", _TIME_UNITS[last]
-    match = re.fullmatch(r"(?:time|timestamp|timestamps?ample)(us|ms|ns|sec|s)", joined)
-    return ("time", "", _TIME_UNITS[match[1]]) if match else None
-
-
-def _sensor(words: list[str]) -> tuple[str, str, str | None] | None:
-    for sensor, bases in _SENSOR.items():
-        for end in range(len(words), 0, -1):
-            head, tail = "".join(words[:end]), words[end:]
-            unit = next((u for glue in ("_", "/", " ") if (u := unit_of(glue.join(tail), sensor))), None) if tail else None
-            if tail and unit is None:
-                continue
-            if head[-1] in AXES and bases.fullmatch(head[:-1]):
-                return sensor, head[-1], unit
-            if head[0] in AXES and len(head) > 3 and bases.fullmatch(head[1:]):
-                return sensor, head[0], unit
-        # the unit may stand before the axis: gyro_dps_x
-        if len(words) == 3 and words[2] in tuple(AXES) and bases.fullmatch(words[0]) and unit_of(words[1], sensor):
-            return sensor, words[2], unit_of(words[1], sensor)
-    return None
-
-
-def _temperature(words: list[str]) -> tuple[str, str, str | None] | None:
-    joined = "".join(words)
-    if joined in _TEMPERATURE:
-        return "temperature", "", None
-    unit = unit_of(words[-1], "temperature")
-    if unit and ("".join(words[:-1]) in _TEMPERATURE or words[:-1] == ["t"]):
-        return "temperature", "", unit
-    return ("temperature", "", "degC") if joined == "tempc" else None
-
-
 def resolve(columns: Columns, names: list[str], count: int) -> dict[str, list[int]]:
     """Numbers of the columns that `columns=` names; ``"1:3"`` is the range from 1 to 3, ends included."""
     found = {}
@@ -248,50 +148,3 @@ def listing(names: list[str], count: int) -> str:
         shown = [f"{i} ({name})" for i, name in enumerate(names)]
         return ", ".join(shown[:24]) + (f" and {len(shown) - 24} more" if len(shown) > 24 else "")
     return f"{count} column{'s' * (count != 1)} without names, numbered from 0"
-
-
-def by_name(names: list[str]) -> tuple[dict[str, list[int]], dict[str, str]]:
-    """Columns and units that the names tell: first match wins."""
-    found: dict[tuple[str, str], int] = {}
-    units: dict[str, str] = {}
-    for i, name in enumerate(names):
-        parsed = parse_name(name)
-        if parsed and parsed[:2] not in found:
-            quantity, axis, unit = parsed
-            found[quantity, axis] = i
-            if unit and axis != "nsec":
-                units.setdefault(quantity, unit)
-    lowered = [_plain(name) for name in names]
-    if ("gyro", "x") not in found and all(axis in lowered for axis in "pqr"):
-        found |= {("gyro", axis): lowered.index(name) for axis, name in zip(AXES, "pqr", strict=True)}
-
-    columns: dict[str, list[int]] = {}
-    if ("time", "") in found:
-        columns["time"] = [found["time", ""]]
-        if ("time", "nsec") in found and units.get("time") == "s":
-            columns["time"].append(found["time", "nsec"])
-    elif ("time", "nsec") in found:
-        columns["time"], units["time"] = [found["time", "nsec"]], "ns"
-    for sensor in SENSORS:
-        axes = [axis for axis in AXES if (sensor, axis) in found]
-        if axes and axes != list(AXES[: len(axes)]):
-            raise DataError(
-                f"only the axes {', '.join(axes)} of {sensor} are recognised in the columns {listing(names, len(names))}; "
-                f"name them with columns={{'{sensor}': [...]}} (--columns {sensor}=...)"
-            )
-        if axes:
-            columns[sensor] = [found[sensor, axis] for axis in axes]
-    if ("temperature", "") in found:
-        columns["temperature"] = [found["temperature", ""]]
-    return columns, units
-
-
-def increasing(values: np.ndarray) -> bool:
-    """Whether a column rises as time does: nearly all steps up."""
-    steps = np.diff(values)
-    return bool(len(steps) and np.count_nonzero(np.greater(steps, steps.dtype.type(0))) >= 0.95 * len(steps))
-
-
-def is_counter(name: str) -> bool:
-    """Whether a name is that of a row or packet counter, which is no time."""
-    return bool(_COUNTER.fullmatch(_plain(name)))

@@ -5,13 +5,16 @@ import re
 import struct
 
 from .._errors import DataError
+from ._archive import zip_kind
+from ._choose import file_kind
+from ._columns import SENSORS
 
 #: formats that are read, as `format=` names them
-FORMATS = ("csv", "npy", "npz", "parquet", "rosbag1", "rosbag2", "mat", "hdf5", "ulog", "dataflash")
+FORMATS = ("csv", "npy", "npz", "parquet", "rosbag1", "rosbag2", "mat", "hdf5", "ulog", "dataflash", "zip", "oxts")
 
 _SQLITE, _MCAP, _HDF5 = b"SQLite format 3\0", b"\x89MCAP0\r\n", b"\x89HDF\r\n\x1a\n"
 _MAGIC = {
-    b"\x93NUMPY": "npy", b"PK\x03\x04": "npz", b"PK\x05\x06": "npz", b"PAR1": "parquet", b"#ROSBAG V": "rosbag1", _SQLITE: "rosbag2",
+    b"\x93NUMPY": "npy", b"PK\x03\x04": "zip", b"PK\x05\x06": "zip", b"PAR1": "parquet", b"#ROSBAG V": "rosbag1", _SQLITE: "rosbag2",
     _MCAP: "rosbag2", _HDF5: "hdf5", b"MATLAB 7.3": "hdf5", b"MATLAB 5.0": "mat", b"ULog\x01\x12\x35": "ulog", b"\xa3\x95": "dataflash",
 }  # fmt: skip
 #: HDF5 may begin behind a block of the user's, as in MATLAB 7.3
@@ -19,15 +22,20 @@ _USER_BLOCKS = (512, 1024, 2048)
 #: names of text tables; anything else that is text (notes, configuration) is no log
 _TEXT = (".csv", ".tsv", ".txt", ".dat", ".csv.gz", ".tsv.gz", ".txt.gz", ".dat.gz")
 _PART = re.compile(r"(.+)_(\d+)")
+#: words by which the files of one sensor differ: Accelerometer, AccelerometerUncalibrated, TotalAcceleration
+_VARIANT = re.compile(r"uncalibrated|uncal|total|raw|calibrated|accelerometer|acceleration|accel|acc|[^a-z0-9]")
+_LFS = b"version https://git-lfs.github.com/spec/"
 _SHOWN, _MOST = 8, 10_000
 
 
 def find(path: pathlib.Path) -> tuple[str, list[pathlib.Path]]:
-    """Format of a log and its files: one, or the parts of a split ROS recording in order."""
+    """Format of a log and its files: one, the parts of a split ROS recording in order, or a file for each sensor ("sensors")."""
     if not path.is_dir():
         return detect(path), [path]
     if (path / "metadata.yaml").is_file():
         return "rosbag2", [path]
+    if (path / "timestamps.txt").is_file() and (path / "data").is_dir():
+        return "oxts", [path]
     logs: dict[pathlib.Path, str] = {}
     for i, file in enumerate(sorted(file for file in path.iterdir() if file.is_file() and not file.name.startswith("."))):
         if i == _MOST:
@@ -45,9 +53,24 @@ def find(path: pathlib.Path) -> tuple[str, list[pathlib.Path]]:
         return kinds.pop(), files
     if kinds in ({"rosbag1"}, {"rosbag2"}):
         return kinds.pop(), _parts(files)
+    if kinds == {"csv"} and (sensors := sensor_files(files)):
+        return "sensors", sensors
     more = f" and {len(files) - _SHOWN} more" if len(files) > _SHOWN else ""
     shown = ", ".join(file.name for file in files[:_SHOWN]) + more
     raise DataError(f"the folder holds {len(files)} logs, each a recording of its own: {shown}; give one of them")
+
+
+def sensor_files(files: list[pathlib.Path]) -> list[pathlib.Path]:
+    """The files of a folder that hold one sensor each, where their names say so and no sensor was recorded twice."""
+    found: dict[str, list[str]] = {}
+    kept = []
+    for file in files:
+        kind = file_kind(file.name.partition(".")[0])
+        if kind in SENSORS:
+            kept.append(file)
+            found.setdefault(kind, []).append(re.sub(_VARIANT, "", file.name.lower()))
+    twice = any(len(set(names)) > 1 for names in found.values())
+    return [] if twice or len(files) < 2 or not found else kept
 
 
 def _parts(files: list[pathlib.Path]) -> list[pathlib.Path]:
@@ -75,12 +98,16 @@ def detect(path: pathlib.Path) -> str:
         head = file.read(_USER_BLOCKS[-1] + len(_HDF5))
     if not head:
         raise DataError("the file is empty")
+    if head.startswith(_LFS):
+        size = re.search(rb"size (\d{1,18})", head)
+        held = f" of {int(size[1])} bytes" if size else ""
+        raise DataError(f"this is a Git LFS pointer, not the recording{held} that it stands for: run `git lfs pull` in the repository")
     for magic, kind in _MAGIC.items():
         if head.startswith(magic):
             wanted = {_SQLITE: ".db3", _MCAP: ".mcap"}.get(magic, path.suffix)
             if path.suffix != wanted:
                 raise DataError(f"this is a ROS 2 recording, but its name does not end in {wanted}; rename it")
-            return kind
+            return zip_kind(path) if kind == "zip" else kind
     if any(head.startswith(_HDF5, place) for place in _USER_BLOCKS):
         return "hdf5"
     suffix = path.suffix.lower()

@@ -1,132 +1,215 @@
-"""Units, and the roles of columns without names, told from the values."""
+"""The unit of a sensor: what its name states, compared with what its values say; or what the values say alone.
+
+A statement that the values contradict is an error, and what nothing supports is a guess, of which the log warns.
+"""
 
 import dataclasses
 
 import numpy as np
 
 from .._errors import DataError
+from .._units import STANDARD_GRAVITY, factor, find_unit
+from ._evidence import (
+    Turning,
+    all_integer,
+    counts_hint,
+    field_size,
+    gravity_stays,
+    median_norm,
+    normalised,
+    norms,
+    spread,
+    step_unit,
+    thinned,
+)  # fmt: skip
 
-#: samples looked at where a few suffice
-_LOOK = 50_000
+_DEG = np.pi / 180.0
 #: sensor -> size of the Earth's gravity, or of a field of 1 uT, in each unit, and the unit to name where the guess is wrong
 _SIZES = {
-    "accel": {"m/s^2": (9.80665, "g"), "g": (1.0, "m/s^2"), "mg": (1000.0, "g")},
+    "accel": {"m/s^2": (STANDARD_GRAVITY, "g"), "g": (1.0, "m/s^2"), "mg": (1000.0, "g")},
     "mag": {"T": (1e-6, "uT"), "G": (1e-2, "uT"), "uT": (1.0, "G"), "mG": (10.0, "uT"), "nT": (1e3, "uT")},
 }
-#: sensor -> least and largest size of what is certain, then of what is uncertain, with the units in which whole numbers are no counts
+#: sensor -> least and largest size of what is certain, then of what is a guess, with the units in which whole numbers are no counts
 _RANGES = {
-    "accel": ((0.88, 1.12, "", ("m/s^2", "g", "mg")), (0.7, 1.4, "; uncertain", ("mg",))),
-    "mag": ((22, 67, "", ("T", "G", "nT")), (15, 100, "; uncertain", ())),
+    "accel": ((0.88, 1.12, True, ("m/s^2", "g", "mg")), (0.7, 1.4, False, ("mg",))),
+    "mag": ((22, 67, True, ("T", "G", "nT")), (15, 100, False, ())),
 }
-#: Modified Julian Dates from 1968 to 2132, and the step (in d, 4 s) above which they may as well be seconds
-_MJD, _MJD_STEP = (40_000.0, 100_000.0), 5e-5
-#: time unit -> (first epoch start, last), and the upper end of its range of median steps
-_EPOCH = {"s": (1e9, 4e9), "ms": (1e12, 4e12), "us": (1e15, 4e15), "ns": (1e18, 4e18)}
-_TABLE = {
-    True: (("ms", 100.0), ("us", 1e5), ("ns", np.inf)),
-    False: (("s", 0.5), ("ms", 100.0), ("us", 1e5), ("ns", np.inf)),
-}
-_SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-_DAY = 86400.0
+#: median of specific force over gravity, and field in uT, that a stated unit may give
+_FORCE, _FIELD = (0.6, 1.7), (5.0, 1000.0)
 
 
 @dataclasses.dataclass(frozen=True)
 class Guess:
-    """A unit, why, and the unit to name where the guess is wrong."""
+    """A unit, why, the unit to name where that is wrong, and whether something besides plausibility speaks for it."""
 
     unit: str
     reason: str
     other: str
+    sure: bool = True
 
 
-def time_unit(stamps: np.ndarray, integer: bool, rate: float | int | None) -> Guess:
-    """Unit of the stamps: that which agrees with `rate`, that of an epoch, or by the median step."""
-    steps = np.diff(stamps)
-    steps = steps[(steps > 0) & np.isfinite(steps)]
-    if not len(steps):
-        raise DataError("the time column never rises; name another one with columns={'time': ...} (--columns time=...), or give rate=")
-    step = float(np.median(steps))
-    kind = "integer" if integer else "decimal"
-    seen = f"median step {step:.3g}, {kind}"
-    start = float(stamps[np.isfinite(stamps)][0])
-    if not integer and _MJD[0] <= start <= _MJD[1]:
-        agrees = rate is not None and abs(1 / (step * _DAY) / rate - 1) < 0.05
-        # as seconds it would be a rate beyond 20 kHz
-        if agrees or (rate is None and step < _MJD_STEP):
-            return Guess("mjd", f"{seen}, from {start:.6g} on: Modified Julian Dates", "s")
-    if rate is not None:
-        mean = (len(stamps) - 1) / float(np.nanmax(stamps) - np.nanmin(stamps))
-        for unit, seconds in _SECONDS.items():
-            if min(abs(1 / (step * seconds) / rate - 1), abs(mean / seconds / rate - 1)) < 0.05:
-                return Guess(unit, f"{seen}: agrees with rate={rate:g}", "ms" if unit == "s" else "s")
-    for unit, (first, last) in _EPOCH.items():
-        # a rate far outside any sensor's means that a time since boot only looks like an epoch
-        if first <= start <= last and 0.1 < 1 / (step * _SECONDS[unit]) < 1e6:
-            return Guess(unit, f"starts at {start:.4g}, as time since 1970 does", "ms" if unit == "s" else "s")
-    table = _TABLE[integer]
-    at = next(i for i, (_, upper) in enumerate(table) if step < upper)
-    unit = table[at][0]
-    lower = table[at - 1][1] if at else (1.0 if integer else 0.0)
-    if at + 1 < len(table) and step > table[at][1] / 3:
-        return Guess(unit, f"{seen}; uncertain, could be {table[at + 1][0]}", table[at + 1][0])
-    if lower and step < 3 * lower:
-        other = table[at - 1][0] if at else "s"
-        return Guess(unit, f"{seen}; uncertain, could be {other}", other)
-    return Guess(unit, seen, table[at + 1][0] if at + 1 < len(table) else table[at - 1][0])
+def accel_unit(values: np.ndarray, stated: str | None, where: str, period: float | None, *, doubtful: bool = False) -> Guess:
+    """Unit of an accelerometer; `doubtful` where its name may mean acceleration without gravity."""
+    norm, whole = median_norm(values), values.shape[1] == 3
+    seen = f"median norm {norm:.4g}"
+    if stated is None:
+        stays = gravity_stays(values, period) if whole else np.nan
+        if whole and stays < 0.45:
+            raise DataError(_gravity_free("", values, seen, stays))
+        return _by_size("accel", norm, seen, values)
+    size = factor_of(stated, "accel")
+    if not whole or size is None or not norm:
+        return Guess(stated, where, stated)
+    force = norm * size / STANDARD_GRAVITY
+    stays = gravity_stays(values, period)
+    if _FORCE[0] <= force <= _FORCE[1] and not stays < 0.45:
+        return Guess(stated, f"{where}; {seen}", stated)
+    better = [unit for unit, (one, _) in _SIZES["accel"].items() if unit != stated and 0.8 < norm / one < 1.25 and stays > 0.6]
+    if better:
+        raise DataError(
+            f"the unit of accel is stated as {stated} ({where}), but its {seen} is that of gravity in {better[0]}: give the unit that is "
+            f"right, with units={{'accel': '{better[0]}'}} (--units accel={better[0]})"
+        )
+    if force < _FORCE[0] or stays < 0.45:
+        raise DataError(_gravity_free(stated, values, seen, stays))
+    raise DataError(
+        f"the unit of accel is stated as {stated} ({where}), but its {seen} would be {force:.3g} times gravity, and it is that of "
+        "gravity in "
+        f"no unit: its scale, or its bytes, are wrong; correct the file, or give the size of one count, as in "
+        f"units={{'accel': '{1 / norm:.4g} g'}} (--units accel='{1 / norm:.4g} g')"
+    )
 
 
-def accel_unit(values: np.ndarray) -> Guess:
-    """Unit of an accelerometer from the median norm, which is that of gravity."""
-    norm = median_norm(values)
-    return _by_size("accel", norm, f"median norm {norm:.4g}", values)
+def _gravity_free(stated: str, values: np.ndarray, seen: str, stays: float) -> str:
+    unit = stated or "m/s^2"
+    why = f"{seen}{' ' + stated if stated else ''}" + (
+        f", of which {100 * stays:.0f} % is left after averaging" if np.isfinite(stays) else ""
+    )
+    return (
+        f"gravity is missing from accel ({why}): this is linear acceleration, from which gravity was removed, and no specific "
+        "force. Record the "
+        "accelerometer itself (with g); if the values are right and the unit is not, give it with "
+        f"units={{'accel': '{unit}'}} (--units accel={unit}), which switches this check off"
+    )
 
 
-def mag_unit(values: np.ndarray) -> Guess:
+def mag_unit(values: np.ndarray, stated: str | None, where: str) -> Guess:
     """Unit of a magnetometer from the radius of a first sphere fit: the Earth's field is 22 to 67 uT."""
-    radius, how = _field(values)
-    return _by_size("mag", radius, f"{how} {radius:.3g}", values)
+    radius, how = field_size(values)
+    seen = f"{how} {radius:.3g}"
+    size = None if stated is None else factor_of(stated, "mag")
+    if stated is None or size is None or values.shape[1] != 3 or not radius:
+        if stated is not None:
+            return Guess(stated, where, stated)
+        norm = median_norm(values)
+        known = any(_RANGES["mag"][0][0] <= radius / one <= _RANGES["mag"][0][1] for one, _ in _SIZES["mag"].values())
+        if known or not any(15 <= norm / one <= 100 for one, _ in _SIZES["mag"].values()):
+            return _by_size("mag", radius, seen, values)
+        # a sphere through a small part of it may have any radius
+        return dataclasses.replace(_by_size("mag", norm, f"median norm {norm:.3g}; uncertain, the {seen}", values), sure=False)
+    field = radius * size * 1e6
+    if any(_FIELD[0] <= one * size * 1e6 <= _FIELD[1] for one in (radius, median_norm(values))):
+        return Guess(stated, f"{where}; {seen}", stated)
+    better = [unit for unit, (one, _) in _SIZES["mag"].items() if unit != stated and 22 <= radius / one <= 67]
+    advice = better[0] if better else f"{4e-5 / radius:.3g} T"
+    raise DataError(
+        f"the unit of mag is stated as {stated} ({where}), but its {seen} would be {field:.3g} uT, and the Earth's field is 22 to 67 uT"
+        + (f": it is that in {better[0]}" if better else ": the values may be normalised, or counts")
+        + f"; give the unit that is right, with units={{'mag': '{advice}'}} (--units mag='{advice}'), or leave mag out with "
+        "columns= (--columns)"
+    )
+
+
+def no_field(values: np.ndarray) -> str | None:
+    """Why the values of a magnetometer are no field: zero, or directions of one length; None where they may be one."""
+    seen = thinned(values)
+    if len(seen) and not seen.any():
+        return "it is zero in every sample"
+    length = normalised(values)
+    if length is None:
+        return None
+    plausible = any(22 <= length / one <= 67 for one, _ in _SIZES["mag"].values())
+    return None if plausible else f"every vector has the length {length:.6g}: it is normalised, a direction and no field"
 
 
 def _by_size(sensor: str, size: float, seen: str, values: np.ndarray) -> Guess:
     whole = all_integer(values)
-    for unit, (one, other) in _SIZES[sensor].items():
-        for low, high, doubt, no_counts in _RANGES[sensor]:
+    steps = step_unit("accel", values) if sensor == "accel" else None
+    for low, high, sure, no_counts in _RANGES[sensor]:
+        for unit, (one, other) in _SIZES[sensor].items():
             if low <= size / one <= high and (not whole or unit in no_counts):
-                return Guess(unit, seen + doubt, other)
-    raise DataError(_undecided(sensor, seen, values, {"accel": "g", "mag": "uT"}[sensor]))
+                if steps and steps[0] == unit:
+                    return Guess(unit, f"{seen}; {steps[1]}", other)
+                if steps and steps[0] != unit:
+                    sure = False
+                # whole numbers near 1000 may be counts of 1/1024 g; one axis is no norm
+                sure = sure and not (whole and unit == "mg") and values.shape[1] == 3
+                return Guess(unit, seen + ("" if sure else "; uncertain"), other, sure)
+    raise DataError(undecided(sensor, seen, values, {"accel": "g", "mag": "uT"}[sensor]))
 
 
-def gyro_unit(values: np.ndarray, accel: np.ndarray | None, rate: float | int | None) -> Guess:
-    """Unit of a gyroscope: by size, by the turns that the accelerometer (n, 3), in any unit, sees, or assumed."""
-    if all_integer(values):
-        raise DataError(_undecided("gyro", "all values are whole numbers", values, "deg/s"))
+def gyro_unit(values: np.ndarray, stated: str | None, where: str, turns: Turning | None) -> Guess:
+    """Unit of a gyroscope: as stated, unless steps, turns or size contradict it; by these; or a guess."""
     largest = float(np.nanmax(np.abs(values)))
+    steps = step_unit("gyro", values)
+    if stated is not None:
+        _contradict_gyro(values, stated, where, steps, turns, largest)
+        return Guess(stated, where + (f"; {steps[1]}" if steps and steps[0] == stated else ""), stated)
+    if all_integer(values):
+        raise DataError(undecided("gyro", "all values are whole numbers", values, "deg/s"))
+    other = {"rad/s": "deg/s", "deg/s": "rad/s"}
+    if steps:
+        return Guess(steps[0], steps[1], other[steps[0]])
+    if turns is not None and turns.unit:
+        sure = bool(abs(turns.correlation) > 0.5)
+        reason = f"states {abs(turns.slope) ** -1:.2g} times the turns of gravity or the field, r = {abs(turns.correlation):.2f}"
+        return Guess(turns.unit, reason + ("" if sure else "; uncertain"), other[turns.unit], sure)
     if largest > 35:
         return Guess("deg/s", f"reaches {largest:.3g}; 35 rad/s would be 2005 deg/s", "rad/s")
-    if accel is not None and rate and np.isfinite(rate) and accel.shape[1] == values.shape[1] == 3:
-        ratio = _turn_ratio(values, accel, rate)
-        if ratio is not None:
-            # a turn is at least as long as the angle between its ends, and seldom many times longer
-            uncertain = "; uncertain" if 8 < ratio < 40 else ""
-            reason = f"integrates to {ratio:.2g} times the turns of gravity{uncertain}"
-            return Guess("deg/s", reason, "rad/s") if ratio > 20 else Guess("rad/s", reason, "deg/s")
     # of some 100 stretches
-    norms = _norms(values)
-    block = max(1, len(norms) // 100)
-    norms = np.median(norms[: len(norms) // block * block].reshape(-1, block), axis=1)
-    quiet, lively = np.quantile(norms, [0.1, 0.9])
+    lengths = norms(values)
+    block = max(1, len(lengths) // 100)
+    lengths = np.median(lengths[: len(lengths) // block * block].reshape(-1, block), axis=1)
+    quiet, lively = np.quantile(lengths, [0.1, 0.9])
     if lively > 3 * quiet:
-        return Guess("rad/s", f"assumed: the sensor moves, yet reaches only {largest:.3g}", "deg/s")
-    norm = float(np.median(norms))
+        return Guess("rad/s", f"assumed: the sensor moves, yet reaches only {largest:.3g}", "deg/s", False)
+    norm = float(np.median(lengths))
     if norm > 0.35:
-        return Guess("deg/s", f"median norm {norm:.3g} at rest, too much for rad/s", "rad/s")
-    return Guess("rad/s", f"assumed: median norm {norm:.3g} at rest fits rad/s and deg/s", "deg/s")
+        return Guess("deg/s", f"assumed: median norm {norm:.3g} at rest, much for rad/s", "rad/s", False)
+    return Guess("rad/s", f"assumed: median norm {norm:.3g} at rest fits rad/s and deg/s", "deg/s", False)
 
 
-def temperature_unit(values: np.ndarray) -> Guess:
-    """K above 200, else degC."""
+def _contradict_gyro(values, stated: str, where: str, steps, turns: Turning | None, largest: float) -> None:
+    says = ""
+    right = {"rad/s": "deg/s", "deg/s": "rad/s"}.get(find_unit(stated, "gyro") or "", "")
+    if not right:
+        return
+    if steps and steps[0] == right:
+        says = f"its values come in {steps[1]}, as those of common sensors do in {right}, and in steps of none in {stated}"
+    elif turns is not None and turns.unit == right and abs(turns.correlation) > 0.7 and not steps:
+        says = f"gravity or the field turns as it says in {right} (r = {abs(turns.correlation):.2f})"
+    elif stated == "rad/s" and largest > 80:
+        says, right = f"it reaches {largest:.4g}, which would be {largest / _DEG:.4g} deg/s", "deg/s"
+    elif stated == "deg/s" and largest > 8000:
+        says, right = f"it reaches {largest:.5g} deg/s, which no common sensor does: these may be raw counts", f"{1 / 16.4:.5g} deg/s"
+    if says:
+        raise DataError(
+            f"the unit of gyro is stated as {stated} ({where}), but {says}; give the unit that is right, with "
+            f"units={{'gyro': '{right}'}} (--units gyro='{right}')"
+        )
+
+
+def temperature_unit(values: np.ndarray, stated: str | None, where: str) -> Guess:
+    """As stated, else K above 200, else degC."""
     median = float(np.nanmedian(values))
+    if stated is not None:
+        return Guess(stated, where, stated)
     return Guess("K", f"median {median:.4g}", "degC") if median > 200 else Guess("degC", f"median {median:.4g}", "K")
+
+
+def factor_of(unit: str, sensor: str) -> float | None:
+    """SI value of a unit without a number before it, else None."""
+    return factor(unit, sensor) if find_unit(unit, sensor) else None
 
 
 def roles(triples: list[np.ndarray]) -> list[str]:
@@ -142,97 +225,29 @@ def roles(triples: list[np.ndarray]) -> list[str]:
     if not any(likeness):
         raise DataError("neither triple of columns has the norm of gravity in m/s^2, g or mg")
     if all(likeness):
-        likeness = [_spread(triples[0]) < _spread(triples[1])] * 2
+        likeness = [spread(triples[0]) < spread(triples[1])] * 2
         likeness[1] = not likeness[0]
     pair = ["accel", "gyro"] if likeness[0] else ["gyro", "accel"]
     return pair + ["mag"] * (len(triples) - 2)
 
 
 def _gravity_like(values: np.ndarray) -> bool:
-    return any(0.7 <= median_norm(values) / one <= 1.4 for one, _ in _SIZES["accel"].values()) and _spread(values) < 0.5
+    return any(0.7 <= median_norm(values) / one <= 1.4 for one, _ in _SIZES["accel"].values()) and spread(values) < 0.5
 
 
 def _field_like(values: np.ndarray) -> bool:
-    radius, _ = _field(values)
-    return any(22 <= radius / one <= 67 for one, _ in _SIZES["mag"].values()) and _spread(values) < 0.9
+    radius, _ = field_size(values)
+    return any(22 <= radius / one <= 67 for one, _ in _SIZES["mag"].values()) and spread(values) < 0.9
 
 
-def _thinned(values: np.ndarray) -> np.ndarray:
-    values = values[:: max(1, len(values) // _LOOK)]
-    return values[np.isfinite(values).all(axis=1)]
-
-
-def _norms(values: np.ndarray) -> np.ndarray:
-    return np.linalg.norm(_thinned(values), axis=1)
-
-
-def _spread(values: np.ndarray) -> float:
-    norms = _norms(values)
-    return float(np.std(norms) / np.median(norms)) if len(norms) else np.inf
-
-
-def median_norm(values: np.ndarray) -> float:
-    """Median length of the vectors."""
-    norms = _norms(values)
-    return float(np.median(norms)) if len(norms) else np.nan
-
-
-def all_integer(values: np.ndarray) -> bool:
-    """Whether all values are whole numbers, and not merely zeros and ones."""
-    seen = _thinned(values)
-    return bool(len(seen) and np.all(seen == np.round(seen)) and np.ptp(seen) >= 5)
-
-
-def _field(values: np.ndarray) -> tuple[float, str]:
-    """Radius of the sphere through the vectors, or their median norm where they cover too little of one."""
-    seen = _thinned(values)
-    if len(seen) > 5000:
-        seen = seen[:: len(seen) // 5000]
-    if values.shape[1] == 3 and len(seen) > 10:
-        centred = seen - seen.mean(axis=0)
-        size = np.sqrt(np.mean(np.sum(centred**2, axis=1)))
-        if 0 < size < np.inf and np.linalg.svd(centred / size, compute_uv=False)[-1] > 0.1 * np.sqrt(len(seen)):
-            # |v|^2 = 2 c.v + r^2 - |c|^2, linear in c and the constant
-            unknowns, *_ = np.linalg.lstsq(
-                np.column_stack([2 * centred / size, np.ones(len(seen))]), np.sum((centred / size) ** 2, axis=1), rcond=None
-            )
-            radius = np.sqrt(max(0.0, unknowns[3] + unknowns[:3] @ unknowns[:3]))
-            # a cloud of noise fills the sphere instead of lying on it
-            if np.std(np.linalg.norm(centred / size - unknowns[:3], axis=1)) < 0.25 * radius:
-                return float(size * radius), "sphere radius"
-    return median_norm(values), "median norm"
-
-
-def _turn_ratio(gyro: np.ndarray, accel: np.ndarray, rate: float) -> float | None:
-    """Least ratio of the integrated angle to the angle between the gravity directions of successive still stretches."""
-    block = max(2, round(0.5 * rate))
-    count = len(gyro) // block
-    if count < 4:
-        return None
-    shape = (count, block, 3)
-    force, turn = accel[: count * block].reshape(shape), gyro[: count * block].reshape(shape)
-    whole = np.isfinite(force).all(axis=(1, 2)) & np.isfinite(turn).all(axis=(1, 2))
-    if not whole.any():
-        return None
-    mean = force.mean(axis=1)
-    scatter = np.linalg.norm(force.std(axis=1), axis=1) / np.median(np.linalg.norm(mean[whole], axis=1))
-    still = whole & (scatter < max(5 * np.quantile(scatter[whole], 0.1), 1e-4))
-    if still.all() or not still.any():
-        return None
-    bias = np.median(turn[still].reshape(-1, 3), axis=0)
-    path = np.cumsum(np.nansum(np.linalg.norm(turn - bias[None, None, :], axis=2), axis=1)) / rate
-    down = mean / np.linalg.norm(mean, axis=1, keepdims=True)
-    at = np.flatnonzero(still)
-    before, after = at[:-1], at[1:]
-    angle = np.arccos(np.clip(np.sum(down[before] * down[after], axis=1), -1.0, 1.0))
-    turned = (after > before + 1) & (angle > np.radians(20))
-    return float(np.min((path[after] - path[before])[turned] / angle[turned])) if turned.any() else None
-
-
-def _undecided(sensor: str, seen: str, values: np.ndarray, example: str) -> str:
+def undecided(sensor: str, seen: str, values: np.ndarray, example: str) -> str:
+    """The sentence on values whose unit nothing tells."""
     if all_integer(values):
+        hint = counts_hint(sensor, values)
+        size = hint or f"0.01 {example}"
+        like = f", and their norm is that of gravity if one count is {hint}" if hint else ""
         return (
-            f"the unit of {sensor} cannot be told ({seen}): these look like raw counts; give the size of one, as in "
-            f"units={{'{sensor}': '0.01 {example}'}} (--units {sensor}='0.01 {example}')"
+            f"the unit of {sensor} cannot be told ({seen}): these look like raw counts{like}; give the size of one, as in "
+            f"units={{'{sensor}': '{size}'}} (--units {sensor}='{size}')"
         )
     return f"the unit of {sensor} cannot be told ({seen}); give it with units={{'{sensor}': '{example}'}} (--units {sensor}={example})"

@@ -14,18 +14,21 @@ from typing import Any
 from .._errors import DataError, ExportError, JaxcalError
 from .._log import Log
 from .._units import si_unit
+from ._archive import unpacked
 from ._columns import SENSORS, parse_columns, parse_topics, parse_units
 from ._find import FORMATS, find
+from ._phase import differentiate
 from ._readers._arrays import read_hdf5, read_mat, read_npy, read_npz, read_parquet
 from ._readers._csv import read_csv
 from ._readers._dataflash import read_ardupilot
 from ._readers._px4 import read_px4
 from ._readers._ros import read_ros
 from ._saved import SUFFIXES, save
-from ._table import Signals, Table, differentiate, interpret
+from ._sensors import read_oxts, read_sensors
+from ._table import Signals, Table, interpret
 
 #: tables, of which columns= chooses; trees of arrays, of which topics= names the group; logs, of which topics= chooses
-_TABLES = {"csv": read_csv, "npy": read_npy, "npz": read_npz, "parquet": read_parquet}
+_TABLES = {"csv": read_csv, "npy": read_npy, "npz": read_npz, "parquet": read_parquet, "oxts": read_oxts}
 _TREES = {"mat": read_mat, "hdf5": read_hdf5}
 _LOGS = {"ulog": read_px4, "dataflash": read_ardupilot}
 _SI = {name: si_unit(name) for name in (*SENSORS, "temperature")}
@@ -40,6 +43,8 @@ _NAMES = {
     "hdf5": "HDF5",
     "ulog": "a PX4 ULog",
     "dataflash": "an ArduPilot DataFlash log",
+    "sensors": "a folder with a table for each sensor",
+    "oxts": "a KITTI oxts folder",
 }
 
 
@@ -199,18 +204,20 @@ def _read(path: pathlib.Path, format: str | None, options: dict[str, Any], topic
     with _faults("a recording"):
         kind, sources = find(path)
     kind = format or kind
-    if kind in _TABLES and topics:
+    if kind == "zip":
+        return _read_zip(path, options, topics, raw, phase)
+    if kind in (*_TABLES, "sensors") and topics:
         raise DataError(f"this is {_NAMES[kind]}, and topics= belongs to ROS recordings; choose with columns= (--columns)")
-    if kind not in _TABLES and kind not in _TREES and options["columns"]:
+    if kind not in _TABLES and kind not in (*_TREES, "sensors") and options["columns"]:
         raise DataError(f"this is {_NAMES[kind]}, and columns= belongs to tables; choose with topics= (--topics)")
-    if options["missing"] is not None and kind not in _TABLES:
+    if options["missing"] is not None and kind not in (*_TABLES, "sensors"):
         raise DataError(f"this is {_NAMES[kind]}, and missing= (--missing) belongs to tables; leave it out")
     if raw and kind not in _LOGS:
         raise DataError(f"this is {_NAMES[kind]}, and raw=True (--raw) belongs to logs of flight controllers; leave it out")
     with _faults(_NAMES[kind]), concurrent.futures.ThreadPoolExecutor(1) as pool:
         # hashing lets go of the interpreter, so it costs nothing beside the parsing
         digest = pool.submit(fingerprint, sources)
-        found = _parse(kind, sources, topics, options["units"], raw)
+        found = _parse(kind, sources, topics, options, raw)
         size, sha256 = digest.result()
     origin = {"file": path.name, "size": size, "sha256": sha256, "format": kind}
     plain = not phase and all(value is None or value == {} for value in options.values())
@@ -229,14 +236,26 @@ def _read(path: pathlib.Path, format: str | None, options: dict[str, Any], topic
     return _build(signals, provenance)
 
 
-def _parse(kind: str, sources: list[pathlib.Path], topics: list[str] | None, units: dict[str, str], raw: bool) -> Table | Signals:
+def _read_zip(path: pathlib.Path, options: dict[str, Any], topics: list[str] | None, raw: bool, phase: bool) -> Log:
+    """The log in a zip file, or those that it holds of one recording."""
+    with _faults("a zip file"), unpacked(path) as folder:
+        log = _read(folder, None, options, topics, raw, phase)
+        size, sha256 = fingerprint([path])
+        inside = {"inside": log.provenance["file"]} if log.provenance["file"] != folder.name else {}
+        provenance = log.provenance | {"file": path.name, "size": size, "sha256": sha256} | inside
+        return log._replaced(provenance=provenance)
+
+
+def _parse(kind: str, sources: list[pathlib.Path], topics: list[str] | None, options: dict[str, Any], raw: bool) -> Table | Signals:
     if kind in _TABLES:
         return _TABLES[kind](sources[0])
     if kind in _TREES:
         return _TREES[kind](sources[0], topics)
     if kind in _LOGS:
-        return _LOGS[kind](sources[0], topics, units, raw)
-    return read_ros(sources, 1 if kind == "rosbag1" else 2, topics, units)
+        return _LOGS[kind](sources[0], topics, options["units"], raw)
+    if kind == "sensors":
+        return read_sensors(sources, lambda file: interpret(read_csv(file), **options))
+    return read_ros(sources, 1 if kind == "rosbag1" else 2, topics, options["units"])
 
 
 def _build(signals: Signals, provenance: dict[str, Any]) -> Log:

@@ -10,19 +10,20 @@ from .._errors import DataError
 from .._quality import all_finite
 from .._units import si_unit
 from . import _guess
-from ._columns import SENSORS, Columns, bracketed_unit, by_name, increasing, is_counter, listing, parse_name, resolve, scale, unit_of
+from ._choose import HOW, select
+from ._clock import Clock, check_rate, clock_of, label_of, no_clock, refuse_restarts, stated_rate
+from ._columns import SENSORS, Columns, listing, scale
+from ._evidence import Turning, turning
 from ._saved import Saved
-
-_HOW = (
-    "say which is which, by number or name, with columns={'time': 0, 'gyro': [1, 2, 3], 'accel': [4, 5, 6]} "
-    "(--columns time=0,gyro=1:3,accel=4:6)"
-)
 
 
 @dataclasses.dataclass
 class Table:
-    """Columns as a reader found them: `names` are empty strings where there are none; `integer` are those without decimals;
-    `saved` is what `convert` wrote.
+    """Columns as a reader found them.
+
+    `names` are empty strings where there are none; `integer` are the columns without decimals, `clocks` those that hold times of day in
+    s, `days` those that hold dates without a time. `preamble` is the text above the table, `stem` the name of the file, without its
+    suffix. `rate` is one that the file states in a number of its own; `saved` is what `convert` wrote.
     """
 
     columns: list[np.ndarray]
@@ -32,6 +33,10 @@ class Table:
     notes: list[str] = dataclasses.field(default_factory=list)
     warnings: list[str] = dataclasses.field(default_factory=list)
     saved: Saved | None = None
+    clocks: set[int] = dataclasses.field(default_factory=set)
+    days: set[int] = dataclasses.field(default_factory=set)
+    preamble: str = ""
+    stem: str = ""
 
 
 @dataclasses.dataclass
@@ -54,120 +59,203 @@ class Signals:
 def interpret(
     table: Table, columns: Columns, units: dict[str, str], rate: float | int | None, missing: float | int | None = None
 ) -> Signals:
-    """Stamps and sensors of a table, in which `missing` stands for no value."""
+    """Stamps and sensors of a table, in which `missing` stands for no value.
+
+    Everything that is missing or contradicted is said in one error, so that one more call is enough.
+    """
     listed = listing(table.names, len(table.columns))
     if not table.columns or not len(table.columns[0]):
         raise DataError(f"there are no rows of numbers (columns: {listed})")
-    chosen, told, guessed = _choose(table, columns, rate)
-    if not set(chosen) - {"time"}:
-        raise DataError(f"no sensor among the columns {listed}; {_HOW}")
-    if "time" not in chosen and rate is None and table.rate is None:
-        raise DataError(
-            f"there is no time column among {listed}; give the sampling rate with rate= (--rate), "
-            "or name the column with columns={'time': ...} (--columns time=...)"
-        )
-    signals = Signals(None, {}, columns=dict(chosen), notes=list(table.notes), warnings=list(table.warnings), rate=rate)
-    step = None if rate is None else 1.0 / rate
-    if "time" in chosen:
-        _read_time(table, chosen["time"], units, told, "time" in guessed, rate, signals)
-        signals.nominal = table.rate
-        # only the unit of a gyroscope is guessed with the help of the rate
-        asked = "gyro" in chosen and "gyro" not in units and "gyro" not in told
-        if asked and signals.time is not None and signals.time.dtype.kind == "f" and len(signals.time) > 1:
-            step = float(np.nanmedian(np.diff(signals.time))) or None
-    elif rate is None:
-        signals.rate = table.rate
-
-    raw = {name: [_numbers(table, i) for i in chosen[name]] for name in (*SENSORS, "temperature") if name in chosen}
+    found = select(table, columns)
+    if not set(found.columns) - {"time"}:
+        raise DataError(f"no sensor among the columns {listed}; {HOW}")
+    problems: list[str] = []
+    stated = (float(table.rate), "the file states") if table.rate else stated_rate(table.preamble, table.stem)
+    clock = _clock(table, found, columns, units, rate if rate is not None else stated and stated[0], problems)
+    signals = Signals(None, {}, notes=found.notes, warnings=[*table.warnings, *found.warnings], rate=rate)
+    _set_time(table, found, columns, clock, stated, signals, problems)
+    raw = {name: [_numbers(table, i) for i in found.columns[name]] for name in (*SENSORS, "temperature") if name in found.columns}
     if missing is not None:
         raw = {name: [_without(column, missing) for column in values] for name, values in raw.items()}
-    scales = {}
-    for name, values in raw.items():
-        guess = _stated(name, units, told)
-        if guess is None:
-            _refuse_unknown_unit(name, table.names[chosen[name][0]])
-            guess = _unit(name, values, raw.get("accel"), None if not step else 1.0 / abs(step))
-        scales[name] = scale(guess.unit, name)
+    period = clock.period if clock is not None else 1.0 / signals.rate if signals.rate else None
+    guesses = _units(table, found, raw, units, period, clock, signals, problems)
+    if problems:
+        raise DataError("; and ".join(problems))
+    signals.columns = {name: indices for name, indices in found.columns.items() if name == "time" or name in guesses}
+    scales = {name: scale(guess.unit, name) for name, guess in guesses.items()}
+    for name, guess in guesses.items():
         signals.units[name] = guess.unit
-        if name in guessed or guess.reason:
-            signals.notes.append(_note(name, chosen[name], table.names, guess))
-    taken = [i for indices in chosen.values() for i in indices]
+        if not guess.sure:
+            signals.warnings.append(f"a guess, which nothing in the file supports: {_note(name, found.columns[name], table.names, guess)}")
+        elif name in found.guessed or guess.reason:
+            signals.notes.append(_note(name, found.columns[name], table.names, guess))
+    signals.notes += table.notes
+    taken = [i for indices in signals.columns.values() for i in indices]
     # a table that is used as a whole is converted where it stands
     own = len(set(taken)) == len(taken) > len(table.columns) / 2
     for name, (factor, offset) in scales.items():
         signals.sensors[name] = _convert(raw.pop(name), factor, offset, own=own)
         # of a table that fills the memory there is no room for two
-        for i in chosen[name]:
+        for i in found.columns[name]:
             table.columns[i] = table.columns[i][:0]
     unused = [name or str(i) for i, name in enumerate(table.names) if i not in taken]
-    if unused and guessed:
+    if unused and found.guessed:
         signals.notes.append(f"columns not used: {', '.join(unused[:12])}{' ...' if len(unused) > 12 else ''}")
     return signals
 
 
-def _stated(name: str, units: dict[str, str], told: dict[str, str]) -> _guess.Guess | None:
-    """The unit that the caller or a name states; None where it has to be guessed."""
-    if name in units:
-        return _guess.Guess(units[name], "", "")
-    return _guess.Guess(told[name], "from the name", told[name]) if name in told else None
-
-
-def _choose(table: Table, columns: Columns, rate: float | int | None) -> tuple[dict[str, list[int]], dict[str, str], set[str]]:
-    """Columns by quantity, the units that names tell, and which quantities were guessed."""
-    names, count = table.names, len(table.columns)
-    explicit = resolve(columns, names, count)
-    named, told = by_name(names) if any(names) else ({}, {})
-    # a name tells the unit of an explicitly chosen column too
-    for quantity, indices in explicit.items():
-        told.pop(quantity, None)
-        parsed = parse_name(names[indices[0]]) if names[indices[0]] else None
-        inside = bracketed_unit(names[indices[0]])
-        unit = (unit_of(inside, quantity) if inside else None) or (parsed[2] if parsed and parsed[0] == quantity else None)
-        if unit:
-            told[quantity] = unit
-    if set(explicit) - {"time"}:
-        used = {i for indices in explicit.values() for i in indices}
-        named = {q: indices for q, indices in named.items() if q == "time" and not set(indices) & used}
-    chosen = {quantity: indices for quantity, indices in named.items() if quantity not in columns} | explicit
-    if not set(chosen) - {"time"}:
-        if any(names) and not all(name.isdecimal() for name in names if name):
-            raise DataError(f"the columns {listing(names, count)} do not say which sensor they hold; {_HOW}")
-        chosen |= _by_position(table, columns, chosen.get("time"))
-    if "time" not in chosen and "time" not in columns and rate is None and table.rate is None:
-        used = {i for indices in chosen.values() for i in indices}
-        free = [i for i in range(count) if i not in used and _is_number(table, i) and not is_counter(names[i])]
-        rising = [i for i in free if increasing(table.columns[i])]
-        chosen |= {"time": rising[:1]} if rising else {}
-    return chosen, told, set(chosen) - set(explicit)
-
-
-def _by_position(table: Table, columns: Columns, time: list[int] | None) -> dict[str, list[int]]:
-    count = len(table.columns)
-    numeric = [i for i in range(count) if _is_number(table, i)]
-    if time is None and "time" not in columns:
-        rising = [i for i in numeric if increasing(table.columns[i])]
-        time = rising[:1] or None
-    left = [i for i in numeric if i not in (time or [])]
-    if len(left) not in (3, 6, 9):
-        rises = f" (column {time[0]} rises, as time does)" if time else ""
-        raise DataError(f"{listing(table.names, count)}{rises}: 3, 6 or 9 columns besides time can be told apart, not {len(left)}; {_HOW}")
-    triples = [left[i : i + 3] for i in range(0, len(left), 3)]
+def _clock(
+    table: Table, found: Any, columns: Columns, units: dict[str, str], rate: float | int | None, problems: list[str]
+) -> Clock | None:
+    if "time" in columns and columns["time"] is None:
+        return None
     try:
-        found = _guess.roles([_stack([table.columns[i] for i in triple]) for triple in triples])
+        return clock_of(table, found, units, rate)
     except DataError as error:
-        raise DataError(f"{error}; {_HOW}") from None
-    return ({"time": time} if time else {}) | dict(zip(found, triples, strict=True))
+        problems.append(str(error))
+        return None
 
 
-def _is_number(table: Table, index: int) -> bool:
-    return table.columns[index].dtype.kind in "iufbM"
+def _set_time(
+    table: Table, found: Any, columns: Columns, clock: Clock | None, stated: tuple[float, str] | None, signals: Signals,
+    problems: list[str],
+) -> None:  # fmt: skip
+    """Stamps, or a rate in their place."""
+    if clock is None:
+        if signals.rate is None and stated is not None:
+            signals.rate = stated[0]
+            signals.notes.append(f"rate: {stated[0]:g} Hz, as {stated[1]}; override with --rate")
+            if "name" in stated[1]:
+                signals.warnings.append(f"there is no time column; the rate of {stated[0]:g} Hz is that of the file's name")
+        elif signals.rate is None and not problems:
+            counters = [table.names[i] for i, one in enumerate(found.names) if one is not None and one.kind == "counter" and table.names[i]]
+            counters += [note.partition(": ")[2].partition(" counts rows")[0] for note in found.notes if "counts rows" in note]
+            problems.append(str(no_clock(table, True, list(dict.fromkeys(counters))[:3])))
+        return
+    label = label_of(table, clock.columns)
+    try:
+        refuse_restarts(clock)
+        if signals.rate is None and clock.reason:
+            check_rate(clock, stated, signals.warnings, label)
+    except DataError as error:
+        problems.append(str(error))
+    signals.time, signals.epoch_ns, signals.units["time"] = clock.time, clock.epoch_ns, clock.unit
+    signals.nominal = float(table.rate) if table.rate else None
+    if not clock.reason and "time" not in found.guessed:
+        return
+    where = f"column{'s' * (len(clock.columns) > 1)} {_label(clock.columns, table.names)}"
+    unit = "dates" if clock.unit == "date" else "s and ns" if clock.unit == "s + ns" else clock.unit
+    why = f" ({clock.reason})" if clock.reason and clock.reason not in ("dates", "s and ns") else ""
+    option = "" if clock.unit == "date" else f" --units time={clock.other}"
+    if clock.unit == "s + ns":
+        note = f"time: {where}, s and ns; override with --columns time=0 --units time=s"
+    elif clock.unit == "date":
+        note = f"time: {where}, {unit}{why}; override with --columns time=0"
+    else:
+        note = f"time: {where}, {unit}{why}; override with --columns time={_spelled(clock.columns, ':', ',')}{option}"
+    if clock.sure:
+        signals.notes.insert(0, note)
+    else:
+        signals.warnings.append(f"a guess, which nothing in the file supports: {note}")
+
+
+def _units(
+    table: Table, found: Any, raw: dict[str, Any], units: dict[str, str], period: float | None, clock: Clock | None, signals: Signals,
+    problems: list[str],
+) -> dict[str, _guess.Guess]:  # fmt: skip
+    """The unit of every sensor; those without a field or a value are left out, with a sentence."""
+    guesses: dict[str, _guess.Guess] = {}
+    values: dict[str, np.ndarray] = {}
+    for name in list(raw):
+        values[name] = _stack(raw[name])
+        why = _guess.no_field(values[name]) if name == "mag" and name in found.guessed and "mag" not in units else None
+        if why and len(set(raw) - {"temperature"}) > 1:
+            signals.warnings.append(f"mag is left out: {why}; read it with columns={{'mag': ...}} and units={{'mag': ...}} all the same")
+            del raw[name], values[name]
+        elif why:
+            problems.append(
+                f"mag: {why}; there is no other sensor in the table. Give its unit with units={{'mag': ...}} (--units mag=...) to read it"
+            )
+    turns = _turns(values, period)
+    for name in raw:
+        first = table.names[found.columns[name][0]]
+        stated = units.get(name) or found.units.get(name)
+        where = "as given" if name in units else f"from {found.profile}" if found.profile and name in found.guessed else "from the name"
+        try:
+            if stated is None:
+                _refuse_unknown_unit(name, first)
+            guesses[name] = _unit(name, values[name], stated, where, period, turns, name in units, name in found.doubtful, signals.warnings)
+        except DataError as error:
+            problems.append(str(error))
+    _check_turns(guesses, turns, clock, signals.warnings, problems)
+    return guesses
+
+
+def _turns(values: dict[str, np.ndarray], period: float | None) -> Turning | None:
+    """The turning of gravity, or of the field, as the gyroscope in rad/s would have it; that which follows more closely."""
+    if "gyro" not in values or not period:
+        return None
+    found = [turning(values["gyro"], values[name], period) for name in ("accel", "mag") if name in values]
+    return max((one for one in found if one is not None), key=lambda one: abs(one.correlation), default=None)
+
+
+def _unit(
+    name: str, values: np.ndarray, stated: str | None, where: str, period: float | None, turns: Turning | None, given: bool,
+    doubtful: bool, warnings: list[str],
+) -> _guess.Guess:  # fmt: skip
+    if not np.isfinite(values).all(axis=1).any():
+        # `Log` refuses it by name
+        return _guess.Guess(stated or si_unit(name), "there is nothing to tell it from", "")
+    judge = {
+        "gyro": lambda unit: _guess.gyro_unit(values, unit, where, turns),
+        "accel": lambda unit: _guess.accel_unit(values, unit, where, period, doubtful=doubtful),
+        "mag": lambda unit: _guess.mag_unit(values, unit, where),
+        "temperature": lambda unit: _guess.temperature_unit(values, unit, where),
+    }[name]
+    if not given:
+        return judge(stated)
+    try:
+        judge(stated)
+    except DataError as error:  # the caller's word goes before that of the values
+        said = str(error).partition("; give the unit")[0].partition(": give the unit")[0].partition(". Record")[0]
+        warnings.append(f"{name} is read in {stated}, as given, although {said.replace(' (as given)', '')}")
+    return _guess.Guess(stated or "", "", "")
+
+
+def _check_turns(
+    guesses: dict[str, _guess.Guess], turns: Turning | None, clock: Clock | None, warnings: list[str], problems: list[str]
+) -> None:
+    """Rates and stamps together must turn gravity as far as it is seen to turn."""
+    if turns is None or "gyro" not in guesses or abs(turns.correlation) < 0.6:
+        return
+    factor, _ = scale(guesses["gyro"].unit, "gyro")
+    slope = turns.slope / factor
+    if not 0.2 < abs(slope) < 5.0:
+        what = "the clock is not in " + clock.unit if clock is not None and not clock.sure else "the unit of gyro or of time is wrong"
+        sentence = (
+            f"gravity or the field turns {slope:.3g} times as fast as gyro in {guesses['gyro'].unit} says "
+            f"(r = {abs(turns.correlation):.2f}): {what}"
+        )
+        if guesses["gyro"].reason and (guesses["gyro"].reason != "as given"):
+            problems.append(f"{sentence}; give them with units={{'gyro': ..., 'time': ...}} (--units gyro=...,time=...), or rate= (--rate)")
+        else:
+            warnings.append(sentence)
+    elif slope < 0:
+        warnings.append(
+            "the gyroscope turns against gravity or the field (their axes, or a sign, differ): what uses both sensors together is wrong "
+            "until the columns of one are put in order, with its sign, as in units={'gyro': '-1 deg/s'}"
+        )
 
 
 def _numbers(table: Table, index: int, kinds: str = "iufb") -> np.ndarray:
     column = table.columns[index]
-    if column.dtype.kind in kinds:
+    if column.dtype.kind in kinds and index not in table.clocks:
         return column
-    held = "dates" if column.dtype.kind == "M" else f"text, such as {next((str(v) for v in column if v is not None), '')!r}"
+    held = (
+        "dates"
+        if column.dtype.kind == "M" or index in table.clocks
+        else f"text, such as {next((str(v) for v in column if v is not None), '')!r}"
+    )
     raise DataError(
         f"column {index} ({table.names[index] or 'no name'}) holds {held}, where numbers are expected; name other columns with "
         "columns= (--columns)"
@@ -219,16 +307,6 @@ def _stack(columns: list[np.ndarray]) -> np.ndarray:
     return values if all_finite(values) else np.where(np.isfinite(values), values, np.nan)
 
 
-def _unit(name: str, columns: list[np.ndarray], accel: list[np.ndarray] | None, rate: float | None) -> _guess.Guess:
-    values = _stack(columns)
-    if not np.isfinite(values).all(axis=1).any():
-        # `Log` refuses it by name
-        return _guess.Guess(si_unit(name), "there is nothing to tell it from", "")
-    if name == "gyro":
-        return _guess.gyro_unit(values, None if accel is None else _stack(accel), rate)
-    return {"accel": _guess.accel_unit, "mag": _guess.mag_unit, "temperature": _guess.temperature_unit}[name](values)
-
-
 def _refuse_unknown_unit(name: str, header: str) -> None:
     """A unit in square brackets is a statement: where it is not understood, nothing is guessed against it."""
     match = re.search(r"\[([^\]]*[A-Za-z][^\]]*)\]", header)
@@ -237,43 +315,6 @@ def _refuse_unknown_unit(name: str, header: str) -> None:
             f"the header {header!r} gives {match[1]!r}, which is no unit of {name} that is known; give the unit, or the size of one count, "
             f"as in units={{'{name}': '0.01 {si_unit(name)}'}} (--units {name}='0.01 {si_unit(name)}')"
         )
-
-
-def _read_time(
-    table: Table, indices: list[int], units: dict[str, str], told: dict[str, str], guessed: bool, rate: float | int | None, signals: Signals
-) -> None:
-    """Stamps in s: dates as they are, whole numbers relative to the first so that no digit is lost, decimals as they are."""
-    column = _numbers(table, indices[0], "iufbM")
-    if column.dtype.kind == "M":
-        signals.time, signals.units["time"] = column, "date"
-        if guessed:
-            signals.notes.append(f"time: column {_label(indices, table.names)}, dates; override with --columns time=0")
-        return
-    if len(indices) == 2:
-        seconds, nanoseconds = (np.asarray(_numbers(table, i)).astype(np.float64) for i in indices)
-        if np.nanmin(nanoseconds) < 0 or np.nanmax(nanoseconds) >= 1e9:
-            raise DataError(
-                f"columns {_label(indices, table.names)} are not seconds and nanoseconds: the second must stay within 0 and 1e9; "
-                "name one time column with columns={'time': ...} (--columns time=...)"
-            )
-        first = seconds[np.isfinite(seconds)][0]
-        signals.epoch_ns = int(first) * 10**9
-        signals.time, signals.units["time"] = (seconds - first) + nanoseconds * 1e-9, "s + ns"
-        if guessed:
-            signals.notes.append(f"time: columns {_label(indices, table.names)}, s and ns; override with --columns time=0 --units time=s")
-        return
-    guess = _stated("time", units, told) or _guess.time_unit(column, indices[0] in table.integer, rate)
-    factor, offset = scale(guess.unit, "time")
-    signals.units["time"] = guess.unit
-    if guess.reason:
-        signals.notes.append(_note("time", indices, table.names, guess))
-    if column.dtype.kind in "iu":
-        first, ns = int(column[0]), 1e9 * factor
-        signals.epoch_ns = first * round(ns) if ns == round(ns) else round(first * ns)
-        signals.time = (column.astype(np.int64) - first) * factor
-    else:
-        signals.time = column * factor if factor != 1.0 else column
-    signals.epoch_ns += round(offset) * 10**9
 
 
 def _spelled(indices: list[int], to: str, between: str) -> str:
@@ -292,27 +333,3 @@ def _note(name: str, indices: list[int], names: list[str], guess: _guess.Guess) 
     where = f"column{'s' * (len(indices) > 1)} {_label(indices, names)}"
     options = f"--columns {name}={_spelled(indices, ':', ',')} --units {name}={guess.other or guess.unit}"
     return f"{name}: {where}, {guess.unit}{why}; override with {options}"
-
-
-def differentiate(signals: Signals) -> None:
-    """Time integrals to rates: y_k = (x_(k+1) - x_k) / tau_0, stamped as x_k; missing over a step longer than 1.5 periods."""
-    wrong = [name for name in ("mag", "temperature") if name in signals.sensors]
-    if wrong:
-        raise DataError(
-            f'data="phase" (--data phase) is for angles and velocities, and there is {" and ".join(wrong)} too; choose columns without '
-            "them with columns= (--columns)"
-        )
-    time, period = signals.time, None if signals.rate is None else 1.0 / signals.rate
-    across = np.zeros(0, np.int64)
-    if time is not None:
-        steps = np.diff(time) / np.timedelta64(1, "s") if time.dtype.kind == "M" else np.diff(time)
-        good = steps[np.isfinite(steps) & (steps > 0)]
-        if not len(good) or np.any(steps <= 0):
-            raise DataError('data="phase" (--data phase) needs time stamps that rise from sample to sample; sort the file by time')
-        period = float(np.mean(good[good < 1.5 * float(np.median(good))]))
-        across = np.flatnonzero(~(steps < 1.5 * period))
-        signals.time = time[:-1]
-    for name, values in signals.sensors.items():
-        signals.sensors[name] = np.diff(values, axis=0) / period
-        signals.sensors[name][across] = np.nan
-    signals.notes.append('the values are taken as time integrals: their differences over the sampling period are used (data="phase")')

@@ -20,8 +20,11 @@ def test_imu_records_are_read_exactly_and_named(still, put):
 
 def test_instances_are_separate_sensors(still, put):
     path = put(dataflash_with_imu(STAMPS, still.gyro, still.accel, instances=(0, 1, 2)))
+    first = read(path, quiet=True)
+    assert first.provenance["columns"] == {"topics": ["IMU:0"]}
+    assert "IMU:0 is read, the first of 3 sensors of its kind; IMU:1, IMU:2: read another with topics= (--topics)" in first.warnings
     with pytest.raises(DataError, match=r"IMU comes from 3 sensors: .* such as IMU:0: IMU:0 \(400 records\); IMU:1 \(400 records\)"):
-        read(path, quiet=True)
+        read(path, topics="IMU", quiet=True)
     assert len(read(path, topics="IMU:2", quiet=True).time) == 400
     with pytest.raises(DataError, match="topics=: IMU:3 not among"):
         read(path, topics="IMU:3", quiet=True)

@@ -31,10 +31,13 @@ def guess(tmp_path):
     def run(name, rate=None, **arrays):
         np.savez(tmp_path / "log.npz", **arrays)
         log = read(tmp_path / "log.npz", rate=rate, quiet=True)
-        note = next(note for note in log.notes if note.startswith(f"{name}: column"))
+        known = [(note, True) for note in log.notes] + [
+            (said.partition(": ")[2], False) for said in log.warnings if said.startswith("a guess")
+        ]
+        note, sure = next((note, sure) for note, sure in known if note.startswith(f"{name}: column"))
         unit, reason, other = re.fullmatch(rf"{name}: columns? .*?\), (\S+) \((.*)\); override with .* --units {name}=(\S+)", note).groups()
         assert unit == log.provenance["units"][name]
-        return types.SimpleNamespace(unit=unit, reason=reason, other=other)
+        return types.SimpleNamespace(unit=unit, reason=reason, other=other, sure=sure)
 
     return run
 
@@ -46,17 +49,23 @@ def guess(tmp_path):
     ("integer", "step", "unit", "certain"),
     [
         (True, 10, "ms", True), (True, 2500, "us", True), (True, 10_000, "us", True), (True, 2_500_000, "ns", True),
-        (True, 1, "ms", False), (True, 40, "ms", False), (True, 200, "us", False), (True, 40_000, "us", False),
-        (True, 200_000, "ns", False),
-        (False, 0.005, "s", True), (False, 0.1, "s", True), (False, 0.4, "s", False), (False, 10.0, "ms", True), (False, 1.0, "ms", False),
+        (True, 2, "ms", False), (True, 40, "ms", True), (True, 200, "ms", False), (True, 400, "us", False), (True, 40_000, "us", True),
+        (True, 200_000, "us", False), (True, 400_000, "ns", False),
+        (False, 0.005, "s", True), (False, 0.1, "s", True), (False, 0.4, "s", False), (False, 10.0, "ms", True), (False, 1.5, "ms", False),
         (False, 2500.5, "us", True), (False, 2.5e6, "ns", True),
     ],
 )  # fmt: skip
 def test_the_median_step_tells_the_unit_of_time(integer, step, unit, certain, guess):
     found = guess("time", time=(7 if integer else 7.25) + step * np.arange(100), gyro=STILL[:100])
     assert found.unit == unit
-    assert ("uncertain, could be" in found.reason) == (not certain)
+    assert ("uncertain, could be" in found.reason) == (not certain) == (not found.sure)
     assert found.other != unit
+
+
+@pytest.mark.parametrize("start", [0, 1, 7.0])
+def test_a_column_that_counts_rows_is_no_time_whatever_it_is_called(start, guess):
+    with pytest.raises(DataError, match="time counts rows and is no time; give the sampling rate"):
+        guess("time", time=start + np.arange(100), gyro=STILL[:100])
 
 
 @pytest.mark.parametrize(("unit", "ticks"), [("s", 1.0), ("ms", 1e3), ("us", 1e6), ("ns", 1e9)])
@@ -86,7 +95,8 @@ def test_gravity_tells_the_unit_of_the_accelerometer(unit, gravity, share, guess
 
 
 def test_a_strange_gravity_is_uncertain(guess):
-    assert "uncertain" in guess("accel", 100.0, accel=12.5 * Z + STILL).reason
+    found = guess("accel", 100.0, accel=12.5 * Z + STILL)
+    assert (found.sure, "uncertain" in found.reason) == (False, True)
 
 
 @pytest.mark.parametrize(("values", "said"), [(np.round(16384 * (STILL + Z)), "raw counts"), (STILL + 3.0, "units={'accel': 'g'}")])
@@ -96,7 +106,8 @@ def test_an_accelerometer_of_unknown_size_is_asked_about(values, said, guess):
 
 
 def test_whole_milli_g_are_no_counts(guess):
-    assert guess("accel", 100.0, accel=np.round(1000 * (STILL + 1.2 * Z))).unit == "mg"
+    found = guess("accel", 100.0, accel=np.round(1000 * (STILL + 1.05 * Z)))
+    assert (found.unit, found.sure) == ("mg", False)  # a count of 1/1024 g is not far
 
 
 def test_a_gyroscope_beyond_35_is_in_degrees(guess):
@@ -111,7 +122,7 @@ def test_a_still_gyroscope_with_a_large_bias_is_in_degrees(guess):
 
 def test_a_still_gyroscope_is_assumed_in_radians(guess):
     found = guess("gyro", 100.0, gyro=STILL)
-    assert found.unit == "rad/s"
+    assert (found.unit, found.sure) == ("rad/s", False)
     assert found.reason.startswith("assumed: ")
 
 
@@ -138,7 +149,7 @@ def test_turns_between_still_stretches_tell_the_unit_of_the_gyroscope(unit, size
     gyro, accel = turns()
     # slow enough that the size alone says nothing
     found = guess("gyro", 100.0, gyro=gyro / size * (1.0 if unit == "rad/s" else 0.7), accel=accel)
-    assert found.unit == unit
+    assert (found.unit, found.sure) == (unit, True)
     assert "times the turns of gravity" in found.reason
 
 
@@ -247,9 +258,11 @@ def test_every_guess_is_one_sentence_with_its_override(still, save):
     why = f"assumed: median norm {rest} at rest fits rad/s and deg/s"
     assert log.notes == (
         "time: column 0, ns (median step 2.5e+06, integer); override with --columns time=0 --units time=us",
-        f"gyro: columns 1-3, rad/s ({why}); override with --columns gyro=1:3 --units gyro=deg/s",
         f"accel: columns 4-6, m/s^2 (median norm {size}); override with --columns accel=4:6 --units accel=g",
     )
+    assert log.warnings[0].startswith("a guess from the size of the values, since the columns have no names: gyro is 1-3, accel is 4-6; if")
+    guessed = f"gyro: columns 1-3, rad/s ({why}); override with --columns gyro=1:3 --units gyro=deg/s"
+    assert log.warnings[1:] == (f"a guess, which nothing in the file supports: {guessed}",)
     assert log.rate == 400.0
 
 

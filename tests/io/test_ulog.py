@@ -34,11 +34,15 @@ def test_the_same_numbers_as_pyulog(still, put):
         np.testing.assert_array_equal(data["timestamp_sample"], STAMPS)
 
 
-def test_several_instances_need_a_choice(still, put):
+def test_of_several_instances_the_first_is_read_and_the_others_are_told(still, put):
     path = put(ulog_with_imu(STAMPS, still.gyro, still.accel, instances=(0, 1)))
+    first = read(path, quiet=True)
+    assert first.provenance["columns"] == {"topics": ["sensor_gyro:0", "sensor_accel:0"]}
+    said = "sensor_gyro:0 is read, the first of 2 sensors of its kind; sensor_gyro:1: read another with topics= (--topics)"
+    assert said in first.warnings
     listed = r"sensor_accel:0 device 1310988 \(400 rows, 100 Hz\); sensor_accel:1 device 1310989 \(400 rows, 100 Hz\)"
     with pytest.raises(DataError, match=rf"sensor_gyro comes from 2 sensors.* with topics= \(--topics\), such as sensor_gyro:0: {listed}"):
-        read(path, quiet=True)
+        read(path, topics="sensor_gyro", quiet=True)
     log = read(path, topics="sensor_gyro:1,sensor_accel:1", quiet=True)
     np.testing.assert_array_equal(log.gyro, f4(still.gyro))
     assert read(path, topics=["sensor_gyro:0"], quiet=True).accel is None

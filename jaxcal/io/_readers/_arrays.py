@@ -2,6 +2,7 @@
 
 import pathlib
 import posixpath
+import re
 import struct
 import zlib
 from typing import Any
@@ -9,13 +10,17 @@ from typing import Any
 import numpy as np
 
 from ..._errors import DataError
-from .._columns import AXES, SENSORS, by_name
+from .._columns import AXES, SENSORS
+from .._names import parse_name, unit_of
 from .._saved import parse_saved
 from .._table import Table
 from ._bounds import allowed, check_declared, require
 from ._sandbox import sandbox
 
-_RATE = {"rate", "fs", "samplerate", "samplingrate", "freq", "frequency"}
+_RATE = {
+    "rate", "fs", "samplerate", "samplingrate", "freq", "frequency", "samplingfrequency", "samplefrequency", "sampfreq", "sfreq", "odr",
+    "samplingratehz", "fshz", "ratehz", "updaterate", "outputrate", "imurate", "datarate",
+}  # fmt: skip
 _COMPRESSED = 15
 _ORDER = {b"IM": "<", b"MI": ">"}
 _NAMELESS, _WIDEST = "\0", 1000
@@ -72,7 +77,7 @@ def _table_of_arrays(arrays: dict[str, np.ndarray]) -> Table:
     rate, left_out = None, []
     n = max((len(array) for array in arrays.values() if array.ndim in (1, 2)), default=0)
     for name, array in arrays.items():
-        if array.size == 1 and name.lower().replace("_", "") in _RATE:
+        if array.size == 1 and _is_rate(name) and array.dtype.kind in "iuf":
             rate = float(array.reshape(()))
         elif array.ndim == 1 and len(array) == n:
             columns.append(array)
@@ -90,6 +95,10 @@ def _table_of_arrays(arrays: dict[str, np.ndarray]) -> Table:
     if left_out:
         table.notes.append(f"arrays not used, since their shape is not that of {n} samples: {', '.join(left_out)}")
     return table
+
+
+def _is_rate(name: str) -> bool:
+    return re.sub(r"[^a-z]", "", name.lower()) in _RATE
 
 
 def _table(columns: list[np.ndarray], names: list[str]) -> Table:
@@ -150,11 +159,24 @@ def read_hdf5(path: pathlib.Path, topics: list[str] | None) -> Table:
         f"{name} is a MATLAB {kind or 'object'}; save it as a struct of arrays (table2struct(T, 'ToScalar', true))"
         for name, kind in about["opaque"]
     ]
+    attributes: dict[str, Any] = about.get("attributes", {})
+    prose = "\n".join(value for value in attributes.values() if isinstance(value, str))
+    for name in about["names"]:
+        # "`imu_gyr` in rad/s", as descriptions say
+        found = re.search(rf"{re.escape(posixpath.basename(name))}[`'\"]?\s*(?:\(|\[|in|:)\s*([^\s,;()\[\]]+)", prose)
+        quantity = (parse_name(f"{posixpath.basename(name)}_x") or parse_name(posixpath.basename(name)) or ("",))[0]
+        if found and quantity and name not in about["units"] and (unit := unit_of(found[1].rstrip("."), quantity)):
+            about["units"][name] = unit
     try:
         table = _table_of_tree(about, arrays, topics, "data set")
     except DataError as error:
         raise DataError(f"{error}; not read: {'; '.join(left_out)}") if left_out else error from None
     table.notes += left_out
+    rates = {float(value) for name, value in attributes.items() if not isinstance(value, str) and _is_rate(posixpath.basename(name))}
+    if table.rate is None and len(rates) == 1 and next(iter(rates)) > 0:
+        table.rate = rates.pop()
+        table.notes.append(f"rate: {table.rate:g} Hz, as an attribute of the file states")
+    table.preamble = prose[:20_000]
     return table
 
 
@@ -223,10 +245,7 @@ def _group_table(arrays: dict[str, np.ndarray]) -> Table:
 def _has_sensor(arrays: dict[str, np.ndarray]) -> bool:
     names = [name for name, array in arrays.items() if array.ndim == 1]
     names += [f"{name}_{axis}" for name, array in arrays.items() if array.ndim == 2 for axis in AXES[: array.shape[1]]]
-    try:
-        return bool(set(by_name(names)[0]) & {*SENSORS, "temperature"})
-    except DataError:
-        return True
+    return any((found := parse_name(name)) is not None and found[0] in (*SENSORS, "temperature") for name in names)
 
 
 def _upright(array: np.ndarray) -> np.ndarray:

@@ -9,6 +9,7 @@ import functools
 import itertools
 import os
 import pathlib
+import re
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
@@ -18,7 +19,7 @@ import numpy as np
 from ..._errors import DataError
 from .._table import Table
 from ._bounds import require
-from ._text import MISSING, Layout, Text, open_text, sniff, split
+from ._text import MISSING, STAMPS, Layout, Text, open_text, sniff, split
 
 #: part of the rows that may be damaged before the table is refused
 _TOLERATED = 0.01
@@ -37,8 +38,46 @@ def read_csv(path: pathlib.Path) -> Table:
     layout = sniff(text.head)
     warnings: list[str] = []
     columns = gather(text, layout, warnings)
+    last = _cut_last(text, layout, columns)
+    if last:
+        columns = [column[:-1] for column in columns]
+        warnings.append(last)
+    of = {kind: {j for j, each in enumerate(layout.kinds) if each == kind} for kind in ("clock", "day")}
     integer = {j for j, kind in enumerate(layout.kinds) if kind in ("int", "long")}
-    return Table(columns, layout.names, integer, warnings=warnings)
+    stem = path.name.removesuffix(".gz").rpartition(".")[0] or path.name
+    return Table(columns, layout.names, integer, warnings=warnings, clocks=of["clock"], days=of["day"], preamble=layout.preamble, stem=stem)
+
+
+def _cut_last(text: Text, layout: Layout, columns: list[np.ndarray]) -> str | None:
+    """A sentence where the last row may be cut off within a number: no line ends there, and its last field is shorter than others."""
+    tail = text.tail()
+    if tail is None or tail.endswith(("\n", "\r")) or not len(columns[0]) or layout.kinds[-1] not in ("int", "long", "float"):
+        return None
+    rows = [line for line in tail.splitlines()[1 if len(tail) > 60_000 else 0 :] if line.strip()]
+    if len(rows) < 3 or len(split(rows[-1], layout.delimiter)) != layout.width:
+        return None  # a row of too few fields is left out anyhow
+    fields = [split(row, layout.delimiter)[-1].strip().replace(",", ".") for row in rows[-1000:]]
+    if _is_whole(fields[-1], [field for field in fields[:-1] if field not in MISSING]):
+        return None
+    return f"the file does not end with a line feed: its last row ({rows[-1][:60]!r}) may be cut off within a number, and is left out"
+
+
+def _is_whole(field: str, others: list[str]) -> bool:
+    """Whether a number at the end of a file is written out like the `others`, so that at most a last digit is lost."""
+    if field in MISSING or not others:
+        return True
+    forms = [re.fullmatch(r"[+-]?(\d*)(?:\.(\d*))?(?:[eE]([+-]?\d+))?", other) for other in [*others, field]]
+    if forms[-1] is None:
+        return False
+    exponents = [len(form[3] or "") for form in forms if form]
+    if any(exponents[:-1]):
+        # a short exponent is another number; without one, the number must be as long as those that have none
+        plain = not exponents[-1] and not all(exponents[:-1]) and len(field) >= np.median([*map(len, others)])
+        return bool(plain or exponents[-1] == max(exponents[:-1]))
+    decimals = [len(form[2] or "") for form in forms if form]
+    if max(decimals[:-1]):
+        return bool(decimals[-1] >= max(1, np.median(decimals[:-1]) - 1))
+    return len(field.lstrip("+-")) >= max(len(other.lstrip("+-")) for other in others)
 
 
 class Seen(NamedTuple):
@@ -140,15 +179,17 @@ def _parse(pl: Any, read: Callable[[], bytes], layout: Layout) -> Block:
         frame, faults = _repair(pl, text, layout)
     if frame.to_series(layout.width - 1).null_count():
         frame = frame.filter(~pl.all_horizontal(pl.all().is_null()))
-    columns = [_dates(frame.to_series(j)) if kind == "date" else frame.to_series(j).to_numpy() for j, kind in enumerate(layout.kinds)]
+    columns = [
+        _STAMPS[kind](frame.to_series(j)) if kind in _STAMPS else frame.to_series(j).to_numpy() for j, kind in enumerate(layout.kinds)
+    ]
     return Block(columns, frame.height, len(text), faults or Faults(frame.height))
 
 
 def _parsed(pl: Any, text: bytes, layout: Layout) -> Any:
     """The rows as a frame, or None where they do not fit."""
-    types = {"int": pl.Float64, "long": pl.Int64, "float": pl.Float64, "date": pl.String, "text": pl.String}
+    types = {"int": pl.Float64, "long": pl.Int64, "float": pl.Float64, **dict.fromkeys((*STAMPS, "text"), pl.String)}
     schema = {f"c{j}": types[kind] for j, kind in enumerate(layout.kinds)} | ({"end": pl.String} if layout.trailing else {})
-    plain = not (b'"' in text or (layout.comment or "#").encode() in text or {"date", "text"} & set(layout.kinds))
+    plain = not (b'"' in text or (layout.comment or "#").encode() in text or {*STAMPS, "text"} & set(layout.kinds))
     # to look for quotes, comments and words that stand for a missing value takes as long as the numbers
     for quick in (True, False) if plain else (False,):
         more = {"quote_char": None} if quick else {"null_values": list(MISSING), "comment_prefix": layout.comment}
@@ -218,15 +259,41 @@ def _expected(text: Text, block: Block, rows: int) -> int:
 
 
 def _dates(column: Any) -> np.ndarray:
-    """ISO 8601 dates as datetime64[ns], in UTC where they carry a zone."""
-    text = column.str.replace_all("/", "-", literal=True).str.replace(",", ".", literal=True).str.replace(" ", "T", literal=True)
-    clock = text.str.extract(r"^(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(?:\.\d{1,9})?)")
-    values = clock.str.to_datetime("%Y-%m-%dT%H:%M:%S%.f", time_unit="ns", strict=False).to_numpy().astype("datetime64[ns]")
-    zones = text.str.extract(r"T.*([+-]\d\d:?\d\d)$").to_numpy()
+    """Dates with a time as datetime64[ns], in UTC where they carry a zone."""
+    text = column.str.strip_chars()
+    parts = text.str.extract_groups(r"^([\d./-]+)(?:[T_]|,? +)([\d.,:]+\s*(?:[AaPp][Mm])?)").struct.unnest()
+    day, clock = _days(parts.to_series(0)), _clocks(parts.to_series(1))
+    whole = np.isfinite(clock)
+    values = day + np.where(whole, np.round(np.where(whole, clock, 0.0) * 1e9), 0).astype(np.int64).astype("timedelta64[ns]")
+    values[~whole] = np.datetime64("NaT")
+    zones = text.str.extract(r":.*([+-]\d\d:?\d\d)$").to_numpy()
     for zone in {zone for zone in zones if zone}:
         minutes = int(zone[1:3]) * 60 + int(zone[-2:])
         values[zones == zone] -= np.timedelta64(minutes if zone[0] == "+" else -minutes, "m")
     return values
+
+
+def _days(column: Any) -> np.ndarray:
+    """Dates as datetime64[ns]: year first; or day first, unless that is no date."""
+    text = column.str.strip_chars().str.replace_all(r"[./]", "-")
+    year_first = text.str.to_datetime("%Y-%m-%d", time_unit="ns", strict=False)
+    orders = [text.str.to_datetime(form, time_unit="ns", strict=False) for form in ("%d-%m-%Y", "%m-%d-%Y")]
+    # with slashes the month often stands first; where both are dates, that which moves less from row to row
+    found = min((year_first.fill_null(order) for order in orders), key=lambda one: (one.null_count(), one.n_unique()))
+    return found.to_numpy().astype("datetime64[ns]")
+
+
+def _clocks(column: Any) -> np.ndarray:
+    """Times of day in s."""
+    fields = column.str.strip_chars().str.extract_groups(r"^(\d\d?):(\d\d):(\d\d)(?:[.,:](\d+))?\s*([AaPp])?").struct.unnest()
+    hours, minutes, seconds, fraction = (fields.to_series(k).cast(float, strict=False).to_numpy() for k in range(4))
+    digits = fields.to_series(3).str.len_chars().fill_null(0).to_numpy()
+    half = fields.to_series(4).str.to_lowercase().fill_null("").to_numpy()
+    hours = np.where(half == "", hours, hours % 12 + 12.0 * (half == "p"))
+    return hours * 3600 + minutes * 60 + seconds + np.where(digits > 0, np.nan_to_num(fraction) / 10.0**digits, 0.0)
+
+
+_STAMPS = {"date": _dates, "day": _days, "clock": _clocks}
 
 
 def _repair(pl: Any, content: bytes, layout: Layout) -> tuple[Any, Faults]:
@@ -265,7 +332,7 @@ def _cast(pl: Any, frame: Any, j: int, layout: Layout, numbers: Any, faults: Fau
     column = frame.to_series(j).str.strip_chars()
     column = column.set(column.is_in(list(MISSING)).fill_null(False), None)
     kind = layout.kinds[j]
-    if kind in ("text", "date"):
+    if kind in ("text", *STAMPS):
         return column
     if layout.comma:
         column = column.str.replace(",", ".", literal=True)

@@ -14,7 +14,7 @@ import numpy as np
 from ..._errors import DataError
 from ..._units import find_unit
 from .._table import Signals
-from ._streams import Part, gather, join, named
+from ._streams import Part, first_of, gather, join, named
 from ._undo import undo_ardupilot, undo_compass
 
 _HEAD = b"\xa3\x95"
@@ -31,6 +31,8 @@ _BLOCK = 1 << 24
 _GYRO, _ACCEL, _MAG = ("gyro", "Gyr", "rad/s"), ("accel", "Acc", "m/s^2"), ("mag", "Mag", "mG")
 _GROUPS = {"IMU": (_GYRO, _ACCEL), "GYR": (_GYRO,), "ACC": (_ACCEL,), "MAG": (_MAG,)}
 _OLD = re.compile(r"(IMU|GYR|ACC|MAG)([1-9])")
+#: clock of a record, newest first -> ns in one tick
+_CLOCKS = {"TimeUS": 1000, "TimeMS": 1_000_000}
 #: batches by the number of their type
 _BATCHES = {"ISB-ACC": (0, "accel", "m/s^2"), "ISB-GYR": (1, "gyro", "rad/s")}
 
@@ -84,7 +86,7 @@ def read_ardupilot(path: pathlib.Path, topics: list[str] | None, units: dict[str
     if log.skipped:
         signals.warnings.append(f"the file is damaged or cut off: {log.skipped} bytes belong to no record and are left out")
     present = "; ".join(f"{label} ({len(rows)} {'batches' if label.startswith('ISB') else 'records'})" for label, rows in streams.items())
-    chosen = _choose(list(streams), topics, present, signals.notes)
+    chosen = _choose({label: len(rows) for label, rows in streams.items()}, topics, present, signals)
     parts: list[Part] = []
     for label in chosen:
         parts += [_batches(log, label, signals)] if label.startswith("ISB") else _records(log, label, streams[label], raw, signals)
@@ -117,7 +119,8 @@ def _streams(log: DataFlash) -> dict[str, np.ndarray]:
     return dict(sorted(found.items()))
 
 
-def _choose(labels: list[str], topics: list[str] | None, present: str, notes: list[str]) -> list[str]:
+def _choose(samples: dict[str, int], topics: list[str] | None, present: str, signals: Signals) -> list[str]:
+    labels = list(samples)
     if topics is not None:
         return list(dict.fromkeys(named(labels, wanted, present) for wanted in topics))
     groups = {label.partition(":")[0] for label in labels}
@@ -125,8 +128,9 @@ def _choose(labels: list[str], topics: list[str] | None, present: str, notes: li
     rates = sorted(groups & {"ACC", "GYR"})
     chosen = [*(batches or rates or sorted(groups & {"IMU"})), *sorted(groups & {"MAG"})]
     if groups - set(chosen):
-        notes.append(f"records: {', '.join(chosen)}; not read: {', '.join(sorted(groups - set(chosen)))}; override with --topics")
-    return [named(labels, group, present) for group in chosen]
+        signals.notes.append(f"records: {', '.join(chosen)}; not read: {', '.join(sorted(groups - set(chosen)))}; override with --topics")
+    of = {group: [label for label in labels if label.partition(":")[0] == group] for group in chosen}
+    return [label for group in chosen for label in first_of(of[group], samples, signals.warnings)]
 
 
 def _records(log: DataFlash, label: str, rows: np.ndarray, raw: bool, signals: Signals) -> list[Part]:
@@ -134,10 +138,10 @@ def _records(log: DataFlash, label: str, rows: np.ndarray, raw: bool, signals: S
     group, _, number = label.partition(":")
     names = rows.dtype.names or ()
     form = next(name for name in (group, f"{group}{int(number) + 1}") if name in log.formats and log.formats[name].dtype == rows.dtype)
-    stamp = "SampleUS" if "SampleUS" in names and rows["SampleUS"].any() else "TimeUS"
+    stamp = "SampleUS" if "SampleUS" in names and rows["SampleUS"].any() else next((one for one in _CLOCKS if one in names), "TimeUS")
     if stamp not in names or rows[stamp].dtype.kind not in "iu":
         raise DataError(f"{label} has no field {stamp} with whole numbers (it has {', '.join(names)}); choose other records with --topics")
-    stamps = rows[stamp].astype(np.int64) * 1000
+    stamps = rows[stamp].astype(np.int64) * _CLOCKS.get(stamp, 1000)
     parameters, changed = _parameters(log) if raw else ({}, set())
     parts = []
     for name, prefix, unit in _GROUPS[group]:

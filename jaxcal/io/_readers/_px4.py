@@ -7,7 +7,7 @@ import numpy as np
 
 from ..._errors import DataError
 from .._table import Signals
-from ._streams import Part, join, named
+from ._streams import Part, first_of, join, named
 from ._ulog import Topic, ULog
 from ._undo import undo_px4
 
@@ -19,6 +19,8 @@ _ALL = _RAW | _FIFO | _USED
 _HELPERS = ("vehicle_imu_status", "sensor_selection")
 #: what PX4 writes where it has no accelerometer sample
 _INVALID = 2147483647
+#: part of the samples of another topic below which raw ones are no recording
+_FEW = 0.2
 _UNITS = {"gyro": "rad/s", "accel": "m/s^2", "mag": "G", "temperature": "degC"}
 
 
@@ -30,7 +32,8 @@ def read_px4(path: pathlib.Path, topics: list[str] | None, units: dict[str, str]
         raise DataError(f"no sensor topic ({', '.join(_ALL)}) with data in it; the topics are: {', '.join(sorted(log.others)) or 'none'}")
     signals = Signals(None, {}, warnings=log.warnings)
     present = "; ".join(f"{label}{_device(log, topic)} ({len(topic.offsets)} rows{_rate(log, topic)})" for label, topic in found.items())
-    labels = _choose(list(found), topics, present, signals.notes)
+    samples = {label: _samples(log, topic) for label, topic in found.items()}
+    labels = _choose(samples, topics, present, signals)
     chosen = [found[label] for label in labels]
     parts = [part for topic in chosen for part in _parts(log, topic, raw, signals)]
     _one_temperature(log, parts, signals.notes)
@@ -44,21 +47,41 @@ def read_px4(path: pathlib.Path, topics: list[str] | None, units: dict[str, str]
     return signals
 
 
-def _choose(labels: list[str], topics: list[str] | None, present: str, notes: list[str]) -> list[str]:
+def _choose(samples: dict[str, int], topics: list[str] | None, present: str, signals: Signals) -> list[str]:
+    """Topics to read, of those with so many `samples`: raw ones first, unless they hold far fewer samples than others do."""
     if topics is not None:
-        return list(dict.fromkeys(named(labels, wanted, present) for wanted in topics))
-    names = {label.partition(":")[0] for label in labels}
-    fall_back = _RAW if names & {"sensor_gyro", "sensor_accel"} else _FIFO if names & set(_FIFO) else _USED
-    read: list[str] = []
-    for name in dict.fromkeys([*fall_back, "sensor_mag", "vehicle_magnetometer"]):
-        taken = {sensor for other in read for sensor in _ALL[other]}
-        if name in names and not taken & set(_ALL[name]):
-            read.append(name)
-    chosen = [named(labels, name, present) for name in read]
-    unread = sorted(names - set(read))
+        return list(dict.fromkeys(named(list(samples), wanted, present) for wanted in topics))
+
+    def most(family: dict[str, tuple[str, ...]], sensor: str) -> int:
+        return max((count for label, count in samples.items() if sensor in family.get(label.partition(":")[0], ())), default=0)
+
+    chosen: list[str] = []
+    for sensors, families in ((("gyro", "accel"), (_RAW, _FIFO, _USED)), (("mag",), (_RAW, _USED))):
+        best = max(most(family, sensor) for family in families for sensor in sensors)
+        family = next((one for one in families if best and max(most(one, sensor) for sensor in sensors) >= _FEW * best), {})
+        for name in [name for name, held in family.items() if set(held) & set(sensors) and name not in map(_name, chosen)]:
+            labels = [label for label in samples if _name(label) == name]
+            chosen += first_of(labels, samples, signals.warnings)
+    chosen = list(dict.fromkeys(chosen))
+    unread = sorted({_name(label) for label in samples} - {_name(label) for label in chosen})
     if unread:
-        notes.append(f"topics: {', '.join(chosen)}; not read: {', '.join(unread)}; override with --topics")
+        few = [f"{name} ({most({name: _ALL[name]}, _ALL[name][0])} samples)" for name in unread if name in _RAW | _FIFO]
+        signals.notes.append(f"topics: {', '.join(chosen)}; not read: {', '.join(unread)}; override with --topics")
+        if few and any(_name(label) in _USED for label in chosen):
+            signals.warnings.append(f"{', '.join(few)} is logged too seldom to be read; {', '.join(chosen)} is read in its place")
     return chosen
+
+
+def _name(label: str) -> str:
+    return label.partition(":")[0]
+
+
+def _samples(log: ULog, topic: Topic) -> int:
+    """Samples in a topic: rows, or those in the batches of a FIFO."""
+    if "fifo" not in topic.name or "samples" not in topic.fields:
+        return len(topic.offsets)
+    counts = log.rows(topic, ["samples"])["samples"]
+    return int(counts.astype(np.int64).clip(0, 1000).sum()) if counts.dtype.kind in "iu" else len(topic.offsets)
 
 
 def _device(log: ULog, topic: Topic) -> str:

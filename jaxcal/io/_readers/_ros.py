@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from ..._errors import DataError
-from .._guess import median_norm
+from .._evidence import median_norm
 from .._table import Signals
 from ._bounds import require
 from ._streams import Part, join

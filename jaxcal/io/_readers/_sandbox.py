@@ -129,6 +129,7 @@ def _hdf5(request: dict[str, Any]) -> tuple[dict[str, Any], list[np.ndarray]]:
 
     names: list[str] = []
     units: dict[str, str] = {}
+    attributes: dict[str, Any] = {}
     opaque: list[tuple[str, str]] = []
     arrays: list[np.ndarray] = []
     declared = count = 0
@@ -138,8 +139,15 @@ def _hdf5(request: dict[str, Any]) -> tuple[dict[str, Any], list[np.ndarray]]:
         value = dataset.attrs.get(name)
         return value.decode("latin-1") if isinstance(value, bytes) else value if isinstance(value, str) else ""
 
+    def note(path: str, holder: Any) -> None:
+        for name in list(holder.attrs)[:100]:
+            value = text(holder, name) or holder.attrs.get(name)
+            if isinstance(value, str) or (isinstance(value, np.ndarray | np.number) and np.size(value) == 1 and value.dtype.kind in "iuf"):
+                attributes[f"{path}{name}"] = value[:5000] if isinstance(value, str) else float(np.reshape(value, ()))
+
     def take(path: str, dataset: Any) -> None:
         nonlocal declared
+        note(f"{path}/", dataset)
         kind = text(dataset, "MATLAB_class")
         fields = dataset.dtype.names
         if kind in _OPAQUE or "MATLAB_object_decode" in dataset.attrs:
@@ -165,6 +173,7 @@ def _hdf5(request: dict[str, Any]) -> tuple[dict[str, Any], list[np.ndarray]]:
             if group in seen or depth > 32:
                 continue
             seen.add(group)
+            note(prefix, group)
             for name in sorted(group):
                 count += 1
                 if count > _MOST:
@@ -179,7 +188,7 @@ def _hdf5(request: dict[str, Any]) -> tuple[dict[str, Any], list[np.ndarray]]:
                     take(f"{prefix}{name}", item)
                     if declared > request["allowed"]:
                         return {"declared": declared}, []
-    return {"names": names, "units": units, "opaque": opaque}, arrays
+    return {"names": names, "units": units, "opaque": opaque, "attributes": attributes}, arrays
 
 
 # the side that asks

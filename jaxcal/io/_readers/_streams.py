@@ -47,6 +47,17 @@ def named(labels: list[str], wanted: str, present: str) -> str:
     return matching[0]
 
 
+def first_of(labels: list[str], samples: dict[str, int], warnings: list[str]) -> list[str]:
+    """Of several sensors of one kind the first that has about as many samples as any, with a sentence on the others."""
+    if len(labels) > 1:
+        most = max(samples[label] for label in labels)
+        taken = next(label for label in labels if samples[label] >= 0.8 * most)
+        others = ", ".join(label for label in labels if label != taken)
+        warnings.append(f"{taken} is read, the first of {len(labels)} sensors of its kind; {others}: read another with topics= (--topics)")
+        return [taken]
+    return labels
+
+
 def join(parts: list[Part], units: dict[str, str], signals: Signals) -> None:
     """Put all sensors, in SI, on the stamps of the one with most samples: a temperature interpolated, others at the nearest stamp.
 

@@ -13,7 +13,8 @@ import zlib
 from collections.abc import Callable, Iterator
 
 from ..._errors import DataError
-from .._columns import SENSORS, parse_name, unit_of
+from .._columns import SENSORS
+from .._names import parse_name, unit_of
 
 _HEAD = 1 << 18
 #: two threads with blocks of 4 MiB read as fast as they parse, and hold little
@@ -22,8 +23,15 @@ MISSING = ("", "NA", "N/A", "n/a", "null", "NULL", "None", "none", "-", "--", "N
 COMMENTS = ("#", "%", "//")
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?(?:inf(?:inity)?)", re.IGNORECASE)
 _COMMA_NUMBER = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
-_DATE = re.compile(r"\d{4}[-/]\d\d[-/]\d\d[T ]\d\d:\d\d:\d\d(?:[.,]\d+)?\s*(?:Z|UTC|[+-]\d\d:?\d\d)?")
+_DAY = r"(?:\d{4}[-/.]\d\d?[-/.]\d\d?|\d\d?[-/.]\d\d?[-/.]\d{4})"
+_TIME_OF_DAY = r"\d\d?:\d\d:\d\d(?:[.,:]\d+)?(?:\s*[AaPp][Mm])?"
+_DATE = re.compile(rf"{_DAY}(?:[T_]|,? +){_TIME_OF_DAY}\s*(?:Z|UTC|[+-]\d\d:?\d\d)?")
+_DAY_ALONE, _CLOCK = re.compile(_DAY), re.compile(_TIME_OF_DAY)
+#: kinds of columns that hold text to be turned into stamps
+STAMPS = ("date", "day", "clock")
 _LOOK = 500
+#: fields in a line, beyond which no log goes, and characters of a line that are looked at
+WIDEST, _LONGEST_LINE = 5000, 1 << 20
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,6 +75,13 @@ class Text:
             return
         for at, end in itertools.pairwise(self.edges(start)):
             yield functools.partial(self.part, at, end)
+
+    def tail(self) -> str | None:
+        """The end of the text, None where it is packed."""
+        size = self.size
+        if size is None:
+            return None
+        return self.part(max(0, size - (1 << 16)), size).decode("utf-8", errors="replace")
 
     @property
     def size(self) -> int | None:
@@ -138,8 +153,8 @@ class Layout:
     """How to read a text table.
 
     `skip` lines precede the first row; `delimiter` " " stands for any white space; `width` columns carry data, and rows may end
-    with one delimiter more (`trailing`); `kinds` are "int", "long" (more than 15 digits), "float", "date" or "text"; `padded` rows
-    have blanks to remove first.
+    with one delimiter more (`trailing`); `kinds` are "int", "long" (more than 15 digits), "float", "date", "day", "clock" (a time of
+    day) or "text"; `padded` rows have blanks to remove first; `preamble` is the text above the rows.
     """
 
     skip: int
@@ -150,6 +165,7 @@ class Layout:
     comment: str | None
     trailing: bool
     padded: bool
+    preamble: str = ""
 
     @property
     def width(self) -> int:
@@ -159,7 +175,9 @@ class Layout:
 
 def sniff(text: str) -> Layout:
     """Layout of a table from its first lines."""
-    lines = text.splitlines()[:_LOOK]
+    lines = text.split("\n", _LOOK)[:_LOOK]
+    lines = [part for line in lines for part in line.rstrip("\r").split("\r")][:_LOOK]
+    _refuse_wide(lines)
     best: tuple[str, int, dict[int, list[str]]] | None = None
     for mark in (";", "\t", ",", " "):
         rows = {i: split(line, mark) for i, line in enumerate(lines) if line.strip() and not _is_comment(line)}
@@ -189,7 +207,20 @@ def sniff(text: str) -> Layout:
         comment=marks[0] if marks else "#",
         trailing=any(len(row) > width for row in data),
         padded=blanks or (delimiter != " " and any(field != field.rstrip() for row in data for field in row[-1:])),
+        preamble="\n".join(lines[:first])[:20_000],
     )
+
+
+def _refuse_wide(lines: list[str]) -> None:
+    """A line of more fields than any log has, or longer than any, is refused before it is taken apart."""
+    for number, line in enumerate(lines, 1):
+        fields = max(line.count(mark) for mark in ",;\t ") + 1 if len(line) > WIDEST else 0
+        if fields > WIDEST or len(line) > _LONGEST_LINE:
+            what = f"{fields} fields" if fields > WIDEST else f"{len(line)} characters"
+            raise DataError(
+                f"line {number} has {what}, and a log at most {WIDEST} columns: this is no table of samples, or it is transposed; "
+                "write one sample a line, or save the arrays as .npz"
+            )
 
 
 def split(line: str, delimiter: str) -> list[str]:
@@ -211,7 +242,7 @@ def _effective(row: list[str]) -> int:
 
 
 def _is_number(field: str) -> bool:
-    return bool(_NUMBER.fullmatch(field) or _COMMA_NUMBER.fullmatch(field) or _DATE.fullmatch(field))
+    return any(form.fullmatch(field) for form in (_NUMBER, _COMMA_NUMBER, _DATE, _DAY_ALONE, _CLOCK))
 
 
 def _is_data(row: list[str]) -> bool:
@@ -224,8 +255,9 @@ def _kind(fields: list[str]) -> str:
     filled = [field for field in fields if field not in MISSING]
     if not filled:
         return "float"
-    if sum(map(bool, map(_DATE.fullmatch, filled))) > len(filled) / 2:
-        return "date"
+    for kind, form in (("date", _DATE), ("day", _DAY_ALONE), ("clock", _CLOCK)):
+        if sum(map(bool, map(form.fullmatch, filled))) > len(filled) / 2:
+            return kind
     if sum(map(_is_number, filled)) <= len(filled) / 2:
         return "text"
     if not all(re.fullmatch(r"[+-]?\d+", field) for field in filled if _is_number(field)):

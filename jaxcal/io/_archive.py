@@ -1,0 +1,74 @@
+"""Zip files: NumPy arrays, workbooks, and logs that an app or a person packed."""
+
+import contextlib
+import pathlib
+import re
+import tempfile
+import zipfile
+from collections.abc import Iterator
+
+from .._errors import DataError
+from ._readers._bounds import allowed, check_declared
+
+_MOST = 1000
+_PIECE = 1 << 20
+
+
+def zip_kind(path: pathlib.Path) -> str:
+    """The format npz, or zip for packed logs; a workbook is refused with its sheets."""
+    book = ""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            names = archive.namelist()
+            book = _workbook(archive) if "xl/workbook.xml" in names else ""
+    except (zipfile.BadZipFile, NotImplementedError, OSError, UnicodeError, ValueError):
+        return "npz"  # damaged: whoever reads it says so
+    if book:
+        raise DataError(book)
+    return "npz" if not names or all(name.endswith(".npy") for name in names) or path.suffix.lower() == ".npz" else "zip"
+
+
+def _workbook(archive: zipfile.ZipFile) -> str:
+    sheets: list[str] = []
+    with contextlib.suppress(Exception), archive.open("xl/workbook.xml") as file:
+        text = file.read(_PIECE).decode("utf-8", "replace")
+        sheets = [re.sub(r"&#?\w+;", "?", name) for name in re.findall(r"<(?:\w+:)?sheet\b[^>]*?\bname=\"([^\"]{1,200})\"", text)]
+    shown = ", ".join(sheets[:8]) + (f" and {len(sheets) - 8} more" if len(sheets) > 8 else "")
+    return (
+        f"this is a workbook (XLSX) with the sheet{'s' * (len(sheets) != 1)} {shown or 'of unknown name'}, which is not read: save "
+        "the sheet that "
+        "holds the log as CSV (File, Save as, CSV UTF-8), with a line of column names, and read that"
+    )
+
+
+@contextlib.contextmanager
+def unpacked(path: pathlib.Path) -> Iterator[pathlib.Path]:
+    """The logs of a zip file in a folder that is removed afterwards; no more is unpacked than a log can hold."""
+    size = path.stat().st_size
+    with zipfile.ZipFile(path) as archive, tempfile.TemporaryDirectory(prefix="jaxcal-") as folder:
+        members = [one for one in archive.infolist() if not one.is_dir() and _wanted(one.filename)]
+        if len(members) > _MOST:
+            raise DataError(
+                f"the zip file holds {len(members)} files, more than the {_MOST} that are looked at; unpack it and give one log"
+            )
+        if any(one.flag_bits & 1 for one in members):
+            raise DataError("the zip file is encrypted; unpack it with its password and give the log in it")
+        check_declared(sum(one.file_size for one in members), size, "the zip file")
+        room = allowed(size)
+        for member in members:
+            place = pathlib.Path(folder, re.sub(r"[^\w.() +-]", "_", pathlib.PurePosixPath(member.filename).name)[-120:] or "log")
+            if place.exists():
+                place = place.with_name(f"{members.index(member)}_{place.name}")
+            with archive.open(member) as source, place.open("wb") as target:
+                while piece := source.read(_PIECE):
+                    room -= len(piece)
+                    check_declared(0 if room >= 0 else allowed(size) + 1, size, "the zip file")
+                    target.write(piece)
+        if not members:
+            raise DataError("the zip file holds no file; unpack it, and look")
+        yield pathlib.Path(folder)
+
+
+def _wanted(name: str) -> bool:
+    path = pathlib.PurePosixPath(name)
+    return not path.name.startswith(".") and "__MACOSX" not in path.parts

@@ -1,0 +1,284 @@
+"""Which columns of a table are which sensor: as `columns=` says, a device is known to name them, or their names, units and values tell."""
+
+import dataclasses
+import re
+
+import numpy as np
+
+from .._errors import DataError
+from . import _guess
+from ._columns import AXES, SENSORS, Columns, listing, resolve
+from ._names import Name, bracketed, is_counter, parse, plain, unit_of
+from ._profiles import matching
+
+HOW = (
+    "say which is which, by number or name, with columns={'time': 0, 'gyro': [1, 2, 3], 'accel': [4, 5, 6]} "
+    "(--columns time=0,gyro=1:3,accel=4:6)"
+)
+_FILES = {
+    "linear": r"linear|useracc|free_?acc|without_?g|ohne_?g",
+    "gravity": r"gravity",
+    "attitude": r"orientation|attitude|euler|quat",
+    "gyro": r"gyro|gyr(?![a-z])|angular_?vel|rotation_?rate|drehrate",
+    "accel": r"acc(?![a-z])|accel|beschleunigung|specific_?force",
+    "mag": r"mag(?![a-z])|magnet|compass",
+}
+#: words in the name of a column that make it look like a sensor's
+_LIKE = re.compile(r"gyr|angular|omega|rotrate|rotationrate|acc|mag(?:n|_|$|[xyz])|compass", re.IGNORECASE)
+_NOT_LIKE = re.compile(r"covar|bias|std|status|accura|calib|norm|total|abs|count|clip|temp|image|max|min|magnitude", re.IGNORECASE)
+
+
+@dataclasses.dataclass
+class Selection:
+    """Columns by quantity, what the names say of units, and how it was chosen; `names` are the meanings of all columns."""
+
+    columns: dict[str, list[int]]
+    units: dict[str, str]
+    names: list[Name | None]
+    guessed: set[str]
+    profile: str = ""
+    gravity_free: list[int] = dataclasses.field(default_factory=list)  # columns of acceleration without gravity
+    doubtful: set[str] = dataclasses.field(default_factory=set)  # "accel" where a name may mean either
+    notes: list[str] = dataclasses.field(default_factory=list)
+    warnings: list[str] = dataclasses.field(default_factory=list)
+
+
+def select(table, columns: Columns) -> Selection:
+    """Sensors and temperature of a table; time is left to `_clock`, but for what is explicit."""
+    names, count = table.names, len(table.columns)
+    explicit = resolve(columns, names, count)
+    profile, known = matching(names, table.preamble, table.stem)
+    meanings = [known.get(i) or (parse(name) if name else None) for i, name in enumerate(names)]
+    if not known:
+        _rolls(names, meanings)
+    found = Selection({}, {}, meanings, set(), profile.name if profile else "")
+    if profile:
+        found.notes.append(f"device: the columns are those of {profile.name}" + (f"; {profile.sign}" if profile.sign else ""))
+    if any(names):
+        _by_name(table, columns, found)
+        _by_file(table, columns, found)
+    chosen_by_name = dict(found.columns)
+    if set(explicit) - {"time"}:
+        found.columns, found.doubtful = {}, set()
+    for quantity, indices in explicit.items():
+        found.columns[quantity] = indices
+        found.doubtful.discard(quantity)
+        meaning = meanings[indices[0]]
+        found.units.pop(quantity, None)
+        inside = bracketed(names[indices[0]])
+        kind = meaning.kind if meaning else ""
+        own = meaning.unit if meaning and quantity in (kind, {"accel or linear": "accel", "linear": "accel"}.get(kind)) else None
+        unit = own or (unit_of(inside, quantity) if inside else None)
+        if unit:
+            found.units[quantity] = unit
+    if not set(found.columns) - {"time"}:
+        _refuse_or_position(table, columns, found)
+    found.guessed = set(found.columns) - set(explicit)
+    if not set(explicit) - {"time"}:
+        _tell_unused(table, found, chosen_by_name)
+    return found
+
+
+def is_number(table, index: int) -> bool:
+    """Whether a column holds numbers."""
+    return table.columns[index].dtype.kind in "iufb" and index not in table.clocks
+
+
+def _present(table, index: int) -> bool:
+    column = table.columns[index]
+    return is_number(table, index) and (column.dtype.kind != "f" or bool(np.isfinite(column).any()))
+
+
+def _rolls(names: list[str], meanings: list[Name | None]) -> None:
+    """Rates about the axes of roll, pitch and yaw: GyroR, GyroP, GyroY, and p, q, r."""
+    low = [plain(name) for name in names]
+    for stem in ("gyro", "gyr", "rate", "omega", ""):
+        for axes in (("r", "p", "y"), ("roll", "pitch", "yaw"), ("p", "q", "r")):
+            wanted = [stem + axis for axis in axes]
+            if (not stem and axes != ("p", "q", "r")) or not all(word in low for word in wanted):
+                continue
+            taken = [meanings[low.index(word)] for word in wanted]
+            if sum(one is not None and one.kind == "gyro" for one in meanings) > sum(one is not None for one in taken):
+                continue
+            for word, axis in zip(wanted, AXES, strict=True):
+                meanings[low.index(word)] = Name("gyro", axis, None, 0, stem + "rpy")
+            return
+
+
+def _groups(table, meanings: list[Name | None], kind: str) -> dict[tuple[int, str], dict[str, int]]:
+    """Columns of one kind by sensor: number and stem -> axis -> column; a sensor without a value is none."""
+    found: dict[tuple[int, str], dict[str, int]] = {}
+    for i, one in enumerate(meanings):
+        if one is not None and one.kind == kind and one.axis and is_number(table, i):
+            found.setdefault((one.instance, one.stem), {}).setdefault(one.axis, i)
+    full = {key: axes for key, axes in found.items() if any(_present(table, i) for i in axes.values())}
+    return full or dict(list(found.items())[:1])
+
+
+def _by_name(table, columns: Columns, found: Selection) -> None:
+    for sensor in SENSORS:
+        if sensor in columns:
+            continue
+        groups = _groups(table, found.names, sensor)
+        if sensor == "accel" and not groups:
+            groups = _groups(table, found.names, "accel or linear")
+            found.doubtful |= {"accel"} if groups else set()
+        if not groups:
+            continue
+        whole = [key for key, axes in groups.items() if len(axes) == 3]
+        key = whole[0] if whole else next(iter(groups))
+        axes = groups[key]
+        if not whole:  # axes of one sensor that are spelled differently
+            for other in groups.values():
+                axes = other | axes
+        present = [axis for axis in AXES if axis in axes]
+        if present != list(AXES[: len(present)]):
+            raise DataError(
+                f"only the axes {', '.join(present)} of {sensor} are recognised in the columns {listing(table.names, len(table.names))}; "
+                f"name them with columns={{'{sensor}': [...]}} (--columns {sensor}=...)"
+            )
+        found.columns[sensor] = [axes[axis] for axis in present]
+        unit = next((one.unit for i in found.columns[sensor] if (one := found.names[i]) and one.unit), None)
+        if unit:
+            found.units[sensor] = unit
+        others = [axes for other, axes in groups.items() if other != key and len(axes) == 3]
+        if whole and others:
+            shown = "; ".join(",".join(table.names[axes[axis]] for axis in AXES) for axes in others[:4])
+            names = ",".join(table.names[i] for i in found.columns[sensor])
+            first = ",".join(table.names[others[0][axis]] for axis in AXES)
+            sentence = (
+                f"{sensor}: the table holds {len(others) + 1} of them; {names} is read, and not {shown}: read another with "
+                f"columns={{'{sensor}': [...]}} (--columns {sensor}={first})"
+            )
+            found.warnings.append(sentence)
+    found.gravity_free = [i for i, one in enumerate(found.names) if one is not None and one.kind == "linear" and _present(table, i)]
+    temperatures = [i for i, one in enumerate(found.names) if one is not None and one.kind == "temperature" and _present(table, i)]
+    if temperatures and "temperature" not in columns:
+        found.columns["temperature"] = temperatures[:1]
+        one = found.names[temperatures[0]]
+        if one is not None and one.unit:
+            found.units["temperature"] = one.unit
+
+
+def file_kind(stem: str) -> str | None:
+    """The sensor that the name of a file tells, where it tells one."""
+    low = re.sub(r"([a-z])([A-Z])", r"\1_\2", stem).lower()
+    found = [kind for kind, pattern in _FILES.items() if re.search(rf"(?<![a-z])(?:{pattern})|(?:{pattern})", low)]
+    if found and found[0] in ("linear", "gravity", "attitude"):
+        return found[0]
+    return found[0] if len(found) == 1 else None
+
+
+def _by_file(table, columns: Columns, found: Selection) -> None:
+    """Columns that are called x, y, z belong to the sensor that names the file."""
+    if found.profile or set(found.columns) & set(SENSORS) or any(sensor in columns for sensor in SENSORS):
+        return
+    low = [re.sub(r"^axis|axis$|^raw|^value", "", plain(re.sub(r"[\[(].*?[\])]", "", name))) for name in table.names]
+    axes = [low.index(axis) for axis in AXES if axis in low and _present(table, low.index(axis))]
+    kind = file_kind(table.stem)
+    if len(axes) != 3 or kind is None:
+        return
+    if kind == "linear":
+        found.gravity_free = axes
+    if kind in SENSORS:
+        found.columns[kind] = axes
+        inside = bracketed(table.names[axes[0]])
+        unit = unit_of(inside, kind) if inside else None
+        if unit:
+            found.units[kind] = unit
+        found.doubtful |= {"accel"} & {kind}
+        found.notes.append(
+            f"{kind}: the columns {', '.join(table.names[i] for i in axes)} are those of the {kind}, as the name of the file says"
+        )
+
+
+def _refuse_or_position(table, columns: Columns, found: Selection) -> None:
+    names, count = table.names, len(table.columns)
+    if found.gravity_free:
+        shown = ", ".join(names[i] for i in found.gravity_free[:3])
+        raise DataError(
+            f"{shown} hold acceleration from which gravity was removed (linear or free acceleration): there is no specific force in "
+            "it, and "
+            "no other sensor is in the table. Record the accelerometer itself; to read these values all the same, name them with "
+            f"columns={{'accel': [...]}} (--columns accel={':'.join(map(str, (found.gravity_free[0], found.gravity_free[-1])))} "
+            "--units accel=m/s^2)"
+        )
+    if any(names) and not all(name.isdecimal() for name in names if name):
+        raise DataError(f"the columns {listing(names, count)} do not say which sensor they hold; {HOW}")
+    _by_position(table, columns, found)
+
+
+def _by_position(table, columns: Columns, found: Selection) -> None:
+    count = len(table.columns)
+    numeric = [i for i in range(count) if is_number(table, i)]
+    time = found.columns.get("time")
+    stamps = [i for i in range(count) if table.columns[i].dtype.kind == "M" or i in table.clocks]
+    if time is None and "time" not in columns and not stamps:
+        rising = [i for i in numeric if increasing(table.columns[i])]
+        time = rising[:1] or None
+    left = [i for i in numeric if i not in (time or [])]
+    label = _label(table)
+    if label and len(left) == 3:
+        found.columns |= {label: left} | ({"time": time} if time else {})
+        found.notes.append(f"{label}: columns {left[0]}-{left[-1]}, by the word that stands in every row")
+        return
+    if len(left) not in (3, 6, 9):
+        rises = f" (column {time[0]} rises, as time does)" if time else ""
+        raise DataError(f"{listing(table.names, count)}{rises}: 3, 6 or 9 columns besides time can be told apart, not {len(left)}; {HOW}")
+    triples = [left[i : i + 3] for i in range(0, len(left), 3)]
+    kind = file_kind(table.stem) if len(triples) == 1 else None
+    try:
+        if kind in SENSORS:
+            roles = [kind]
+        else:
+            roles = _guess.roles([np.column_stack([table.columns[i] for i in triple]).astype(np.float64) for triple in triples])
+            which = ", ".join(f"{role} is {triple[0]}-{triple[-1]}" for role, triple in zip(roles, triples, strict=True))
+            found.warnings.append(f"a guess from the size of the values, since the columns have no names: {which}; if it is wrong, {HOW}")
+    except DataError as error:
+        raise DataError(f"{error}; {HOW}") from None
+    found.columns |= ({"time": time} if time else {}) | dict(zip(roles, triples, strict=True))
+
+
+def _label(table) -> str | None:
+    """The sensor that a word in every row names; several words are several sensors, which are told."""
+    for i, column in enumerate(table.columns):
+        if column.dtype.kind != "O":
+            continue
+        words = {str(value).strip() for value in column if value is not None}
+        kinds = {file_kind(word) for word in list(words)[:50]}
+        if len(words) == 1 and kinds & set(SENSORS):
+            return kinds.pop()
+        if 1 < len(words) < 50 and kinds & set(SENSORS):
+            raise DataError(
+                f"column {i} names a sensor in every row ({', '.join(sorted(words)[:6])}): the rows of several sensors are mixed; "
+                "split the file "
+                "by that column and read the parts"
+            )
+    return None
+
+
+def increasing(values: np.ndarray) -> bool:
+    """Whether a column rises as time does: nearly all steps up."""
+    if values.dtype.kind not in "iuf":
+        return False
+    steps = np.diff(values)
+    return bool(len(steps) and np.count_nonzero(np.greater(steps, steps.dtype.type(0))) >= 0.95 * len(steps))
+
+
+def _tell_unused(table, found: Selection, named: dict[str, list[int]]) -> None:
+    """Name the columns that look like those of a sensor and are not read."""
+    used = {i for indices in found.columns.values() for i in indices}
+    strange = [
+        i for i, name in enumerate(table.names)
+        if i not in used and found.names[i] is None and _LIKE.search(name) and not (_NOT_LIKE.search(name) or is_counter(name))
+        and _present(table, i)
+    ]  # fmt: skip
+    if strange:
+        shown = ", ".join(f"{i} ({table.names[i]})" for i in strange[:9]) + (" ..." if len(strange) > 9 else "")
+        found.warnings.append(
+            f"not read, although the names look like those of a sensor: columns {shown}; if they are one, name them with columns= "
+            "(--columns)"
+        )
+    if found.gravity_free and "accel" not in found.columns:
+        shown = ", ".join(table.names[i] for i in found.gravity_free[:3])
+        found.warnings.append(f"{shown}: acceleration without gravity is no specific force, and is not read")

@@ -1,0 +1,372 @@
+"""When the samples of a table were taken: which column is the clock, in which unit, and what speaks for it.
+
+A column that counts rows is no clock, whatever it is called. Of several clocks the one that tells more samples apart is taken, and the
+others must agree with it.
+"""
+
+import dataclasses
+import re
+from typing import Any
+
+import numpy as np
+
+from .._errors import DataError
+from ._choose import Selection, increasing
+from ._columns import listing, scale
+from ._names import is_counter
+
+_SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+#: where an epoch since 1970 begins, by unit
+_EPOCH = {"s": (1e9, 4e9), "ms": (1e12, 4e12), "us": (1e15, 4e15), "ns": (1e18, 4e18)}
+#: upper end of the median step of each unit, and between which steps the one below it is a guess
+_STEPS = {
+    True: (("ms", 300.0, (100.0, 1000.0)), ("us", 3e5, (1e5, 1e6)), ("ns", np.inf, (np.inf, np.inf))),
+    False: (("s", 0.5, (0.2, 3.0)), ("ms", 300.0, (100.0, 1000.0)), ("us", 3e5, (1e5, 1e6)), ("ns", np.inf, (np.inf, np.inf))),
+}
+#: Modified Julian Dates from 1968 to 2132, and the step (in d, 4 s) above which they may as well be seconds
+_MJD, _MJD_STEP, _DAY = (40_000.0, 100_000.0), 5e-5, 86400.0
+#: whole numbers that a counter of 16, 31 or 32 bits falls back by, and a clock at midnight
+_WRAPS = (2.0**16, 2.0**31, 2.0**32)
+_STATED = re.compile(
+    r"(?:sampl\w*[ _-]*(?:rate|freq\w*)|update[ _-]*rate|output[ _-]*(?:data[ _-]*)?rate|data[ _-]*rate|\bodr|frequency|\bfreq|\bfs|\brate|"
+    r"abtastrate|taxa)\b[\"']?\s*(?:\[?\(?hz\)?\]?)?[\s:=,;\"']*([0-9]+(?:[.,][0-9]+)?)\s*(k?hz)?", re.IGNORECASE,
+)  # fmt: skip
+_FILE_RATE = re.compile(r"(?<![0-9a-z.])([0-9]+(?:[.p][0-9]+)?)[ _-]?(k?hz)(?![a-z])", re.IGNORECASE)
+
+
+@dataclasses.dataclass
+class Clock:
+    """Stamps in s (or dates) from `columns`, their unit, why, and whether anything besides plausibility speaks for it."""
+
+    columns: list[int]
+    time: np.ndarray
+    unit: str
+    reason: str = ""
+    other: str = "s"
+    sure: bool = True
+    epoch_ns: int = 0
+
+    @property
+    def seconds(self) -> np.ndarray:
+        """Stamps in s from the first."""
+        if self.time.dtype.kind == "M":
+            ns = self.time.astype("datetime64[ns]").astype(np.int64)
+            return np.where(np.isnat(self.time), np.nan, (ns - ns[0]) * 1e-9)
+        return self.time
+
+    @property
+    def period(self) -> float:
+        """Median step that rises, s; NaN where none does."""
+        steps = np.diff(self.seconds)
+        steps = steps[np.isfinite(steps) & (steps > 0)]
+        return float(np.median(steps)) if len(steps) else np.nan
+
+    @property
+    def mean(self) -> float:
+        """Mean step, s."""
+        seconds = self.seconds[np.isfinite(self.seconds)]
+        return float(seconds.max() - seconds.min()) / max(len(seconds) - 1, 1) if len(seconds) else np.nan
+
+    @property
+    def distinct(self) -> float:
+        """Part of the samples that the stamps tell apart."""
+        seconds = self.seconds[: 1 << 16]
+        seconds = seconds[np.isfinite(seconds)]
+        return len(np.unique(seconds)) / len(seconds) if len(seconds) else 0.0
+
+
+def stated_rate(preamble: str, stem: str) -> tuple[float, str] | None:
+    """A sampling rate that the text above a table, or else the name of the file, states."""
+    for text, pattern, source in ((preamble, _STATED, "the header states"), (stem, _FILE_RATE, "the name of the file states")):
+        found = pattern.findall(text)
+        values = {float(number.replace(",", ".").replace("p", ".")) * (1e3 if unit.lower() == "khz" else 1.0) for number, unit in found}
+        values = {value for value in values if 0.01 <= value <= 1e6}
+        if len(values) == 1:
+            return values.pop(), source
+    return None
+
+
+def clock_of(table, found: Selection, units: dict[str, str], rate: float | int | None) -> Clock | None:
+    """The clock of a table, or None where it has none."""
+    wanted = found.columns.get("time")
+    if wanted is not None and "time" not in found.guessed:
+        return _read(table, wanted, units.get("time") or _named_unit(found, wanted), rate, found, explicit="time" in units)
+    clocks, counters = [], []
+    for indices in _candidates(table, found, wanted):
+        stated = units.get("time") or _named_unit(found, indices)
+        if _counts_rows(table, indices, stated):
+            counters += indices
+            continue
+        clocks.append(_read(table, indices, stated, rate, found, explicit="time" in units))
+    names = [table.names[i] or str(i) for i in counters]
+    if counters:
+        found.notes.append(f"time: {', '.join(names)} counts rows and is no time")
+    if not clocks:
+        found.columns.pop("time", None)
+        return None
+    if len(clocks) > 1:
+        clocks = [one for one in clocks if one.distinct > 1.5 / max(len(one.time), 1)] or clocks[:1]
+    best = max(clocks, key=lambda one: (round(min(one.distinct, 0.9), 1), one.sure))
+    others = [one for one in clocks if one is not best and one.distinct > 0.01 and np.isfinite(one.mean) and one.mean > 0]
+    for other in others:
+        best = _compare(table, best, other, found)
+    found.columns["time"] = best.columns
+    found.guessed.add("time")
+    return best
+
+
+def _candidates(table, found: Selection, wanted: list[int] | None) -> list[list[int]]:
+    """Columns that may be the clock: named ones; without a name, dates, and else what rises."""
+    named = [i for i, one in enumerate(found.names) if one is not None and one.kind == "time" and one.axis == ""]
+    fraction = [i for i, one in enumerate(found.names) if one is not None and one.kind == "time" and one.axis == "nsec"]
+    dates = [i for i, column in enumerate(table.columns) if column.dtype.kind == "M" and i not in table.days]
+    sets = [[i] for i in dict.fromkeys([*named, *dates, *sorted(table.clocks)]) if _varies(table, i)]
+    whole = next((i for i in named if found.names[i] is not None and found.names[i].unit == "s" and i not in table.clocks), None)
+    if fraction and whole is not None:
+        sets = [[whole, fraction[0]], *(one for one in sets if one != [whole])]
+    elif fraction:
+        sets += [[i] for i in fraction]
+    if table.days and table.clocks:
+        day, clock = min(table.days), min(table.clocks)
+        sets = [[day, clock], *(one for one in sets if one not in ([day], [clock]))]
+    if wanted is not None and wanted not in sets:
+        sets.insert(0, wanted)
+    if sets:
+        return sets
+    used = {i for indices in found.columns.values() for i in indices}
+    free = [
+        i
+        for i in range(len(table.columns))
+        if i not in used and found.names[i] is None and not (any(table.names) and is_counter(table.names[i]))
+    ]
+    return [[i] for i in free if table.columns[i].dtype.kind in "iuf" and increasing(table.columns[i])][:1]
+
+
+def _varies(table, index: int) -> bool:
+    column = table.columns[index]
+    if column.dtype.kind == "M":
+        return bool((~np.isnat(column)).any())
+    return column.dtype.kind in "iuf" and bool(np.isfinite(column).any())
+
+
+def _named_unit(found: Selection, indices: list[int]) -> str | None:
+    one = found.names[indices[0]]
+    return one.unit if one is not None and one.kind == "time" else None
+
+
+def _counts_rows(table, indices: list[int], stated: str | None) -> bool:
+    """Whether a column counts rows: whole numbers, one after the other, and no unit that says otherwise."""
+    column = table.columns[indices[0]]
+    if len(indices) > 1 or indices[0] in table.clocks or column.dtype.kind not in "iuf" or stated in ("ms", "us", "ns"):
+        return False
+    steps = np.diff(column[: 1 << 17])
+    steps = steps[np.isfinite(steps)]
+    if not len(steps) or not np.all(column[:1000][np.isfinite(column[:1000])] % 1 == 0):
+        return False
+    name = table.names[indices[0]]
+    if any(table.names) and is_counter(name):
+        return bool(np.median(steps) <= 16)
+    return bool(np.mean(steps == 1) > 0.95)
+
+
+def _read(table, indices: list[int], stated: str | None, rate: float | int | None, found: Selection, *, explicit: bool) -> Clock:
+    """Stamps of columns: dates as they are, whole numbers relative to the first so that no digit is lost, decimals as they are."""
+    columns = [table.columns[i] for i in indices]
+    for i, column in zip(indices, columns, strict=True):
+        if column.dtype.kind not in "iufbM":
+            shown = next((str(value) for value in column if value is not None), "")
+            raise DataError(
+                f"column {i} ({table.names[i] or 'no name'}) holds text, such as {shown!r}, where numbers are expected; name other columns "
+                "with columns= (--columns)"
+            )
+    if len(indices) == 2:
+        return _pair(table, indices, columns)
+    (column,), (index,) = columns, indices
+    if column.dtype.kind == "M":
+        return Clock(indices, column, "date", "dates")
+    if index in table.clocks:
+        seconds = column + _DAY * np.cumsum(np.concatenate([[0], np.diff(column) < -_DAY / 2]))
+        return Clock(indices, seconds, "time of day", "times of day", epoch_ns=0)
+    if stated == "sampletimefine":
+        steps = np.diff(column)
+        step = float(np.median(steps[steps > 0])) if np.any(steps > 0) else np.nan
+        unit = "us" if step > 2500 else "1e-4 s"
+        guess = (
+            unit,
+            f"SampleTimeFine with a median step of {step:g}, {'as Movella DOT counts' if unit == 'us' else 'as Xsens MT counts'}",
+            True,
+        )
+    elif stated is not None:
+        guess = (stated, "" if explicit else "from the name", True)
+    else:
+        guess = _unit_by_step(column, _whole(table, index), rate)
+    unit, reason, sure = guess
+    factor, offset = scale(unit, "time")
+    epoch = 0
+    if column.dtype.kind in "iu":
+        first, ns = int(column[0]), 1e9 * factor
+        epoch = first * round(ns) if ns == round(ns) else round(first * ns)
+        time = (column.astype(np.int64) - first) * factor
+    else:
+        time = column * factor if factor != 1.0 else column
+    other = {"s": "ms", "ms": "s", "us": "ms", "ns": "us"}.get(unit, "s")
+    return Clock(indices, time, unit, reason, other, sure, epoch + round(offset) * 10**9)
+
+
+def _whole(table, index: int) -> bool:
+    return index in table.integer
+
+
+def _pair(table, indices: list[int], columns: list[np.ndarray]) -> Clock:
+    """A date and a time of day, or seconds and nanoseconds."""
+    if columns[0].dtype.kind == "M" and indices[1] in table.clocks:
+        ns = np.where(np.isfinite(columns[1]), np.round(columns[1] * 1e9), 0).astype(np.int64).astype("timedelta64[ns]")
+        time = columns[0] + ns
+        time[~np.isfinite(columns[1])] = np.datetime64("NaT")
+        return Clock(indices, time, "date", "a date and a time of day")
+    seconds, nanoseconds = (np.asarray(column).astype(np.float64) for column in columns)
+    if columns[0].dtype.kind == "M" or columns[1].dtype.kind == "M" or np.nanmin(nanoseconds) < 0 or np.nanmax(nanoseconds) >= 1e9:
+        shown = f"columns {indices[0]} and {indices[1]} ({', '.join(table.names[i] for i in indices)})"
+        raise DataError(
+            f"{shown} are not seconds and nanoseconds: the second must stay within 0 and 1e9; "
+            "name one time column with columns={'time': ...} (--columns time=...)"
+        )
+    first = seconds[np.isfinite(seconds)][0]
+    return Clock(indices, (seconds - first) + nanoseconds * 1e-9, "s + ns", "s and ns", "s", True, int(first) * 10**9)
+
+
+def _unit_by_step(stamps: np.ndarray, integer: bool, rate: float | int | None) -> tuple[str, str, bool]:
+    """Unit of stamps that no name tells: that which agrees with `rate`, that of an epoch, or by the median step."""
+    steps = np.diff(stamps)
+    steps = steps[(steps > 0) & np.isfinite(steps)]
+    if not len(steps):
+        raise DataError("the time column never rises; name another one with columns={'time': ...} (--columns time=...), or give rate=")
+    step = float(np.median(steps))
+    seen = f"median step {step:.3g}, {'integer' if integer else 'decimal'}"
+    start = float(stamps[np.isfinite(stamps)][0])
+    if not integer and _MJD[0] <= start <= _MJD[1]:
+        agrees = rate is not None and abs(1 / (step * _DAY) / rate - 1) < 0.05
+        # as seconds it would be a rate beyond 20 kHz
+        if agrees or (rate is None and step < _MJD_STEP):
+            return "mjd", f"{seen}, from {start:.6g} on: Modified Julian Dates", True
+    if rate is not None:
+        mean = (len(stamps) - 1) / float(np.nanmax(stamps) - np.nanmin(stamps))
+        for unit, seconds in _SECONDS.items():
+            if min(abs(1 / (step * seconds) / rate - 1), abs(mean / seconds / rate - 1)) < 0.05:
+                return unit, f"{seen}: agrees with a rate of {rate:g} Hz", True
+    for unit, (first, last) in _EPOCH.items():
+        # a rate far outside any sensor's means that a time since boot only looks like an epoch
+        if first <= start <= last and 0.1 < 1 / (step * _SECONDS[unit]) < 1e6:
+            return unit, f"starts at {start:.4g}, as time since 1970 does", True
+    rows = _STEPS[integer]
+    at = next(i for i, (_, upper, _) in enumerate(rows) if step < upper)
+    unit, _, (low, _) = rows[at]
+    below = rows[at - 1] if at else None
+    if step >= low and at + 1 < len(rows):
+        return unit, f"{seen}; uncertain, could be {rows[at + 1][0]}", False
+    if below and step <= below[2][1]:
+        return unit, f"{seen}; uncertain, could be {below[0]}", False
+    if integer and step < 4:
+        return unit, f"{seen}; uncertain, could be a counter", False
+    return unit, seen, True
+
+
+def _compare(table, best: Clock, other: Clock, found: Selection) -> Clock:
+    """Two clocks must agree; one that is sure settles the unit of one that is not."""
+    shown = [" and ".join(table.names[i] or str(i) for i in one.columns) for one in (best, other)]
+    ratio = best.mean / other.mean
+    coarse = 2.0 / max(len(best.time) * other.distinct, 1)  # two ticks of the coarser clock
+    if abs(ratio - 1.0) < 0.02 + coarse:
+        return dataclasses.replace(best, reason=f"{best.reason}; agrees with {shown[1]}", sure=best.sure or other.sure)
+    if other.sure and not best.sure:
+        for unit, seconds in _SECONDS.items():
+            if abs(ratio * seconds / _SECONDS.get(best.unit, np.nan) - 1.0) < 0.02 + coarse:
+                again = _read(table, best.columns, unit, None, found, explicit=False)
+                return dataclasses.replace(again, reason=f"agrees with {shown[1]}", sure=True)
+    if best.sure and other.sure:
+        for power in (-9, -6, -4, -3, 3, 4, 6, 9):
+            if abs(ratio * 10.0**power - 1.0) < 0.05:
+                raise DataError(
+                    f"the clocks {shown[0]} ({best.unit}) and {shown[1]} ({other.unit}) differ by a factor of "
+                    f"{10.0 ** abs(power):g}: one of the "
+                    "units is wrong; name the clock and its unit with columns={'time': ...} and units={'time': ...} (--columns time=... "
+                    "--units time=...)"
+                )
+        found.warnings.append(
+            f"time: {shown[0]} is read; {shown[1]} disagrees by {100 * abs(1 / ratio - 1):.2g} % in rate: read it with --columns "
+            f"time={','.join(map(str, other.columns))} to compare"
+        )
+    return best
+
+
+def refuse_restarts(clock: Clock) -> None:
+    """Recordings one below the other, in which time begins again, are not one recording."""
+    seconds = clock.seconds
+    with np.errstate(invalid="ignore"):
+        back = np.flatnonzero(np.diff(seconds) < 0)
+    if not len(back) or not np.isfinite(clock.period):
+        return
+    drops = seconds[back] - seconds[back + 1]
+    unit = _SECONDS.get(clock.unit, 1e-4 if clock.unit == "1e-4 s" else 1.0)
+    span = float(np.nanmax(seconds) - np.nanmin(seconds))
+    wraps = [size * unit for size in _WRAPS] + [size * tick for size in _WRAPS for tick in (1e-9, 1e-6, 1e-3)] + [_DAY]
+    restarts = []
+    for at, drop in zip(back.tolist(), drops.tolist(), strict=True):
+        wrapped = any(abs(drop - wrap) < max(0.01 * wrap, 20 * clock.period) for wrap in wraps if wrap > 20 * clock.period)
+        after = seconds[at + 1 : at + 21]
+        goes_on = len(after) > 3 and np.nanmedian(np.abs(np.diff(after))) < 5 * clock.period and np.nanmax(after) < seconds[at]
+        if not wrapped and goes_on and drop > 0.2 * span and drop > 50 * clock.period:
+            restarts.append(at + 1)
+    if restarts:
+        rows = ", ".join(str(row + 1) for row in restarts[:6]) + (" ..." if len(restarts) > 6 else "")
+        raise DataError(
+            f"time begins again {len(restarts)} time{'s' * (len(restarts) > 1)}, at row{'s' * (len(restarts) > 1)} {rows} (it jumps "
+            "back by "
+            f"{float(drops.max()):.4g} s): there are several recordings, or copies of one, one below the other; keep the rows of "
+            "one of them, such "
+            f"as the first {restarts[0]}"
+        )
+
+
+def check_rate(clock: Clock, stated: tuple[float, str] | None, warnings: list[str], names: str) -> None:
+    """Compare a clock with a rate that is stated elsewhere, and with what is possible."""
+    rate = 1.0 / clock.period if clock.period else np.nan
+    if not np.isfinite(rate):
+        return
+    if rate > 20_000 and clock.unit in _SECONDS and clock.unit != "ns":
+        raise DataError(
+            f"the clock {names} in {clock.unit} ({clock.reason or 'as given'}) would be {rate:.4g} Hz, which no recording has: its unit is "
+            f"wrong; give it with units={{'time': '{clock.other}'}} (--units time={clock.other}), or the rate with rate= and "
+            "columns={'time': None}"
+        )
+    mean = 1.0 / clock.mean if clock.mean else rate
+    if stated is not None and min(abs(rate / stated[0] - 1), abs(mean / stated[0] - 1)) > 0.1:
+        for power in (-6, -4, -3, -1, 1, 3, 4, 6):
+            if abs(rate / stated[0] * 10.0**power - 1) < 0.1:
+                raise DataError(
+                    f"{stated[1]} {stated[0]:g} Hz, but the clock {names} in {clock.unit} gives {rate:.4g} Hz: the unit of time is "
+                    "wrong, or "
+                    "this is no clock; give the unit with units={'time': ...} (--units time=...), or leave the stamps out with "
+                    "columns={'time': None} (--columns time=none) and rate= (--rate)"
+                )
+        if stated[1] != "the file states":  # of which the log itself will speak
+            warnings.append(f"{stated[1]} {stated[0]:g} Hz, but the stamps say {rate:.5g} Hz, which is used")
+    if rate < 0.5 and clock.unit != "date" and stated is None:
+        warnings.append(
+            f"the clock {names} in {clock.unit} gives one sample every {clock.period:.4g} s; if that is wrong, give the unit with "
+            "--units time=..."
+        )
+
+
+def no_clock(table, rate_needed: bool, counters: list[str]) -> DataError:
+    """The error where a table has no clock and no rate."""
+    counted = f"; {', '.join(counters)} counts rows and is no time" if counters else ""
+    return DataError(
+        f"there is no time column among {listing(table.names, len(table.columns))}{counted}; give the sampling rate with rate= (--rate), "
+        "or name the column with columns={'time': ...} (--columns time=...)"
+    )
+
+
+def label_of(table: Any, indices: list[int]) -> str:
+    """Columns by name, else by number."""
+    return " and ".join(table.names[i] or f"column {i}" for i in indices)

@@ -1,0 +1,211 @@
+"""What the values of a sensor say of their unit, whatever their names say.
+
+Four things are looked at. The *step* of the values: sensors count, and the size of a count is known for common ones (an MPU-6050 has
+131 counts per deg/s). *Gravity* and the Earth's *field*, whose size is known. And *turning*: seen from a sensor that turns, gravity
+and the field turn against it, ``da/dt = -omega x a``, so that the slope of one on the other is the unit of the gyroscope.
+"""
+
+import dataclasses
+
+import numpy as np
+
+#: samples looked at where a few suffice
+LOOK = 50_000
+GRAVITY = 9.80665
+_DEG = np.pi / 180.0
+#: size of one count of common gyroscopes, deg/s. Powers of two are no evidence: any number format has them.
+_GYROSCOPES = (
+    *(1 / counts for counts in (131.0, 65.5, 32.8, 16.4, 131.2, 65.6, 262.4, 14.375)),
+    *(span / 32768 for span in (125.0, 250.0, 500.0, 1000.0, 2000.0, 4000.0)),
+    *(0.004375, 0.00875, 0.0175, 0.035, 0.07, 0.14),
+)  # fmt: skip
+#: the same of accelerometers, in g; here powers of two beside a norm near 1 are evidence
+_ACCELEROMETERS = (*(2.0**-n for n in range(8, 16)), *(1e-3 * mg for mg in (0.061, 0.122, 0.244, 0.488, 0.732, 3.9)))
+#: counts per g, and per deg/s, that a size of raw counts may mean
+_COUNTS_PER_G = (16384, 8192, 4096, 2048, 1024, 256)
+_MATCH = 4e-4
+
+
+@dataclasses.dataclass(frozen=True)
+class Turning:
+    """Slope and correlation of the turning of a vector that stands still in space on that which a gyroscope states, in rad/s."""
+
+    slope: float
+    correlation: float
+
+    @property
+    def unit(self) -> str | None:
+        """Unit of the gyroscope, where the slope is that of one."""
+        found = [unit for unit, size in (("rad/s", 1.0), ("deg/s", _DEG)) if 0.25 < abs(self.slope) / size < 4.0]
+        return found[0] if found else None
+
+
+def thinned(values: np.ndarray) -> np.ndarray:
+    """Some of the rows, whole ones only."""
+    values = values[:: max(1, len(values) // LOOK)]
+    return values[np.isfinite(values).all(axis=1)]
+
+
+def norms(values: np.ndarray) -> np.ndarray:
+    """Lengths of some of the vectors."""
+    return np.linalg.norm(thinned(values), axis=1)
+
+
+def median_norm(values: np.ndarray) -> float:
+    """Median length of the vectors."""
+    found = norms(values)
+    return float(np.median(found)) if len(found) else np.nan
+
+
+def spread(values: np.ndarray) -> float:
+    """Standard deviation of the lengths over their median."""
+    found = norms(values)
+    median = float(np.median(found)) if len(found) else 0.0
+    return float(np.std(found) / median) if median else np.inf
+
+
+def all_integer(values: np.ndarray) -> bool:
+    """Whether all values are whole numbers, and not merely zeros and ones."""
+    seen = thinned(values)
+    return bool(len(seen) and np.all(seen == np.round(seen)) and np.ptp(seen) >= 5)
+
+
+def normalised(values: np.ndarray) -> float | None:
+    """The length that all vectors have to a part in a thousand although they turn: directions, no measurements. None for others."""
+    seen = thinned(values)
+    if values.shape[1] != 3 or len(seen) < 10:
+        return None
+    lengths = np.linalg.norm(seen, axis=1)
+    middle = float(np.median(lengths))
+    if not middle or not np.isfinite(middle) or np.ptp(lengths) > 2e-3 * middle:
+        return None
+    return middle if np.ptp(seen, axis=0).max() > 0.02 * middle else None
+
+
+# the step
+
+
+def steps_fit(differences: np.ndarray, size: float) -> bool:
+    """Whether differences are whole multiples of a step of this size to a part in 2500, and as small as it at times."""
+    ratio = differences / size
+    near = ratio[ratio < 300]
+    near = near[near > 0.02]
+    if len(near) < 30 or np.mean(near < 0.5) > 0.02:
+        return False
+    # the sizes differ by less than one in 2500 from what is sought, so that 300 steps are counted right
+    whole = np.round(near)
+    refined = float(near @ whole / (whole @ whole))
+    if abs(refined - 1.0) > _MATCH or np.sum(whole <= 4) < 3 or len(np.unique(whole)) < 5 or np.gcd.reduce(whole.astype(np.int64)) > 1:
+        return False
+    return bool(np.mean(np.abs(near / refined - whole)) < 0.09)
+
+
+def _differences(values: np.ndarray) -> list[np.ndarray]:
+    """Steps from sample to sample of every channel, equal samples left out."""
+    found = []
+    for channel in values[:LOOK].T:
+        difference = np.abs(np.diff(channel))
+        difference = difference[np.isfinite(difference) & (difference > 0)]
+        # a few sizes of rounding apart is the same value
+        floor = 1e-6 * float(np.max(np.abs(channel[np.isfinite(channel)]), initial=0.0))
+        found.append(difference[difference > floor])
+    return [difference for difference in found if len(difference) >= 30]
+
+
+def step_unit(sensor: str, values: np.ndarray) -> tuple[str, str] | None:
+    """Unit in which the step of the values is that of a known sensor, and the sentence; None where none or more than one fits."""
+    differences = _differences(values)
+    if not differences:
+        return None
+    hypotheses = {
+        "gyro": {"deg/s": [(one, one) for one in _GYROSCOPES], "rad/s": [(one * _DEG, one) for one in _GYROSCOPES]},
+        "accel": {
+            "g": [(one, one) for one in _ACCELEROMETERS],
+            "m/s^2": [(one * g, one) for one in _ACCELEROMETERS for g in (GRAVITY, 9.81, 9.8)],
+        },
+    }[sensor]
+    found: dict[str, float] = {}
+    for unit, sizes in hypotheses.items():
+        for size, known in sizes:
+            if sum(steps_fit(difference, size) for difference in differences) > len(differences) / 2:
+                found[unit] = known
+                break
+    if len(found) != 1:
+        return None
+    unit, known = next(iter(found.items()))
+    return unit, f"steps of {known:.4g} {'deg/s' if sensor == 'gyro' else 'g'}{'' if unit in ('deg/s', 'g') else ' in ' + unit}"
+
+
+def counts_hint(sensor: str, values: np.ndarray) -> str | None:
+    """Size of one count of an accelerometer, where the norm of raw counts is that of a usual one."""
+    if sensor != "accel" or values.shape[1] != 3:
+        return None
+    norm = median_norm(values)
+    fitting = [counts for counts in _COUNTS_PER_G if 0.93 < norm / counts < 1.07]
+    return f"{1 / fitting[0]:.6g} g" if fitting else None
+
+
+# turning
+
+
+def turning(gyro: np.ndarray, vector: np.ndarray, period: float) -> Turning | None:
+    """How far a vector that stands still in space (gravity, the field) turns as the gyroscope says; None where too little turns."""
+    if gyro.shape[1] != 3 or vector.shape[1] != 3 or len(gyro) < 50 or not np.isfinite(period) or period <= 0:
+        return None
+    gyro, vector = gyro[:LOOK], vector[:LOOK]
+    width = int(np.clip(round(0.1 / period), 1, len(gyro) // 20))
+    count = len(gyro) // width
+    shape = (count, width, 3)
+    rate, held = gyro[: count * width].reshape(shape).mean(axis=1), vector[: count * width].reshape(shape).mean(axis=1)
+    # from block to block the vector turns by the mean of both rates
+    turned = held[1:] - held[:-1]
+    stated = -np.cross(0.5 * (rate[1:] + rate[:-1]), 0.5 * (held[1:] + held[:-1])) * (width * period)
+    good = np.isfinite(turned).all(axis=1) & np.isfinite(stated).all(axis=1)
+    turned, stated = turned[good].ravel(), stated[good].ravel()
+    if len(turned) < 60:
+        return None
+    # shocks are no turning; a few of them must not decide
+    limit = 20 * np.median(np.abs(turned)) + 1e-12
+    kept = np.abs(turned) < max(limit, float(np.quantile(np.abs(turned), 0.99)))
+    turned, stated = turned[kept], stated[kept]
+    power, own, common = float(stated @ stated), float(turned @ turned), float(stated @ turned)
+    if not power or not own:
+        return None
+    correlation = common / np.sqrt(power * own)
+    if abs(correlation) < max(0.35, 8 / np.sqrt(len(turned))):
+        return None
+    return Turning(common / power, correlation)
+
+
+def gravity_stays(accel: np.ndarray, period: float | None) -> float:
+    """Part of the length of the vectors that is left when they are averaged over a second: near 1 with gravity, small without."""
+    width = int(np.clip(round(1.0 / period) if period and np.isfinite(period) else 50, 2, max(2, len(accel) // 4)))
+    count = len(accel) // width
+    if not count:
+        return np.nan
+    blocks = accel[: count * width].reshape(count, width, -1)
+    means = np.linalg.norm(blocks.mean(axis=1), axis=1)
+    means, median = means[np.isfinite(means)], median_norm(accel)
+    return float(np.median(means) / median) if len(means) and median else np.nan
+
+
+def field_size(values: np.ndarray) -> tuple[float, str]:
+    """Radius of the sphere through the vectors, or their median norm where they cover too little of one."""
+    seen = thinned(values)
+    if len(seen) > 5000:
+        seen = seen[:: len(seen) // 5000]
+    if values.shape[1] == 3 and len(seen) > 10:
+        centred = seen - seen.mean(axis=0)
+        size = np.sqrt(np.mean(np.sum(centred**2, axis=1)))
+        if 0 < size < np.inf and np.linalg.svd(centred / size, compute_uv=False)[-1] > 0.1 * np.sqrt(len(seen)):
+            # |v|^2 = 2 c.v + r^2 - |c|^2, linear in c and the constant
+            unknowns, *_ = np.linalg.lstsq(
+                np.column_stack([2 * centred / size, np.ones(len(seen))]), np.sum((centred / size) ** 2, axis=1), rcond=None
+            )
+            radius = np.sqrt(max(0.0, unknowns[3] + unknowns[:3] @ unknowns[:3]))
+            # a cloud of noise fills the sphere instead of lying on it
+            lies = np.std(np.linalg.norm(centred / size - unknowns[:3], axis=1)) < 0.25 * radius
+            # far smaller than the vectors it is the noise of a sensor at rest
+            if lies and size * radius > 0.05 * np.median(np.linalg.norm(seen, axis=1)):
+                return float(size * radius), "sphere radius"
+    return median_norm(values), "median norm"

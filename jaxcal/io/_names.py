@@ -1,0 +1,268 @@
+"""What the name of a column says: which quantity, axis and unit, in the spellings that loggers use.
+
+A name is cut into words. The word of the axis is taken out, then a unit at the end, then words that say where a column comes from;
+what is left is looked up. Quantities that are no sensor of ours (an attitude, acceleration without gravity) have kinds of their own,
+so that they are never taken for one.
+"""
+
+import dataclasses
+import functools
+import re
+import unicodedata
+
+from .._units import find_unit
+
+AXES = "xyz"
+#: kinds of which no sensor is made; "linear" holds acceleration without gravity
+OTHERS = ("linear", "gravity", "attitude", "motion", "counter")
+
+
+def _words(text: str) -> frozenset[str]:
+    return frozenset(text.split())
+
+
+_WORDS = {
+    "gyro": (
+        "g|gyr|gyro|gyros|gyroscope|gyroscopes|gyroskop|giroscopio|giroscopo|gyrorotation|gyrorotationrate|gyroscoperotationrate|w|omega|"
+        "angularvelocity|angvelocity|angvel|angularvel|angularrate|angrate|anglerate|angularspeed|rate|rates|rotationrate|rotrate|"
+        "rotationspeed|turnrate|rateofturn|drehrate|drehgeschwindigkeit|winkelgeschwindigkeit|vitesseangulaire|velocidadangular|"
+        "velocitaangolare|velocidadeangular|wrss|av|as|wb|gyrounfiltered|deltarate"
+    ),
+    "accel": (
+        "a|ac|acc|accel|accelero|accelerometer|accelerometers|acceleration|accelerations|accelerometeracceleration|f|gf|gforce|fb|"
+        "specificforce|sf|totalacceleration|totalacc|accelerationincludinggravity|accelerationwithg|beschleunigung|beschl|"
+        "beschleunigungssensor|beschleunigungmitg|aceleracion|acelerometro|accelerazione|accelerometro|aceleracao|acelerometro|arss|"
+        "properacceleration"
+    ),
+    # ROS and phyphox give one name to opposite things: the values decide whether gravity is in it
+    "accel or linear": "linearacceleration|linearaccelerations|linearaccel|linearacc|linacc|linaccel|la|lia|linearebeschleunigung",
+    "linear": (
+        "useracceleration|useracc|motionuseracceleration|motionuseracc|freeacc|freeacceleration|accelerationwithoutg|"
+        "accelerationwithoutgravity|worldacceleration|worldacc|earthacceleration|beschleunigungohneg|accelerationlineaire|"
+        "aceleracionlineal|aaworld|aareal|dynamicacceleration"
+    ),
+    "gravity": "gravity|grav|gravityvector|motiongravity|schwerkraft|gravite|gravedad",
+    "mag": (
+        "m|mag|magn|magnet|magneto|magnetometer|magnetometers|magneticfield|magneticfields|magneticfieldstrength|magfield|compass|b|"
+        "bfield|field|h|hm|mb|magnetfeld|magnetischesfeld|campomagnetico|champmagnetique|magnetometro|motionmagneticfield|motionmagnetic|"
+        "geomagneticfield|magneticflux|magnetic"
+    ),
+    "attitude": (
+        "roll|pitch|yaw|angle|angles|euler|eulerangles|quat|quaternion|q|orientation|rotationvector|gamerotationvector|attitude|rpy|"
+        "heading|azimuth|mat|dcm|tilt|winkel|orientierung|ori"
+    ),
+    "motion": "pos|position|p|vel|velocity|speed|v|lat|lon|latitude|longitude|alt|altitude|height|dist|displacement|trans|translation|d|s",
+}  # fmt: skip
+_KINDS = {kind: frozenset(words.split("|")) for kind, words in _WORDS.items()}
+_TIME = _words(
+    "t time timestamp timestamps stamp ts tstamp clock elapsed elapsedtime timeelapsed datetime utc utctime zeit zeitstempel uhrzeit "
+    "temps tiempo tempo horodatage secondselapsed elapsedseconds timesincestart timesinceboot timefromstart systemtime systime "
+    "sensortime devicetime unixtime unixtimestamp unix epoch epoc epochtime timeintervalsince timestampsince loggingtime gpstow tow "
+    "gpstime rostime hosttime phonetime phonetimestamp localtime rtc chiptime recordtime recordingtime logtime boottime timestampunix "
+    "timeunix samplingtime timestampsample acquisitiontime runtime uptime relativetime reltime abstime absolutetime measurementtime "
+    "timeboot timesincereset timetag gpssow sow timeofday timeofweek monotonictime starttime timestart timesample wallclock "
+    "sensortimestamp loggingtimestamp motiontimestamp imutime imutimestamp timeimu"
+)
+_TIME_UNITS = {
+    "s": "s", "sec": "s", "secs": "s", "second": "s", "seconds": "s", "sekunden": "s", "ms": "ms", "msec": "ms", "msecs": "ms",
+    "millis": "ms", "millisec": "ms", "milliseconds": "ms", "millisecond": "ms", "us": "us", "usec": "us", "usecs": "us", "micros": "us",
+    "microsec": "us", "microseconds": "us", "microsecond": "us", "ns": "ns", "nsec": "ns", "nsecs": "ns", "nanosec": "ns", "nanos": "ns",
+    "nano": "ns", "nanoseconds": "ns", "min": "min", "minutes": "min",
+}  # fmt: skip
+_FRACTIONS = ("nsec", "nsecs", "nanosec")
+_TEMPERATURE = _words("temp temperature imutemp imutemperature temperatur gyrotemp acctemp dietemp temperatura tmp")
+_COUNTER = re.compile(
+    r"|index|idx|unnamed|i|n|id|no|nr|num|number|row|rows|rownumber|line|seq|sequence|frame|frames|framenumber|frameid|counter|count|cnt|"
+    r"packet|packets|packetcounter|packetnumber|packetnum|packetid|packetcount|sample|samples|samplenumber|sampleno|sampleid|sampleidx|"
+    r"sampleindex|samplecount|samplecounter|nsamples|nsample|loopiteration|iteration|iter|record|recordnumber|point|punkt|zeile|step|"
+    r"datapoint|msgcount|loggingsample|measurement|messung|tick|ticks|zahler|nummer|lfd|lfdnr|headerseq|serial|entry|event"
+)
+#: words that say where a column comes from, not what it is
+_ORIGINS = _words(
+    "imu field header msg data sensor sensors raw cal uncal calibrated uncalibrated value values val axis axe achse asse adc body "
+    "smooth in of the device phone input reading readings meas measured signal comp component channel ch ln wr low noise wide range "
+    "mpu icm lsm bmi bno xsens mems filt filtered lpf avg"
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Name:
+    """What a column is: `kind` (a quantity of a log, or one of `OTHERS`), `axis` (x, y, z, "" or "nsec"), `unit`, where the name has
+    them, `instance` (its number among several sensors), and `stem`, which the columns of one sensor share.
+    """
+
+    kind: str
+    axis: str = ""
+    unit: str | None = None
+    instance: int = 0
+    stem: str = ""
+
+
+def bracketed(name: str) -> str | None:
+    """Text in the brackets of a column name, or None; a number in brackets counts axes."""
+    found = [(one or other).strip() for one, other in re.findall(r"\[([^\]]*)\]|\(([^)]*)\)", name)]
+    return next((text for text in found if not text.isdigit()), None)
+
+
+def unit_of(text: str, quantity: str) -> str | None:
+    """Unit that a header spells, or None; exponents such as ``rad s^-1`` and ``m s-2`` are understood."""
+    text = text.strip()
+    if quantity == "mag" and text == "g":
+        return "G"
+    # the superscripts and the degree sign, also where an encoding was mistaken for another
+    text = text.replace("\u207b\u00b9", "-1").replace("\u207b\u00b2", "-2").replace("\u00b7", " ").replace("*", " ")
+    text = re.sub(r"\u00b2|\u00e2\u00b2|\u00c2\u00b2", "2", text).replace("\u00c2", "")
+    text = re.sub(r"^(?:\u00b0|degrees?|grad)(?=\s*(?:/|per|s))", "deg", re.sub(r"\s*\bper\b\s*", "/", text), flags=re.IGNORECASE)
+    text = re.sub(r"[ _.]s(ec)?\^?\(?-1\)?$", "/s", text)
+    text = re.sub(r"[ _.]s(ec)?\^?\(?-2\)?$", "/s^2", text)
+    if quantity == "mag" and re.fullmatch(r"[^\x00-\x7f]T|\u02af?t|micro ?tesla|micro_?t", text, re.IGNORECASE):
+        return "uT"
+    if quantity == "temperature" and re.fullmatch(r"[^\x00-\x7f]{0,2}C?", text) and text:
+        return "degC"
+    return find_unit(re.sub(r"\s*/\s*", "/", text), quantity)
+
+
+def _cut(name: str) -> list[list[str]]:
+    """Words of a name, in lower case: cut where capitals begin, and as they stand."""
+    plain = unicodedata.normalize("NFKD", re.sub(r"\[[^\]]*\]|\([^)]*\)", " ", name)).encode("ascii", "ignore").decode()
+    camel = re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", plain)
+    whole = re.findall(r"[0-9A-Za-z]+", plain)
+    return [[word.lower() for word in words] for words in (camel, whole)]
+
+
+def plain(name: str) -> str:
+    """A name as letters and digits alone, without brackets."""
+    return "".join(_cut(name)[1])
+
+
+def is_counter(name: str) -> bool:
+    """Whether a name is that of a row or packet counter, which is no time; a nameless index counts as one."""
+    words = [word for word in _cut(name)[0] if not word.isdigit() and word not in ("imu", "data")]
+    return bool(_COUNTER.fullmatch("".join(words)))
+
+
+@functools.lru_cache(4096)
+def parse(name: str) -> Name | None:
+    """What a name says, or None."""
+    inside = bracketed(name)
+    index = re.search(r"\[([0-2])\]\s*$", name)
+    for words in _cut(name):
+        if not words:
+            continue
+        found = _time(words, inside) or _temperature(words, inside)
+        if found:
+            return found
+        for found in _sensors(words, index):
+            if found.unit is None and inside:
+                kind = "accel" if found.kind in ("accel or linear", "linear", "gravity") else found.kind
+                return dataclasses.replace(found, unit=unit_of(inside, kind) if kind in _KINDS and kind not in OTHERS else None)
+            return found
+    # x, y, z and a unit: the unit tells the sensor
+    bare = "".join(_cut(name)[0])
+    bare = bare.removesuffix("axis").removeprefix("axis")
+    if bare in tuple(AXES) and inside:
+        for kind in ("gyro", "accel", "mag"):
+            if unit := unit_of(inside, kind):
+                return Name("accel or linear" if kind == "accel" else kind, bare, unit, stem="")
+    return Name("counter") if is_counter(name) and name else None
+
+
+def _sensors(words: list[str], index: re.Match[str] | None):
+    """Readings of the words, the most literal first."""
+    placed = [(i, word, []) for i, word in enumerate(words) if word in tuple(AXES)]
+    placed += [(i, word[-1], [word[:-1]]) for i, word in enumerate(words) if len(word) > 1 and word[-1] in AXES]
+    placed += [(i, word[0], [word[1:]]) for i, word in enumerate(words) if len(word) > 2 and word[0] in AXES]
+    numbered = [(i, re.fullmatch(r"([a-z]*[xyz])(\d)", word)) for i, word in enumerate(words)]
+    placed += [(i, match[1][-1], [word for word in (match[1][:-1], match[2]) if word]) for i, match in numbered if match]
+    if index:
+        placed.insert(0, (len(words), AXES[int(index[1])], []))
+    for at, axis, left in placed:
+        rest = [*words[:at], *left, *words[at + 1 :]]
+        for tail in range(min(4, len(rest))):
+            head, end = rest[: len(rest) - tail], rest[len(rest) - tail :]
+            found = _kind(head)
+            if found is None:
+                continue
+            kind, instance, stem = found
+            if not end:
+                yield Name(kind, axis, None, instance, stem)
+                continue
+            if kind in OTHERS and all(word in _ORIGINS or word.isdigit() for word in end):
+                yield Name(kind, axis, None, instance, stem)
+                continue
+            quantity = "accel" if kind in ("accel or linear", "linear", "gravity") else kind
+            unit = _spelled(end, quantity) if quantity in ("gyro", "accel", "mag") else None
+            if unit:
+                yield Name(kind, axis, unit, instance, stem)
+
+
+def _spelled(words: list[str], quantity: str) -> str | None:
+    """Unit that words at the end of a name spell."""
+    return next((unit for glue in ("", "_", "/", " ") if (unit := unit_of(glue.join(words), quantity))), None)
+
+
+def _kind(words: list[str]) -> tuple[str, int, str] | None:
+    """Kind, number of the sensor, and what its columns share."""
+    digits = [int(word) for word in words if word.isdigit() and len(word) < 3]
+    bare = [word.rstrip("0123456789") if not word.isdigit() else "" for word in words]
+    digits += [int(word[len(word.rstrip("0123456789")) :]) for word in words if word[-1].isdigit() and not word.isdigit()][:1]
+    bare = [word for word in bare if word]
+    named = [word for word in bare if word not in _ORIGINS] or bare
+    for candidate in (named, bare):
+        joined = "".join(candidate)
+        for kind, known in _KINDS.items():
+            if joined in known:
+                return kind, digits[0] if digits and digits[0] < 1000 else 0, "".join(words)
+    return None
+
+
+def _time(words: list[str], inside: str | None) -> Name | None:
+    bare = [word for word in words if word not in ("in", "imu", "header", "field", "msg", "data", "sensor", "of") and not word.isdigit()]
+    if not bare:
+        return None
+    joined, head, last = "".join(bare), "".join(bare[:-1]), bare[-1]
+    own = unit_of(inside, "time") or _TIME_UNITS.get(inside.lower()) if inside else None
+    if joined == "t" and inside and own is None:  # a temperature, or something else that has a unit
+        return None
+    if joined == "sampletimefine":
+        return Name("time", "", "sampletimefine")
+    if joined in _TIME:
+        return Name("time", "", own or ("s" if "seconds" in joined or joined in ("gpstow", "tow", "gpssow", "sow") else None))
+    # a column that is called "s" is something else
+    if head == "utc" and not own:  # a part of a date
+        return None
+    if last in _TIME_UNITS and (head in _TIME or (not head and last not in ("s", "min", "nano", "second"))):
+        return Name("time", "nsec" if last in _FRACTIONS else "", _TIME_UNITS[last])
+    # "elapsed seconds", "milliseconds since start", "timestampms"
+    if bare[0] in _TIME_UNITS and "".join(bare[1:]) in ("elapsed", "sincestart", "sinceboot", "fromstart", "start"):
+        return Name("time", "", _TIME_UNITS[bare[0]])
+    match = re.fullmatch(r"(?:time|timestamp|timestampsample|t|ts|stamp)(usec|msec|nsec|us|ms|ns|sec|s)", joined)
+    return Name("time", "", _TIME_UNITS[match[1]]) if match and joined not in ("ts",) else None
+
+
+def _temperature(words: list[str], inside: str | None) -> Name | None:
+    bare = [word for word in words if word not in _ORIGINS and not word.isdigit()] or words
+    joined = "".join(bare)
+    own = unit_of(inside, "temperature") if inside else None
+    if joined in _TEMPERATURE or (joined == "t" and own):
+        return Name("temperature", "", own)
+    unit = unit_of(bare[-1], "temperature") if len(bare) > 1 else None
+    if unit and ("".join(bare[:-1]) in _TEMPERATURE or bare[:-1] == ["t"]):
+        return Name("temperature", "", unit)
+    return Name("temperature", "", "degC") if joined == "tempc" else None
+
+
+def parse_name(name: str) -> tuple[str, str, str | None] | None:
+    """Quantity, axis (x, y, z, or "" where there is none; "nsec" for the second half of a stamp) and unit of a column name.
+
+    Examples
+    --------
+    >>> from jaxcal.io._names import parse_name
+    >>> parse_name("gyro_x_dps"), parse_name("a_RS_S_z [m s^-2]"), parse_name("TimeUS"), parse_name("Notes")
+    (('gyro', 'x', 'deg/s'), ('accel', 'z', 'm/s^2'), ('time', '', 'us'), None)
+    """
+    found = parse(name)
+    if found is None or found.kind in OTHERS:
+        return None
+    unit = "1e-4 s" if found.unit == "sampletimefine" else found.unit
+    return "accel" if found.kind == "accel or linear" else found.kind, found.axis, unit

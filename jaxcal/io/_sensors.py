@@ -1,0 +1,78 @@
+"""One recording in several files: a table for each sensor, as phone apps write them, or for each sample, as in KITTI."""
+
+import pathlib
+from collections.abc import Callable
+
+import numpy as np
+
+from .._errors import DataError
+from ._profiles import OXTS
+from ._readers._streams import Part, join
+from ._table import Signals, Table
+
+_MOST = 200_000
+
+
+def read_sensors(files: list[pathlib.Path], read: Callable[[pathlib.Path], Signals]) -> Signals:
+    """The sensors of all files on the stamps of the fastest; a file whose sensor cannot be used is named, and left out."""
+    parts: list[Part] = []
+    signals = Signals(None, {})
+    refused: list[str] = []
+    for file in sorted(files, key=lambda one: (len(one.name), one.name)):  # Accelerometer before AccelerometerUncalibrated
+        try:
+            one = read(file)
+        except DataError as error:
+            refused.append(f"{file.name}: {error}")
+            continue
+        signals.notes += [f"{file.name}: {note}" for note in one.notes]
+        signals.warnings += [f"{file.name}: {warning}" for warning in one.warnings]
+        if one.time is None:
+            refused.append(f"{file.name}: it has no time column, so that its samples have no place beside those of other sensors")
+            continue
+        for name, values in one.sensors.items():
+            if name in {part.name for part in parts}:
+                signals.notes.append(f"{name}: {file.name} is not read, since another file holds {name}")
+                continue
+            # the numbers are in SI already
+            parts.append(Part(name, file.name, _stamps(one), values, {"gyro": "rad/s", "accel": "m/s^2", "mag": "T"}.get(name, "degC")))
+            signals.units[name] = one.units[name]
+            signals.columns[name] = [file.name, *one.columns[name]]
+    if not parts:
+        raise DataError("; ".join(refused))
+    signals.warnings += [f"not read: {sentence}" for sentence in refused]
+    stated = dict(signals.units)
+    join(parts, {}, signals)
+    signals.units |= stated
+    signals.notes.append(f"recording: {len({part.source for part in parts})} files, one for each sensor")
+    return signals
+
+
+def _stamps(one: Signals) -> np.ndarray:
+    """Stamps in ns."""
+    time = one.time
+    assert time is not None
+    if time.dtype.kind == "M":
+        return time.astype("datetime64[ns]").astype(np.int64)
+    if not np.isfinite(time).all():
+        raise DataError("some rows have no time stamp; leave them out of the file")
+    whole = np.floor(time)
+    return whole.astype(np.int64) * 10**9 + np.round((time - whole) * 1e9).astype(np.int64) + one.epoch_ns
+
+
+def read_oxts(folder: pathlib.Path) -> Table:
+    """A KITTI oxts folder: a file of 30 numbers for each sample, and a line of timestamps.txt."""
+    files = sorted(file for file in (folder / "data").iterdir() if file.suffix == ".txt")
+    if not 2 <= len(files) <= _MOST:
+        raise DataError(f"data/ holds {len(files)} files, where one for each sample is expected (2 to {_MOST})")
+    stamps = (folder / "timestamps.txt").read_text("ascii", "replace").split("\n")
+    stamps = [line.strip() for line in stamps if line.strip()]
+    if len(stamps) != len(files):
+        raise DataError(f"timestamps.txt has {len(stamps)} lines for {len(files)} files in data/; copy the folder again")
+    rows = np.full((len(files), len(OXTS)), np.nan)
+    for row, file in zip(rows, files, strict=True):
+        words = file.read_bytes()[:4096].split()
+        if len(words) != len(OXTS):
+            raise DataError(f"data/{file.name} has {len(words)} numbers, and an oxts file {len(OXTS)}; copy the folder again")
+        row[:] = [float(word) for word in words]
+    time = np.array([np.datetime64(stamp.replace(" ", "T")[:29], "ns") for stamp in stamps])
+    return Table([time, *rows.T], ["timestamp", *OXTS], stem="oxts")

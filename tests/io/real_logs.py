@@ -1,0 +1,108 @@
+"""How the real logs behind JAXCAL_REFERENCE are read, beside what is known of them: `python tests/io/real_logs.py` prints the score."""
+
+import json
+import os
+import pathlib
+import sys
+
+import jaxcal
+
+ROOT = pathlib.Path(os.environ.get("JAXCAL_REFERENCE", "/nowhere"), "data", "logs")
+#: what a refusal must speak of (one word of each group), by what `why` says of the file
+SAID = {
+    "straightLine_CalInertialAndMag.csv": [("packet number",), ("rate",)],
+    "example_ferraris_session.csv": [("n_samples",), ("rate",)],
+    "Pelvis_20210820_202113_836.csv": [("free", "gravity"), ("accel",)],
+    "esense_imu_data.csv": [("39.1", "times gravity"), ("counts rows", "rate")],
+    "phyphox_linear_raw_data.csv": [("gravity",)],
+    "SlowPickup.txt": [("rate",), ("counts",), ("gyro",)],
+    "imu_data_raw_t.csv": [("begins again", "jump"), ("333", "332")],
+    "sensorlogger/Accelerometer.csv": [("gravity",)],
+    "phyphox_header_wrong_unit.csv": [("deg/s",), ("rad/s",), ("steps", "turns")],
+    "android_sensor_csv.csv": [("rate",)],
+    "hex_counts_imu_data.mat": [("rate",), ("counts",)],
+    "stationary.xlsx": [("imu_data",), ("csv",)],
+    "demo.mcap": [("git lfs",)],
+}
+#: options that the refusals of logs with a known truth lead to
+MENDED = {
+    "straightLine_CalInertialAndMag.csv": {"rate": 256},
+    "example_ferraris_session.csv": {"rate": 102.4},
+    "phyphox_header_wrong_unit.csv": {"units": "gyro=rad/s"},
+    "android_sensor_csv.csv": {"rate": 10},
+}
+
+
+def entries():
+    """What is known of every file; nothing where the reference is not there."""
+    return json.loads((ROOT / "expected.json").read_text())["files"] if (ROOT / "expected.json").exists() else []
+
+
+def wrongs(log, entry):
+    """What of a log differs from what is known."""
+    found = []
+    rate, tolerance = entry["rate_hz"], entry["rate_tolerance"]
+    if rate is not None and abs(log.rate / rate - 1) > tolerance:
+        found.append(f"rate {log.rate:.5g} instead of {rate}")
+    for sensor, known in entry["channels"].items():
+        if getattr(log, sensor) is None:
+            found.append(f"no {sensor}")
+        elif known["unit"] is None:
+            if not any(sensor in sentence and "guess" in sentence for sentence in log.warnings):
+                found.append(f"{sensor} in {log.provenance['units'][sensor]} without a warning that this is a guess")
+        elif log.provenance["units"][sensor] != known["unit"]:
+            guessed = any(sentence.startswith("a guess") and f" {sensor}: " in sentence for sentence in log.warnings)
+            found.append(f"{sensor} in {log.provenance['units'][sensor]} instead of {known['unit']}{', said to be a guess' * guessed}")
+    for sensor in ("gyro", "accel", "mag"):
+        if sensor not in entry["channels"] and getattr(log, sensor) is not None and entry["expect"] == "refuse":
+            found.append(f"{sensor} read, which is not there")
+    samples = entry["samples"]
+    if samples and entry["expect"] == "read" and len(log.time) < samples - 2:
+        found.append(f"{len(log.time)} samples instead of {samples}")
+    return found
+
+
+def judge(entry):
+    """(outcome, what was said): "read", "refused", "wrong" (silently), "unhelpful" or "asked" (refused for want of an allowed option)."""
+    path = ROOT / entry["file"]
+    try:
+        log = jaxcal.read(path, quiet=True)
+    except jaxcal.JaxcalError as error:
+        said = str(error)
+        if entry["expect"] == "read":
+            return "asked" if entry["options_allowed"] and "--" in said else "unhelpful", said
+        missing = [group for group in SAID[entry["file"]] if not any(word in said.lower() for word in group)]
+        if missing:
+            return "unhelpful", f"nothing on {missing}: {said}"
+        options = MENDED.get(entry["file"])
+        if options:
+            found = wrongs(jaxcal.read(path, quiet=True, **options), entry | {"expect": "read", "rate_hz": entry["rate_hz"]})
+            found = [one for one in found if "guess" not in one]
+            if found:
+                return "wrong", f"with {options}: {'; '.join(found)}"
+        return "refused", said
+    found = wrongs(log, entry)
+    loud = bool(found) and all(one.endswith("said to be a guess") for one in found)
+    if entry["expect"] == "refuse":
+        return "wrong", f"read at {log.rate:.5g} Hz; {'; '.join(found)}"
+    return ("guessed" if loud else "wrong" if found else "read"), "; ".join(found)
+
+
+def main():
+    """Print the outcome of every file, and the score."""
+    tally, text, read = {}, 0, 0
+    for entry in entries():
+        outcome, said = judge(entry)
+        right = outcome == {"read": "read", "refuse": "refused"}[entry["expect"]]
+        tally[outcome] = tally.get(outcome, 0) + 1
+        if entry["kind"] == "text" and entry["expect"] == "read":
+            text, read = text + 1, read + (outcome == "read")
+        print(
+            f"{'' if right else '** '}{entry['file']}: {outcome}; expected {entry['expect']}. "
+            f"{said if len(sys.argv) > 1 or not right else ''}"
+        )
+    print(tally, f"text files read without options: {read} of {text}")
+
+
+if __name__ == "__main__":
+    main()
