@@ -26,6 +26,7 @@ _ORDINATES = 512
 _MARGIN = 48  # parts of a record in which a step has to last
 _TIMES = 2.0 ** -np.arange(1, 7)  # time constants of a warm-up over the length of the record
 _CYCLES = np.arange(0.5, 10.01, 0.25)
+_WITHIN, _HALVINGS = ("warm-up", "sinusoid"), 5  # families whose place is refined, and how often the step is halved
 _ROUNDS = 3  # of the regression and the fit of the noise
 _HOPELESS = 8.0  # likelihood ratio that further rounds do not bring
 _MOST = 4
@@ -65,6 +66,10 @@ def _lowest(y, most: int, dt: float) -> _Low:
     return low._replace(record=low.transform(y[: count * size].reshape(count, size).mean(axis=1)))
 
 
+def _duration(low: _Low) -> float:
+    return float(low.times[-1] + low.times[0])
+
+
 def _step(start: float, t):
     return (np.asarray(t) >= start).astype(float)[:, None]
 
@@ -99,13 +104,26 @@ def _steps(low: _Low, density) -> tuple[float, float]:
 def _shapes(count: int, spacing: float, kept: int, factor: bytes) -> dict[str, tuple[list[tuple[float, Any]], np.ndarray]]:
     """Family -> its choices (where, columns), and their ordinates (choices, ordinates, columns): many records of one length share them."""
     low = _Low(np.empty(0), (np.arange(count) + 0.5) * spacing, np.frombuffer(factor))
-    duration = low.times[-1] + low.times[0]
+    duration = _duration(low)
     choices: dict[str, list[tuple[float, Any]]] = {
         "ramp": [(0.0, _line)],
         "warm-up": [(time * duration, functools.partial(_decay, time * duration)) for time in _TIMES],
         "sinusoid": [(c / duration, functools.partial(_wave, c / duration)) for c in _CYCLES],
     }
     return {family: (listed, np.stack([low.transform(made(low.times)) for _, made in listed])) for family, listed in choices.items()}
+
+
+def _refined(low: _Low, density, family: str, at: float, made):
+    """A warm-up's time constant or a sinusoid's frequency between the choices that were tried, by halving the step to its neighbours."""
+    if family not in _WITHIN:
+        return at, made
+    columns, step = (_decay, np.log(2.0)) if family == "warm-up" else (_wave, np.log1p(_CYCLES[0] / 2.0 / max(at * _duration(low), 0.5)))
+    for _ in range(_HALVINGS):
+        step /= 2.0
+        near = [float(at * np.exp(move)) for move in (-step, 0.0, step)]
+        listed = [(place, functools.partial(columns, place)) for place in near]
+        _, at, made = _best(low, density, listed, np.stack([low.transform(one(low.times)) for _, one in listed]))
+    return at, made
 
 
 def _best(low: _Low, density, choices: list[tuple[float, Any]], x) -> tuple[float, float, Any]:
@@ -153,6 +171,7 @@ def find_causes(y, columns, theta, slow, dt: float, temperature: Callable[[np.nd
             rest = low._replace(record=_residual(low.record, held, density))
             for family, (ratio, at, made) in _candidates(rest, density, temperature).items():
                 if ratio > LEVELS[family]:
+                    at, made = _refined(rest, density, family, at, made)
                     tried[family, at] = made
         if not tried:
             break
