@@ -100,7 +100,7 @@ def speed(longest, compilations):
 
 
 def calls():
-    """One ordinary log per call in a plain loop: median of the ratios of neighbouring calls, and of their processor times."""
+    """One ordinary log per call, in plain loops of 20 calls by turns: median of their ratios, and of those of the processor times."""
     random = np.random.default_rng(2)
     print(f"{'samples':>9} {'tau':>4} {'allantools ms':>13} {'jaxcal ms':>9} {'ratio':>6} {'of processor time':>18}")
     for samples in (10_000, 50_000, 100_000, 150_000):
@@ -112,16 +112,20 @@ def calls():
             lambda y=y, m=m: jaxcal.allan.deviation(y, RATE, m=m),
         )
         times = []
-        for turn in range(63):
+        for _ in range(16):  # by turns, so that both see the same machine
             row = []
             for peer in peers:
-                start = time.perf_counter(), time.process_time()
-                peer()
-                row.append((time.perf_counter() - start[0], time.process_time() - start[1]))
-            times += [row] if turn > 2 else []  # the first compile
-        (theirs, _), (ours, _) = np.median(times, axis=0)
-        wall, processor = np.median(np.array(times)[:, 0] / np.array(times)[:, 1], axis=0)
-        print(f"{samples:9d} {len(m):4d} {1e3 * theirs:13.2f} {1e3 * ours:9.2f} {wall:6.1f} {processor:18.1f}", flush=True)
+                calls = []
+                for _ in range(20):
+                    start = time.perf_counter(), time.process_time()
+                    peer()
+                    calls.append((time.perf_counter() - start[0], time.process_time() - start[1]))
+                row.append(np.median(calls, axis=0))
+            times.append(row)
+        theirs, ours = np.moveaxis(times[1:], 1, 0)  # the first compiles
+        wall, processor = np.median(theirs / ours, axis=0)
+        slow, quick = 1e3 * np.median(theirs[:, 0]), 1e3 * np.median(ours[:, 0])
+        print(f"{samples:9d} {len(m):4d} {slow:13.2f} {quick:9.2f} {wall:6.1f} {processor:18.1f}", flush=True)
 
 
 def compilations_over_lengths(compilations):

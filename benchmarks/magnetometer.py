@@ -2,7 +2,7 @@
 
     python benchmarks/magnetometer.py                  everything (minutes)
     python benchmarks/magnetometer.py --only speed     one part: speed, partial, scenarios, coverage, penalty, known, chosen, joint, faults,
-                                                       random
+                                                       random, guided
     python benchmarks/magnetometer.py --runs 300       more runs per cell of the tables
 
 Times are the best of several after compilation; compilation is timed on its own. Ratios above 1 favour jaxcal.
@@ -10,6 +10,9 @@ Times are the best of several after compilation; compilation is timed on its own
 
 import argparse
 import itertools
+import json
+import os
+import pathlib
 import time
 
 import _faults
@@ -17,8 +20,8 @@ import numpy as np
 import scipy.optimize
 from scipy.spatial.transform import Rotation
 
-from jaxcal.magnetometer import Accelerometer, Gyroscope, MagModel, body_field, bootstrap, fit, scenario
-from jaxcal.magnetometer._design._heading_error import _angle, grids, heading_error
+from jaxcal.magnetometer import Accelerometer, Gyroscope, MagModel, body_field, bootstrap, fit, guide, scenario
+from jaxcal.magnetometer._design._heading_error import angle, grids, heading_error
 
 MILD = MagModel(np.array([[1.10, 0.06, -0.04], [0.06, 0.92, 0.05], [-0.04, 0.05, 1.0]]), np.array([0.8, -0.5, 0.3]))
 PAPER = MagModel(
@@ -220,7 +223,7 @@ def chosen(runs):
                 u = np.concatenate([directions(4800, rng), directions(4800, rng)])
                 m = sensor.measure(u[u[:, 2] > lowest][:300])
                 found.append(fit(m + 0.02 * rng.normal(size=m.shape), inclination=DIP))
-                off = _angle(attitudes, np.asarray(found[-1].model.correct(sensor.measure(field)))) - _angle(attitudes, field)
+                off = angle(attitudes, np.asarray(found[-1].model.correct(sensor.measure(field)))) - angle(attitudes, field)
                 real.append(np.rad2deg(np.angle(np.exp(1j * off))))
             told = np.rad2deg(np.sqrt(np.mean([one.heading_error[0] ** 2 for one in found])))
             shares = [f"{word} {sum(word in (one.kind, one.verdict) for one in found) / len(found):.0%}"
@@ -367,9 +370,59 @@ def random(runs):
     print(f"\n{30 * runs} random logs: {words}", flush=True)
 
 
+def replayed(m, limit):
+    """Readings until the limit is expected, in the order of the log and chosen by `guide`; readings at the word stop, and its fit."""
+    plain = next((n for n in range(12, len(m), 4) if guide(m[:n], limit=limit).heading_error <= limit), None)
+    taken, left, reached = [0], list(range(1, len(m))), None
+    while left:
+        advice = guide(m[taken], limit=limit, candidates=m[left])
+        if reached is None and advice.heading_error <= limit:
+            reached = len(taken)
+        if advice.stop:
+            return plain, reached, len(taken), advice.fit
+        taken.append(left.pop(advice.candidate))
+    return plain, reached, None, None
+
+
+def guided(runs):
+    """Readings in the order of a log and in that of `guide`, until one degree is expected; whether the error is within it at stop."""
+    limit = np.deg2rad(1.0)
+    print("\n| log | in its order | guided | ratio | at stop | within the limit at stop |\n|---|---|---|---|---|---|")
+    for noise in (0.005, 0.01, 0.02):
+        rows = []
+        for seed in range(runs):
+            plain, reached, stopped, found = replayed(_faults.simulate(("white", noise), seed)[0], limit)
+            rows.append((plain, reached, reached / plain, stopped, _faults.heading_error(found.model) <= limit))
+        plain, reached, ratio, stopped, inside = np.array(rows, dtype=float).T
+        middle = (np.median(values) for values in (plain, reached, ratio, stopped))
+        print(
+            f"| simulated, noise {100 * noise:g} % | " + " | ".join(f"{v:.3g}" for v in middle) + f" | {100 * inside.mean():.0f} % |",
+            flush=True,
+        )
+    folder = pathlib.Path(os.environ.get("JAXCAL_REFERENCE", "../shared")) / "data" / "magnetometer"
+    for name, m in _real(folder).items():
+        plain, reached, stopped, _ = replayed(m[np.unique(np.linspace(0, len(m) - 1, 600).astype(int))], limit)
+        ratio = f"{reached / plain:.2g}" if plain and reached else ""
+        print(f"| {name} | {plain} | {reached} | {ratio} | {stopped} | |", flush=True)
+
+
+def _real(folder):
+    """Tumbles recorded by others, in counts or any unit."""
+    if not folder.is_dir():
+        return {}
+    found = {
+        "pichim": np.loadtxt(next((folder / "pichim").glob("*.txt")), delimiter=",")[:, :3],
+        "jremington": np.loadtxt(folder / "jremington" / "mag3_raw.csv", delimiter=",")[:, -3:],
+        "ellipsoid_fit_python": np.loadtxt(folder / "ellipsoid_fit_python" / "mag_out.txt"),
+    }
+    for path in sorted((folder / "furbrain").glob("*.json")):
+        found[path.stem] = np.array(json.loads(path.read_text())["mag"])
+    return found
+
+
 PARTS = {
     "speed": speed, "partial": partial, "scenarios": scenarios, "coverage": covered, "penalty": penalties, "known": known, "chosen": chosen,
-    "joint": jointly, "faults": faults, "random": random,
+    "joint": jointly, "faults": faults, "random": random, "guided": guided,
 }  # fmt: skip
 
 if __name__ == "__main__":

@@ -280,6 +280,7 @@ JUNK = [
 ]
 
 
+@pytest.mark.long
 def test_a_mutated_file_ends_in_a_sentence(golden, log, tmp_path):
     """Values replaced, lost, and copied elsewhere at random: the file is refused, or everything made of it is finite."""
     full = other(1)

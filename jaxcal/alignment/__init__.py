@@ -1,10 +1,20 @@
 """Stationary levelling and north finding with one accelerometer and one gyro on a turntable."""
 
 from ._azimuth import AZIMUTH_METHODS as AZIMUTH_METHODS, Azimuth as Azimuth, azimuth as azimuth
-from ._fit import crlb as crlb, fit as fit
+from ._bound import crlb as crlb
+from ._fit import fit as fit
 from ._level import LEVEL_METHODS as LEVEL_METHODS, Coarse as Coarse, Level as Level, coarse as coarse, level as level
-from ._model import NAMES as NAMES, UNITS as UNITS, Table as Table, Turntable as Turntable, residuals as residuals, tabulate as tabulate
+from ._model import (
+    NAMES as NAMES,
+    UNITS as UNITS,
+    Table as Table,
+    Triads as Triads,
+    Turntable as Turntable,
+    residuals as residuals,
+    tabulate as tabulate,
+)
+from ._noise import Sensor as Sensor, noise_of as noise_of
 from ._plan import Plan as Plan, best_angle as best_angle, plan as plan
-from ._positions import Geometry as Geometry, Positions as Positions, Readings as Readings, Sensor as Sensor
+from ._positions import Geometry as Geometry, Positions as Positions, Readings as Readings
 from ._readings import Carousel as Carousel, carousel as carousel, simulate as simulate
 from ._result import NO_NUMBER as NO_NUMBER, AlignmentFit as AlignmentFit, Bound as Bound, Verdict as Verdict, verdict_name as verdict_name

@@ -1,4 +1,4 @@
-"""`fit`: attitude, sensor errors and latitude from all readings at once; `crlb`: how well positions can tell them, before a reading."""
+"""`fit`: attitude, sensor errors and latitude from all readings at once."""
 
 import dataclasses
 from collections.abc import Iterable
@@ -11,15 +11,26 @@ import jax.scipy.special
 import numpy as np
 import scipy.special
 
-from .._compile import filter_jit
 from .._errors import DataError
 from .._precision import array_module, host_float64, is_traced
-from .._types import Array
 from ..fitting import Fit, solve
+from ..noise import Noise
 from ._closed import WEAK
-from ._model import ANGLES, NAMES, Table, Turntable, in_one_type, names_of, padded, residuals, tabulate, turntable, with_values
-from ._positions import GRAVITY, IDEAL, Readings, Sensor, as_positions, check_gravity, check_latitude, wrap
-from ._result import AlignmentFit, Bound, Verdict, decided, know, sizes_of
+from ._model import (
+    ANGLES,
+    Table,
+    Triads,
+    Turntable,
+    names_of,
+    padded,
+    residuals,
+    tabulate,
+    with_angle_errors,
+    with_values,
+)  # fmt: skip
+from ._noise import check_noise, covariance_of, noise_of
+from ._positions import GRAVITY, Readings, check_gravity, check_latitude, wrap
+from ._result import AlignmentFit, Verdict, decided, know, sizes_of
 from ._start import check_latitude_free, check_names, free_of, initial_guess, priors_of
 
 #: noise that weighs the sensors against one another where none is given: 50 micro-g sqrt(s), 0.01 deg/sqrt(h)
@@ -28,6 +39,8 @@ _SENSORS = {"accel": "accelerometer", "gyro": "gyro"}
 _POLE = np.deg2rad(89.9)
 _MISFIT = 1e-3
 _ROUNDS = 3
+#: readings left over by the fit from which the level of a sensor's noise is estimated
+_FEWEST = 0.5
 #: step to go, over the statistical uncertainty, at which the fit ends
 _SETTLED = 1e-6
 _DONE = 1e-4
@@ -45,17 +58,21 @@ def fit(
     hint: Any = None,
     hemisphere: str | None = None,
     gravity: Any = GRAVITY,
+    noise: Any = None,
 ) -> AlignmentFit:
     r"""Roll, pitch, azimuth, sensor errors and, where it is asked for, latitude by joint nonlinear least squares.
 
-    .. math:: \min \sum_k \frac{(a_k - \hat a_k)^2}{N_a^2/T_k} + \sum_k \frac{(w_k - \hat w_k)^2}{N_g^2/T_k}
+    .. math:: \min\ (a - \hat a)^T C_a^{-1} (a - \hat a) + (w - \hat w)^T C_g^{-1} (w - \hat w)
         + \sum_j \frac{(x_j - x_{j0})^2}{\sigma_j^2}
 
-    over any positions and mountings, at the information bound. A random walk K of the bias adds its covariance between the dwells.
+    over any positions and mountings, at the information bound. C is the exact covariance of the means over the dwells under N, B, K and
+    whatever else the noise has (`jaxcal.noise.mean_covariance`); for white noise its diagonal is N^2/T. Errors of the table's angles
+    (`Positions.angle_std`) join both sensors. A bias is that of the mean over the measured time.
 
     Parameters
     ----------
-    readings : of either sensor or both, with their noise. Without noise the residuals give it, and there is no test of fit.
+    readings : of either sensor or both, with their noise. Without noise the residuals give its white level for each sensor, the
+        intervals are Student's with the degrees of freedom that are left, and there is no test of fit.
     latitude : rad, north positive; None estimates it.
     free : names out of `jaxcal.alignment.NAMES`, or fields of `model`; by default the angles and biases, and the scale errors where
         there is a z reading.
@@ -66,6 +83,7 @@ def fit(
     hint : rough azimuth, rad, for readings that allow two.
     hemisphere : "north" or "south", for a latitude that the table alone gives.
     gravity : local gravity, m/s^2.
+    noise : of the device, as `noise_of` takes it (its x axis; all three for `Triads`), in place of that of the readings.
 
     Returns
     -------
@@ -112,9 +130,14 @@ def fit(
         given["latitude"] = mean["latitude"] if latitude is None else latitude
 
     values = dict(zip(names, jax.tree.leaves(model), strict=True)) | given
-    noise = {name: (readings.white(name), readings.walk(name)) for name in _SENSORS}
-    unknown = [name for name in sensors if noise[name][0] is None]
-    noise = {name: (_NOMINAL[name] if white is None else white, walk) for name, (white, walk) in noise.items()}
+    if noise is not None:
+        told = noise_of(noise, None if isinstance(model, Triads) else "x")
+        readings = dataclasses.replace(readings, **{name: one for name, one in told.items() if one is not None})
+    known = {name: getattr(readings, f"{name}_noise") for name in _SENSORS}
+    for name in sensors:
+        check_noise(known[name], f"{_SENSORS[name]} noise")
+    unknown = [name for name in sensors if known[name] is None]
+    noise = {name: Noise(N=_NOMINAL[name]) if one is None else one for name, one in known.items()}
     side = {None: 0.0, "north": 1.0, "south": -1.0}[hemisphere]
     options = _Options(model, names, tuple(name in chosen for name in names), values, set(given), mean, certainty, hint, side, not unknown)
     traced = is_traced(readings, gravity, options)
@@ -124,8 +147,10 @@ def fit(
         if traced:
             return found
         spare = _spare(solved, table, found)
-        noise |= {name: (noise[name][0] * spare[name][1], noise[name][1]) for name in unknown}
-    return _noted(found, readings, options, bool(twofold), [_SENSORS[name] for name in unknown if not spare[name][0] > 0.5])
+        noise |= {name: Noise(N=noise[name].N * spare[name][1]) for name in unknown}
+    estimated = {name: spare[name][0] for name in unknown if spare[name][0] > _FEWEST}
+    found = dataclasses.replace(found, freedom=_freedom(solved, table, found, estimated))
+    return _noted(found, readings, options, bool(twofold), [_SENSORS[name] for name in unknown if name not in estimated])
 
 
 class _Options(eqx.Module):
@@ -152,8 +177,9 @@ def _solved(readings: Readings, gravity: Any, noise: dict[str, Any], o: _Options
     """The fit, the data it used, and other parameters that fit as well where the last value is true."""
     table = tabulate(readings, gravity, list(noise.values()))
     xp, dtype, chosen = array_module(table, o), table.accel.dtype, o.chosen
-    dwell = padded(readings.positions).dwell
-    first, second, twofold = initial_guess(table, dwell, o.values, o.known, chosen, o.hint, noise["gyro"][0], o.hemisphere)
+    places = padded(readings.positions)
+    level = _level(noise["gyro"], places, table.measured[1])
+    first, second, twofold = initial_guess(table, places.dwell, o.values, o.known, chosen, o.hint, level, o.hemisphere)
     # of an angle's prior the turn that is next to where the fit begins
     near = {name: first[name] + wrap(centre - first[name]) if name in ANGLES else centre for name, centre in o.mean.items()}
     prior, certainty = (xp.stack([xp.asarray(given.get(name, 0.0), dtype=dtype) for name in o.names]) for given in (near, o.certainty))
@@ -161,7 +187,12 @@ def _solved(readings: Readings, gravity: Any, noise: dict[str, Any], o: _Options
     # a parameter that is held lies between equal bounds: one program serves every choice, and the derivative by its value is kept
     low, high = ([end if name in chosen else first[name] for name in o.names] for end in (-np.inf, np.inf))
     guess = with_values(o.model, [xp.asarray(first[name], dtype=dtype) for name in o.names])
-    found = solve(residuals, guess, table, bounds=(with_values(o.model, low), with_values(o.model, high)), rtol=_SETTLED)
+    bounds = with_values(o.model, low), with_values(o.model, high)
+    # errors of the table's angles act through the slope of the readings, which the solution gives
+    for _ in range(1 if readings.positions.angle_std is None else _ROUNDS):
+        table = with_angle_errors(table, guess, readings.positions, gravity, readings.lever_arm)
+        found = solve(residuals, guess, table, bounds=bounds, rtol=_SETTLED)
+        guess = jax.tree.map(jax.lax.stop_gradient, found.model) if xp is jnp else jax.tree.map(np.asarray, found.model)
     other = xp.stack([xp.asarray(second[name], dtype=dtype) for name in o.names])
     found = dataclasses.replace(found, problem=None)
     return found if xp is jnp else jax.tree.map(np.asarray, found), table, other, twofold
@@ -201,7 +232,7 @@ def _described(found: Fit, table: Table, readings: Readings, sizes: Any, other: 
         prior_only=free & (table.certainty > 0) & (xp.diagonal(finite) * table.certainty**2 > 0.95**2),
         accel_residual=r[: len(readings.positions)], gyro_residual=r[n : n + len(readings.positions)], chi_square=chi_square,
         degrees_of_freedom=dof, p_value=p_value, other=xp.where(twofold, other, mirror if _mirrored(readings, o) else 0 * other),
-        noise_known=o.noise_known, verdict=verdict,
+        noise_known=o.noise_known, freedom=xp.full(len(names), xp.inf), verdict=verdict,
     )  # fmt: skip
 
 
@@ -216,7 +247,7 @@ def _in_range(xp: Any, values: Any, covariance: Any) -> tuple[Any, Any]:
 
 def _mirrored(readings: Readings, o: _Options) -> bool:
     """Whether the mirrored attitude gives the same readings: none has another mounting."""
-    return not {"z", "-z"} & set(readings.positions.mounting) and {"phi", "psi"} <= o.chosen
+    return not {"z", "-z", "fixed z"} & set(readings.positions.mounting) and {"phi", "psi"} <= o.chosen
 
 
 def _spare(found: Fit, table: Table, fitted: AlignmentFit) -> dict[str, tuple[float, float]]:
@@ -227,15 +258,40 @@ def _spare(found: Fit, table: Table, fitted: AlignmentFit) -> dict[str, tuple[fl
     for i, name in enumerate(_SENSORS):
         part = slice(i * n, (i + 1) * n)
         share, square = float(np.sum(left[part][table.measured[i]])), float(np.sum(found.residuals[part] ** 2))
-        made[name] = share, max(np.sqrt(square / share), 1e-6) if share > 0.5 else 1.0
+        made[name] = share, max(np.sqrt(square / share), 1e-6) if share > _FEWEST else 1.0
     return made
+
+
+def _freedom(found: Fit, table: Table, fitted: AlignmentFit, estimated: dict[str, float]) -> np.ndarray:
+    """Degrees of freedom of every variance, of which sensors with an estimated level have a share each (Satterthwaite)."""
+    finite, n = np.where(np.isfinite(fitted.covariance), fitted.covariance, 0), table.accel.size
+    doubt = np.zeros(len(fitted.names))
+    for i, name in enumerate(_SENSORS):
+        if name in estimated:
+            rows = found.jacobian[i * n : (i + 1) * n] @ finite
+            doubt += np.sum(rows**2, axis=0) ** 2 / estimated[name]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(doubt > 0, np.diagonal(finite) ** 2 / doubt, np.inf)
+
+
+def _level(noise: Any, places: Any, here: Any) -> Any:
+    """White noise for one second that has the variance of the readings."""
+    xp = array_module(noise, places, here)
+    variance = covariance_of(noise, places, here)
+    variance = variance if variance.ndim == 1 else xp.diagonal(variance)
+    count = xp.sum(xp.where(here, 1.0, 0.0))
+    mean = xp.sum(xp.where(here, variance * places.dwell, 0)) / xp.maximum(count, 1.0)
+    return xp.sqrt(xp.where(count > 0, mean, 1.0))
 
 
 def _noted(found: AlignmentFit, readings: Readings, o: _Options, twofold: bool, nominal: list[str]) -> AlignmentFit:
     """The result of a host call, with its remarks; `nominal` are the sensors whose noise nothing tells."""
     notes, dof = [], int(found.degrees_of_freedom)
     if not o.noise_known:
-        notes.append("No noise was given: the residuals gave it, and there is no test of fit.")
+        notes.append(
+            "No noise was given: the residuals gave the level of white noise, and there is no test of fit. Intervals allow for the "
+            "uncertainty of that level, but not for a bias that wanders; give noise coefficients for that."
+        )
     if nominal:
         notes.append(
             f"The {' and the '.join(nominal)} readings leave nothing to estimate noise from; their standard deviations are those of a "
@@ -251,102 +307,7 @@ def _noted(found: AlignmentFit, readings: Readings, o: _Options, twofold: bool, 
             "Without a z reading the mirrored attitude (180 degrees less roll, minus azimuth) gives the same readings; roll within 90 "
             "degrees is taken."
         )
-    if float(readings.walk("gyro")) == 0 and any(
-        float(getattr(noise, "B", 0.0)) > 0 for noise in (readings.accel_noise, readings.gyro_noise)
-    ):
-        notes.append("Bias instability B is not part of the weights; turn the table within the time of the Allan minimum.")
     tested = o.noise_known and dof > 0
     return dataclasses.replace(
         found, p_value=float(found.p_value) if tested else None, other=found.other if twofold or mirrored else None, notes=tuple(notes)
     )
-
-
-def noise_of(noise: Any, name: str) -> tuple[Any, Any]:
-    """N and K of a number, a `Sensor` or a `jaxcal.noise.Noise`."""
-    if noise is None:
-        raise DataError(f"There is no {name}; give its white noise, SI, or a `jaxcal.noise.Noise`: without it there is no bound.")
-    as_readings = Readings(np.zeros(1), gyro=np.zeros(1), gyro_noise=noise)
-    white, walk = as_readings.white("gyro"), as_readings.walk("gyro")
-    if not is_traced(white) and not float(white) > 0:
-        raise DataError(f"The {name} is {float(white):g}; it is positive, SI.")
-    return white, walk
-
-
-@host_float64
-def crlb(
-    positions: Any,
-    attitude: Any,
-    latitude: Any,
-    *,
-    accel_noise: Any,
-    gyro_noise: Any,
-    free: Iterable[str] | None = None,
-    priors: dict[str, Any] | None = None,
-    accel: Sensor = IDEAL,
-    gyro: Sensor = IDEAL,
-    lever_arm: Any = 0.0,
-    gravity: Any = GRAVITY,
-) -> Bound:
-    r"""Cramer-Rao bound of the joint fit, :math:`(J^T J)^{-1}` of the whitened Jacobian with the priors.
-
-    Parameters
-    ----------
-    positions : `Positions`, or table angles in rad.
-    attitude : (3,) roll, pitch, azimuth, rad.
-    latitude : rad; it counts as known unless "latitude" is in `free`.
-    accel_noise, gyro_noise : white noise N (m/s^2 sqrt(s), rad/sqrt(s)), a `jaxcal.noise.Noise` (N and K) or a `Sensor`.
-    free, priors : as of `fit`.
-    accel, gyro : sensor errors at which the bound is taken.
-    lever_arm : m. gravity : m/s^2.
-
-    Returns
-    -------
-    Bound
-        With covariance, rank and the parameters that are confounded. Traced, it is differentiable in every number.
-
-    Raises
-    ------
-    DataError
-        For unknown names, or noise that is not positive.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from jaxcal.alignment import Positions, crlb
-    >>> four = Positions(np.deg2rad([0.0, 90.0, 180.0, 270.0]), dwell=60.0)
-    >>> arw = np.deg2rad(0.01) / 60
-    >>> bound = crlb(four, np.deg2rad([0.0, 0.0, 88.0]), np.deg2rad(35.0), accel_noise=5e-4, gyro_noise=arw)
-    >>> print(np.rad2deg(bound.azimuth_std).round(4))
-    0.2547
-
-    References
-    ----------
-    S. M. Kay, Fundamentals of Statistical Signal Processing: Estimation Theory, 1993, section 3.9 (white Gaussian noise).
-    """
-    positions = as_positions(positions)
-    check_latitude(latitude)
-    check_gravity(gravity)
-    chosen = free_of(free, priors, positions, latitude, (True, True), NAMES)
-    certainty = priors_of(priors, NAMES)[1]
-    noise = [noise_of(accel_noise, "accelerometer noise"), noise_of(gyro_noise, "gyro noise")]
-    attitude = attitude if is_traced(attitude) else np.asarray(attitude, dtype=float)
-    if attitude.shape != (3,):
-        raise DataError(f"The attitude has shape {attitude.shape}; give (roll, pitch, azimuth) in rad.")
-    zeros = np.zeros(len(positions))
-    table = tabulate(Readings(positions, zeros, zeros, lever_arm=lever_arm), gravity, noise)
-    model = turntable(attitude, latitude, accel, gyro)
-    dtype = jax.dtypes.canonicalize_dtype(attitude.dtype)
-    xp = array_module(table, model, certainty)
-    weight = xp.stack([xp.asarray(certainty.get(name, 0.0)) for name in NAMES])
-    table, model = in_one_type((dataclasses.replace(table, prior=0 * weight, certainty=weight), model), dtype)
-    mask = np.array([name in chosen for name in NAMES])
-    jacobian = jacobian_at(model, table)
-    known = know(jacobian if is_traced(jacobian) else np.asarray(jacobian), 2 * table.accel.size, mask, sizes_of(NAMES, gravity, positions))
-    return Bound(NAMES, known.covariance, mask, known.rank, known.hidden, known.lost)
-
-
-@filter_jit
-def jacobian_at(model: Turntable, table: Table) -> Array:
-    """Jacobian of the residuals with respect to the parameters, in their order."""
-    values = jnp.stack([jnp.asarray(leaf) for leaf in jax.tree.leaves(model)])
-    return jax.jacfwd(lambda x: residuals(with_values(model, x), table))(values)

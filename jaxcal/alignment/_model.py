@@ -5,16 +5,18 @@ from typing import Any
 
 import equinox as eqx
 import jax
-import jax.core
 import jax.numpy as jnp
 import numpy as np
 
 from .._errors import DataError
 from .._precision import array_module
 from .._types import AnyArray
-from ._positions import AXES, EARTH_RATE, GRAVITY, Geometry, Positions, Readings, Sensor, geometry, table_from_nav
+from ..noise import Noise
+from ._noise import Sensor, covariance_of, weight_of
+from ._positions import AXES, EARTH_RATE, GRAVITY, Geometry, Positions, Readings, geometry, table_from_nav
 
 _SMALLEST_PAD = 16
+_TURN = 1e-4  # rad: step of a derivative by the table's angle
 
 
 class Turntable(eqx.Module):
@@ -102,9 +104,48 @@ class Turntable(eqx.Module):
         return tuple(reading - error for reading, error in zip((accel, gyro), errors, strict=True))  # type: ignore[return-value]
 
 
+class Triads(Turntable):
+    """A turntable with a full IMU: every axis has a bias of its own; scale errors and misalignments are common to the axes.
+
+    Correct the readings with the calibration of the IMU first, so that these are small. The mountings of its rows are "x", "y" and
+    "fixed z".
+
+    Attributes
+    ----------
+    b_a_y, b_a_z, b_g_y, b_g_z : biases of the y and z axes; those of the x axes are b_a and b_g.
+
+    Examples
+    --------
+    >>> from jaxcal.alignment import Positions, Triads
+    >>> accel, _ = Triads(b_a_y=0.5).measure(Positions([0.0, 0.0, 0.0], ("x", "y", "fixed z")))
+    >>> print(accel.round(3) + 0.0)
+    [ 0.     0.5   -9.807]
+
+    References
+    ----------
+    As of `Turntable`.
+    """
+
+    b_a_y: Any = 0.0
+    b_a_z: Any = 0.0
+    b_g_y: Any = 0.0
+    b_g_z: Any = 0.0
+
+    def measure(self, positions: Any, *, gravity: Any = GRAVITY, lever_arm: Any = 0.0) -> tuple[AnyArray, AnyArray]:
+        """As of `Turntable`, with the bias of each axis."""
+        places = geometry(positions, gravity, lever_arm)
+        xp, (accel, gyro) = array_module(self, places), super().measure(places)
+        more = [(self.b_a_y - self.b_a, self.b_g_y - self.b_g), (self.b_a_z - self.b_a, self.b_g_z - self.b_g)]
+        for channel, (force, rate) in enumerate(more, 1):
+            here = places.channel == channel
+            accel, gyro = accel + xp.where(here, force, 0), gyro + xp.where(here, rate, 0)
+        return accel, gyro
+
+
 NAMES = tuple(field.name for field in dataclasses.fields(Turntable))
 #: parameter -> its unit; a parameter of a subclass has none here
 UNITS = dict(zip(NAMES, ("rad",) * 3 + ("m/s^2", "", "rad/s", "") + ("rad",) * 4 + ("m/s^3", "rad/s^2", "rad"), strict=True))
+UNITS |= {"b_a_y": "m/s^2", "b_a_z": "m/s^2", "b_g_y": "rad/s", "b_g_z": "rad/s"}
 ANGLES = NAMES[:3]
 
 
@@ -141,6 +182,7 @@ class Places(eqx.Module):
     rate: Any
     acceleration: Any
     width: Any
+    channel: Any
 
 
 class Table(eqx.Module):
@@ -151,9 +193,11 @@ class Table(eqx.Module):
     places : `Geometry` of the positions, of one length for many lists of positions, so that one compiled program serves them.
     accel, gyro : (n,) readings, m/s^2 and rad/s.
     weight_accel, weight_gyro : (n,) one over the standard deviation, zero where nothing was measured; or (n, n) inverse Cholesky factor
-        of the covariance, where the bias walks.
+        of the covariance, where the bias wanders.
     prior, certainty : (p,) prior means and one over their standard deviations, zero where there is none, in the order of the model's
         parameters; None for no priors.
+    weight_both : (2 n, 2 n) inverse Cholesky factor of the covariance of all readings, where table angles that are not exact join those of
+        both sensors; None where these are independent.
     """
 
     places: Geometry
@@ -163,6 +207,7 @@ class Table(eqx.Module):
     weight_gyro: AnyArray
     prior: Any = None
     certainty: Any = None
+    weight_both: Any = None
 
     @property
     def measured(self) -> list[AnyArray]:
@@ -202,7 +247,11 @@ def residuals(model: Any, data: Any) -> Any:
     accel, gyro = model.measure(table.places)
     xp = array_module(accel, gyro, table)
     weighted = lambda weight, off: weight * off if weight.ndim == 1 else weight @ off  # noqa: E731
-    parts = [weighted(table.weight_accel, accel - table.accel), weighted(table.weight_gyro, gyro - table.gyro)]
+    off = accel - table.accel, gyro - table.gyro
+    if table.weight_both is None:
+        parts = [weighted(table.weight_accel, off[0]), weighted(table.weight_gyro, off[1])]
+    else:
+        parts = [table.weight_both @ xp.concatenate(off)]
     if table.prior is not None:
         parts.append(table.certainty * (xp.stack([xp.asarray(leaf) for leaf in jax.tree.leaves(model)]) - table.prior))
     return xp.concatenate(parts)
@@ -218,7 +267,7 @@ def padded(positions: Positions) -> Places:
     axes = np.concatenate([positions.axes, np.broadcast_to(AXES["x"], (more, 3, 3))])
     return Places(
         pad(positions.angle), axes, pad(positions.dwell, 1.0), pad(positions.start, end), pad(positions.time),
-        *(pad(getattr(positions, name)) for name in ("rate", "acceleration", "width")),
+        *(pad(getattr(positions, name)) for name in ("rate", "acceleration", "width", "channel")),
     )  # fmt: skip
 
 
@@ -229,43 +278,47 @@ def tabulate(readings: Readings, gravity: Any = GRAVITY, noise: Any = None, prio
     ----------
     readings : `Readings`.
     gravity : m/s^2.
-    noise : (N, K) of the accelerometer and (N, K) of the gyro, white noise and random walk; by default those of the readings.
+    noise : noise of the accelerometer and of the gyro, as `Readings` holds it; by default that of the readings.
     prior, certainty : as of `Table`.
     """
     xp = array_module(readings, gravity, noise, prior, certainty)
-    noise = noise or [(readings.white(name), readings.walk(name)) for name in ("accel", "gyro")]
+    noise = noise or [Noise(N=1.0) if own is None else own for own in (readings.accel_noise, readings.gyro_noise)]
     places = padded(readings.positions)
     values, weights, size = [], [], len(readings.positions)
-    for name, (white, walk) in zip(("accel", "gyro"), noise, strict=True):
+    for name, own in zip(("accel", "gyro"), noise, strict=True):
         given = getattr(readings, name)
         given = xp.full(size, xp.nan) if given is None else xp.asarray(given)
         padding = xp.full(places.dwell.size - size, xp.nan, dtype=given.dtype)
         value = xp.concatenate([given, padding])
-        values.append(xp.where(xp.isfinite(value), value, 0))
-        weights.append(whitening(white, walk, places, xp.isfinite(value)))
+        here = xp.isfinite(value)
+        values.append(xp.where(here, value, 0))
+        weights.append(weight_of(covariance_of(own, places, here), here))
     table = Table(geometry(places, gravity, readings.lever_arm), values[0], values[1], weights[0], weights[1], prior, certainty)
     return in_one_type(table, values[0].dtype if readings.accel is not None else values[1].dtype)
 
 
-def whitening(white: Any, walk: Any, places: Places, here: AnyArray) -> AnyArray:
-    """Weights of one sensor with white noise and, unless it is the number zero, a random walk of the bias."""
-    xp = array_module(white, walk, places, here)
-    white = 1.0 if white is None else white
-    if not isinstance(walk, jax.core.Tracer) and float(walk) == 0:
-        return xp.where(here, xp.sqrt(places.dwell) / white, 0)
-    both = here[:, None] & here[None, :]
-    own = xp.diag(white**2 / places.dwell)
-    factor = xp.linalg.cholesky(own + xp.where(both, walk**2 * walk_covariance(places.start, places.dwell), 0))
-    return xp.where(both, xp.linalg.solve(factor, xp.eye(here.size, dtype=factor.dtype)), 0)
-
-
-def walk_covariance(start: Any, dwell: Any) -> AnyArray:
-    """Covariance of the means over dwells of a unit random walk that starts with the test, (n, n), s."""
-    xp = array_module(start, dwell)
-    start = start - start.min()
-    earlier = xp.minimum(start[:, None], start[None, :])
-    shorter = xp.where(start[:, None] <= start[None, :], dwell[:, None], dwell[None, :])
-    return earlier + shorter * xp.where(xp.eye(start.size, dtype=bool), 1 / 3, 1 / 2)
+def with_angle_errors(table: Table, model: Any, positions: Positions, gravity: Any, lever_arm: Any) -> Table:
+    """The table with the covariance that errors of the table's angles add, for a model near the solution."""
+    if positions.angle_std is None:
+        return table
+    xp = array_module(table, model, positions, gravity, lever_arm)
+    places, n = padded(positions), table.accel.size
+    moved = [
+        model.measure(geometry(dataclasses.replace(places, angle=places.angle + step), gravity, lever_arm)) for step in (_TURN, -_TURN)
+    ]
+    slope = [(up - down) / (2 * _TURN) for up, down in zip(*moved, strict=True)]
+    spread = xp.asarray(positions.angle_std)
+    spread = xp.diag(spread**2) if spread.ndim == 1 else spread
+    more = n - len(positions)
+    spread = xp.pad(spread, ((0, more), (0, more)))
+    here = xp.concatenate(table.measured)
+    rows = xp.where(here[:, None], xp.concatenate([xp.diag(one) for one in slope]), 0)
+    factors = [xp.diag(weight) if weight.ndim == 1 else weight for weight in (table.weight_accel, table.weight_gyro)]
+    zero = xp.zeros((n, n), dtype=factors[0].dtype)
+    whitened = xp.concatenate([xp.concatenate([factors[0], zero], 1), xp.concatenate([zero, factors[1]], 1)])
+    rows = whitened @ rows
+    joint = weight_of(xp.eye(2 * n, dtype=rows.dtype) + rows @ spread @ rows.T, here) @ whitened
+    return dataclasses.replace(table, weight_both=xp.asarray(joint, dtype=table.accel.dtype))
 
 
 def in_one_type(tree: Any, dtype: Any) -> Any:

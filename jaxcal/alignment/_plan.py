@@ -16,9 +16,10 @@ from .._compile import filter_jit
 from .._errors import DataError
 from .._precision import array_module, host_float64, is_traced
 from .._types import Array
-from ._fit import jacobian_at, noise_of
-from ._model import NAMES, Places, Table, Turntable, padded, turntable, whitening
-from ._positions import GRAVITY, IDEAL, Positions, check_gravity, check_latitude, geometry, table_from_nav
+from ._bound import given_noise, jacobian_at
+from ._model import NAMES, Places, Table, Turntable, padded, turntable
+from ._noise import IDEAL, covariance_of, weight_of, white_alone
+from ._positions import AXES, GRAVITY, Positions, check_gravity, check_latitude, geometry, table_from_nav
 from ._start import free_of, priors_of
 
 _STARTS = 4
@@ -151,9 +152,9 @@ def plan(
     if criterion not in ("mean", "largest"):
         raise DataError(f"There is no criterion {criterion!r}; known are 'mean' and 'largest'.")
     lists = [mountings] if isinstance(mountings[0], str) and mountings[0] in ("x", "z", "-z", "y") else list(mountings)
-    noise = [noise_of(accel_noise, "accelerometer noise"), noise_of(gyro_noise, "gyro noise")]
-    # without a random walk the number zero is part of the program, which is then smaller
-    noise = [(jnp.asarray(float(white)), jnp.asarray(float(walk)) if float(walk) else 0.0) for white, walk in noise]
+    noise = [given_noise(accel_noise, "accelerometer noise"), given_noise(gyro_noise, "gyro noise")]
+    # a coefficient of zero is part of the program, which is then smaller
+    noise = jax.tree.map(lambda value: jnp.asarray(float(value)) if float(value) else 0.0, noise)
     if priors is None and free is None:
         free, priors = ("phi", "theta", "psi", "b_a", "s_a", "b_g", "s_g"), {"s_a": 1e-4, "s_g": 1e-4}
     given = priors_of(priors, NAMES)[1]
@@ -204,7 +205,7 @@ class _Design(eqx.Module):
         """Logarithm of the criterion, and its gradient by angles and logarithms of shares."""
         order = self.order
         places = padded(Positions(np.zeros(len(order)), tuple(self.words[i] for i in order)))
-        dwell = (jnp.asarray(self.least), jnp.asarray(self.time), jnp.asarray(len(order) / len(self.words)))
+        dwell = (jnp.asarray(self.least), jnp.asarray(self.time), jnp.asarray(len(order) / len(self.words)), jnp.asarray(self.moves))
         value, slope = _gradient(jnp.asarray(p), places, jnp.asarray(order), dwell, jnp.asarray(self.largest), self.free, *self.bound)
         return float(value), np.asarray(slope)
 
@@ -213,14 +214,26 @@ class _Design(eqx.Module):
         value = self.objective(np.concatenate([angles, np.log(np.maximum(shares, 1e-300))]))[0]
         return float(np.exp(value)) if np.isfinite(value) and np.exp(value) < np.pi * 1e3 else np.inf
 
+    @property
+    def moves(self) -> np.ndarray:
+        """Time of all moves before each visit, s."""
+        step = np.full(len(self.order), self.slew)
+        step[len(self.words) - 1] *= not self.mirrored
+        return np.cumsum(np.append(0.0, step[:-1]))
+
+    @property
+    def any_order(self) -> bool:
+        """Whether the order of the visits does not matter: no bias drifts or wanders."""
+        drifts = any(free and name.endswith("_rate") for name, free in zip(NAMES, self.free, strict=True))
+        return not drifts and all(map(white_alone, self.bound[1]))
+
     def positions(self, angles: np.ndarray, shares: np.ndarray) -> Positions:
-        """Mounting by mounting, in the order of their angles."""
-        angles, count = np.mod(angles, 2 * np.pi), len(self.words)
-        order = np.lexsort((angles, np.array([("x", "y", "z", "-z").index(word) for word in self.words])))[self.order]
+        """Mounting by mounting and in the order of their angles, where the order does not matter."""
+        angles, count, order = np.mod(angles, 2 * np.pi), len(self.words), self.order
+        if self.any_order:
+            order = np.lexsort((angles, np.array([tuple(AXES).index(word) for word in self.words])))[order]
         dwell = self.time * (self.least + (1 - self.least * count) * shares)[order] / (len(order) / count)
-        step = np.full(len(order), self.slew)
-        step[count - 1] *= not self.mirrored
-        return Positions(angles[order], tuple(self.words[i] for i in order), dwell, np.cumsum(np.append(0.0, (dwell + step)[:-1])))
+        return Positions(angles[order], tuple(self.words[i] for i in order), dwell, np.cumsum(dwell) - dwell + self.moves)
 
 
 def _searched(design: _Design, tau: float, seed: int) -> Plan:
@@ -292,7 +305,7 @@ def _listed(words: tuple[str, ...], tau: float) -> dict[str, tuple[np.ndarray, n
 def _variances(places: Places, count: Any, free: tuple[bool, ...], models: Any, noise: Any, certainty: Array, gravity: Array) -> Array:
     """Variance of the azimuth for every attitude, (k,), where the first `count` places are measured."""
     here, zeros = jnp.arange(places.angle.size) < count, jnp.zeros_like(places.angle)
-    weights = [whitening(white, walk, places, here) for white, walk in noise]
+    weights = [weight_of(covariance_of(one, places, here), here) for one in noise]
     table = Table(geometry(places, gravity), zeros, zeros, weights[0], weights[1], 0 * certainty, certainty)
     index = np.flatnonzero(free)
 
@@ -311,16 +324,17 @@ def _variances(places: Places, count: Any, free: tuple[bool, ...], models: Any, 
 @filter_jit
 def _gradient(p: Array, places: Places, index: Array, dwell: Any, largest: Array, *others: Any) -> tuple[Array, Array]:
     """Half the logarithm of the variance, and its gradient by angles and logarithms of shares; `index` is the order of measuring."""
-    least, time, halves = dwell
+    least, time, halves, moves = dwell
 
     def objective(p: Array) -> Array:
         angles, share = p[: p.size // 2], jax.nn.softmax(p[p.size // 2 :])
         times = (time * (least + (1 - least * share.size) * share) / halves)[index]
-        full, end = (leaf.at[: index.size].set(new) for leaf, new in ((places.dwell, times), (places.start, jnp.cumsum(times))))
-        middle = places.time.at[: index.size].set(end[: index.size] - times / 2 - jnp.sum(times) / 2)
-        moved = dataclasses.replace(
-            places, angle=places.angle.at[: index.size].set(angles[index]), dwell=full, start=end - full, time=middle
+        begin = jnp.cumsum(times) - times + moves
+        middle = begin + times / 2 - (begin[-1] + times[-1]) / 2
+        full, start, middle = (
+            leaf.at[: index.size].set(new) for leaf, new in ((places.dwell, times), (places.start, begin), (places.time, middle))
         )
+        moved = dataclasses.replace(places, angle=places.angle.at[: index.size].set(angles[index]), dwell=full, start=start, time=middle)
         variance = _variances(moved, index.size, *others)
         return 0.5 * jnp.log(jnp.where(largest, jnp.max(variance), jnp.mean(variance)))
 

@@ -10,6 +10,7 @@ import numpy as np
 from .._errors import DataError
 from .._precision import array_module, is_traced
 from .._types import AnyArray, Array
+from ._noise import as_noise, covariance_of
 
 #: rad/s, and m/s^2
 EARTH_RATE = 7.292115e-5
@@ -22,7 +23,10 @@ AXES: dict[str, np.ndarray] = {
     "y": np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, 1]]),
     "z": np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]),
     "-z": np.array([[0.0, 0, -1], [0, 1, 0], [1, 0, 0]]),
+    "fixed z": np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]),
 }
+#: mounting -> the sensor of a triad that it is
+CHANNELS = {"x": 0, "z": 0, "-z": 0, "y": 1, "fixed z": 2}
 
 
 def wrap(angle: Any) -> Any:
@@ -48,52 +52,20 @@ def table_from_nav(phi: Any, theta: Any, psi: Any) -> AnyArray:
     )
 
 
-class Sensor(eqx.Module):
-    """Errors of an accelerometer (SI: m/s^2) or a gyro (rad/s).
-
-    The reading is m = (1 + s) u.v + MA_1 v1.v + MA_2 v2.v + b + b' (t - t0) + n, with u the sensitive axis, v1 and v2 the cross axes.
-
-    Attributes
-    ----------
-    scale_error : s.
-    misalignment : (2,) MA_1, MA_2, rad.
-    bias : b.
-    bias_rate : b', per second, about the middle of the test.
-    white : N, velocity or angle random walk (m/s^2 sqrt(s), rad/sqrt(s)); the mean over a dwell T has the variance N^2/T.
-    walk : K, random walk of the bias (m/s^2/sqrt(s), rad/s/sqrt(s)).
-
-    Examples
-    --------
-    >>> from jaxcal.alignment import Sensor
-    >>> gyro = Sensor(bias=5e-8, white=3e-6)
-    >>> gyro.bias, gyro.scale_error
-    (5e-08, 0.0)
-    """
-
-    scale_error: Any = 0.0
-    misalignment: Any = (0.0, 0.0)
-    bias: Any = 0.0
-    bias_rate: Any = 0.0
-    white: Any = 0.0
-    walk: Any = 0.0
-
-
-#: without any error or noise
-IDEAL = Sensor()
-
-
 class Positions(eqx.Module):
     """Where the table stood, and how long.
 
     Attributes
     ----------
     angle : (n,) table angle, rad.
-    mounting : "x" (normal), "z" or "-z" (the same sensor remounted by -90 or +90 degrees about body y), "y" (another sensor fixed
-        on body y), one word or one per position.
+    mounting : "x" (normal), "z" or "-z" (the same sensor remounted by -90 or +90 degrees about body y), "y" or "fixed z" (other
+        sensors, fixed on body y and z), one word or one per position.
     dwell : time averaged over, s, one number or (n,).
     start : (n,) time at which each dwell begins, s; by default one follows the other.
     rate, acceleration : of the table during the dwell, rad/s and rad/s^2, one number or (n,).
     width : sector of table angle that a turning table passes during the dwell, rad; 0 for a table that stands still.
+    angle_std : what the table's angles may be wrong by, rad: one standard deviation or (n,) for errors that are independent, or their
+        covariance (n, n); None where the angles are exact. An error common to all positions is one of the azimuth itself.
 
     Examples
     --------
@@ -110,10 +82,11 @@ class Positions(eqx.Module):
     rate: Any
     acceleration: Any
     width: Any
+    angle_std: Any
 
     def __init__(
         self, angle: Any, mounting: Any = "x", dwell: Any = 1.0, start: Any = None, *, rate: Any = 0.0, acceleration: Any = 0.0,
-        width: Any = 0.0,
+        width: Any = 0.0, angle_std: Any = None,
     ):  # fmt: skip
         angle = _floats(angle, "table angle")
         if angle.ndim != 1 or not angle.size:
@@ -129,6 +102,11 @@ class Positions(eqx.Module):
             _per_position(value, angle, name)
             for value, name in ((dwell, "dwell"), (rate, "table rate"), (acceleration, "table acceleration"), (width, "sector width"))
         )
+        if angle_std is not None:
+            angle_std = _floats(angle_std, "standard deviation of the angles")
+            if angle_std.shape != 2 * angle.shape:
+                angle_std = _per_position(angle_std, angle, "standard deviation of the angles")
+        self.angle_std = angle_std
         xp = jnp if isinstance(self.dwell, jax.Array) else np
         self.start = xp.cumsum(self.dwell) - self.dwell if start is None else _per_position(start, angle, "start")
         if not is_traced(self.dwell) and not np.all(np.asarray(self.dwell) > 0):
@@ -141,6 +119,11 @@ class Positions(eqx.Module):
     def axes(self) -> np.ndarray:
         """(n, 3, 3) sensitive axis and cross axes of every position, in body axes."""
         return np.array([AXES[word] for word in self.mounting])
+
+    @property
+    def channel(self) -> np.ndarray:
+        """(n,) number of the sensor of a triad that reads at each position."""
+        return np.array([float(CHANNELS[word]) for word in self.mounting])
 
     @property
     def time(self) -> Any:
@@ -157,8 +140,9 @@ class Readings(eqx.Module):
     positions : `Positions`.
     accel : (n,) mean of the accelerometer at every position, m/s^2; NaN where there is none; None without an accelerometer.
     gyro : (n,) mean of the gyro, rad/s; likewise.
-    accel_noise, gyro_noise : white noise N (m/s^2 sqrt(s), rad/sqrt(s)); or a `jaxcal.noise.Noise`, of which N and K count, or a
-        `Sensor`; None where it is not known.
+    accel_noise, gyro_noise : `jaxcal.noise.Noise`, or three of them for the axes of a triad; None where it is not known. It may be given
+        as a number, white noise N (m/s^2 sqrt(s), rad/sqrt(s)), as a `NoiseFit` or a `Sensor`; `noise_of` takes it from a calibration.
+        The closed forms count N alone.
     lever_arm : distance of the sensors from the table's axis along body x, m; it matters while the table turns.
 
     Examples
@@ -186,17 +170,21 @@ class Readings(eqx.Module):
             if values is not None and values.shape != (len(self.positions),):
                 raise DataError(f"There are {name} readings of shape {values.shape} for {len(self.positions)} positions; give one each.")
             setattr(self, name, values)
-        self.accel_noise, self.gyro_noise, self.lever_arm = accel_noise, gyro_noise, lever_arm
+        self.accel_noise, self.gyro_noise = as_noise(accel_noise, "accelerometer noise"), as_noise(gyro_noise, "gyro noise")
+        self.lever_arm = lever_arm
 
     def white(self, sensor: str) -> Any:
         """White noise N of "accel" or "gyro"; None where it is not known."""
         noise = getattr(self, f"{sensor}_noise")
-        return noise.white if isinstance(noise, Sensor) else getattr(noise, "N", noise)
+        return None if noise is None else (noise[0] if isinstance(noise, tuple) else noise).N
 
-    def walk(self, sensor: str) -> Any:
-        """Random walk K of the bias; 0 where it is not known."""
+    def variance(self, sensor: str) -> Any:
+        """(n,) variance of each reading of "accel" or "gyro"; None where the noise is not known."""
         noise = getattr(self, f"{sensor}_noise")
-        return noise.walk if isinstance(noise, Sensor) else getattr(noise, "K", 0.0)
+        if noise is None:
+            return None
+        found = covariance_of(noise, self.positions, np.isfinite(np.asarray(getattr(self, sensor))))
+        return found if found.ndim == 1 else found.diagonal()
 
 
 def _floats(values: Any, name: str) -> Any:
@@ -227,6 +215,7 @@ class Geometry(eqx.Module):
     Attributes
     ----------
     time : (n,) middle of the dwell, s, counted from the middle of the test.
+    channel : (n,) number of the sensor of a triad.
     axes : (n, 3, 3) sensitive axis and two cross axes in table axes; the mean over a sector shortens their turning part.
     force : (n, 3) specific force along them that the table's motion gives, m/s^2. coriolis : (n, 3, 3) m/s, times the Earth's rate.
     rate : (n, 3) angular rate along them that the table's motion gives, rad/s.
@@ -234,6 +223,7 @@ class Geometry(eqx.Module):
     """
 
     time: AnyArray
+    channel: AnyArray
     axes: AnyArray
     force: AnyArray
     coriolis: AnyArray
@@ -258,7 +248,9 @@ def geometry(positions: Any, gravity: Any = GRAVITY, lever_arm: Any = 0.0) -> Ge
     coriolis = 2 * (lever_arm * rate)[:, None, None] * xp.stack([-body[:, 2], 0 * body[:, 1], body[:, 0]], 1)
     along = lambda vectors: (axes * vectors[:, None, :]).sum(-1)  # noqa: E731
     turning = xp.stack([zero, zero, zero + rate], -1)
-    return Geometry(xp.asarray(places.time), axes @ body, along(motion), axes @ coriolis, along(turning), gravity)
+    return Geometry(
+        xp.asarray(places.time), xp.asarray(places.channel), axes @ body, along(motion), axes @ coriolis, along(turning), gravity
+    )
 
 
 def taken(readings: Readings, sensor: str, mounting: str, angle: Any) -> Any:

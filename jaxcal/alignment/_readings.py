@@ -13,8 +13,10 @@ from .._compile import filter_jit
 from .._errors import DataError
 from .._precision import host_float64, is_traced
 from .._types import Array
-from ._model import in_one_type, turntable, walk_covariance
-from ._positions import GRAVITY, IDEAL, Positions, Readings, Sensor, as_positions, check_latitude, least_squares
+from ..noise import Noise, mean_covariance
+from ._model import in_one_type, turntable
+from ._noise import IDEAL, Sensor, as_noise, white_alone
+from ._positions import GRAVITY, Positions, Readings, as_positions, check_latitude, least_squares
 
 
 class Carousel(eqx.Module):
@@ -159,13 +161,14 @@ def _second_harmonic(angle: np.ndarray, value: np.ndarray, dwell: np.ndarray) ->
 
 
 @filter_jit
-def _noise(key: Array, white: Array, walk: Array | None, dwell: Array, start: Array) -> Array:
-    """White noise of the means over dwells, and that of a bias that walks."""
-    one, two = jax.random.split(key)
-    noise = white / jnp.sqrt(dwell) * jax.random.normal(one, dwell.shape, dwell.dtype)
-    if walk is None:
-        return noise
-    return noise + walk * (jnp.linalg.cholesky(walk_covariance(start, dwell)) @ jax.random.normal(two, dwell.shape, dwell.dtype))
+def _noise(key: Array, noise: Noise, dwell: Array, start: Array) -> Array:
+    """Noise of the means over dwells."""
+    drawn = jax.random.normal(key, dwell.shape, dwell.dtype)
+    if white_alone(noise):
+        return noise.N / jnp.sqrt(dwell) * drawn
+    covariance = mean_covariance(noise, start, dwell)
+    # without white noise the common mean of a bias that wanders has no variance
+    return jnp.linalg.cholesky(covariance + 1e-12 * jnp.mean(jnp.diag(covariance)) * jnp.eye(dwell.size, dtype=dwell.dtype)) @ drawn
 
 
 @host_float64
@@ -235,23 +238,20 @@ def simulate(
     made = turntable(attitude, latitude, accel, gyro).measure(positions, gravity=gravity, lever_arm=lever_arm)
     dtype = jax.dtypes.canonicalize_dtype(attitude.dtype)
     made = in_one_type(made, dtype)
-    walking = any(_some(sensor.walk) for sensor in (accel, gyro))
     keys = jax.random.split(seed if isinstance(seed, jax.Array) else jax.random.key(int(seed)))
     # as arrays: a number would be part of the program, which would be compiled anew for every other
     as_array = lambda value: jnp.asarray(value, dtype=dtype)  # noqa: E731
     dwell, start = as_array(positions.dwell), as_array(positions.start)
-    noisy = [
-        reading + _noise(key, as_array(sensor.white), as_array(sensor.walk) if walking else None, dwell, start) if known else reading
-        for key, sensor, reading, known in zip(keys, (accel, gyro), made, map(_known, (accel, gyro)), strict=True)
+    known = [
+        as_noise(sensor, "noise") if any(map(_some, (sensor.white, sensor.walk, sensor.flicker))) else None for sensor in (accel, gyro)
     ]
-    return Readings(positions, *noisy, accel_noise=_known(accel), gyro_noise=_known(gyro), lever_arm=lever_arm)
+    noisy = [
+        reading if noise is None else reading + _noise(key, jax.tree.map(lambda x: as_array(x) if _some(x) else 0.0, noise), dwell, start)
+        for key, noise, reading in zip(keys, known, made, strict=True)
+    ]
+    return Readings(positions, *noisy, accel_noise=known[0], gyro_noise=known[1], lever_arm=lever_arm)
 
 
 def _some(size: Any) -> bool:
     """Whether a noise coefficient is not zero, or not yet known."""
     return isinstance(size, jax.core.Tracer) or float(size) > 0
-
-
-def _known(sensor: Sensor) -> Any:
-    """The sensor's noise; None where it has none."""
-    return sensor if _some(sensor.white) or _some(sensor.walk) else None

@@ -4,9 +4,10 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
+import scipy.stats
 
 from .._precision import array_module, is_traced
-from .._results import NORMAL95, Result, Row
+from .._results import Result, Row
 from .._types import AnyArray
 from ..fitting import Information, information
 from ._model import UNITS, Turntable
@@ -116,7 +117,9 @@ def sizes_of(names: tuple[str, ...], gravity: Any, positions: Any) -> AnyArray:
     """(p,) size of a change of every parameter that counts as one: rad, g, the Earth's rate, either over the duration, one."""
     xp = array_module(gravity, positions)
     duration = (positions.start + positions.dwell).max() - positions.start.min()
-    sizes = {"b_a": gravity, "b_g": EARTH_RATE, "b_a_rate": gravity / duration, "b_g_rate": EARTH_RATE / duration}
+    sizes = {"b_a_rate": gravity / duration, "b_g_rate": EARTH_RATE / duration}
+    for axis in ("", "_y", "_z"):
+        sizes |= {f"b_a{axis}": gravity, f"b_g{axis}": EARTH_RATE}
     return xp.stack([xp.asarray(sizes.get(name, 1.0)) for name in names])
 
 
@@ -214,6 +217,8 @@ class AlignmentFit(_Known, Result):
         the noise came from the residuals themselves.
     other : (p,) another solution that fits as well; None where there is none.
     noise_known : whether the noise was given; otherwise the residuals gave it.
+    freedom : (p,) degrees of freedom of each standard deviation; infinite where the noise was given. Intervals take the quantile of
+        Student's distribution with them.
     verdict : item of `Verdict`. notes : sentences.
     """
 
@@ -227,6 +232,7 @@ class AlignmentFit(_Known, Result):
     p_value: Any
     other: Any
     noise_known: bool = eqx.field(static=True)
+    freedom: Any = None
     verdict: Any = None
     notes: tuple[str, ...] = eqx.field(static=True, default=())
 
@@ -265,10 +271,17 @@ class AlignmentFit(_Known, Result):
         """The notes."""
         return self.notes
 
+    @property
+    def interval(self) -> dict[str, tuple[float, float]]:
+        """Interval of 95 % of every free parameter that has a number, SI (host only)."""
+        reach = dict(zip(self.names, scipy.stats.t.ppf(0.975, np.asarray(self.freedom)), strict=True))
+        known = {name: value for name, value in self.parameters.items() if value is not None and np.isfinite(self.std[name])}
+        return {name: (x - reach[name] * self.std[name], x + reach[name] * self.std[name]) for name, x in known.items()}
+
     def _rows(self) -> list[Row]:
-        half = {name: NORMAL95 * std for name, std in self.std.items()}
+        interval = self.interval
         known = {name: value for name, value in self.parameters.items() if value is not None}
-        return [Row(name, x, x - half[name], x + half[name], UNITS.get(name, "")) for name, x in known.items()]
+        return [Row(name, x, *interval.get(name, (-np.inf, np.inf)), UNITS.get(name, "")) for name, x in known.items()]
 
     @property
     def reason(self) -> str:

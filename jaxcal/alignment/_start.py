@@ -12,10 +12,13 @@ from ._model import Table
 from ._positions import EARTH_RATE, Positions, distance, least_squares, table_from_nav, wrap
 
 _ALWAYS = ("phi", "theta", "psi", "b_a", "b_g")
+_OTHER_AXES = ("b_a_y", "b_a_z", "b_g_y", "b_g_z")
 _ANGLES = ("phi", "theta", "psi", "latitude")
 _FEW_ANGLES = 3
 #: sensor -> what cannot be free without it
-_NEEDED = {"accelerometer": ("b_a", "s_a", "ma_a_xy", "ma_a_xz", "b_a_rate"), "gyro": ("psi", "b_g", "s_g")}
+_NEEDED = {
+    "accelerometer": ("b_a", "s_a", "ma_a_xy", "ma_a_xz", "b_a_rate", "b_a_y", "b_a_z"), "gyro": ("psi", "b_g", "s_g", "b_g_y", "b_g_z")
+}  # fmt: skip
 _GRID = 360
 
 
@@ -23,7 +26,7 @@ def free_of(free: Any, priors: Any, positions: Positions, latitude: Any, sensors
     """Names of the parameters that are estimated; by default angles, biases, and the scale errors where there is a z reading."""
     priors = priors or {}
     if free is None:
-        names = {*_ALWAYS, *(("s_a", "s_g") if {"z", "-z"} & set(positions.mounting) else ())}
+        names = {*_ALWAYS, *(("s_a", "s_g") if {"z", "-z"} & set(positions.mounting) else ()), *(n for n in _OTHER_AXES if n in known)}
         for there, needed in zip(sensors, _NEEDED.values(), strict=True):
             names -= set() if there else set(needed)
     else:
@@ -66,7 +69,7 @@ def check_latitude_free(free: set[str], priors: dict[str, Any], positions: Posit
     """Refuse a free latitude that the readings cannot give (section 2 of the method)."""
     if "latitude" not in free or "latitude" in priors:
         return
-    in_plane = np.isin(np.array(positions.mounting), ["x", "y"])
+    in_plane = np.isin(np.array(positions.mounting), ["x", "y", "fixed z"])
     if not is_traced(positions.angle):
         distinct = len(np.unique(np.round(np.exp(1j * np.asarray(positions.angle)[in_plane]), 6)))
         if distinct < _FEW_ANGLES:
@@ -91,11 +94,14 @@ def initial_guess(
     """
     xp = array_module(table, given, hint, noise)
     axes, root = table.places.axes[:, 0], xp.sqrt(dwell)
+    # a column for each bias
+    one_hot = [table.places.channel == i for i in range(3)] if _OTHER_AXES[0] in given else [xp.ones_like(table.places.channel)]
+    offsets = xp.stack([xp.asarray(column, dtype=axes.dtype) for column in one_hot], -1)
     weight_accel, weight_gyro = (xp.where(measured, root, 0) for measured in table.measured)
     accel = (table.accel - given["b_a"]) / table.places.gravity
     gyro = (table.gyro - given["b_g"]) / EARTH_RATE
-    down, seen = _vector(-axes, accel, weight_accel, "b_a" in free)
-    rate, turns = _vector(axes, gyro, weight_gyro, "b_g" in free)
+    down, seen = _vector(-axes, accel, weight_accel, offsets * float("b_a" in free))
+    rate, turns = _vector(axes, gyro, weight_gyro, offsets * float("b_g" in free))
 
     chosen = lambda name, value: given[name] if name in known or name not in free else value  # noqa: E731
     upside_down = xp.cos(given["phi"]) < 0 if "phi" in known else False
@@ -103,7 +109,7 @@ def initial_guess(
     third = xp.where(seen[2], down[2], xp.where(upside_down, -flat, flat))
     phi = chosen("phi", xp.arctan2(down[1], third))
     theta = chosen("theta", xp.arctan2(-down[0], xp.hypot(down[1], third)))
-    column = weight_gyro * float("b_g" in free)
+    column = weight_gyro[:, None] * offsets * float("b_g" in free)
     if "latitude" in free and "latitude" not in known:
         side = xp.sqrt(xp.maximum(1 - rate[0] ** 2 - rate[1] ** 2, 0))
         pairs = [_levelled(xp, rate[:2], xp.where(turns[2], rate[2], z), phi, theta) for z in (side, -side)]
@@ -125,10 +131,10 @@ def initial_guess(
     return still(first), still(second), twofold
 
 
-def _vector(axes: AnyArray, reading: AnyArray, weight: AnyArray, offset: bool) -> tuple[AnyArray, AnyArray]:
+def _vector(axes: AnyArray, reading: AnyArray, weight: AnyArray, offsets: AnyArray) -> tuple[AnyArray, AnyArray]:
     """Least-squares vector v of reading = axes.v + b, and which of its components the readings determine."""
     xp = array_module(axes, reading, weight)
-    rows = xp.concatenate([axes, xp.full((axes.shape[0], 1), float(offset), dtype=axes.dtype)], axis=1)
+    rows = xp.concatenate([axes, offsets], axis=1)
     solution, _, known = least_squares(rows, reading, weight, 1e-6)
     return solution[:3], known[:3]
 
@@ -151,9 +157,8 @@ def _search(xp, phi, theta, latitude, axes, gyro, weight, column, hint, noise) -
     vertical = table_from_nav(phi, theta, 0.0)[:, 2] * xp.sin(latitude)
     waves = xp.stack([xp.cos(grid), xp.sin(grid)], axis=1) @ xp.stack([north, east]) * xp.cos(latitude) - vertical[None, :]
     misfit = weight[None, :] * (gyro[None, :] - waves @ axes.T)
-    square = column @ column
-    along = misfit @ column / xp.where(square > 0, square, 1)
-    misfit = misfit - along[:, None] * column[None, :]
+    square = xp.sum(column**2, axis=0)
+    misfit = misfit - (misfit @ column / xp.where(square > 0, square, 1)[None, :]) @ column.T
     cost = xp.sum(misfit**2, axis=1) / (noise / EARTH_RATE) ** 2
     far = False if hint is None else distance(grid, hint) > np.pi / 2
     best = xp.argmin(xp.where(far, xp.inf, cost))

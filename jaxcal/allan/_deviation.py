@@ -26,6 +26,7 @@ from ._kernels._total import traced_total_sums
 from ._kinds import Kind, cluster_sizes, find_kind
 from ._noise_type._identify import identify, noise_types, types_for_intervals
 from ._result import Deviation, assembled
+from ._theoh import theoh
 from ._uncertainty._bias import bias_factors
 from ._uncertainty._edf import interval_factors, known_uncertainty, tabulated_factors
 from ._uncertainty._edf_total import degrees_of_freedom
@@ -59,6 +60,7 @@ def deviation(
     ttotdev  mtotdev times tau/sqrt(3)                                                            1 .. n/3     times s
     htotdev  ohdev of every window of 3 m rate samples, likewise; ohdev itself at m = 1           1 .. n/3     of the record
     theo1    pairs of differences within windows of m, tau = 0.75 m / rate                        even, 2 .. n of the record
+    theoh    oadev up to a tenth of the record, beyond it theo1 at the level of oadev             1 .. n       of the record
     mtie     largest range of the phase within any window of m + 1 points                         1 .. n       times s
     tierms   root mean square of theta_{k+m} - theta_k                                            1 .. n       times s
     ======== ==================================================================================== ============ =================
@@ -80,8 +82,8 @@ def deviation(
         gaps: they use its longest stretch without, and a warning says which. A channel of nothing but NaN comes out as NaN, with
         a warning, beside others that hold samples.
     rate : sampling rate in Hz.
-    kind : "adev", "oadev" (default), "mdev", "tdev", "hdev", "ohdev", "totdev", "mtotdev", "ttotdev", "htotdev", "theo1", "mtie"
-        or "tierms". In a traced record (jit, grad, vmap) all but mtotdev, ttotdev, htotdev, theo1 and mtie.
+    kind : "adev", "oadev" (default), "mdev", "tdev", "hdev", "ohdev", "totdev", "mtotdev", "ttotdev", "htotdev", "theo1", "theoh",
+        "mtie" or "tierms". In a traced record (jit, grad, vmap) all but mtotdev, ttotdev, htotdev, theo1, theoh and mtie.
     m : cluster sizes in samples: "log" (default, about 15 per decade), "octave", "decade", "all", or integers.
     data : "rate" (default) or "phase".
     confidence : level of the intervals, 0.95 by default.
@@ -121,6 +123,13 @@ def deviation(
     intervals: Greenhall and Riley, PTTI 2003; noise type: Riley and Greenhall, EFTF 2004, and with fewer than 30 averages
     the ratios B1 and R(n) (NIST SP 1065, section 5.5); interval errors: ITU-T G.810.
     """
+    if kind == "theoh":
+        y = checked_record(y)
+        if not isinstance(y, np.ndarray):
+            raise DataError("theoh is computed on the host: it cannot be traced (jit, grad, vmap). Of a traced record take oadev")
+        options = {"data": data, "confidence": confidence, "alpha": alpha, "bias_corrected": bias_corrected, "robust": robust, "time": time}
+        plain = functools.partial(deviation, y, rate, **options)
+        return theoh(len(y) - (1 if data == "phase" else 0), m, plain)
     statistic, rate = find_kind(kind), checked_rate(rate)
     if data not in ("rate", "phase"):
         raise DataError(f'unknown data {data!r}; expected "rate" (samples of rate or force) or "phase" (their integral)')

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -20,7 +20,7 @@ from ._tables import by_sensor
 from ._work import carry_out
 
 Kind = Literal[
-    "adev", "oadev", "mdev", "tdev", "hdev", "ohdev", "totdev", "mtotdev", "ttotdev", "htotdev", "theo1", "mtie", "tierms"
+    "adev", "oadev", "mdev", "tdev", "hdev", "ohdev", "totdev", "mtotdev", "ttotdev", "htotdev", "theo1", "theoh", "mtie", "tierms"
 ]  # fmt: skip
 _GRIDS = ("log", "octave", "decade", "all")
 _DEVIATIONS, _FREQUENCIES = 50, 30  # rows of a printed table; files hold all
@@ -54,6 +54,7 @@ def allan(
     bias_corrected: bool = False,
     alpha: Literal[-2, -1, 0, 1, 2] | None = None,
     robust: bool = False,
+    clock: bool = False,
     reading: Reading = Reading(),
     writing: Deviations = Deviations(),
     running: Running = Running(),
@@ -64,7 +65,8 @@ def allan(
     ----------
     kind
         Statistic: Allan (adev, overlapping oadev), modified Allan (mdev), time (tdev), Hadamard (hdev, overlapping ohdev), their
-        total forms (totdev, mtotdev, ttotdev, htotdev), Theo1 (theo1), interval error (largest mtie, rms tierms: no interval known).
+        total forms (totdev, mtotdev, ttotdev, htotdev), Theo1 (theo1), both (theoh: oadev, and Theo1 beyond a tenth of the log), interval
+        error (largest mtie, rms tierms: no interval known).
     m
         Cluster sizes: log (15 per decade), octave, decade, all, or numbers of samples as 1,10,100.
     bias_corrected
@@ -74,16 +76,24 @@ def allan(
         frequency, -2 random walk of frequency.
     robust
         An M-estimate that outliers do not carry off, for adev, oadev, hdev and ohdev.
+    clock
+        The log is a column of fractional frequencies, or with --data phase of time errors in s, of clocks or oscillators (one to three
+        columns with --columns gyro=0:2): deviations have no unit, tdev is in s.
     """
     options: dict[str, Any] = {"kind": kind, "m": _sizes(m), "confidence": confidence, "bias_corrected": bias_corrected}
     options |= {"alpha": alpha, "robust": robust}
+
+    if clock:
+        # a column without a unit passes through as rad/s, whose factor is one
+        reading = replace(reading, columns=reading.columns or ("gyro=0",), units=("gyro=rad/s", *(reading.units or ())))
 
     def compute(recording: Any, _: Any) -> dict[str, Any]:
         found = {}
         for sensor in ("gyro", "accel", "mag"):
             if (values := getattr(recording, sensor)) is not None:
                 result = jaxcal.allan.deviation(values.reshape(len(values), -1), recording.rate, **options)
-                found |= {f"{sensor}_{'xyz'[axis]}": result.channel(axis) for axis in range(result.deviation.shape[1])}
+                name = "clock" if clock else sensor
+                found |= {f"{name}_{'xyz'[axis]}": result.channel(axis) for axis in range(result.deviation.shape[1])}
         if not found:
             raise jaxcal.DataError(f"{log} holds {_NONE}")
         return found
@@ -198,19 +208,24 @@ def _columns(found: dict[str, Any], names: tuple[str, ...]) -> Iterator[tuple[st
     """Channel, unit and arrays as lists, with None where there is no number (limits of an interval error)."""
     for channel, result in found.items():
         sensor = channel.partition("_")[0]
-        unit = si_unit(sensor)
         if hasattr(result, "density"):
-            unit = f"({unit})^2/Hz"
+            unit = f"({si_unit(sensor)})^2/Hz"
         elif result.unit_of_phase:
-            unit = {"gyro": "rad", "accel": "m/s", "mag": "T s"}[sensor]
+            unit = {"gyro": "rad", "accel": "m/s", "mag": "T s", "clock": "s"}[sensor]
+        else:
+            unit = "1" if sensor == "clock" else si_unit(sensor)
         yield channel, unit, {name: [None if x != x else x for x in getattr(result, name).tolist()] for name in names}
 
 
 def _deviations(screen: Screen, sensor: str, name: str, axes: Mapping[str, Any]) -> None:
     import numpy as np
 
-    unit = {"gyro": "deg/h", "accel": "ug", "mag": "nT"}[sensor]
-    scale, first = factor(unit, sensor), next(iter(axes.values()))
+    first = next(iter(axes.values()))
+    if sensor == "clock":
+        scale, unit = 1.0, "s" if first.unit_of_phase else "fractions of the frequency"
+    else:
+        unit = {"gyro": "deg/h", "accel": "ug", "mag": "nT"}[sensor]
+        scale, unit = factor(unit, sensor), unit + " s" * first.unit_of_phase
     step = -(-len(first.tau) // _DEVIATIONS)
     rows = []
     for i in range(0, len(first.tau), step):
@@ -224,7 +239,7 @@ def _deviations(screen: Screen, sensor: str, name: str, axes: Mapping[str, Any])
     every = f"; every {step}th of {len(first.tau)} cluster times" if step > 1 else ""
     known = any(np.isfinite(result.lower).any() for result in axes.values())
     interval = f"{100 * first.confidence:g} % interval" if known else "no interval known"
-    title = f"{name}: {first.kind} in {unit}{' s' * first.unit_of_phase}, {interval}{every}"
+    title = f"{name}: {first.kind} in {unit}, {interval}{every}"
     screen.table(title, ["tau (s)", *(channel.removeprefix(f"{sensor}_") for channel in axes)], rows)
 
 

@@ -13,14 +13,16 @@ from cyclopts import Parameter
 import jaxcal
 
 from ._apply import save_sensors
+from ._cache import keep_compiled
 from ._export import FILES
-from ._options import CallError, Files, Log, Reading, Running, checked, log_file, stem
+from ._options import CallError, Files, Log, Reading, Running, checked, log_file, must_exist, read_log, stem
 from ._outputs import File, figure, outputs, save_calibration, save_export, save_json, save_report, tried
 from ._screen import Screen
 from ._work import carry_out
 
 _MICRO = 1e-6
 _PEEK = 20_000  # bytes
+_NO_MAG = "the log has no magnetometer of three axes; name its columns with --columns mag=mx,my,mz"
 _STRONGEST = 1e-3  # T: a larger field is one in counts
 #: format of --export -> name of the file where none is given
 _EXPORTS = {name: FILES[name] for name in ("motioncal", "c", "csv")}
@@ -71,6 +73,15 @@ def mag(
     joint: Annotated[
         bool, Parameter(help="Fit norms and the sensor of --align together; with little tilt far better than one after the other.")
     ] = False,
+    against: Annotated[
+        Path | None, Parameter(help="Calibration that the device has now, as JSON: by how much headings would turn with the new one.")
+    ] = None,
+    next: Annotated[
+        bool, Parameter(help="Only say which attitude to take next, or to stop; nothing is written. --limit sets the heading error.")
+    ] = False,
+    limit: Annotated[
+        float, checked("--limit", lambda limit: 0 < limit < 90, "degrees above 0", "Heading error in degrees at which --next says stop.")
+    ] = 1.0,
     force: Annotated[bool, Parameter(help="Write a refused fit too, to look at.")] = False,
     reading: Reading = Reading(),
     writing: Writing = Writing(),
@@ -83,6 +94,11 @@ def mag(
     """
     if joint and (align == "none" or method != "ml" or model not in ("auto", "symmetric") or loss != "none"):
         raise CallError("--joint goes with --align accel or gyro, and with the full soft iron by --method ml without --loss")
+    must_exist(against)
+    if next:
+        _advise(log, reading, running, limit, inclination)
+        return
+    present = None if against is None else _present(against)
     options = {
         "method": method, "model": model, "field": field, "inclination": inclination, "place": place, "date": date, "loss": loss,
         "penalty": penalty, "align": align, "field_error": field_error, "joint": joint,
@@ -110,7 +126,50 @@ def mag(
     plan = outputs(writing, files, default, formats=_EXPORTS, export=partial(save_export, part="magnetometer"))
     reading, said = _ready(log, reading, align)
     done = carry_out(log, reading, running, plan, compute, command="jaxcal mag", options=options)
+    if present is not None and done.found.model is not None:
+        _compare(done.screen, against, present, done.found)
     done.tell(done.found.warnings, said)
+
+
+def _advise(path: Path, reading: Reading, running: Running, limit: float, inclination: float | None) -> None:
+    """The next attitude, on the screen."""
+    import numpy as np
+
+    reading, _ = _ready(path, reading, "none")
+    log = read_log(path, reading)
+    if log.mag is None or log.mag.shape[1] != 3:
+        raise jaxcal.DataError(_NO_MAG)
+    keep_compiled()
+    dip = None if inclination is None else math.radians(inclination)
+    found = jaxcal.magnetometer.guide(log.mag[np.isfinite(log.mag).all(axis=1)], limit=math.radians(limit), inclination=dip)
+    screen = Screen(running.quiet)
+    screen.line(found.reason)
+    if found.fit is not None:
+        screen.sentences("Warnings", found.fit.warnings)
+
+
+def _present(path: Path) -> Any:
+    part = jaxcal.Calibration.load(path).magnetometer
+    if part is None:
+        raise CallError(f"--against {path}: the calibration has no magnetometer")
+    return part.model
+
+
+def _compare(screen: Screen, path: Path | None, present: Any, found: Any) -> None:
+    """What the new calibration would change."""
+    import numpy as np
+
+    turns = np.rad2deg(jaxcal.magnetometer.heading_change(present, found.model, inclination=float(found.inclination), down=found.down))
+    rms, moved = np.sqrt(np.mean(turns**2)), np.linalg.norm(np.asarray(found.model.hard_iron) - np.asarray(present.hard_iron)) / _MICRO
+    known = np.rad2deg(found.heading_error[0])
+    said = "more than the new one is uncertain by" if rms > 2 * known else "no more than the new one is uncertain by"
+    screen.sentences(
+        f"Against {path}",
+        [
+            f"level headings turn by {rms:.2g} deg rms, {np.abs(turns).max():.2g} deg at most: {said} ({known:.2g} deg)",
+            f"the hard iron moves by {moved:.3g} uT",
+        ],
+    )
 
 
 def _ready(path: Path, reading: Reading, align: str) -> tuple[Reading, list[str]]:
@@ -157,7 +216,7 @@ def _fit(log: Any, align: str, joint: bool, options: dict[str, Any]) -> Any:
     import numpy as np
 
     if log.mag is None or log.mag.shape[1] != 3:
-        raise jaxcal.DataError("the log has no magnetometer of three axes; name its columns with --columns mag=mx,my,mz")
+        raise jaxcal.DataError(_NO_MAG)
     if align != "none" and getattr(log, align) is None:
         raise jaxcal.DataError(f"--align {align}: the log has no {align}; name its columns with --columns {align}=...")
     kept = np.isfinite(log.mag).all(axis=1)

@@ -26,6 +26,8 @@ _ROWS = {
     "ma_g_xy": ("gyro misalignment 1", "arcsec", _DEG / 3600), "ma_g_xz": ("gyro misalignment 2", "arcsec", _DEG / 3600),
     "b_a_rate": ("accelerometer drift", "ug/h", 9.80665e-6 / 3600), "b_g_rate": ("gyro drift", "deg/h/h", _DEG / 3600 / 3600),
     "latitude": ("latitude", "deg", _DEG),
+    **{f"b_a_{axis}": (f"accelerometer bias {axis}", "ug", 9.80665e-6) for axis in "yz"},
+    **{f"b_g_{axis}": (f"gyro bias {axis}", "deg/h", _DEG / 3600) for axis in "yz"},
 }  # fmt: skip
 
 
@@ -110,10 +112,11 @@ def _priors(words: tuple[str, ...] | None) -> dict[str, float] | None:
 
 
 def _table(screen: Screen, found: Any) -> None:
-    rows = []
+    rows, interval = [], found.interval
     for name, value in found.parameters.items():
         label, unit, size = _ROWS.get(name, (name, "SI", 1.0))
-        half = 1.96 * found.std[name] / size
+        low, high = interval.get(name, (-math.inf, math.inf))
+        half = (high - low) / 2 / size
         if value is None or not math.isfinite(half):
             rows.append([label, "not determined", "", unit])
             continue

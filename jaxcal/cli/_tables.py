@@ -7,7 +7,7 @@ from typing import Any
 from .._units import noise_factor, noise_units, number
 from ._screen import Screen
 
-_SENSORS = {"gyro": "gyroscope", "accel": "accelerometer", "mag": "magnetometer"}
+_SENSORS = {"gyro": "gyroscope", "accel": "accelerometer", "mag": "magnetometer", "clock": "clock"}
 _VERDICTS = {"hint": "only a hint", "not detected": "not detected"}
 
 

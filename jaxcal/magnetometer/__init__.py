@@ -4,6 +4,7 @@ from ._design._coverage import Coverage as Coverage, coverage as coverage
 from ._ellipsoid._residuals import residuals as residuals
 from ._field import body_field as body_field, earth_field as earth_field, heading as heading, scenario as scenario
 from ._fit import fit as fit
+from ._guide import Guide as Guide, guide as guide, heading_change as heading_change
 from ._model import MagModel as MagModel
 from ._onboard import Admission as Admission, MomentFit as MomentFit, Moments as Moments
 from ._result import MagFit as MagFit

@@ -26,7 +26,9 @@ _ORDINATES = 512
 _MARGIN = 48  # parts of a record in which a step has to last
 _TIMES = 2.0 ** -np.arange(1, 7)  # time constants of a warm-up over the length of the record
 _CYCLES = np.arange(0.5, 10.01, 0.25)
+_WITHIN, _HALVINGS = ("warm-up", "sinusoid"), 5  # families whose place is refined, and how often the step is halved
 _ROUNDS = 3  # of the regression and the fit of the noise
+_HOPELESS = 8.0  # likelihood ratio that further rounds do not bring
 _MOST = 4
 _STRONGEST = 1e6  # ratio of the start of a coefficient to the least that matters
 #: likelihood ratio that one in 300 records of noise alone reaches in the search of a family
@@ -64,6 +66,10 @@ def _lowest(y, most: int, dt: float) -> _Low:
     return low._replace(record=low.transform(y[: count * size].reshape(count, size).mean(axis=1)))
 
 
+def _duration(low: _Low) -> float:
+    return float(low.times[-1] + low.times[0])
+
+
 def _step(start: float, t):
     return (np.asarray(t) >= start).astype(float)[:, None]
 
@@ -94,27 +100,49 @@ def _steps(low: _Low, density) -> tuple[float, float]:
     return float(ratio[best]), float(low.times[best + margin] - 0.5 * (low.times[1] - low.times[0]))
 
 
-def _best(low: _Low, density, choices) -> tuple[float, float, Any]:
-    """The choice of the largest likelihood ratio."""
-    found = (-1.0, 0.0, None)
-    for at, columns in choices:
-        x = low.transform(columns(low.times))
-        weighted = x / density[:, None]
-        ratio = float((low.record @ weighted) @ np.linalg.pinv(x.T @ weighted, hermitian=True) @ (weighted.T @ low.record))
-        found = max(found, (ratio, at, columns), key=lambda one: one[0])
-    return found
+@functools.lru_cache(maxsize=16)
+def _shapes(count: int, spacing: float, kept: int, factor: bytes) -> dict[str, tuple[list[tuple[float, Any]], np.ndarray]]:
+    """Family -> its choices (where, columns), and their ordinates (choices, ordinates, columns): many records of one length share them."""
+    low = _Low(np.empty(0), (np.arange(count) + 0.5) * spacing, np.frombuffer(factor))
+    duration = _duration(low)
+    choices: dict[str, list[tuple[float, Any]]] = {
+        "ramp": [(0.0, _line)],
+        "warm-up": [(time * duration, functools.partial(_decay, time * duration)) for time in _TIMES],
+        "sinusoid": [(c / duration, functools.partial(_wave, c / duration)) for c in _CYCLES],
+    }
+    return {family: (listed, np.stack([low.transform(made(low.times)) for _, made in listed])) for family, listed in choices.items()}
+
+
+def _refined(low: _Low, density, family: str, at: float, made):
+    """A warm-up's time constant or a sinusoid's frequency between the choices that were tried, by halving the step to its neighbours."""
+    if family not in _WITHIN:
+        return at, made
+    columns, step = (_decay, np.log(2.0)) if family == "warm-up" else (_wave, np.log1p(_CYCLES[0] / 2.0 / max(at * _duration(low), 0.5)))
+    for _ in range(_HALVINGS):
+        step /= 2.0
+        near = [float(at * np.exp(move)) for move in (-step, 0.0, step)]
+        listed = [(place, functools.partial(columns, place)) for place in near]
+        _, at, made = _best(low, density, listed, np.stack([low.transform(one(low.times)) for _, one in listed]))
+    return at, made
+
+
+def _best(low: _Low, density, choices: list[tuple[float, Any]], x) -> tuple[float, float, Any]:
+    """The choice of the largest likelihood ratio, x being the ordinates of all, (choices, ordinates, columns)."""
+    weighted = x / density[:, None]
+    score = np.einsum("k,ckq->cq", low.record, weighted)
+    ratio = np.einsum("cq,cqr,cr->c", score, np.linalg.pinv(np.swapaxes(x, 1, 2) @ weighted, hermitian=True), score)
+    best = int(np.argmax(ratio))
+    return float(ratio[best]), *choices[best]
 
 
 def _candidates(low: _Low, density, temperature) -> dict[str, tuple[float, float, Any]]:
-    duration = low.times[-1] + low.times[0]
     ratio, start = _steps(low, density)
-    found = {
-        "step": (ratio, start, functools.partial(_step, start)),
-        "ramp": _best(low, density, [(0.0, _line)]),
-        "warm-up": _best(low, density, [(time * duration, functools.partial(_decay, time * duration)) for time in _TIMES]),
-        "sinusoid": _best(low, density, [(c / duration, functools.partial(_wave, c / duration)) for c in _CYCLES]),
-    }
-    return found if temperature is None else found | {"temperature": _best(low, density, [(0.0, temperature)])}
+    shapes = _shapes(len(low.times), float(2.0 * low.times[0]), len(low.factor), low.factor.tobytes())
+    found = {"step": (ratio, start, functools.partial(_step, start))}
+    found |= {family: _best(low, density, *held) for family, held in shapes.items()}
+    if temperature is not None:
+        found["temperature"] = _best(low, density, [(0.0, temperature)], low.transform(temperature(low.times))[None])
+    return found
 
 
 def find_causes(y, columns, theta, slow, dt: float, temperature: Callable[[np.ndarray], np.ndarray] | None = None) -> tuple[Cause, ...]:
@@ -143,12 +171,13 @@ def find_causes(y, columns, theta, slow, dt: float, temperature: Callable[[np.nd
             rest = low._replace(record=_residual(low.record, held, density))
             for family, (ratio, at, made) in _candidates(rest, density, temperature).items():
                 if ratio > LEVELS[family]:
+                    at, made = _refined(rest, density, family, at, made)
                     tried[family, at] = made
         if not tried:
             break
         designs = [np.concatenate([*held, low.transform(made(low.times))], axis=1) for made in tried.values()]
-        found, costs = _refitted(low, designs, columns[:, slow], base, theta[slow])
         levels = np.array([LEVELS[family] for family, _ in tried])
+        found, costs = _refitted(low, designs, columns[:, slow], base, theta[slow], cost - levels)
         best = int(np.argmax(cost - costs - levels))
         if not cost - costs[best] > levels[best]:
             break
@@ -166,8 +195,8 @@ def _residual(record, held, density):
     return record - np.concatenate(held, axis=1) @ np.linalg.lstsq(x, record / np.sqrt(density), rcond=None)[0]
 
 
-def _refitted(low: _Low, designs, columns, base, begun):
-    """Slow coefficients beside each design, (designs, p), and -2 log likelihood there."""
+def _refitted(low: _Low, designs, columns, base, begun, wanted: Any = -np.inf):
+    """Slow coefficients beside each design, (designs, p), and -2 log likelihood there; roughly where none comes near what is `wanted`."""
     starts, count = log_groups(len(low.record), keep_tail=True)
     count = count.astype(float)
     means = [np.add.reduceat(values, starts, axis=0) / count.reshape(-1, *(1,) * (values.ndim - 1)) for values in (columns, base)]
@@ -185,7 +214,8 @@ def _refitted(low: _Low, designs, columns, base, begun):
             found = minimise(means[0], np.tile(target, (2, 1)), count, begin, base=means[1])
             costs = found.cost.reshape(2, -1)
             theta = found.theta.reshape(2, len(designs), p)[np.argmin(costs, axis=0), np.arange(len(designs))]
-        if not any(design.shape[1] for design in designs):
+        s = means[1] + theta @ means[0].T
+        cost = np.sum(count * (np.log(s) + target / s), axis=1)
+        if not any(design.shape[1] for design in designs) or np.all(cost > wanted + _HOPELESS):
             break
-    s = means[1] + theta @ means[0].T
-    return theta, np.sum(count * (np.log(s) + target / s), axis=1)
+    return theta, cost

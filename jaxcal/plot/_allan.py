@@ -17,7 +17,7 @@ KINDS = {
     "adev": "Allan deviation", "oadev": "Allan deviation", "mdev": "Modified Allan deviation", "tdev": "Time deviation",
     "hdev": "Hadamard deviation", "ohdev": "Hadamard deviation", "totdev": "Total deviation",
     "mtotdev": "Modified total deviation", "ttotdev": "Time total deviation", "htotdev": "Hadamard total deviation",
-    "theo1": "Theo1 deviation", "mtie": "Maximum time interval error", "tierms": "RMS time interval error",
+    "theo1": "Theo1 deviation", "theoh": "TheoH deviation", "mtie": "Maximum time interval error", "tierms": "RMS time interval error",
 }  # fmt: skip
 _MOST_POINTS = 400  # cluster sizes drawn; more cannot be told apart
 _MODELLED = ("adev", "oadev", "totdev")  # statistics whose expectation is the Allan variance of the model
@@ -134,7 +134,8 @@ def _limit(ax: "Axes", channels: list[_Channel]) -> None:
         raise DataError("there is nothing to draw: no deviation is above zero; the record is constant")
     sure = (lower > values / 2) & (upper < values * 2)
     low, high = (lower[sure], upper[sure]) if np.any(sure) else (values, values)
-    ax.set(xlim=(tau.min() / 1.3, max(tau.max() * 1.3, tau.min() * 2)), ylim=(low.min() / 1.6, high.max() * 1.6))
+    ax.set_xlim(tau.min() / 1.3, max(tau.max() * 1.3, tau.min() * 2))
+    ax.set_ylim(min(low.min(), values.min()) / 1.6, max(high.max(), values.max()) * 1.6)
 
 
 def _shade(ax: "Axes", channels: list[_Channel]) -> None:

@@ -3,6 +3,7 @@
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import scipy.stats
 
 from .._errors import DataError
 from ..alignment import AlignmentFit, Positions, Readings
@@ -13,14 +14,15 @@ if TYPE_CHECKING:
 
 _DEG = np.pi / 180
 _SENSORS = (("accel", "Specific force (m/s²)", 1.0), ("gyro", "Rate (deg/h)", 3600 / _DEG))
-_SPAN = 4.0  # standard deviations of the posterior that are drawn
+_SPAN = 4.0  # half-widths of the interval that are drawn, both sides together
 
 
 def north(readings: Any, result: Any, ax: Any = None) -> Any:
     """Draw readings against the table angle with the fitted model, and the azimuth's distribution.
 
     The line is what the fitted parameters predict at every table angle for mounting "x"; readings with other mountings are marked by
-    their names at the right edge. The last panel is the normal distribution of the azimuth, 95 % of it shaded.
+    their names at the right edge. The last panel is the distribution of the azimuth, 95 % of it shaded: normal where the noise was given,
+    Student's where the residuals gave it.
 
     Parameters
     ----------
@@ -68,8 +70,8 @@ def north(readings: Any, result: Any, ax: Any = None) -> Any:
 
 def _readings(ax: "Axes", readings: Readings, name: str, label: str, scale: float, model: Readings) -> None:
     positions = readings.positions
-    values, white = np.asarray(getattr(readings, name)) * scale, readings.white(name)
-    bars = None if white is None else 1.96 * float(white) * scale / np.sqrt(positions.dwell)
+    values, variance = np.asarray(getattr(readings, name)) * scale, readings.variance(name)
+    bars = None if variance is None else 1.96 * scale * np.sqrt(variance)
     ax.plot(model.positions.angle / _DEG, getattr(model, name) * scale, color=SERIES[0], linewidth=1.2, label="fitted model")
     angle = np.mod(positions.angle / _DEG, 360.0)
     words = np.array(positions.mounting)
@@ -97,12 +99,14 @@ def _azimuth(ax: "Axes", result: AlignmentFit) -> None:
         ax.set(xticks=[], yticks=[])
         return
     centre, sigma = result.psi / _DEG, std / _DEG
-    x = centre + sigma * np.linspace(-_SPAN, _SPAN, 201)
-    density = np.exp(-(((x - centre) / sigma) ** 2) / 2) / (sigma * np.sqrt(2 * np.pi))
-    inner = np.abs(x - centre) <= 1.96 * sigma
+    low, high = (end / _DEG for end in result.interval["psi"])
+    half = (high - low) / 2
+    x = centre + _SPAN / 2 * half * np.linspace(-1, 1, 201)
+    density = scipy.stats.t.pdf((x - centre) / sigma, float(result.freedom[2])) / sigma
+    inner = np.abs(x - centre) <= half
     ax.fill_between(x[inner], density[inner], color=SHADE)
     ax.plot(x, density, color=SERIES[0], linewidth=1.2)
     ax.axvline(centre, color=MUTED, linewidth=0.8)
     ax.set_ylim(0, None)
-    digits = max(0, int(np.ceil(1 - np.log10(sigma))))
-    ax.set_title(f"azimuth {centre:.{digits}f} ± {1.96 * sigma:.{digits}f} degrees (95 %)", loc="left", fontsize=10, color=INK)
+    digits = max(0, int(np.ceil(1 - np.log10(half / 2))))
+    ax.set_title(f"azimuth {centre:.{digits}f} ± {half:.{digits}f} degrees (95 %)", loc="left", fontsize=10, color=INK)

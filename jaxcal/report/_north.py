@@ -26,13 +26,12 @@ _MEANING = {
 
 def document(result: AlignmentFit, readings: Any) -> dict[str, Any]:
     """An alignment as a dictionary for JSON."""
-    parameters = {}
+    parameters, interval, freedom = {}, result.interval, dict(zip(result.names, np.asarray(result.freedom), strict=True))
     for name, value in result.parameters.items():
-        std = number(result.std[name])
-        known = value is not None and std is not None
+        low, high = interval.get(name, (math.inf, math.inf))
         parameters[name] = {
-            "value": None if value is None else number(value), "std": std, "low": value - 1.96 * std if known else None,  # type: ignore[operator]
-            "high": value + 1.96 * std if known else None, "unit": UNITS.get(name, ""),  # type: ignore[operator]
+            "value": None if value is None else number(value), "std": number(result.std[name]), "low": number(low), "high": number(high),
+            "degrees_of_freedom": number(freedom[name]), "unit": UNITS.get(name, ""),
         }  # fmt: skip
     return {
         "schema": "jaxcal.north/1", "version": importlib.metadata.version("jaxcal"), "verdict": verdict_name(result.verdict),
@@ -55,7 +54,7 @@ def page(result: AlignmentFit, readings: Any, version: str) -> tuple[str, str, M
         )
     lead = f"{len(readings.positions)} positions, {float(np.sum(readings.positions.dwell)):g} s in all"
     about = "Readings against the table angle with the fitted model, and the distribution of the azimuth."
-    text = "Points: readings with their 95 % intervals. Lines: fitted model. Below: normal distribution of the azimuth, 95 % shaded."
+    text = "Points: readings with their 95 % intervals. Lines: fitted model. Below: distribution of the azimuth, 95 % shaded."
     figure = picture(north(readings, result)[0], "north", "Readings and azimuth", about, text)
     said = [result.observability]
     if result.p_value is not None:
@@ -77,10 +76,11 @@ def _shown(name: str) -> tuple[float, str]:
 
 
 def _found(result: AlignmentFit) -> Markup:
-    rows = []
+    rows, interval = [], result.interval
     for name, value in result.parameters.items():
         size, unit = _shown(name)
-        half = 1.96 * result.std[name] / size
+        low, high = interval.get(name, (-math.inf, math.inf))
+        half = (high - low) / 2 / size
         if value is None or not math.isfinite(half):
             cells = ("not determined", "")
         else:

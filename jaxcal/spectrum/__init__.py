@@ -1,5 +1,6 @@
 """Power spectral density of a record."""
 
+from ._cross import CrossSpectrum as CrossSpectrum, cross as cross
 from ._density import density as density
 from ._result import Spectrum as Spectrum
 from ._segments import Segments as Segments

@@ -235,7 +235,9 @@ def test_random_walk_of_the_bias_widens_the_azimuth_as_generalised_least_squares
     bound = crlb(places, level, LATITUDE, accel_noise=VRW, gyro_noise=noise, free=("psi", "b_g"))
     assert bound.azimuth_std == pytest.approx(expected, rel=1e-9)
     assert bound.azimuth_std > 1.05 * crlb(places, level, LATITUDE, accel_noise=VRW, gyro_noise=ARW, free=("psi", "b_g")).azimuth_std
-    # and the noise that `simulate` makes has that covariance
+    # and the noise that `simulate` makes has that covariance; the walk is counted from its mean over the test
+    away = np.eye(8) - 1 / 8
+    covariance = np.eye(8) * ARW**2 / dwell + away @ (covariance - np.eye(8) * ARW**2 / dwell) @ away
     keys = jax.random.split(jax.random.key(0), 4000)
     noisy = jax.vmap(lambda key: simulate(places, jnp.asarray(level), LATITUDE, gyro=noise, seed=key).gyro)(keys)
     sample = np.cov(np.asarray(noisy).T)

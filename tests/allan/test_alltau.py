@@ -48,6 +48,7 @@ def record(colour, length, seed=0):
     }[colour]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("kind", "colour"),
     [("oadev", "white"), ("oadev", "flicker"), *((kind, "random walk") for kind in ("oadev", "mdev", "ohdev", "adev"))],

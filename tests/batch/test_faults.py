@@ -40,6 +40,7 @@ def same(found, expected):
     assert plain == {name: {**json.loads(text), "task": 0} for name, text in expected.items()}
 
 
+@pytest.mark.long
 @posix
 def test_workers_killed_from_outside_and_by_their_logs(tasks, room, tmp_path):
     """unit3 kills its worker once, unit5 always; two workers more are killed at random."""
@@ -72,6 +73,7 @@ def test_workers_killed_from_outside_and_by_their_logs(tasks, room, tmp_path):
     same(*({name: text for name, text in each.items() if name != five} for each in (results(tmp_path / "out"), expected)))
 
 
+@pytest.mark.long
 @posix
 def test_a_log_without_end_is_given_up(tasks, tmp_path):
     logs = make_logs(tmp_path / "logs", 2)

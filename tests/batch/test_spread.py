@@ -32,6 +32,7 @@ def gaussian(n, k, seed):
     return [{f"a{j}": x for j, x in enumerate(row)} for row in rng.standard_normal((n, k))]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("n", "k"), [(5, 4), (12, 24), (60, 8), (300, 2)])
 def test_fleets_without_outliers_or_trends_rarely_have_one(n, k):
     """5 % of fleets for outliers; 150 fleets: standard error 1.8 %. Trends likewise."""

@@ -92,3 +92,18 @@ def test_noise_type_and_robust_estimate_are_those_of_the_library(call, log, fold
     document = json.loads((folder / "a.json").read_text())
     expected = jaxcal.allan.deviation(jaxcal.read(log, quiet=True).gyro, 100.0, m=[1, 10], alpha=-2, robust=True)
     np.testing.assert_allclose(document["channels"]["gyro_x"]["upper"], expected.upper[:, 0], rtol=1e-12)
+
+
+def test_a_clock_has_no_unit(call, folder):
+    x = np.cumsum(np.random.default_rng(1).standard_normal(400)) * 1e-9
+    (folder / "clock.txt").write_text("# phase in s\n" + "\n".join(f"{value:.6e}" for value in x) + "\n")
+    words = ("allan", "clock.txt", "--clock", "--data", "phase", "--rate", "1", "--m", "1,8", "--json", "clock.json")
+    ended = call(*words)
+    assert ended.status == 0
+    assert "clock: oadev in fractions of the frequency" in ended.out
+    channel = json.loads((folder / "clock.json").read_text())["channels"]["clock_x"]
+    assert channel["unit"] == "1"
+    expected = jaxcal.allan.deviation(x, 1.0, m=[1, 8], data="phase")
+    np.testing.assert_allclose(channel["deviation"], expected.deviation, rtol=1e-5)  # six digits in the file
+    assert call(*words, "--kind", "tdev").status == 0
+    assert json.loads((folder / "clock.json").read_text())["channels"]["clock_x"]["unit"] == "s"

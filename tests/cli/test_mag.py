@@ -148,3 +148,32 @@ def test_counts_need_neither_times_nor_a_unit(call, folder):
     document = json.loads((folder / "counts.json").read_text())
     assert np.abs(np.array(document["hard_iron"]) - [50, -20, 10]).max() < 2
     assert document["field"] == pytest.approx(400, rel=0.01)
+
+
+def test_the_next_attitude_and_when_to_stop(simulated, folder):
+    call, _ = simulated
+    lines = (folder / "tumble.csv").read_text().splitlines()
+    (folder / "few.csv").write_text("\n".join(lines[:9]) + "\n")
+    before = listing(folder)
+    few = call("mag", "few.csv", "--next")
+    assert few.status == 0
+    assert "8 readings; from 12 on an error can be stated. Next, turn the sensor so that the field points along (" in " ".join(
+        few.out.split()
+    )
+    enough = call("mag", "tumble.csv", "--next", "--limit", "5")
+    assert enough.out.startswith("Stop: heading error")
+    more = call("mag", "tumble.csv", "--next", "--limit", "0.01")
+    assert "Next, turn the sensor" in " ".join(more.out.split())
+    assert listing(folder) == before
+
+
+def test_what_a_new_calibration_would_change(simulated, folder):
+    call, _ = simulated
+    assert call("mag", "tumble.csv", "--calibration", "device.json").status == 0
+    same = call("mag", "tumble.csv", "--json", "new.json", "--against", "device.json")
+    assert "0 deg at most: no more than the new one is uncertain by" in " ".join(same.out.split())
+    old = jaxcal.magnetometer.MagModel(np.eye(3), np.array([10e-6, 0.0, 0.0]))
+    jaxcal.Calibration(magnetometer=old).save(folder / "old.json")
+    other = call("mag", "tumble.csv", "--json", "new.json", "--against", "old.json")
+    assert "more than the new one is uncertain by" in " ".join(other.out.split())
+    assert call("mag", "tumble.csv", "--json", "new.json", "--against", "missing.json").status == 2

@@ -68,6 +68,7 @@ def test_magnetometer():
     check_derivative(lambda m: solve(p.magnetometer, p.IRON_START, {**one, "m": m}).model.hard[0], one["m"], 1e-5)
 
 
+@pytest.mark.long
 def test_multi_position():
     data, position = p.attitude_data()
     fit = solve(p.static_attitudes, p.ACCELEROMETER_START, data, free=p.UPPER).checked()

@@ -145,11 +145,13 @@ def covered():
     return {kind: (yes[:RUNS].mean(), yes[RUNS:].mean()) for kind, yes in inside.items()}
 
 
+@pytest.mark.long
 def test_coverage_of_white_errors(covered):
     for kind in ("model", "sandwich", "jackknife"):
         assert 0.93 < covered[kind][0] < 0.97, kind
 
 
+@pytest.mark.long
 def test_coverage_of_correlated_errors(covered):
     assert covered["model"][1] < 0.5
     assert covered["sandwich"][1] > covered["model"][1] + 0.2

@@ -20,6 +20,7 @@ def base():
     return [calibrated(seed, "base") for seed in SEEDS]
 
 
+@pytest.mark.long
 def test_a_linear_sensor_is_good_and_in_its_intervals(base):
     assert all(found.verdict == "good" for found, _ in base)
     free = np.array(base[0][0].standard_error) > 0
@@ -28,6 +29,7 @@ def test_a_linear_sensor_is_good_and_in_its_intervals(base):
     assert np.mean(inside) > 0.88
 
 
+@pytest.mark.long
 def test_missing_samples_cost_next_to_nothing(base):
     """2 % of the samples lost, seen by the stamps alone: the same poses and turns, and errors larger by at most a tenth.
 
@@ -45,6 +47,7 @@ def test_missing_samples_cost_next_to_nothing(base):
     assert np.sqrt(np.mean(np.square(moved))) <= np.sqrt(1.1**2 - 1)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("case", "words"),
     [

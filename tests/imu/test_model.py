@@ -165,6 +165,7 @@ def test_rotations_are_those_of_scipy_and_have_derivatives_at_the_identity(angle
     np.testing.assert_allclose(turned, Rotation.from_rotvec(-angle * axis).apply([1.0, 2.0, 3.0]), atol=1e-13)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("integrator", "order"), [("closed_form", 4), ("runge_kutta", 4)])
 def test_attitude_converges_to_that_of_a_coning_motion(integrator, order):
     """Coning: q(t) = exp(Omega t z) exp(a (cos, sin, 0)) has a known rate at every instant."""

@@ -23,11 +23,18 @@ def fit(log, **options):
 
 
 @pytest.fixture(scope="module")
-def repeated():
+def found():
+    """The fit of one recording whose noise is given."""
+    return fit(cases.recording(0), noise=KNOWN)
+
+
+@pytest.fixture(scope="module")
+def repeated(found):
     """Fits of one motion under fresh noise, whose coefficients are given."""
-    return [fit(cases.recording(seed), noise=KNOWN) for seed in range(RUNS)]
+    return [found, *(fit(cases.recording(seed), noise=KNOWN) for seed in range(1, RUNS))]
 
 
+@pytest.mark.long
 def test_intervals_hold_the_truth(repeated):
     truth = cases.turned_truth()
     free = np.diag(repeated[0].covariance) > 0
@@ -39,6 +46,7 @@ def test_intervals_hold_the_truth(repeated):
         assert 0.905 <= inside[:, part].mean() <= 0.995
 
 
+@pytest.mark.long
 def test_the_scatter_is_the_information_bound(repeated):
     free, inverse = cases.bound(repeated[0])
     errors = np.array([f.values for f in repeated])[:, free] - cases.turned_truth()[free]
@@ -50,16 +58,15 @@ def test_the_scatter_is_the_information_bound(repeated):
     np.testing.assert_allclose(predicted, 1.0, atol=0.1)
 
 
-def test_a_good_record_is_called_good_and_says_how_good(repeated):
-    found = repeated[0]
+def test_a_good_record_is_called_good_and_says_how_good(found):
     assert (found.verdict, len(found.still), found.convention) == ("good", cases.POSES, "upper")
     assert "Standard errors: accelerometer" in found.reason
     np.testing.assert_allclose(found.sigma[0], NOISE["accel"] / np.sqrt(2.0), rtol=0.6)
     assert found.observability.condition < 12
 
 
-def test_conventions_are_one_calibration(repeated):
-    upper = repeated[0]
+def test_conventions_are_one_calibration(found):
+    upper = found
     for convention in ("lower", "full"):
         other = fit(cases.recording(0), noise=KNOWN, convention=convention)
         turned = in_convention(Imu(upper.accel, upper.gyro), convention)
@@ -71,6 +78,7 @@ def test_conventions_are_one_calibration(repeated):
             np.testing.assert_allclose(np.diag(other.covariance)[zero], 0, atol=1e-20)
 
 
+@pytest.mark.long
 def test_errors_common_to_a_still_interval_are_in_the_intervals():
     """Each pose has an error of its own, three times what white noise leaves of its mean: only intervals as units see it."""
     white = NOISE["accel"] / np.sqrt(cases.STILL - 1)
@@ -110,6 +118,7 @@ def test_counts_without_a_nominal_scale():
     assert "raw=True for counts" in refused.reason
 
 
+@pytest.mark.long
 def test_a_disturbed_pose_hardly_matters():
     log = cases.recording(1)
     clean = fit(log)
@@ -272,8 +281,7 @@ def test_residuals_of_norms_are_traced_and_their_derivatives_exact():
     np.testing.assert_allclose(many[1], of(flat, 1.01 * y), atol=1e-12)
 
 
-def test_a_fit_is_drawn_and_stored(repeated, tmp_path):
-    found = repeated[0]
+def test_a_fit_is_drawn_and_stored(found, tmp_path):
     axes = jaxcal.plot.imu(found)
     assert [len(ax.collections[-1].get_offsets()) for ax in axes[:1]] == [0]  # none is weighed down
     drawn = np.concatenate([np.asarray(part.get_offsets()) for part in axes[0].collections if len(part.get_offsets())])
@@ -296,6 +304,7 @@ def test_a_fit_is_drawn_and_stored(repeated, tmp_path):
     np.testing.assert_array_equal(again.imu.gyro.covariance.values, found.covariance[12:, 12:])
 
 
+@pytest.mark.long
 def test_laws_of_constants_and_axes():
     """A constant of the gyroscope is its bias; with the convention "full" no axis is better than another, so that axes exchanged in a
     circle turn all matrices from both sides."""

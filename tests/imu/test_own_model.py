@@ -60,6 +60,7 @@ def fitted(y):
     return found.values, found.standard_error, found.fit.usable
 
 
+@pytest.mark.long
 def test_the_intervals_of_a_model_of_ones_own_hold_the_truth():
     """200 runs in one program, nine parameters of the triad and three of the term; 95 % holds within 93 to 97 %."""
     runs = np.stack([readings(seed) for seed in range(200)])

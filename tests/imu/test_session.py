@@ -94,6 +94,7 @@ def test_labels_that_say_something_else(tmp_path):
         read_regions(tmp_path / "none", 100.0)
 
 
+@pytest.mark.long
 def test_rests_that_are_known_are_taken():
     log = cases.recording(0)
     found = multi_position(log, gravity=cases.GRAVITY, held_out=False)

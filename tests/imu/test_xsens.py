@@ -99,6 +99,7 @@ def test_the_gyroscope_fit_from_the_start_of_the_specification(xsens, tedaldi):
     assert float(gyro_fit(begin, turns, vertical).cost) == pytest.approx(0.00150695538, rel=1e-5)
 
 
+@pytest.mark.long
 def test_the_joint_fit_agrees_where_the_models_agree_and_predicts_better(joint, tedaldi, xsens):
     """Accelerometer: the same model. Gyroscope: imu_tk's has no sensitivity to g, which these data show beyond doubt."""
     theirs = tedaldi["upper"]
@@ -119,6 +120,7 @@ def test_the_joint_fit_agrees_where_the_models_agree_and_predicts_better(joint, 
     assert significance.max() > 10
 
 
+@pytest.mark.long
 def test_forms_of_the_joint_fit_describe_one_device(joint):
     for triad in (joint.accel, joint.gyro):
         np.testing.assert_allclose(ImuTk.of(triad).triad().matrix, triad.matrix, rtol=1e-9, atol=1e-9)

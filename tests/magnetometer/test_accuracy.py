@@ -22,6 +22,7 @@ def partial(coverage, sigma, runs, method="ml"):
     return 100 * np.linalg.norm(np.mean(offsets, 0)), 100 * np.linalg.norm(np.std(offsets, 0)) / np.sqrt(runs), np.median(angles), doubt
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("sigma", "most", "angle"), [(0.02, 0.2, 0.7), (0.05, 0.3, 2.0)])
 def test_hemisphere(sigma, most, angle):
     """Targets of the comparison of methods. Of 900 runs at 2 % the median angle was 0.693 +- 0.013; of 60 it scatters by 0.06."""
@@ -74,6 +75,7 @@ def estimate(found):
     return np.r_[[shape[j, k] for j, k in ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))], found.model.hard_iron]
 
 
+@pytest.mark.long
 def test_covariance_holds_the_truth_as_often_as_it_says(repeated):
     away = np.array([(estimate(found) - truth()) / np.sqrt(np.diag(found.covariance)) for found in repeated])
     share = np.mean(np.abs(away) < 1.96, axis=0)
@@ -85,6 +87,7 @@ def test_covariance_holds_the_truth_as_often_as_it_says(repeated):
     assert 0.91 <= inside <= 0.985
 
 
+@pytest.mark.long
 def test_predicted_heading_error_is_the_real_one(repeated):
     real = cases.rms([cases.heading_errors(found.model) for found in repeated])
     predicted = cases.rms([found.heading_error[0] for found in repeated])
@@ -93,6 +96,7 @@ def test_predicted_heading_error_is_the_real_one(repeated):
     assert np.mean([found.noise for found in repeated]) == pytest.approx(0.2, rel=0.01)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "sigma", "tabulated", "listed"),
     [("all", 0.1, 0.041, 0.038), ("three_turns", 0.1, 0.076, 0.081), ("twelve_points", 0.05, 0.35, 0.31)],
@@ -111,6 +115,7 @@ def test_ml_reaches_the_cramer_rao_bound(name, sigma, tabulated, listed):
     assert least == pytest.approx(listed, rel=0.2)
 
 
+@pytest.mark.long
 def test_twelve_points_reach_the_bound_where_plain_fits_run_off():
     """At 1 uT the table has 27 degrees for plain maximum likelihood, and 6.2 for the bound."""
     errors, plain, predicted = [], [], []

@@ -322,6 +322,7 @@ def test_a_shift_of_the_rates_moves_the_delay_and_not_the_rotation(reference):
         assert one.delay - found[0].delay == pytest.approx(k / 200.0, abs=5e-4)
 
 
+@pytest.mark.long
 def test_a_joint_fit_of_correlated_noise_is_as_certain_as_it_says():
     away = []
     for seed in range(6):

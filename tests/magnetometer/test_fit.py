@@ -77,6 +77,7 @@ def test_algebraic_fits_move_with_the_readings():
     assert 1e-6 < departure < 5e-3
 
 
+@pytest.mark.long
 def test_the_consistent_fit_of_half_a_sphere_has_no_bias_at_any_noise():
     """Noise of 20 % of the field in 20,000 readings: the moments of every order have their part in it."""
     exact, draws = cases.MILD.measure(cases.directions(20_000, 0, "hemisphere")), []

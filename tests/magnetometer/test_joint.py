@@ -92,6 +92,7 @@ def partial():
     return found
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["gyro", "accel"])
 def test_partial_coverage_gains_by_a_large_factor_and_says_so_rightly(partial, name):
     after, both = zip(*partial[name], strict=True)
@@ -112,6 +113,7 @@ def test_partial_coverage_gains_by_a_large_factor_and_says_so_rightly(partial, n
         assert len(f.residual) == f.used == COUNT
 
 
+@pytest.mark.long
 def test_intervals_and_the_rotation_hold_the_truth(partial):
     """Nine parameters and three angles of 24 logs: 288 intervals of 95 %, correlated within a log."""
     inverse = np.linalg.inv(SENSOR.soft_iron)

@@ -65,6 +65,7 @@ def test_the_leaves_of_the_model_are_fitted_with_intervals_by_name(found):
     assert fit(drawn(0), model="symmetric", field=FIELD).noise > 2 * found.noise
 
 
+@pytest.mark.long
 def test_the_truth_is_inside_the_intervals_as_often_as_they_say():
     """200 fits in one call; the shares of twelve parameters scatter together by 0.5 to 1 %."""
 

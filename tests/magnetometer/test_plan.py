@@ -31,6 +31,7 @@ def test_prediction_is_what_fits_then_scatter():
     assert cases.rms(errors) == pytest.approx(np.rad2deg(predict(attitudes, 0.2 / 47)[0]), rel=0.15)
 
 
+@pytest.mark.long
 def test_a_plan_beats_every_listed_one_and_keeps_its_limits():
     # best of the listed twelve-point plans: six faces of two, 2.5 degrees per uT for C = inv(Si1)
     found = plan(12, UNIT)

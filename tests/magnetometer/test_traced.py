@@ -55,6 +55,7 @@ def test_the_derivative_is_that_of_finite_differences(kind):
         assert float(by_norm) == pytest.approx(float(finite), rel=1e-4)
 
 
+@pytest.mark.long
 def test_a_planar_fit_is_that_of_the_host_and_has_its_derivative():
     """Turns about a tilted axis: the fit has to find the plane, and its normal moves with the readings."""
     angle = np.arange(40) * np.pi / 20

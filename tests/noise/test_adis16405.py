@@ -64,6 +64,7 @@ def apart(record, terms):
     return count
 
 
+@pytest.mark.long
 def test_disjoint_halves_agree(record):
     # the sensor was knocked or warmed at 2150 s and more than once before: without allowance for that 5 comparisons fail
     assert apart(record, "NBK") <= 3  # 18 comparisons at 95 %: P(> 3) = 1 %

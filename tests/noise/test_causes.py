@@ -54,6 +54,7 @@ def test_what_passes_for_slow_noise_is_named_and_no_b_or_k_is_present(cause):
     assert covered >= RUNS - 2
 
 
+@pytest.mark.long
 def test_noise_of_the_model_alone_has_no_other_cause():
     truth = jaxcal.noise.Noise(N=0.25 / 60, B=7.6 / 3600, K=1.8 / 3600)
     records = np.stack([truth.simulate(SAMPLES, RATE, seed=seed) for seed in range(15)], axis=1)
@@ -61,6 +62,7 @@ def test_noise_of_the_model_alone_has_no_other_cause():
     assert len(said) <= 2  # a cause is named in about one record in fifty, by chance
 
 
+@pytest.mark.long
 def test_the_size_of_a_step_has_an_interval_that_holds_it():
     inside = 0
     for seed in range(10):

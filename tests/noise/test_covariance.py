@@ -77,6 +77,7 @@ def test_cost_and_size_do_not_grow_with_the_record():
     assert np.all(np.linalg.eigvalsh(together / np.sqrt(np.outer(variance, variance))) > 0)
 
 
+@pytest.mark.long
 def test_against_the_scatter_of_simulated_records():
     """1,000 records: standard deviations within 4.5 standard errors, correlations within 0.15."""
     noise, samples, runs = Noise(Q=0.2, N=1.0, B=0.5, K=0.2), 1024, 1000

@@ -25,6 +25,7 @@ def runs():
     return {"gyro": records(GYRO, 80), "white": records(WHITE, 60)}
 
 
+@pytest.mark.long
 def test_coefficients_are_unbiased_and_intervals_cover(runs):
     """The bound scales from that of 2^17 samples (N 0.20, B 9.8, K 20.7 %) by 2 for B and K at most."""
     found = runs["gyro"]
@@ -45,12 +46,14 @@ def test_coefficients_are_unbiased_and_intervals_cover(runs):
     assert np.mean([any(line[0] > 0 for line in found.channel(i).noise.sinusoid) for i in range(80)]) <= 0.05
 
 
+@pytest.mark.long
 def test_the_sandwich_covariance_is_the_scatter(runs):
     found = runs["gyro"]
     spread = np.sqrt(np.mean(found.covariance[1, 1]))
     np.testing.assert_allclose(np.std(found.noise.N**2), spread, rtol=0.35)
 
 
+@pytest.mark.long
 def test_absent_terms_are_not_detected(runs):
     found = runs["white"]
     for term in ("Q", "B", "K"):
@@ -62,6 +65,7 @@ def test_absent_terms_are_not_detected(runs):
     assert np.mean([v == "present" for v in runs["gyro"].verdict["B"]]) > 0.5
 
 
+@pytest.mark.long
 def test_the_band_is_left_whole_where_the_model_holds(runs):
     for found in runs.values():
         whole = [not out for out in found.left_out]
@@ -89,6 +93,7 @@ def test_a_low_pass_filter_is_left_out_and_named():
     assert any("does not hold in the band asked for" in warning for warning in everything.warnings)
 
 
+@pytest.mark.long
 def test_behind_a_filter_intervals_still_cover():
     """40 records through a moving average of 4 samples: N, B and K are neither biased by what it leaves nor overconfident."""
     samples, runs = 2**15, 40

@@ -37,7 +37,7 @@ def simulated(n, rate, noise, seed):
 
 
 @pytest.mark.parametrize("gaps", [(0.3, 1), (0.3, None)], ids=["scattered", "one gap"])
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.long)])
 def test_the_fit_is_at_the_maximum_of_the_dense_likelihood(gaps, seed):
     n, dt = 400, 1.0
     y = lost(simulated(n, 1 / dt, {"N": 1.0, "B": 0.6, "K": 0.2}, seed), *gaps, seed)
@@ -57,6 +57,7 @@ def test_the_fit_is_at_the_maximum_of_the_dense_likelihood(gaps, seed):
     assert -best.fun - log_likelihood(squares) < 0.1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", CHUNKS)
 def test_gaps_cost_the_samples_that_are_missing_and_no_more(kind):
     n, runs = 2**13, 6
@@ -78,7 +79,7 @@ def test_a_fit_of_a_record_with_gaps_repeats_exactly():
     assert float(jaxcal.noise.fit(y, RATE).noise.B) == float(jaxcal.noise.fit(y, RATE).noise.B)
 
 
-@pytest.mark.parametrize("recording", ["imu1", "imu2"])
+@pytest.mark.parametrize("recording", ["imu1", pytest.param("imu2", marks=pytest.mark.long)])
 def test_masking_one_percent_of_a_real_record_moves_no_coefficient(reference, recording):
     with np.load(reference / "data" / "adis16405" / f"{recording}.npz") as file:
         y, rate = file["counts"][:, 0] * file["scale"][0], float(file["fs"])

@@ -159,6 +159,7 @@ def test_slope_equals_a_plain_reading():
     np.testing.assert_allclose(quantised.noise.Q, 1e-3, rtol=0.01)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("method", [*WITH_INTERVALS, "unweighted", "log", "slope"])
 def test_scatter_is_that_of_the_method(runs, method):
     """40 records of 5.5 minutes: bounds are the expected root mean square errors with 4 standard errors (18 %, or 45 % together)."""
@@ -177,6 +178,7 @@ def test_scatter_is_that_of_the_method(runs, method):
             assert share >= 33 / 40, (term, share)
 
 
+@pytest.mark.long
 def test_weights_pay(runs):
     def error(method, term):
         return np.sqrt(np.mean([(float(getattr(f.noise, term)) / getattr(GYRO, term) - 1) ** 2 for f in runs[method]]))

@@ -67,12 +67,14 @@ def numeric(name, **shape):
 
 
 @pytest.fixture(scope="module")
-def fits():
-    return [jaxcal.noise.fit(y, 1.0, terms=("N", LAW)) for y in records(200)]
+def two():
+    return [jaxcal.noise.fit(y, 1.0, terms=("N", LAW)) for y in records(2)]
 
 
-def test_intervals_hold_the_truth(fits):
+@pytest.mark.long
+def test_intervals_hold_the_truth():
     """95 % intervals of both coefficients hold the truth in 93 to 97 % of 200 records."""
+    fits = [jaxcal.noise.fit(y, 1.0, terms=("N", LAW)) for y in records(200)]
     truth = {"N": 1.0, "P": STRENGTH}
     held = {name: np.mean([fit.interval[name][0] <= value <= fit.interval[name][1] for fit in fits]) for name, value in truth.items()}
     assert 0.93 <= np.mean(list(held.values())) <= 0.97, held
@@ -85,8 +87,8 @@ def test_intervals_hold_the_truth(fits):
     assert np.mean([bool(fit.warnings) for fit in fits]) < 0.1
 
 
-def test_everything_that_a_letter_has(fits):
-    fit = fits[0]
+def test_everything_that_a_letter_has(two):
+    fit = two[0]
     assert fit.terms == ("N", "P")
     for table in (fit.interval, fit.upper_limit, fit.verdict, fit.significance, fit.longer_record, fit.decides):
         assert list(table) == ["N", "P"]
@@ -117,23 +119,23 @@ def test_derivative_of_a_traced_fit():
     np.testing.assert_allclose(slope, value, rtol=1e-5)  # it is proportional to the record
 
 
-def test_kept_in_a_calibration(fits, tmp_path):
-    jaxcal.Calibration(noise={"gyro_x": fits[0], "gyro_z": fits[1]}).save(tmp_path / "device.json")
+def test_kept_in_a_calibration(two, tmp_path):
+    jaxcal.Calibration(noise={"gyro_x": two[0], "gyro_z": two[1]}).save(tmp_path / "device.json")
     held = jaxcal.Calibration.load(tmp_path / "device.json").noise.gyro
     (further,) = held.further
     assert further.term == LAW
-    np.testing.assert_allclose(further.coefficient, [fits[0].noise.coefficient("P"), np.nan, fits[1].noise.coefficient("P")])
-    np.testing.assert_allclose(held.upper_limit["P"][0], fits[0].upper_limit["P"])
+    np.testing.assert_allclose(further.coefficient, [two[0].noise.coefficient("P"), np.nan, two[1].noise.coefficient("P")])
+    np.testing.assert_allclose(held.upper_limit["P"][0], two[0].upper_limit["P"])
     assert held.verdict["P"] == ("present", None, "present")
     assert held.covariance.parameters == ("N^2", "P^2")
 
 
-def test_saved_reported_and_drawn(fits, tmp_path):
-    fit = fits[0]
+def test_saved_reported_and_drawn(two, tmp_path):
+    fit = two[0]
     fit.save(tmp_path / "fit.json")
     saved = json.loads((tmp_path / "fit.json").read_text())
     assert saved["interval"]["P"] == pytest.approx(fit.interval["P"])
-    channels = {"gyro_x": fit, "gyro_y": fits[1]}
+    channels = {"gyro_x": fit, "gyro_y": two[1]}
     document = jaxcal.report.document(channels)
     assert document["channels"]["gyro_x"]["P"]["value"] == pytest.approx(fit.noise.coefficient("P"))
     assert document["channels"]["gyro_x"]["shapes"]["P"] == {"class": "PowerLaw", "exponent": 1.5}

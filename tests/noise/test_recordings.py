@@ -8,6 +8,7 @@ import jaxcal
 RATE, SAMPLES, DEVICES = 100.0, 4096, 40
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("spread", [0.1, 0.01])
 def test_the_interval_of_four_recordings_holds_the_fifth(spread):
     inside, between = [], []

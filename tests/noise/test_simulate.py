@@ -33,6 +33,7 @@ def mean_variance(noise, **options):
     return variance.mean(axis=1), variance.std(axis=1, ddof=1) / np.sqrt(RUNS)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("term", TERMS)
 def test_mean_allan_variance_is_the_exact_one(term):
     """Within 4.5 standard errors at every cluster size."""
@@ -42,6 +43,7 @@ def test_mean_allan_variance_is_the_exact_one(term):
     assert np.all(error < 0.025 * mean)  # the test can tell
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("term", ["markov", "Q"])
 def test_stationary_processes_have_their_autocovariance_from_the_first_sample(term):
     y = np.stack([TERMS[term].simulate(4, RATE, seed=s) for s in range(5000)])

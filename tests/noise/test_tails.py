@@ -23,7 +23,7 @@ LAWS = {
 }
 
 
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("law", [pytest.param(law, marks=[pytest.mark.long] * (law != "contaminated")) for law in LAWS])
 def test_n_of_the_core_is_found_and_covered(law):
     truth, draw = LAWS[law]
     found = [jaxcal.noise.fit(draw(np.random.default_rng(seed)), RATE, robust=True) for seed in range(RUNS)]

@@ -20,7 +20,7 @@ TERMS = ("Q", "N", "B", "K")
 CASE_A = Noise(N=0.25 / 60 * D, B=7.6 / 3600 * D, K=1.8 / 3600 * D)
 
 
-@pytest.mark.parametrize("seed", [0, 3])
+@pytest.mark.parametrize("seed", [0, pytest.param(3, marks=pytest.mark.long)])
 def test_minimum_and_limits_equal_those_of_a_general_minimiser(seed):
     """L-BFGS-B on `log_likelihood` from many starts finds nothing better, and the levels of the profile at the ends of the intervals."""
     y = dataclasses.replace(CASE_A, Q=0.4 / 3600 * D).simulate(1 << 13, RATE, seed=seed)
@@ -67,6 +67,7 @@ def test_minimum_and_limits_equal_those_of_a_general_minimiser(seed):
         assert (fit.interval[term][0] == 0.0) == (rise <= scipy.stats.chi2.ppf(0.95, 1))
 
 
+@pytest.mark.long
 def test_absent_terms_are_seldom_found():
     white = Noise(N=1.0)
     fits = [jaxcal.noise.fit(white.simulate(1 << 14, RATE, seed=seed), RATE) for seed in range(60)]
@@ -156,6 +157,7 @@ def test_a_ramp_is_told_and_fitted_where_asked(record):
     assert not any("straight line" in s for s in fit.warnings)
 
 
+@pytest.mark.long
 def test_the_interval_of_a_ramp_has_the_level_asked_for():
     """The slope is normal: half-widths go as the quantiles, and 50 % intervals hold the truth in half of the records."""
     slope = 2e-4 * D
@@ -256,6 +258,7 @@ def test_log_likelihood_has_its_maximum_at_the_fit():
     assert (curvature > 1).all()
 
 
+@pytest.mark.long
 def test_the_second_opinion_agrees_where_the_model_holds_and_says_so_where_not(record):
     fits = [jaxcal.noise.fit(CASE_A.simulate(1 << 15, RATE, seed=seed), RATE) for seed in range(40)]
     # the two share their data, so that three standard deviations apart is rarer than 0.3 % of three terms
@@ -285,6 +288,7 @@ def test_channels_with_different_lines_stand_side_by_side(record):
     assert both.channel(0).interval["B"] == jaxcal.noise.fit(record, RATE).interval["B"]
 
 
+@pytest.mark.long
 def test_what_would_decide():
     """An absent K is decided by a record of the length named: a K at its limit would be seen there as a rule."""
     absent = dataclasses.replace(CASE_A, K=0.0)

@@ -12,6 +12,7 @@ from nbclient.exceptions import CellExecutionError
 FOLDER = pathlib.Path(__file__).resolve().parents[2] / "notebooks"
 NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
 RUN = runpy.run_path(str(FOLDER / "run.py"))
+SHORT = {"quickstart", "own_model"}
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +44,9 @@ def test_stored_with_its_output(path):
     assert not re.search(r"/(tmp|home|root|work)/", json.dumps([output for output in outputs if "image/png" not in output.get("data", {})]))
 
 
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path", [pytest.param(path, id=path.stem, marks=[pytest.mark.long] * (path.stem not in SHORT)) for path in NOTEBOOKS]
+)
 def test_runs(path, client, tmp_path):
     notebook = nbformat.read(path, as_version=4)
     for cell in notebook.cells:

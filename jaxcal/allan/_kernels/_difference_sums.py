@@ -13,7 +13,7 @@ from ._phase import BLOCK
 
 _ENDS = 64  # sums of a lane that are added one after another
 _LANE = 4096  # points per vector operation; BLOCK // _LANE of them are unrolled
-_SHORT_LANE, _UNROLLED = 2048, 4  # the same of a record that stays in the cache
+_SHORT_LANE, _UNROLLED = 2112, 4  # the same of a record that stays in the cache; lanes a power of two apart would share cache lines
 _WIDE: dict[str, bool | str] = {"xla_cpu_prefer_vector_width": "512"}  # a quarter quicker where a core has such vectors
 
 Parts = tuple[Float[Array, " padded"], ...]

@@ -16,6 +16,7 @@ BLOCK = 16384
 IN_CACHE = 1 << 18
 _ROW = 32
 _CHUNK = 1 << 16  # samples that pass through the second-level cache together
+_ONE_BY_ONE = 4096  # samples that are added one after another
 
 
 def padded_length(samples: int) -> int:
@@ -44,11 +45,29 @@ def integrate(values, out, parts: int, run: Callable = map) -> bool:
         for piece in part:
             held = np.subtract(values[piece], values[0] + shift, out=rest[piece])
             held[0] += carry
-            carry = np.cumsum(held, out=held)[-1]
+            carry = _running_sum(held)[-1]
 
     out[0] = 0.0
     list(run(fill, pieces, np.cumsum(sums) - sums - shift * np.array(edges[:-1])))
     return True
+
+
+def _running_sum(values) -> np.ndarray:
+    """Running sum of the values, in their place.
+
+    A sum one by one waits for each addition. So pairs are added at once, their running sum is formed in the same way, and a value is
+    taken off where the sum ends in the middle of a pair: 0.4 of the time.
+    """
+    if len(values) <= _ONE_BY_ONE:
+        return np.cumsum(values, out=values)
+    seconds = values[1::2]
+    firsts = values[: 2 * len(seconds) : 2]
+    pairs = _running_sum(firsts + seconds)
+    np.subtract(pairs, seconds, out=firsts)
+    seconds[:] = pairs
+    if len(values) % 2:
+        values[-1] += pairs[-1]
+    return values
 
 
 def _two_sum(a, b):

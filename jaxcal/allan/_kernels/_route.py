@@ -1,6 +1,5 @@
 """Which route the sums of a record take: block by block, from correlations, or strided."""
 
-import functools
 import itertools
 import os
 from collections.abc import Callable
@@ -18,7 +17,6 @@ from ._phase import BLOCK, running_sum_of_phase
 MANY = 512  # cluster sizes; up to here every record takes the block kernel
 _PER_SAMPLE = 1000  # differences per sample from which correlations cost less
 _MOST = 5e11  # differences that the block kernel is asked for: about half an hour on two cores
-_TWICE_FROM = 1_000_000  # differences, of 0.2 ns each; to start a program takes 0.05 ms
 _TOGETHER = 1 << 18  # phase points of many cluster sizes
 _GROUP, _STEP, _FEW = 1024, 256, 32  # cluster sizes per pass of the block kernel; their number is a multiple of 256, of few sizes of 32
 
@@ -59,24 +57,14 @@ def record_sums(prepared, sizes, number, kind: Kind, workers: int, run: Callable
 def sums_in_cache(theta, sizes, number, kind: Kind) -> Callable[[], np.ndarray]:
     """The same of a record without gaps that stays in the cache, at no more than 512 cluster sizes: started, and what waits for it.
 
-    One program serves every length and every number of cluster sizes, since both are data. Where it takes longer than to start it, it is
-    started twice, for every other cluster size each: JAX computes both at once where two cores are free. theta is the padded phase.
+    One program serves every length and every number of cluster sizes, since both are data. theta is the padded phase.
     """
-    parts = min(len(sizes), 2 if number.sum() > _TWICE_FROM else 1)
-    shares = [slice(first, None, parts) for first in range(parts)]
     with jax.enable_x64(True):  # thread-local
         # a compiled function reads an aligned array where it lies, and `device_put` would take longer than the call
         phase = running_sum_of_phase(theta) if kind.modified else (theta,)
-        start = functools.partial(cached_sums, order=kind.difference, strided=not kind.overlapped)
-        begun = [start(phase, *filled(sizes[share], number[share], MANY), np.int64(len(sizes[share]))) for share in shares]
-
-    def wait() -> np.ndarray:
-        total = np.empty(len(sizes))
-        for share, sums in zip(shares, begun, strict=True):
-            total[share] = np.asarray(sums)[: len(total[share])]
-        return total
-
-    return wait
+        clusters = np.int64(len(sizes))
+        sums = cached_sums(phase, *filled(sizes, number, MANY), clusters, order=kind.difference, strided=not kind.overlapped)
+    return lambda: np.asarray(sums)[: len(sizes)]
 
 
 def _by_blocks(parts, missing, sizes, number, less, kind: Kind, rule: str, workers: int, run) -> tuple[np.ndarray, np.ndarray]:

@@ -37,6 +37,10 @@ _CHANGES = np.array(
     ]
 )
 
+#: edf of htotdev over that of ohdev in white and flicker phase noise: simulated, 1.42 to 2.3 for m = 2 .. 64 and
+#: 6 to 48 cluster times in the record (1000 records each); the least, so that no interval is too narrow
+_OVER_OHDEV = 1.4
+
 
 def degrees_of_freedom(m, alpha, kind: str | Kind, samples) -> Float[np.ndarray, "..."]:
     """Equivalent degrees of freedom of a variance, of a record without gaps.
@@ -51,7 +55,8 @@ def degrees_of_freedom(m, alpha, kind: str | Kind, samples) -> Float[np.ndarray,
     kind : name of the statistic, such as "oadev".
     samples : rate samples of the record, broadcast against m.
 
-    Where no figure is known the next lower one is taken: htotdev of phase noise as of white rate, types beyond the last as the last.
+    Of phase noise htotdev has the degrees of freedom of ohdev times 1.4, or those of white rate where they are more: 0 to 35 % fewer
+    than in simulations from 6 cluster times in the record on, and far fewer below. Types beyond the last are taken as the last.
 
     Examples
     --------
@@ -72,10 +77,11 @@ def degrees_of_freedom(m, alpha, kind: str | Kind, samples) -> Float[np.ndarray,
     for noise in np.unique(types):
         here = types == noise
         edf[here] = formula(sizes[here].astype(np.float64), np.maximum(lengths[here], 1).astype(np.float64), int(noise), shift)
-    if kind.order == 3:  # htotdev is ohdev at m = 1
-        for length in np.unique(lengths[sizes == 1]):
-            here = (sizes == 1) & (lengths == length)
-            edf[here] = _edf.degrees_of_freedom(1, types[here], kind.plain, int(length))
+    if kind.order == 3:  # htotdev is ohdev at m = 1, and has more degrees of freedom than ohdev elsewhere, in phase noise many more
+        for length in np.unique(lengths):
+            here = (lengths == length) & ((sizes == 1) | (types > 0))
+            plain = _edf.degrees_of_freedom(sizes[here], types[here], kind.plain, int(length))
+            edf[here] = np.where(sizes[here] == 1, plain, np.maximum(edf[here], _OVER_OHDEV * plain))
     return np.asarray(np.maximum(edf, 1.0))
 
 

@@ -144,12 +144,13 @@ def heading_departure(first: Found, second: Found, inclination: float) -> np.nda
     departures = []
     for attitudes, directions in grids(inclination):
         y = (directions @ np.linalg.inv(other) + second.centre - first.centre) @ matrix
-        turned = np.exp(1j * (_angle(attitudes, y) - _angle(attitudes, directions)))
+        turned = np.exp(1j * (angle(attitudes, y) - angle(attitudes, directions)))
         departures.append(np.sqrt(np.mean(np.angle(turned) ** 2)))
     return np.array(departures)
 
 
-def _angle(attitudes: np.ndarray, y: np.ndarray) -> np.ndarray:
+def angle(attitudes: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Magnetic heading in rad of corrected fields in body axes, in known attitudes."""
     forward, right = _level_parts(attitudes, y)
     return np.arctan2(-right, forward)
 
@@ -182,12 +183,16 @@ def information(directions: np.ndarray, kind: str, relative_noise: float) -> Inf
     return Information(condition, by_noise, ", ".join(chosen))
 
 
-def needed(shape: np.ndarray, covariance: np.ndarray, grid: np.ndarray) -> np.ndarray:
-    """Three directions, at least 45 degrees apart, in which a reading is predicted worst: there a new one tells most."""
-    z = grid @ np.linalg.inv(root(shape))
+def distance_slopes(shape: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """Derivative of the distance to the ellipsoid, at points z from its centre, by the shape's entries and the centre, (n, 9)."""
     x, y, w = z.T
     rows = np.concatenate([np.stack([x * x, 2 * x * y, y * y, 2 * x * w, 2 * y * w, w * w], axis=1), -2 * z @ shape], axis=1)
-    rows = rows / np.linalg.norm(2 * z @ shape, axis=1, keepdims=True)
+    return rows / np.linalg.norm(2 * z @ shape, axis=1, keepdims=True)
+
+
+def needed(shape: np.ndarray, covariance: np.ndarray, grid: np.ndarray) -> np.ndarray:
+    """Three directions, at least 45 degrees apart, in which a reading is predicted worst: there a new one tells most."""
+    rows = distance_slopes(shape, grid @ np.linalg.inv(root(shape)))
     variance = np.sum(rows @ covariance * rows, axis=1)
     chosen = []
     for _ in range(3):

@@ -96,6 +96,15 @@ class Term(eqx.Module):
         """
         return None
 
+    def integral(self, h):
+        r"""Generalised covariance G of the integral of the continuous signal at lags h (s, any shape), for a coefficient of one.
+
+        .. math:: G(h) = \int S(f)\,\frac{\cos 2\pi f h - 1 + \ldots}{(2\pi f)^2}\,df
+
+        up to a constant and a multiple of h^2, which the covariance of differences between means does not contain.
+        """
+        return _numeric.integral(self.psd, h)
+
     def simulate(self, n: int, dt: float, random: np.random.Generator) -> Float[np.ndarray, " n"]:
         """Samples for a coefficient of one."""
         return _numeric.simulate(self.psd, n, dt, random)

@@ -16,6 +16,10 @@ class _NoDensity(Term):
         """Nothing."""
         return array_module(f, dt).zeros_like(f)
 
+    def integral(self, h):
+        """Nothing."""
+        return array_module(h).zeros_like(h)
+
 
 class Ramp(_NoDensity):
     """A straight line in time, of no density."""
@@ -61,6 +65,11 @@ class Sinusoid(_NoDensity):
             return (xp.sin(angle) ** 2 / angle) ** 2
         m = tau / dt
         return xp.sin(angle) ** 4 / (m * xp.sin(angle / m)) ** 2
+
+    def integral(self, h):
+        """cos(omega h)/(2 omega^2)."""
+        omega = 2.0 * math.pi * self.frequency
+        return array_module(h, self).cos(omega * h) / (2.0 * omega**2)
 
     def simulate(self, n, dt, random):
         """Of random phase."""

@@ -12,6 +12,8 @@ from ._power_law import RandomWalk, angular
 
 #: tau/Tc below which the closed form loses its digits to cancellation and that of a random walk is exact to 1e-5
 _SHORT = 2e-5
+#: |h|/Tc below which six terms of the series are exact
+_SERIES = 0.03
 
 
 class GaussMarkov(Term):
@@ -67,6 +69,15 @@ class GaussMarkov(Term):
         cosine = (z * ((n - 1.0) - n * z + last) / (1.0 - z) ** 2).real
         sine = ((z - last) / (1.0 - z)).imag
         return self.time / 2.0 * dt * (1.0 + 2.0 / n * (cosine - sine / np.sin(a)))
+
+    def integral(self, h):
+        """-Tc^3/2 (exp(-x) - 1 + x), x = |h|/Tc; by its series where that would cancel."""
+        xp = array_module(h, self)
+        x = xp.abs(h) / self.time
+        near = x < _SERIES
+        small, large = xp.where(near, x, 0.0), xp.where(near, 1.0, x)
+        series = small**2 * (1 / 2 - small * (1 / 6 - small * (1 / 24 - small * (1 / 120 - small * (1 / 720 - small / 5040)))))
+        return -(self.time**3) / 2.0 * xp.where(near, series, xp.expm1(-large) + large)
 
     def simulate(self, n, dt, random):
         """A first-order recursion from its stationary law."""

@@ -43,6 +43,11 @@ class Quantisation(Term):
         """From G = 1/dt^2 at lag 0: lives where a cluster ends on another's end."""
         return outer_difference(lambda x: (np.abs(x) == small) - 2.0 * (x == 0.0), h, small, large) / dt**2
 
+    def integral(self, h):
+        """One at lag 0: the integral has independent errors."""
+        xp = array_module(h)
+        return xp.where(h == 0.0, 1.0, 0.0)
+
     def simulate(self, n, dt, random):
         """Differences of white noise."""
         return np.diff(random.standard_normal(n + 1)) / dt
@@ -113,6 +118,10 @@ class White(Term):
         """From G = -|h|/(2 dt): the second difference of -|x|/2 with step m is -max(m - |x|, 0)."""
         return outer_difference(lambda x: -np.maximum(small - np.abs(x), 0.0), h, small, large) / dt
 
+    def integral(self, h):
+        """-|h|/2."""
+        return -array_module(h).abs(h) / 2.0
+
     def simulate(self, n, dt, random):
         """Independent samples."""
         return random.standard_normal(n) / math.sqrt(dt)
@@ -148,6 +157,10 @@ class RandomWalk(Term):
             return (cubic - 2.0 * np.maximum(small - x, 0.0)) / 12.0
 
         return outer_difference(inner, h, small, large) * dt
+
+    def integral(self, h):
+        """|h|^3/12."""
+        return array_module(h).abs(h) ** 3 / 12.0
 
     def simulate(self, n, dt, random):
         """Running sum of white noise."""

@@ -1,0 +1,110 @@
+"""`crlb`: how well positions can tell attitude, sensor errors and latitude, before a reading."""
+
+import dataclasses
+from collections.abc import Iterable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._compile import filter_jit
+from .._errors import DataError
+from .._precision import array_module, host_float64, is_traced
+from .._types import Array
+from ._model import NAMES, Table, Turntable, in_one_type, residuals, tabulate, turntable, with_angle_errors, with_values
+from ._noise import IDEAL, Sensor, as_noise, check_noise
+from ._positions import GRAVITY, Readings, as_positions, check_gravity, check_latitude
+from ._result import Bound, know, sizes_of
+from ._start import free_of, priors_of
+
+
+def given_noise(noise: Any, name: str) -> Any:
+    """The noise of one sensor, checked."""
+    if noise is None:
+        raise DataError(f"There is no {name}; give its white noise, SI, or a `jaxcal.noise.Noise`: without it there is no bound.")
+    found = as_noise(noise, name)
+    check_noise(found, name)
+    return found
+
+
+@host_float64
+def crlb(
+    positions: Any,
+    attitude: Any,
+    latitude: Any,
+    *,
+    accel_noise: Any,
+    gyro_noise: Any,
+    free: Iterable[str] | None = None,
+    priors: dict[str, Any] | None = None,
+    accel: Sensor = IDEAL,
+    gyro: Sensor = IDEAL,
+    lever_arm: Any = 0.0,
+    gravity: Any = GRAVITY,
+) -> Bound:
+    r"""Cramer-Rao bound of the joint fit, :math:`(J^T J)^{-1}` of the whitened Jacobian with the priors.
+
+    Parameters
+    ----------
+    positions : `Positions`, or table angles in rad.
+    attitude : (3,) roll, pitch, azimuth, rad.
+    latitude : rad; it counts as known unless "latitude" is in `free`.
+    accel_noise, gyro_noise : white noise N (m/s^2 sqrt(s), rad/sqrt(s)), a `jaxcal.noise.Noise`, a `NoiseFit` or a `Sensor`; `noise_of`
+        takes both from a calibration. All terms count, with their exact covariance between the dwells.
+    free, priors : as of `fit`.
+    accel, gyro : sensor errors at which the bound is taken.
+    lever_arm : m. gravity : m/s^2.
+
+    Returns
+    -------
+    Bound
+        With covariance, rank and the parameters that are confounded. Traced, it is differentiable in every number.
+
+    Raises
+    ------
+    DataError
+        For unknown names, or noise that is not positive.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.alignment import Positions, crlb
+    >>> four = Positions(np.deg2rad([0.0, 90.0, 180.0, 270.0]), dwell=60.0)
+    >>> arw = np.deg2rad(0.01) / 60
+    >>> bound = crlb(four, np.deg2rad([0.0, 0.0, 88.0]), np.deg2rad(35.0), accel_noise=5e-4, gyro_noise=arw)
+    >>> print(np.rad2deg(bound.azimuth_std).round(4))
+    0.2547
+
+    References
+    ----------
+    S. M. Kay, Fundamentals of Statistical Signal Processing: Estimation Theory, 1993, section 3.9 (general Gaussian noise).
+    """
+    positions = as_positions(positions)
+    check_latitude(latitude)
+    check_gravity(gravity)
+    chosen = free_of(free, priors, positions, latitude, (True, True), NAMES)
+    certainty = priors_of(priors, NAMES)[1]
+    noise = [given_noise(accel_noise, "accelerometer noise"), given_noise(gyro_noise, "gyro noise")]
+    attitude = attitude if is_traced(attitude) else np.asarray(attitude, dtype=float)
+    if attitude.shape != (3,):
+        raise DataError(f"The attitude has shape {attitude.shape}; give (roll, pitch, azimuth) in rad.")
+    zeros = np.zeros(len(positions))
+    table = tabulate(Readings(positions, zeros, zeros, lever_arm=lever_arm), gravity, noise)
+    model = turntable(attitude, latitude, accel, gyro)
+    table = with_angle_errors(table, model, positions, gravity, lever_arm)
+    dtype = jax.dtypes.canonicalize_dtype(attitude.dtype)
+    xp = array_module(table, model, certainty)
+    weight = xp.stack([xp.asarray(certainty.get(name, 0.0)) for name in NAMES])
+    table, model = in_one_type((dataclasses.replace(table, prior=0 * weight, certainty=weight), model), dtype)
+    mask = np.array([name in chosen for name in NAMES])
+    jacobian = jacobian_at(model, table)
+    known = know(jacobian if is_traced(jacobian) else np.asarray(jacobian), 2 * table.accel.size, mask, sizes_of(NAMES, gravity, positions))
+    return Bound(NAMES, known.covariance, mask, known.rank, known.hidden, known.lost)
+
+
+@filter_jit
+def jacobian_at(model: Turntable, table: Table) -> Array:
+    """Jacobian of the residuals with respect to the parameters, in their order."""
+    values = jnp.stack([jnp.asarray(leaf) for leaf in jax.tree.leaves(model)])
+    return jax.jacfwd(lambda x: residuals(with_values(model, x), table))(values)

@@ -1,0 +1,196 @@
+"""`guide`: which attitude to read next, and when to stop; `heading_change`: what a new calibration would change."""
+
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+import scipy.stats
+
+from .._errors import DataError
+from .._precision import host_float64
+from .._quality import checked_confidence
+from .._types import AnyArray, Float
+from ._design._coverage import sphere_grid
+from ._design._heading_error import across, angle, change_of, distance_slopes, grids, levelled
+from ._ellipsoid._shape import Frame, ellipsoid_of_model, root
+from ._field import INCLINATION
+from ._fit import fit
+from ._model import MagModel
+from ._result import MagFit
+
+_FEWEST = 12  # readings from which the fit advises; before, the greatest gap between directions does
+_PARAMETERS = 9
+_LOOKS = 5.0  # the error is looked at after every reading, and the luckiest look stops: as many of them count as independent
+
+
+class Guide(eqx.Module):
+    """Advice on the next reading.
+
+    Attributes
+    ----------
+    stop : whether the heading error is below the limit with the confidence asked for.
+    direction : (3,) unit vector in the sensor's axes, along which the field should point at the next reading; None where candidates
+        were given.
+    candidate : index of the best candidate; None without candidates, or where there is none.
+    heading_error : rms heading error in rad that is expected now; infinite with fewer than twelve readings.
+    bound : upper limit of the heading error in rad at the level asked for.
+    reason : the advice as a sentence.
+    fit : the fit of the readings so far; None with fewer than twelve.
+    """
+
+    stop: bool
+    direction: AnyArray | None
+    candidate: int | None
+    heading_error: float
+    bound: float
+    reason: str
+    fit: MagFit | None
+
+
+@host_float64
+def guide(
+    m: Any, *, limit: float = np.deg2rad(1.0), candidates: Any = None, inclination: float | None = None, confidence: float = 0.95
+) -> Guide:
+    r"""Which reading would lower the heading error most, and whether the readings so far are enough.
+
+    A reading in a direction with the slope r of its distance to the ellipsoid lowers the mean square heading error tr(W C) by
+
+    .. math:: \frac{r C W C r^T}{\sigma^2 + r C r^T},
+
+    C the covariance of the nine parameters, W the mean outer product of the heading's slopes, :math:`\sigma` the noise of a reading.
+    With fewer than twelve readings the direction farthest from those seen is next. The error of one calibration is a quadratic form of
+    nine normal parameters. Its upper limit takes the mean and variance of that form, the degrees of
+    freedom of the noise, and that the limit is looked at after every reading (Bonferroni, as five independent looks).
+
+    Parameters
+    ----------
+    m : (n, 3) readings so far, in tesla, or in counts.
+    limit : rms heading error in rad, at level, that is wanted.
+    candidates : (k, 3) readings to choose from, where a log is replayed; by default all directions.
+    inclination : dip of the field in rad, as in `fit`.
+    confidence : level at which the error has to be below the limit.
+
+    Returns
+    -------
+    Guide
+
+    Raises
+    ------
+    DataError
+        If the readings are not (n, 3) finite numbers, or the limit is not positive.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.magnetometer import body_field, guide, scenario
+    >>> m = body_field(scenario("all"), 50e-6) + 50e-9 * np.random.default_rng(0).normal(size=(len(scenario("all")), 3))
+    >>> few, many = guide(m[:5]), guide(m)
+    >>> few.stop, many.stop
+    (False, True)
+
+    References
+    ----------
+    V. Fedorov, Theory of Optimal Experiments, 1972 (sequential L-optimal design). F. E. Satterthwaite, Biometrics Bulletin 2, 1946.
+    """
+    m = np.asarray(m, dtype=np.float64)
+    if m.ndim != 2 or m.shape[1] != 3 or not np.isfinite(m).all():
+        raise DataError(f"The readings must be (n, 3) finite numbers; got the shape {m.shape}.")
+    if not limit > 0:
+        raise DataError(f"The limit must be positive, in rad; got {limit:g}.")
+    confidence = checked_confidence(confidence)
+    choice = None if candidates is None else np.asarray(candidates, dtype=np.float64).reshape(-1, 3)
+    if len(m) < _FEWEST:
+        return _by_gap(m, choice, f"{len(m)} readings; from {_FEWEST} on an error can be stated", None)
+    found = fit(m, model="symmetric", inclination=inclination)
+    if found.model is None or not np.isfinite(found.covariance).all():
+        return _by_gap(m, choice, "the readings leave the calibration open", found)
+    shape, centre = ellipsoid_of_model(found.model, Frame(np.zeros(3), 1.0), found.field)
+    attitudes, directions = grids(float(found.inclination))[0]
+    turn = levelled(found.down)
+    slopes = np.einsum("ni,nip->np", across(attitudes, directions) @ turn, change_of(shape, directions @ turn))
+    weight, covariance = slopes.T @ slopes / len(slopes), np.asarray(found.covariance)
+    grid = sphere_grid()
+    points = grid @ np.linalg.inv(root(shape)) if choice is None else choice - centre
+    rows = distance_slopes(shape, points)
+    gain = np.sum(rows @ (covariance @ weight @ covariance) * rows, axis=1) / (found.noise**2 + np.sum(rows @ covariance * rows, axis=1))
+    form = weight @ covariance
+    mean, spread = float(np.trace(form)), float(np.trace(form @ form))
+    freedom = mean**2 / spread  # of the chi-square that the form is nearly
+    quantile = scipy.stats.f.ppf(1.0 - (1.0 - confidence) / _LOOKS, freedom, max(len(m) - _PARAMETERS, 1))
+    error = float(found.heading_error[0])
+    bound = float(error * np.sqrt(quantile))
+    stop = bool(bound <= limit and found.verdict != "refused")
+    best = int(np.argmax(gain)) if len(gain) else None
+    told = f"heading error {np.rad2deg(error):.2g} deg rms expected, below {np.rad2deg(bound):.2g} deg at {100 * confidence:g} %"
+    if stop:
+        return Guide(True, None, None, error, bound, f"Stop: {told}.", found)
+    direction = grid[best] if choice is None and best is not None else None
+    return Guide(False, direction, None if choice is None else best, error, bound, f"{told}. {_next(direction)}".strip(), found)
+
+
+@host_float64
+def heading_change(
+    present: MagModel, new: MagModel, *, inclination: float = INCLINATION, down: Any = None
+) -> Float[np.ndarray, " headings"]:
+    """By how much level headings turn where one calibration takes the place of another.
+
+    Parameters
+    ----------
+    present, new : both calibrations, of readings in the same unit.
+    inclination : dip of the field in rad.
+    down : the sensor's axis that points down at level; z by default.
+
+    Returns
+    -------
+    (24,) rad: heading by `new` less heading by `present`, where `new` gives headings every 15 degrees from north.
+
+    Examples
+    --------
+    A hard iron that is off by a tenth of the field turns headings by up to its share of the horizontal field:
+
+    >>> import numpy as np
+    >>> from jaxcal.magnetometer import MagModel, heading_change
+    >>> new = MagModel(50e-6 * np.eye(3), np.zeros(3))
+    >>> old = MagModel(50e-6 * np.eye(3), np.array([5e-6, 0.0, 0.0]))
+    >>> bool(abs(np.rad2deg(np.abs(heading_change(old, new, inclination=0.0)).max()) - 5.7) < 0.1)
+    True
+
+    References
+    ----------
+    Readings that `new` corrects to unit fields at level are corrected with `present`.
+    """
+    attitudes, directions = grids(float(inclination))[0]
+    turn = levelled(down)
+    readings = new.measure(directions @ turn)
+    by = [angle(attitudes, np.asarray(model.correct(readings)) @ turn.T) for model in (present, new)]
+    return np.angle(np.exp(1j * (by[1] - by[0])))
+
+
+def _by_gap(m: AnyArray, choice: AnyArray | None, said: str, found: MagFit | None) -> Guide:
+    """The direction, or the candidate, that is farthest from all readings so far."""
+    if choice is not None:
+        apart = np.linalg.norm(choice[:, None] - m[None], axis=2).min(axis=1) if len(m) else np.zeros(len(choice))
+        best = int(np.argmax(apart)) if len(choice) else None
+        return Guide(False, None, best, np.inf, np.inf, f"{said}.", found)
+    grid = sphere_grid()
+    seen = m - (_centre(m) if len(m) else 0.0)
+    length = np.linalg.norm(seen, axis=1, keepdims=True)
+    seen = seen[length[:, 0] > 0] / length[length > 0][:, None]
+    nearest = (grid @ seen.T).max(axis=1) if len(seen) else np.zeros(len(grid))
+    direction = grid[int(np.argmin(nearest))]
+    return Guide(False, direction, None, np.inf, np.inf, f"{said}. {_next(direction)}", found)
+
+
+def _centre(m: AnyArray) -> Float[np.ndarray, "3"]:
+    """Centre of the sphere through the readings; where they do not span one, the point nearest to their mean that fits."""
+    middle = m.mean(axis=0)
+    away = m - middle
+    square = np.sum(away**2, axis=1)
+    return middle + np.linalg.lstsq(2.0 * away, square - square.mean(), rcond=1e-2)[0]
+
+
+def _next(direction: AnyArray | None) -> str:
+    if direction is None:
+        return ""
+    axes = ", ".join(f"{value:+.2f}" for value in direction)
+    return f"Next, turn the sensor so that the field points along ({axes}) in its axes (x, y, z)."

@@ -1,0 +1,150 @@
+"""`correlation`: how much of the white noise the axes of a sensor have in common."""
+
+from collections.abc import Sequence
+from itertools import combinations
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+import scipy.fft
+import scipy.special
+
+from .._errors import DataError
+from .._precision import host_float64
+from .._quality import checked_confidence, checked_rate, checked_record
+from .._results import Row, Unjudged
+from .._types import Float
+from ._model import Noise
+
+_FEWEST = 100.0  # ordinates' worth of information below which nothing is said
+
+
+class Correlation(Unjudged):
+    """Covariance of the random walk coefficients N of several axes.
+
+    Attributes
+    ----------
+    covariance : (axes, axes) in unit^2/Hz: N^2 on the diagonal, correlation times both N elsewhere.
+    correlation : (axes, axes) of the white noise, -1 to 1.
+    interval : (axes, axes, 2) limits of the correlation at level `confidence`.
+    warnings : sentences; they name the axes whose noise is correlated beyond chance.
+    confidence : level of the intervals.
+    """
+
+    covariance: Float[np.ndarray, "axes axes"]
+    correlation: Float[np.ndarray, "axes axes"]
+    interval: Float[np.ndarray, "axes axes 2"]
+    confidence: float = eqx.field(static=True)
+    warnings: tuple[str, ...] = eqx.field(static=True, default=())
+
+    def measurement(self, rate: float) -> Float[np.ndarray, "axes axes"]:
+        r"""Covariance of the white noise of one sample of all axes, :math:`C \cdot rate`.
+
+        A filter takes it in place of the diagonal of `StateSpace.white` of the axes; the states of `noise.discrete` stay those of
+        each axis.
+
+        Parameters
+        ----------
+        rate : rate in Hz at which the filter takes samples.
+
+        Returns
+        -------
+        (axes, axes) array, in the unit of the record squared.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import jaxcal
+        >>> y = np.random.default_rng(0).standard_normal((20_000, 2))
+        >>> found = jaxcal.noise.correlation(y, 100.0, [jaxcal.noise.Noise(N=0.1)] * 2)
+        >>> np.round(np.diag(found.measurement(100.0)), 2).tolist()
+        [1.0, 1.0]
+        """
+        return self.covariance * checked_rate(rate)
+
+    def _rows(self) -> list[Row]:
+        pairs = combinations(range(len(self.correlation)), 2)
+        return [Row(f"correlation of axes {i} and {j}", self.correlation[i, j], *self.interval[i, j], "") for i, j in pairs]
+
+
+@host_float64
+def correlation(y: Any, rate: Any, fits: Sequence[Any], *, confidence: float = 0.95) -> Correlation:
+    r"""Correlation of the white noise of several axes, as a common supply or clock leaves it.
+
+    Every axis has its noise model, whose density is S. With the orthonormal DCT-II ordinates c of both axes and the share
+    :math:`g_k = N_i N_j / \sqrt{S_{i,k} S_{j,k}}` of white noise in them,
+
+    .. math:: \rho = \frac{s_{ij}}{\sqrt{s_{ii} s_{jj}}},\qquad
+        s_{ij} = \sum_k g_k \frac{dt\, c_{i,k} c_{j,k}}{\sqrt{S_{i,k} S_{j,k}}},\qquad
+        \operatorname{artanh} \rho \pm \frac{z}{\sqrt{\sum_k g_k^2}} .
+
+    The expectation of the other noise, :math:`\sum_k g_k (1 - g_k)`, is taken off :math:`s_{ii}`.
+
+    Parameters
+    ----------
+    y : (n, axes) samples in rad/s, m/s^2 or T; rows with NaN are left out, and the longest stretch without any is used.
+    rate : sampling rate in Hz.
+    fits : `NoiseFit` or `Noise` of each axis, as `fit(y[:, i], rate)` gives it. Every axis needs N above zero.
+    confidence : level of the intervals.
+
+    Returns
+    -------
+    Correlation
+
+    Raises
+    ------
+    DataError
+        If the number of models is not that of the axes, an axis has no N, or white noise is too little of the record.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> a, b = np.random.default_rng(0).standard_normal((2, 20_000))
+    >>> y = np.stack([a, 0.6 * a + 0.8 * b], axis=1)
+    >>> found = jaxcal.noise.correlation(y, 100.0, [jaxcal.noise.fit(axis, 100.0) for axis in y.T])
+    >>> low, high = found.interval[0, 1]
+    >>> bool(low < 0.6 < high), f"{high - low:.2f}"
+    (True, '0.02')
+
+    References
+    ----------
+    Interval of a correlation: R. A. Fisher, Metron 1, 1921.
+    """
+    rate, confidence, y = checked_rate(rate), checked_confidence(confidence), checked_record(y)
+    if y.ndim != 2 or len(fits) != y.shape[1]:
+        raise DataError(f"one noise model for each axis: got {len(fits)} models and a record of the shape {np.shape(y)}")
+    models = [fit if isinstance(fit, Noise) else fit.noise for fit in fits]
+    strength = np.array([float(model.N) for model in models])
+    if np.any(strength <= 0.0):
+        raise DataError(f"axis {int(np.argmin(strength))} has no white noise, N = 0: there is nothing to be correlated")
+    gone = np.isnan(y).any(axis=1)
+    edges = np.flatnonzero(np.diff(np.concatenate([[True], gone, [True]])))
+    start, stop = max(zip(edges[::2], edges[1::2], strict=True), key=lambda ends: ends[1] - ends[0], default=(0, 0))
+    said = [f"used: samples {start} .. {stop - 1} of {len(y)}, the longest stretch without gaps"] if gone.any() else []
+    part = np.ascontiguousarray(y[start:stop].T)
+    n, axes = part.shape[1], len(models)
+    if n < _FEWEST:
+        raise DataError(f"the longest stretch without gaps has {n} samples; a correlation needs {_FEWEST:.0f} at least")
+    frequency = np.arange(1, n) * (rate / (2.0 * n))
+    ordinates = np.asarray(scipy.fft.dct(part - part.mean(axis=1, keepdims=True), norm="ortho"))[:, 1:]
+    root = np.sqrt([np.asarray(model.psd(frequency, dt=1.0 / rate)) for model in models])
+    white, share = ordinates / root / np.sqrt(rate), strength[:, None] / root
+    weight = share[:, None] * share[None]
+    # each axis with itself, less its other noise: the scatter that both sums share cancels, and so does a level that is a little off
+    own = np.sum(share**2 * (white**2 - 1.0 + share**2), axis=1)
+    rho = np.einsum("ijk,ik,jk->ij", weight, white, white) / np.sqrt(np.outer(own, own))
+    np.fill_diagonal(rho, 1.0)
+    information = np.sum(weight**2, axis=2)
+    if np.min(information) < _FEWEST:
+        raise DataError(f"white noise is worth {np.min(information):.0f} ordinates only; a correlation needs {_FEWEST:.0f}: N is too small")
+    reach = float(scipy.special.ndtri(0.5 + confidence / 2.0)) / np.sqrt(information)
+    middle = np.arctanh(np.where(np.eye(axes, dtype=bool), 0.0, np.clip(rho, -1.0 + 1e-12, 1.0 - 1e-12)))
+    interval = np.stack([np.tanh(middle - reach), np.tanh(middle + reach)], axis=2)
+    interval[np.arange(axes), np.arange(axes)] = 1.0
+    for i, j in combinations(range(axes), 2):
+        if interval[i, j, 0] > 0.0 or interval[i, j, 1] < 0.0:
+            low, high = interval[i, j]
+            said.append(f"the white noise of axes {i} and {j} is correlated: {rho[i, j]:.2f}, between {low:.2f} and {high:.2f}")
+    covariance = rho * np.outer(strength, strength)
+    return Correlation(covariance, rho, interval, confidence, tuple(said))

@@ -1,0 +1,79 @@
+"""`mean_covariance`: the covariance of means over stretches of one record."""
+
+from typing import Any
+
+import numpy as np
+
+from .._errors import DataError
+from .._precision import array_module, host_float64
+from .._types import AnyArray
+from ._model import Noise
+
+
+@host_float64
+def mean_covariance(noise: Noise, start: Any, dwell: Any, weight: Any = None) -> AnyArray:
+    r"""Exact covariance of the means of a sensor's noise over several stretches of one record.
+
+    With G the generalised covariance of the integral of the noise (`Term.integral`), the means over [a, a + A] and [b, b + B] have
+
+    .. math:: \mathrm{Cov} = \frac{G(a+A-b-B) - G(a+A-b) - G(a-b-B) + G(a-b)}{A B}
+
+    up to a constant that all of them share. Flicker and a random walk leave that constant open: their mean over all time is infinite or
+    depends on when the record began. It is fixed by the common mean: what wanders (all terms but Q and N) is counted from the mean over
+    all stretches, weighed by their lengths. A sensor's bias is then its mean over the measured time. Where an estimate has a free bias,
+    it does not depend on this choice.
+
+    Parameters
+    ----------
+    noise : model of one channel. A ramp R adds nothing, because it is not random.
+    start : (n,) beginning of each stretch, s. The stretches do not overlap.
+    dwell : (n,) length of each stretch, s.
+    weight : (n,) share of each stretch in the common mean; by default its length. Zero leaves a stretch out of it.
+
+    Returns
+    -------
+    (n, n), in the unit of B squared. It can be differentiated with respect to the coefficients, times and lengths.
+
+    Raises
+    ------
+    DataError
+        If the noise has several channels, or start and dwell are not of one length.
+
+    Examples
+    --------
+    Two means over 100 s, 1000 s apart, of flicker: their difference does not shrink with longer means.
+
+    >>> import numpy as np
+    >>> from jaxcal.noise import Noise, mean_covariance
+    >>> c = mean_covariance(Noise(B=1.0), np.array([0.0, 1000.0]), np.array([100.0, 100.0]))
+    >>> print(np.sqrt(c[0, 0] + c[1, 1] - 2 * c[0, 1]).round(3))
+    1.569
+
+    References
+    ----------
+    G. Matheron, Adv. Appl. Prob. 5, 1973, 439-468 (generalised covariances).
+    """
+    xp = array_module(noise, start, dwell, weight)
+    start, dwell = xp.asarray(start), xp.asarray(dwell)
+    if start.ndim != 1 or start.shape != dwell.shape:
+        raise DataError(f"start has shape {start.shape} and dwell {dwell.shape}; give one number for each stretch")
+    if any(np.ndim(coefficient) for _, coefficient, _ in noise.parts):
+        raise DataError("noise must be the model of one channel; take noise.channel(i)")
+    size = dwell if weight is None else xp.asarray(weight)
+    whole = xp.sum(size)
+    share = size / xp.where(whole > 0, whole, 1)
+    end = start + dwell
+    area = dwell[:, None] * dwell[None, :]
+    lags = xp.stack([first[:, None] - second[None, :] for first, second in ((end, end), (end, start), (start, end), (start, start))])
+    total = wander = xp.zeros_like(area)
+    for name, coefficient, term in noise.parts:
+        if isinstance(coefficient, (int, float)) and coefficient == 0:
+            continue  # not part of the model
+        if name == "N":
+            total = total + xp.diag(coefficient**2 / dwell)
+            continue
+        g = term.integral(lags)
+        part = coefficient**2 * (g[0] - g[1] - g[2] + g[3]) / area
+        total, wander = (total + part, wander) if name == "Q" else (total, wander + part)
+    wander = wander - (share @ wander)[None, :] - (wander @ share)[:, None] + share @ wander @ share
+    return total + wander

@@ -1,0 +1,85 @@
+"""Advice on the next reading: fewer readings than in the order of a recording, and an error within the limit at the word stop."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from jaxcal import DataError
+from jaxcal.magnetometer import guide
+
+SOFT = np.array([[1.1, 0.06, -0.04], [0.06, 0.92, 0.05], [-0.04, 0.05, 1.0]])
+HARD = np.array([0.3, -0.2, 0.4])
+DIP = np.deg2rad(57.0)
+LIMIT = np.deg2rad(1.0)
+
+
+def tumble(seed, noise=0.01, count=300):
+    """Readings of a sensor that a hand turns slowly: neighbours are close."""
+    rng = np.random.default_rng(seed)
+    attitude, found = Rotation.random(random_state=seed), []
+    rate = np.zeros(3)
+    for _ in range(count):
+        rate = 0.96 * rate + 0.28 * 0.15 * rng.normal(size=3)
+        attitude = attitude * Rotation.from_rotvec(rate)
+        found.append(attitude.inv().apply([np.cos(DIP), 0.0, np.sin(DIP)]))
+    return np.array(found) @ SOFT.T + HARD + noise * rng.normal(size=(count, 3))
+
+
+def off(model):
+    headings = np.arange(24) * np.pi / 12
+    level = np.stack([np.cos(headings) * np.cos(DIP), -np.sin(headings) * np.cos(DIP), np.full(24, np.sin(DIP))], axis=1)
+    y = (level @ SOFT.T + HARD - model.hard_iron) @ np.linalg.inv(model.soft_iron).T
+    return np.sqrt(np.mean(np.angle(np.exp(1j * (np.arctan2(-y[:, 1], y[:, 0]) - headings))) ** 2))
+
+
+def replayed(m):
+    """Readings needed until one degree is expected, and the advice at the word stop, each reading chosen out of the log."""
+    taken, left, reached = [0], list(range(1, len(m))), None
+    while left:
+        advice = guide(m[taken], limit=LIMIT, candidates=m[left])
+        if reached is None and advice.heading_error <= LIMIT:
+            reached = len(taken)
+        if advice.stop:
+            return reached, advice
+        taken.append(left.pop(advice.candidate))
+    return reached, advice
+
+
+@pytest.mark.long
+def test_a_guided_replay_needs_half_the_readings_and_stops_rightly():
+    ratios, inside = [], []
+    for seed in range(40):
+        m = tumble(seed)
+        plain = next((n for n in range(12, len(m), 4) if guide(m[:n], limit=LIMIT).heading_error <= LIMIT), len(m))
+        reached, advice = replayed(m)
+        assert reached is not None
+        ratios.append(reached / plain)
+        inside.append(off(advice.fit.model) <= LIMIT)
+    assert np.median(ratios) < 0.5
+    assert np.mean(inside) >= 0.875  # of 40 at 95 %: five or more misses by chance in 5 of 100
+
+
+def test_directions_fill_the_sphere_and_end():
+    """A person who follows the advice: each reading is taken in the direction that was asked for."""
+    rng = np.random.default_rng(0)
+    m = np.zeros((0, 3))
+    for _ in range(120):
+        advice = guide(m, limit=LIMIT)
+        if advice.stop:
+            break
+        assert np.linalg.norm(advice.direction) == pytest.approx(1.0)
+        assert "Next, turn the sensor" in advice.reason
+        m = np.concatenate([m, [SOFT @ advice.direction + HARD + 0.005 * rng.normal(size=3)]])
+    assert advice.stop
+    assert len(m) < 40
+    assert off(advice.fit.model) < LIMIT
+    assert advice.bound <= LIMIT
+    assert advice.reason.startswith("Stop: heading error")
+
+
+def test_messages():
+    with pytest.raises(DataError, match="must be"):
+        guide(np.zeros(3))
+    with pytest.raises(DataError, match="limit must be positive"):
+        guide(np.zeros((3, 3)), limit=0.0)
+    assert guide(np.zeros((5, 3)), candidates=np.ones((2, 3))).candidate == 0

@@ -1,0 +1,76 @@
+"""Correlation of the axes' white noise, and cross-spectra, on records whose mixture is known."""
+
+import numpy as np
+import pytest
+
+import jaxcal
+from jaxcal import DataError
+from jaxcal.noise import Noise, correlation
+
+RATE = 100.0
+
+
+def mixed(seed, n=4096, walk=0.0):
+    """Two axes with a correlation of 0.3 in their white noise, and a random walk of its own in each."""
+    random = np.random.default_rng(seed)
+    a, b = random.standard_normal((2, n))
+    white = np.stack([2.0 * a, 0.5 * (0.3 * a + np.sqrt(1 - 0.09) * b)], axis=1)
+    return white + walk * np.cumsum(random.standard_normal((n, 2)), axis=0)
+
+
+@pytest.mark.parametrize("walk", [0.0, 0.05])
+def test_intervals_of_the_correlation_hold_the_truth(walk):
+    models = [Noise(N=size / np.sqrt(RATE), K=walk * np.sqrt(RATE)) for size in (2.0, 0.5)]
+    found = [correlation(mixed(seed, walk=walk), RATE, models) for seed in range(300)]
+    inside = np.mean([one.interval[0, 1, 0] <= 0.3 <= one.interval[0, 1, 1] for one in found])
+    assert 0.915 <= inside <= 0.985  # 300 intervals of 95 %: three standard errors
+    values = np.array([one.correlation[0, 1] for one in found])
+    assert abs(values.mean() - 0.3) < 4 * values.std() / np.sqrt(300)
+
+
+def test_independent_axes_are_seldom_called_correlated():
+    random = np.random.default_rng(5)
+    said = [bool(correlation(random.standard_normal((1000, 2)), RATE, [Noise(N=0.1)] * 2).warnings) for _ in range(300)]
+    assert np.mean(said) < 0.09  # of 5 %
+
+
+def test_covariance_is_that_of_the_samples_and_serves_a_filter():
+    y = mixed(1, n=100_000)
+    fits = [jaxcal.noise.fit(axis, RATE) for axis in y.T]
+    found = correlation(y, RATE, fits)
+    np.testing.assert_allclose(found.measurement(RATE), np.cov(y.T), rtol=0.03)
+    np.testing.assert_allclose(np.diag(found.covariance), [float(fit.noise.N) ** 2 for fit in fits])
+    assert "axes 0 and 1 is correlated" in found.warnings[0]
+    assert "correlation of axes 0 and 1" in found.summary()
+    y[50_000] = np.nan
+    assert (
+        "samples 50001 .. 99999" in correlation(y, RATE, fits).warnings[0] or "samples 0 .. 49999" in correlation(y, RATE, fits).warnings[0]
+    )
+
+
+@pytest.mark.parametrize(
+    ("models", "words"),
+    [([Noise(N=1.0)], "got 1 models"), ([Noise(N=1.0), Noise(K=1.0)], "axis 1 has no white noise")],
+)
+def test_messages(models, words):
+    with pytest.raises(DataError, match=words):
+        correlation(mixed(0), RATE, models)
+
+
+def test_coherence_is_that_of_the_mixture_and_of_chance():
+    y = mixed(3, n=2**17)
+    found = jaxcal.spectrum.cross(y, RATE)
+    high = found.count > 200
+    np.testing.assert_allclose(np.mean(found.coherence[high, 0, 1]), 0.09, atol=0.01)
+    np.testing.assert_allclose(np.real(found.density[high, 0, 0]).mean(), 4.0 / RATE, rtol=0.03)
+    alone = jaxcal.spectrum.cross(np.random.default_rng(4).standard_normal((2**17, 2)), RATE)
+    judged = alone.count > 1
+    assert abs(np.mean(alone.coherence[judged, 0, 1] > alone.level[judged]) - 0.05) < 0.05
+    delayed = jaxcal.spectrum.cross(np.stack([y[1:, 0], y[:-1, 0]], axis=1), RATE)
+    high = delayed.count > 200
+    phase = np.angle(delayed.density[high, 0, 1])
+    np.testing.assert_allclose(np.exp(1j * phase), np.exp(2j * np.pi * delayed.frequency[high] / RATE), atol=0.02)
+    with pytest.raises(DataError, match="two channels or more"):
+        jaxcal.spectrum.cross(y[:, 0], RATE)
+    with pytest.raises(DataError, match="needs an average"):
+        jaxcal.spectrum.cross(y, RATE, average=None)
