@@ -157,6 +157,11 @@ def turning(gyro: np.ndarray, vector: np.ndarray, period: float) -> Turning | No
     count = len(gyro) // width
     shape = (count, width, 3)
     rate, held = gyro[: count * width].reshape(shape).mean(axis=1), vector[: count * width].reshape(shape).mean(axis=1)
+    length = np.linalg.norm(held, axis=1, keepdims=True)
+    whole = np.isfinite(length[:, 0]) & (length[:, 0] > 0)
+    # what hardly turns, by 6 degrees rms, is noise
+    if not whole.any() or np.linalg.norm(np.mean(held[whole] / length[whole], axis=0)) > 0.995:
+        return None
     # from block to block the vector turns by the mean of both rates
     turned = held[1:] - held[:-1]
     stated = -np.cross(0.5 * (rate[1:] + rate[:-1]), 0.5 * (held[1:] + held[:-1])) * (width * period)

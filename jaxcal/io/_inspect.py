@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from .._errors import DataError, JaxcalError
+from .._files import shown
 from .._log import Log
 from .._results import plain
 from ._columns import parse_columns, parse_topics, parse_units
@@ -176,7 +177,7 @@ def inspect(
         lost = sum(gap.samples for gap in log.gaps)
         known = {"samples": len(log.time), "rate": log.rate, "duration": log.duration, "gaps": len(log.gaps), "missing": lost}
     return Inspection(
-        file=path.name or str(path), format=origin.get("format"), size=origin.get("size"), columns=tuple(held), sources=sources,
+        file=shown(path), format=origin.get("format"), size=origin.get("size"), columns=tuple(held), sources=sources,
         choices=tuple(choices), refusal=refusal, notes=() if log is None else log.notes, warnings=() if log is None else log.warnings,
         commands=() if log is None else tuple(_suitable(log)), **known,
     )  # fmt: skip

@@ -7,11 +7,11 @@ import importlib.metadata
 import os
 import pathlib
 import sys
-import uuid
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from .._errors import DataError, ExportError, JaxcalError
+from .._files import clear_hidden, hidden_name, shown
 from .._log import Log
 from .._units import si_unit
 from ._archive import unpacked
@@ -114,7 +114,7 @@ def read(
     >>> log.rate, len(log.time), round(float(log.accel[0, 2]), 4)
     (100.0, 500, 9.7086)
     >>> print(log.notes[0])
-    time: column 0 (time_s), s (from the name); override with --columns time=0 --units time=s
+    time: column 0 (time_s), s (from the name); override with --columns time=0 --units time=ms
     """
     path = pathlib.Path(path)
     with named(path):
@@ -186,7 +186,8 @@ def convert(
     log = read(
         path, format=format, columns=columns, units=units, rate=rate, topics=topics, raw=raw, data=data, missing=missing, quiet=quiet
     )
-    place = out.with_name(f".{out.stem}-{uuid.uuid4().hex}{out.suffix}")
+    clear_hidden(out.parent)
+    place = out.with_name(hidden_name(out.suffix))
     try:
         save(log, place)
         os.replace(place, out)
@@ -217,7 +218,7 @@ def opened(
         with _faults("a zip file"), unpacked(path) as folder, opened(folder, None, options, topics, raw) as (found, inner):
             size, sha256 = fingerprint([path])
             inside = {"inside": inner["file"]} if inner["file"] != folder.name else {}
-            yield found, inner | {"file": path.name, "size": size, "sha256": sha256} | inside
+            yield found, inner | {"file": shown(path), "size": size, "sha256": sha256} | inside
         return
     if kind in (*_TABLES, "sensors") and topics:
         raise DataError(f"this is {_NAMES[kind]}, and topics= belongs to ROS recordings; choose with columns= (--columns)")
@@ -234,7 +235,7 @@ def opened(
         size, sha256 = digest.result()
     yield (
         found,
-        {"file": sources[0].name if len(sources) == 1 and path.is_dir() else path.name, "size": size, "sha256": sha256, "format": kind},
+        {"file": shown(sources[0] if len(sources) == 1 and path.is_dir() else path), "size": size, "sha256": sha256, "format": kind},
     )
 
 
@@ -303,7 +304,7 @@ def named(path: pathlib.Path) -> Iterator[None]:
     try:
         yield
     except JaxcalError as error:
-        raise type(error)(f"{path.name or path}: {error}") from error.__cause__
+        raise type(error)(f"{shown(path)}: {error}") from error.__cause__
 
 
 @contextlib.contextmanager

@@ -15,20 +15,77 @@ import numpy as np
 
 DEG, G = np.pi / 180.0, 9.80665
 GYRO_NAMES = [
-    "g{}", "gyro_{}", "Gyro{U}", "Gyroscope {U}", "gyr_{}", "w{}", "omega_{}", "angular_velocity_{}", "AngVel{U}", "imu_gyro_{}", "gyro.{}",
-    "Gyroskop {}", "Drehrate {}", "Winkelgeschwindigkeit {}", "{}_gyro", "GYRO_{U}", "gyroscope_{}_raw", "angularVelocity.{}", "rotationRate{U}",
-    "Velocidad angular {}", "Vitesse angulaire {}", "imu.angular_velocity.{}",
-]  # fmt: skip
+    "g{}",
+    "gyro_{}",
+    "Gyro{U}",
+    "Gyroscope {U}",
+    "gyr_{}",
+    "w{}",
+    "omega_{}",
+    "angular_velocity_{}",
+    "AngVel{U}",
+    "imu_gyro_{}",
+    "gyro.{}",
+    "Gyroskop {}",
+    "Drehrate {}",
+    "Winkelgeschwindigkeit {}",
+    "{}_gyro",
+    "GYRO_{U}",
+    "gyroscope_{}_raw",
+    "angularVelocity.{}",
+    "rotationRate{U}",
+    "Velocidad angular {}",
+    "Vitesse angulaire {}",
+    "imu.angular_velocity.{}",
+]
 ACCEL_NAMES = [
-    "a{}", "accel_{}", "Acc{U}", "Accelerometer {U}", "acc_{}", "a{}", "specific_force_{}", "linear_acceleration_{}", "Accel{U}", "imu_accel_{}",
-    "acc.{}", "Beschleunigung {}", "Beschleunigung {}", "Beschleunigung {}", "{}_acc", "ACC_{U}", "accelerometer_{}_raw", "acceleration.{}",
-    "acceleration{U}", "Aceleracion {}", "Acceleration {}", "imu.linear_acceleration.{}",
-]  # fmt: skip
+    "a{}",
+    "accel_{}",
+    "Acc{U}",
+    "Accelerometer {U}",
+    "acc_{}",
+    "a{}",
+    "specific_force_{}",
+    "linear_acceleration_{}",
+    "Accel{U}",
+    "imu_accel_{}",
+    "acc.{}",
+    "Beschleunigung {}",
+    "Beschleunigung {}",
+    "Beschleunigung {}",
+    "{}_acc",
+    "ACC_{U}",
+    "accelerometer_{}_raw",
+    "acceleration.{}",
+    "acceleration{U}",
+    "Aceleracion {}",
+    "Acceleration {}",
+    "imu.linear_acceleration.{}",
+]
 MAG_NAMES = [
-    "m{}", "mag_{}", "Mag{U}", "Magnetometer {U}", "mag_{}", "b{}", "field_{}", "magnetic_field_{}", "Magn{U}", "imu_mag_{}", "mag.{}",
-    "Magnetfeld {}", "Magnetfeld {}", "Magnetfeld {}", "{}_mag", "MAG_{U}", "magnetometer_{}_raw", "magneticField.{}", "magneticField{U}",
-    "Campo magnetico {}", "Champ magnetique {}", "imu.magnetic_field.{}",
-]  # fmt: skip
+    "m{}",
+    "mag_{}",
+    "Mag{U}",
+    "Magnetometer {U}",
+    "mag_{}",
+    "b{}",
+    "field_{}",
+    "magnetic_field_{}",
+    "Magn{U}",
+    "imu_mag_{}",
+    "mag.{}",
+    "Magnetfeld {}",
+    "Magnetfeld {}",
+    "Magnetfeld {}",
+    "{}_mag",
+    "MAG_{U}",
+    "magnetometer_{}_raw",
+    "magneticField.{}",
+    "magneticField{U}",
+    "Campo magnetico {}",
+    "Champ magnetique {}",
+    "imu.magnetic_field.{}",
+]
 UNITS = {
     "gyro": {"rad/s": (1.0, ["rad/s", "rad s^-1", "rads"]), "deg/s": (DEG, ["deg/s", "dps", "\u00b0/s"])},
     "accel": {"m/s^2": (1.0, ["m/s^2", "m/s2", "m/s\u00b2"]), "g": (G, ["g"]), "mg": (G / 1e3, ["mg"])},
@@ -88,32 +145,51 @@ def clocks(draw, time, n):
     )
     moment = [day + datetime.timedelta(seconds=t) for t in time]
     kinds = {
-        "s": lambda: [(draw.choice(["time_s", "t [s]", "Time (s)", "Zeit (s)", "seconds_elapsed", "timestamp_s", "Tiempo (s)", "Temps (s)"]), [f"{t:.6f}" for t in time])],
+        "s": lambda: [
+            (
+                draw.choice(["time_s", "t [s]", "Time (s)", "Zeit (s)", "seconds_elapsed", "timestamp_s", "Tiempo (s)", "Temps (s)"]),
+                [f"{t:.6f}" for t in time],
+            )
+        ],
         "s bare": lambda: [(draw.choice(["time", "t", "timestamp", "Time", "Zeit"]), [f"{t:.6f}" for t in time])],
-        "ms": lambda: [(draw.choice(["time_ms", "t [ms]", "Time (ms)", "millis", "ms", "timestamp_ms"]), [str(round(4321 + 1e3 * t)) for t in time])],
+        "ms": lambda: [
+            (draw.choice(["time_ms", "t [ms]", "Time (ms)", "millis", "ms", "timestamp_ms"]), [str(round(4321 + 1e3 * t)) for t in time])
+        ],
         "ms bare": lambda: [(draw.choice(["time", "timestamp", "Timestamp"]), [str(round(4321 + 1e3 * t)) for t in time])],
         "us": lambda: [(draw.choice(["time_us", "TimeUS", "t_us", "timestamp [us]", "micros"]), [str(round(7e6 + 1e6 * t)) for t in time])],
         "us bare": lambda: [(draw.choice(["time", "timestamp"]), [str(round(7e6 + 1e6 * t)) for t in time])],
-        "ns": lambda: [(draw.choice(["#timestamp [ns]", "time_ns", "timestamp_ns"]), [str(round(start) * 10**9 + round(1e9 * t)) for t in time])],
+        "ns": lambda: [
+            (draw.choice(["#timestamp [ns]", "time_ns", "timestamp_ns"]), [str(round(start) * 10**9 + round(1e9 * t)) for t in time])
+        ],
         "epoch s": lambda: [(draw.choice(["timestamp", "time", "unix_time", "epoch"]), [f"{start + t:.6f}" for t in time])],
         "epoch ms": lambda: [(draw.choice(["timestamp", "time", "Timestamp"]), [str(round(1e3 * start) + round(1e3 * t)) for t in time])],
         "epoch us": lambda: [(draw.choice(["timestamp", "time"]), [str(round(1e6 * start) + round(1e6 * t)) for t in time])],
         "epoch ns": lambda: [(draw.choice(["timestamp", "time"]), [str(round(start) * 10**9 + round(1e9 * t)) for t in time])],
-        "date": lambda: [(draw.choice(["time", "datetime", "Timestamp", "Zeitstempel"]), [one.strftime("%Y-%m-%d %H:%M:%S.%f") for one in moment])],
+        "date": lambda: [
+            (draw.choice(["time", "datetime", "Timestamp", "Zeitstempel"]), [one.strftime("%Y-%m-%d %H:%M:%S.%f") for one in moment])
+        ],
         "clock": lambda: [(draw.choice(["time", "Time", "Uhrzeit", "Time(s)"]), [one.strftime("%H:%M:%S.%f") for one in moment])],
-        "date and clock": lambda: [(draw.choice(["date", "Datum", "Date"]), [one.strftime(draw_format) for one in moment]),
-                                   (draw.choice(["time", "Uhrzeit", "Time"]), [one.strftime("%H:%M:%S.%f") for one in moment])],
+        "date and clock": lambda: [
+            (draw.choice(["date", "Datum", "Date"]), [one.strftime(draw_format) for one in moment]),
+            (draw.choice(["time", "Uhrzeit", "Time"]), [one.strftime("%H:%M:%S.%f") for one in moment]),
+        ],
         "counter and epoch": lambda: [counter, ("timestamp", [f"{start + t:.6f}" for t in time])],
         "counter and s": lambda: [counter, ("time_s", [f"{t:.6f}" for t in time])],
         "counter": lambda: [counter],
         "counter and header": lambda: [counter],
         "counter as time": lambda: [(draw.choice(["Timestamp", "t", "time"]), [str(i) for i in range(n)])],
-        "coarse date and ms": lambda: [("Timestamp", [one.strftime("%Y-%m-%d %H:%M:%S") for one in moment]), ("Milliseconds", [str(round(1e3 * t)) for t in time])],
-        "sec and nsec": lambda: [("sec", [str(round(start) + int(t)) for t in time]), ("nsec", [str(round(1e9 * (t - int(t)))) for t in time])],
+        "coarse date and ms": lambda: [
+            ("Timestamp", [one.strftime("%Y-%m-%d %H:%M:%S") for one in moment]),
+            ("Milliseconds", [str(round(1e3 * t)) for t in time]),
+        ],
+        "sec and nsec": lambda: [
+            ("sec", [str(round(start) + int(t)) for t in time]),
+            ("nsec", [str(round(1e9 * (t - int(t)))) for t in time]),
+        ],
         "none": list,
         "none and header": list,
         "none and name": list,
-    }  # fmt: skip
+    }
     draw_format = draw.choice(["%Y-%m-%d", "%d.%m.%Y", "%Y/%m/%d"])
     kind = draw.choice(list(kinds))
     return kind, kinds[kind]()
