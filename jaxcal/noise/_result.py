@@ -175,7 +175,8 @@ def _joined(trees: list[Any], name: str = "") -> Any:
 
 #: rises of the objective above which a term is hinted at, and is present: 5 % and 1 % by chance, for a coefficient that
 #: cannot be negative (S. G. Self and K.-Y. Liang, J. Am. Stat. Assoc. 82, 1987)
-_HINT, _PRESENT = 2.71, 5.41
+#: significance above which a term is a hint, and present
+HINT, PRESENT = 2.71, 5.41
 
 
 def assemble(
@@ -206,7 +207,7 @@ def assemble(
         columns = {
             "interval": list(zip(xp.sqrt(limits.low), xp.sqrt(limits.high), strict=True)),
             "upper_limit": xp.sqrt(limits.upper),
-            "verdict": [] if traced else ["present" if rise > _PRESENT else "hint" if rise > _HINT else "not detected" for rise in rises],
+            "verdict": [] if traced else ["present" if rise > PRESENT else "hint" if rise > HINT else "not detected" for rise in rises],
             "significance": rises,
             "longer_record": xp.where(positive, duration * (relative / 0.1) ** 2, xp.inf),
         }
