@@ -1,16 +1,35 @@
 """How results reach the disk: files that are either whole or not there, and one layout of JSON."""
 
 import contextlib
+import hashlib
 import json
 import os
 import pathlib
+import platform
+import re
 import shutil
+import time
 import uuid
 from typing import Any
 
 from ._errors import ExportError
 
+_DAYS = 3 * 86400.0  # s
 _WIDTH = 100  # a list with words in it is broken into lines beyond this
+
+
+def shown(path: str | os.PathLike[str]) -> str:
+    r"""The name of a file as printable text: names need not be text, and may hold line feeds.
+
+    Examples
+    --------
+    >>> from jaxcal._files import shown
+    >>> print(shown("a" + chr(10) + "b.csv"), shown("caf" + chr(0xdce9) + ".csv"))
+    a\nb.csv caf\xe9.csv
+    """
+    name = pathlib.Path(path).name or os.fspath(path)
+    text = os.fsencode(name).decode("utf-8", "backslashreplace")
+    return "".join(letter if letter.isprintable() else letter.encode("unicode_escape").decode() for letter in text)
 
 
 def write_atomically(path: str | os.PathLike[str], data: str | bytes) -> None:
@@ -27,7 +46,7 @@ def write_atomically(path: str | os.PathLike[str], data: str | bytes) -> None:
         raise ExportError(f"cannot write {path}: {folder} is a file, not a folder; give a path in a folder")
     if path.is_dir():
         raise ExportError(f"cannot write {path}: it is a folder; give the path of a file in it, such as {path / 'result'}")
-    content = data.encode("utf-8") if isinstance(data, str) else data
+    content = data.encode("utf-8", "backslashreplace") if isinstance(data, str) else data  # names of files need not be text
     try:
         if path.exists() and not path.is_file():
             path.write_bytes(content)  # a pipe or device has no old content to keep, and must not be replaced by a file
@@ -38,8 +57,42 @@ def write_atomically(path: str | os.PathLike[str], data: str | bytes) -> None:
         raise ExportError(f"cannot write {path}: {reason}; make the folder {folder} writable, or give a path in another folder") from error
 
 
+def hidden_name(suffix: str = "") -> str:
+    """A name for a file or folder that is only there while a run writes; it says of which process, so that the next run can remove it."""
+    return f".jaxcal-{_host()}-{os.getpid()}-{uuid.uuid4().hex[:12]}{suffix}"
+
+
+def _host() -> str:
+    return hashlib.sha256(platform.node().encode()).hexdigest()[:8]
+
+
+def clear_hidden(folder: pathlib.Path) -> None:
+    """Remove what runs that were killed left in a folder: those of this machine whose process is gone, and any that is days old."""
+    with contextlib.suppress(OSError):
+        for left in folder.glob(".jaxcal-*"):
+            match = re.fullmatch(r"\.jaxcal-([0-9a-f]{8})-(\d+)-[0-9a-f]{12}.*", left.name)
+            if match and match[1] == _host() and os.name == "posix":
+                gone = int(match[2]) != os.getpid() and not _runs(int(match[2]))
+            else:
+                gone = time.time() - left.lstat().st_mtime > _DAYS
+            if gone and left.is_dir() and not left.is_symlink():
+                shutil.rmtree(left, ignore_errors=True)
+            elif gone:
+                left.unlink(missing_ok=True)
+
+
+def _runs(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (OSError, OverflowError):
+        return True
+    return True
+
+
 def _replace(target: pathlib.Path, content: bytes) -> None:
-    temporary = target.with_name(f".{uuid.uuid4().hex}.part")
+    temporary = target.with_name(hidden_name(".part"))
     try:
         with open(temporary, "xb") as file:
             file.write(content)

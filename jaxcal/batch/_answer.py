@@ -10,7 +10,7 @@ import traceback
 from typing import Any
 
 from .._errors import DataError, JaxcalError
-from .._files import json_text
+from .._files import json_text, shown
 from ..io import read
 from ..io._find import find
 from ..io._read import fingerprint as fingerprint_of
@@ -102,9 +102,9 @@ def _stat(path: pathlib.Path) -> list[tuple[str, int, int]]:
         files = sorted(path.iterdir()) if path.is_dir() else [path]
         return [(file.name, state.st_size, state.st_mtime_ns) for file in files for state in [file.stat()]]
     except FileNotFoundError:
-        raise _Changed(f"{path.name}: there is no such file; check the path, or leave it out") from None
+        raise _Changed(f"{shown(path)}: there is no such file; check the path, or leave it out") from None
     except PermissionError:
-        raise _Changed(f"{path.name}: no permission to read it; change its mode") from None
+        raise _Changed(f"{shown(path)}: no permission to read it; change its mode") from None
 
 
 def _date(provenance: dict[str, Any], files: list[tuple[str, int, int]]) -> list[str]:

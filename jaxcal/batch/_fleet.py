@@ -13,6 +13,8 @@ import numpy as np
 import scipy.special
 import scipy.stats
 
+from .._files import shown
+
 _FEWEST, _FEWEST_FOR_TRENDS = 5, 8
 _FALSE_ALARM = 0.05  # chance that a fleet of Gaussian coefficients has an outlier, or a trend, at all
 _GAUSS = 1.482602218505602  # standard deviation over median absolute deviation
@@ -212,7 +214,7 @@ def _one(name: str, done: Sequence[Entry], number: int, along: dict[str, np.ndar
             f"{name} = {values[i]:.4g}{' ' * bool(unit)}{unit}, {abs(scores[i]):.1f} robust standard deviations {side} the "
             f"median {median:.4g} of {n} logs (limit {limit:.1f})"
         )
-        found.append(Outlier(done[i].path.name, str(done[i].path), float(values[i]), float(scores[i]), reason))
+        found.append(Outlier(shown(done[i].path), str(done[i].path), float(values[i]), float(scores[i]), reason))
     trends = [trend for what, at in along.items() if (trend := _trend(name, what, at, values, unit, number * len(along)))]
     known = own[np.isfinite(own)] * (median if by_factors else 1.0)
     return Spread(

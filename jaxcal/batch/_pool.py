@@ -47,6 +47,15 @@ class _Context(SpawnContext):
         return self.latest
 
 
+def room(workers: int) -> float:
+    """Bytes that a worker may hold by default: an equal share of four fifths of the memory there is, and 2 GB at least."""
+    try:
+        total = float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
+    except (ValueError, OSError, AttributeError):
+        return float("inf")
+    return max(0.8 * total / workers, 2e9)
+
+
 def limits(threads: int) -> dict[str, str]:
     """Environment of a worker: so many threads, no claim on all of an accelerator's memory, the compilation cache of this process."""
     import jax
@@ -106,6 +115,16 @@ class Worker:
         process = self.context.latest
         return not self.started and process is not None and (process.exitcode or 0) > 0
 
+    @property
+    def memory(self) -> int:
+        """Bytes that the process holds; 0 where the system does not tell."""
+        process = self.context.latest
+        try:
+            with open(f"/proc/{process.pid if process is not None else 0}/statm") as file:
+                return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+        except (OSError, ValueError, IndexError):
+            return 0
+
     def kill(self) -> None:
         """End the process at once."""
         if self.context.latest is not None:
@@ -162,13 +181,24 @@ class WorkerPool:
     def ask(self) -> None:
         """Our own processes tell when they end."""
 
-    def overdue(self, seconds: float) -> list[Future]:
-        """Kill the workers whose log takes longer; their futures."""
+    def beyond(self, seconds: Callable[[Future], float], memory: float) -> dict[Future, str]:
+        """Kill the workers whose log takes longer than `seconds` of it, or more than `memory` bytes; their futures, and why."""
         now = time.monotonic()
-        late = [future for future, worker in self._busy.items() if worker.started and now - worker.began > seconds]
-        for future in late:
+        found: dict[Future, str] = {}
+        for future, worker in self._busy.items():
+            if not worker.started:
+                continue
+            held = worker.memory
+            if now - worker.began > seconds(future):
+                found[future] = f"it took longer than {seconds(future):g} s and was given up"
+            elif held > memory:
+                found[future] = (
+                    f"it took more than {memory / 1e9:.3g} GB of memory and was given up; use fewer workers, a larger memory=, or a part of "
+                    "it (start, stop)"
+                )
+        for future in found:
             self._busy[future].kill()
-        return late
+        return found
 
     def close(self, *, at_once: bool) -> None:
         for worker in [*self._idle, *self._busy.values()]:

@@ -4,6 +4,7 @@ import collections
 import concurrent.futures
 import contextlib
 import dataclasses
+import functools
 import json
 import os
 import pathlib
@@ -14,11 +15,11 @@ from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecu
 from typing import Any
 
 from .._errors import DataError
-from .._files import write_atomically
+from .._files import shown, write_atomically
 from ._answer import answer, fingerprint, lost
 from ._fleet import Coefficient, Entry, Fleet
 from ._paths import find_logs
-from ._pool import GivenExecutor, WorkerPool
+from ._pool import GivenExecutor, WorkerPool, room
 from ._store import Store, write_manifest, write_summary
 from ._tasks import check_task, identity, reading_options
 
@@ -31,7 +32,7 @@ _MANIFEST_EVERY = 30.0  # s
 def run(
     paths: Any, task: Any = "noise", *, executor: Executor | None = None, out: Any = None, resume=True, workers: int | None = None,
     options: dict[str, Any] | None = None, reading: dict[str, Any] | None = None, timeout: float | int | None = None,
-    progress: Callable[[int, int, str], None] | None = None,
+    memory: float | int | None = None, progress: Callable[[int, int, str], None] | None = None,
 ) -> Fleet:  # fmt: skip
     """One task on many logs: a result for each, what they have in common, and which stand out.
 
@@ -64,8 +65,10 @@ def run(
     options : keyword options of a named task, those of `jaxcal.noise.characterise`, `jaxcal.magnetometer.fit`,
         `jaxcal.imu.multi_position`, `jaxcal.temperature.fit` and `jaxcal.allan.deviation`.
     reading : keyword options of `jaxcal.read`, and `start` and `stop` in s.
-    timeout : seconds after which a log is given up and its worker replaced; the first of a worker takes the compilation too. Not
-        for an executor.
+    timeout : seconds after which a log is given up and its worker replaced; the first of a worker takes the compilation too. By default
+        900 s and 10 s more for every MB of the log; `math.inf` for no limit. Not for an executor.
+    memory : bytes beyond which a worker is given up with its log. By default each has an equal share of four fifths of the memory that
+        there is, and 2 GB at least; `math.inf` for no limit. Not for an executor.
     progress : called as progress(done, total, name) after each log.
 
     Returns
@@ -96,18 +99,18 @@ def run(
     (['failed', 'done', 'done', 'done'], 'gyro_x.oadev(0.01 s)')
     """
     options, reading = dict(options or {}), dict(reading or {})
-    _check(task, options, reading, executor, workers, timeout)
+    _check(task, options, reading, executor, workers, timeout, memory)
     store = None if out is None else Store(pathlib.Path(out))
     logs, unreadable = find_logs(paths, None if store is None else store.folder)
     if not logs and not unreadable:
         raise DataError(f"no logs at {paths!r}; give files, folders or patterns such as 'logs/*.csv'")
     job = _Run(logs, unreadable, (task, options, reading), store, progress or (lambda done, total, name: None))
     with contextlib.nullcontext() if store is None else store.held():
-        job.work(executor, workers, timeout, resume=bool(resume))
+        job.work(executor, workers, timeout, memory, resume=bool(resume))
         return job.finished()
 
 
-def _check(task: Any, options: dict, reading: dict, executor: Any, workers: Any, timeout: Any) -> None:
+def _check(task: Any, options: dict, reading: dict, executor: Any, workers: Any, timeout: Any, memory: Any) -> None:
     check_task(task, options)
     reading_options(reading)
     if not isinstance(task, str) and options:
@@ -118,8 +121,10 @@ def _check(task: Any, options: dict, reading: dict, executor: Any, workers: Any,
         raise DataError(f"workers must be a whole number, at least 1; got {workers!r}")
     if timeout is not None and not timeout > 0:
         raise DataError(f"timeout must be a positive number of seconds; got {timeout!r}")
-    if timeout is not None and executor is not None:
-        raise DataError("timeout= works with the processes of the run; an executor's workers cannot be stopped")
+    if memory is not None and not memory > 0:
+        raise DataError(f"memory must be a positive number of bytes; got {memory!r}")
+    if (timeout is not None or memory is not None) and executor is not None:
+        raise DataError("timeout= and memory= work with the processes of the run; an executor's workers cannot be stopped")
     if executor is None:
         try:
             pickle.dumps((task, options, reading))
@@ -133,7 +138,14 @@ def _check(task: Any, options: dict, reading: dict, executor: Any, workers: Any,
 class _Job:
     path: pathlib.Path
     lost: int = 0
-    late: bool = False
+    over: str = ""  # which limit it broke
+
+    @functools.cached_property
+    def seconds(self) -> float:
+        """How long the log may take by default: a quarter of an hour, and 10 s more for every MB."""
+        with contextlib.suppress(OSError):
+            return 900.0 + 1e-5 * self.path.stat().st_size
+        return 900.0
 
 
 class _Run:
@@ -143,7 +155,7 @@ class _Run:
         self.entries: dict[pathlib.Path, Entry] = {}
         self.noted = time.monotonic()
 
-    def work(self, executor: Executor | None, workers: int | None, timeout: float | None, *, resume: bool) -> None:
+    def work(self, executor: Executor | None, workers: int | None, timeout: float | None, memory: float | None, *, resume: bool) -> None:
         """Have every log computed that has no result yet."""
         for folder, reason in self.unreadable.items():
             text = lost(str(folder), *self.call, reason=f"the folder cannot be listed: {reason}")
@@ -156,11 +168,12 @@ class _Run:
         if executor is None:
             number = min(workers or cores, len(waiting))
             pool = WorkerPool(number, max(cores // number, 1))
+            memory = room(number) if memory is None else memory
         else:
             pool = GivenExecutor(executor, 2 * (workers or getattr(executor, "_max_workers", None) or cores))
         whole = False
         try:
-            self._hand_out(pool, waiting, timeout)
+            self._hand_out(pool, waiting, timeout, memory)
             whole = True
         finally:
             pool.close(at_once=not whole)
@@ -180,7 +193,7 @@ class _Run:
         self.entries |= {path: entry for path, (entry, sha256) in known.items() if sha256.result()[1] == entry.sha256 is not None}
         return [path for path in self.logs if path not in self.entries]
 
-    def _hand_out(self, pool: Any, waiting: collections.deque, timeout: float | None) -> None:
+    def _hand_out(self, pool: Any, waiting: collections.deque, timeout: float | None, memory: float | None) -> None:
         """Give the logs to the pool as it has room, and keep what comes back."""
         flying: dict[Future, _Job] = {}
         answered = time.monotonic()
@@ -204,12 +217,13 @@ class _Run:
             elif time.monotonic() - answered > _SILENCE:
                 answered = time.monotonic()
                 asked(pool.ask)
-            for future in pool.overdue(timeout) if timeout is not None else ():
-                flying[future].late = True
+            if memory is not None:  # with processes of our own
+                for future, why in pool.beyond(lambda future: timeout or flying[future].seconds, memory).items():
+                    flying[future].over = why
             back = []
             for future in ready:
                 job = flying.pop(future)
-                back.append((job, *self._outcome(job, future, pool.release(future), timeout)))
+                back.append((job, *self._outcome(job, future, pool.release(future))))
             for job, text, _ in back:
                 if text is None:
                     waiting.appendleft(job)
@@ -222,13 +236,13 @@ class _Run:
                     if text is not None:
                         self._enter(job.path, text, seconds)
 
-    def _outcome(self, job: _Job, future: Future, killed: bool, timeout: float | None) -> tuple[str | None, float | None]:
+    def _outcome(self, job: _Job, future: Future, killed: bool) -> tuple[str | None, float | None]:
         """Text of the result file, or None to try again; and seconds."""
         fault = concurrent.futures.CancelledError() if future.cancelled() else future.exception()
         if fault is None:
             return future.result()
-        if job.late:
-            return self._lost(job, f"it took longer than {timeout:g} s and was given up"), None
+        if job.over:
+            return self._lost(job, job.over), None
         if isinstance(fault, BrokenExecutor) and not killed:
             # our own worker died before it began; somebody's executor is no longer there
             return None, None
@@ -242,7 +256,7 @@ class _Run:
         return self._lost(job, f"the executor gave it back with {type(fault).__name__}: {said}"), None
 
     def _lost(self, job: _Job, reason: str) -> str:
-        return lost(str(job.path), *self.call, reason=f"{job.path.name}: {reason}")
+        return lost(str(job.path), *self.call, reason=f"{shown(job.path)}: {reason}")
 
     def _stopped(self, error: BaseException) -> DataError:
         done = f"{sum(entry.status == 'done' for entry in self.entries.values())} of {len(self.logs)} logs are done"
@@ -257,7 +271,7 @@ class _Run:
     def _enter(self, path: pathlib.Path, text: str, seconds: float | None) -> None:
         """Take up a result that is kept."""
         self.entries[path] = self._entry(path, json.loads(text), seconds, text if self.store is None else None)
-        self.report(len(self.entries), len(self.logs) + len(self.unreadable), path.name)
+        self.report(len(self.entries), len(self.logs) + len(self.unreadable), shown(path))
         if time.monotonic() - self.noted > _MANIFEST_EVERY:
             self._note()
 
@@ -296,10 +310,10 @@ def _overview(fleet: Fleet, identity: dict[str, Any]) -> dict[str, Any]:
     said: dict[str, list[str]] = {}
     for entry in fleet.done:
         for sentence in entry.warnings:
-            said.setdefault(sentence, []).append(entry.path.name)
+            said.setdefault(sentence, []).append(shown(entry.path))
     return {
-        "task": identity, "logs": len(fleet), "names": [entry.path.name for entry in fleet.done],
-        "dates": [entry.date for entry in fleet.done], "failed": [(entry.path.name, entry.reason) for entry in fleet.failed],
+        "task": identity, "logs": len(fleet), "names": [shown(entry.path) for entry in fleet.done],
+        "dates": [entry.date for entry in fleet.done], "failed": [(shown(entry.path), entry.reason) for entry in fleet.failed],
         "warnings": sorted(said.items(), key=lambda item: -len(item[1])),
         "spread": {name: dataclasses.asdict(one) for name, one in fleet.spread.items()},
     }  # fmt: skip

@@ -16,7 +16,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from .._errors import DataError, ExportError
-from .._files import json_text, write_atomically
+from .._files import clear_hidden, json_text, write_atomically
 from ._answer import SCHEMA
 from ._fleet import Coefficient, Entry
 
@@ -68,7 +68,9 @@ class Store:
             os.close(handle)
             raise DataError(f"another run is writing into {self.folder}; wait until it ends, or give another folder for the results")
         try:
-            for left in self.results.glob(".*.part"):  # of a run that was killed while it wrote
+            for folder in (self.folder, self.results):
+                clear_hidden(folder)  # of a run that was killed while it wrote
+            for left in self.results.glob(".*.part"):
                 with contextlib.suppress(OSError):
                     left.unlink()
             yield

@@ -20,6 +20,7 @@ from ._demo import demo
 from ._diff import diff
 from ._export import export
 from ._imu import imu
+from ._info import info
 from ._mag import mag
 from ._noise import noise
 from ._north import north
@@ -27,7 +28,7 @@ from ._options import CallError
 from ._simulate import simulate_imu, simulate_mag, simulate_noise, simulate_north, simulate_temperature
 from ._temperature import temperature
 
-_COMMANDS = (demo, noise, allan, psd, temperature, imu, mag, north, apply, convert, export, diff, batch)
+_COMMANDS = (demo, info, noise, allan, psd, temperature, imu, mag, north, apply, convert, export, diff, batch)
 _SIMULATE = (simulate_noise, simulate_temperature, simulate_imu, simulate_mag, simulate_north)
 DONE, DATA, CALL, FAULT, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 3, 130, 141
 

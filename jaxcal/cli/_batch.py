@@ -42,7 +42,14 @@ class FleetRunning:
         float | None,
         checked(
             "--timeout", lambda timeout: timeout > 0, "a positive number of seconds",
-            "Seconds after which a log is given up. Not with --scheduler.",
+            "Seconds after which a log is given up; by default 900, and 10 for every MB. Not with --scheduler.",
+        ),
+    ] = None  # fmt: skip
+    memory: Annotated[
+        float | None,
+        checked(
+            "--memory", lambda memory: memory > 0, "a positive number of GB",
+            "GB of memory beyond which a log is given up; by default an equal share for every worker. Not with --scheduler.",
         ),
     ] = None  # fmt: skip
     again: Annotated[bool, Parameter(help="Compute every log anew, also those that are done.")] = False
@@ -75,8 +82,8 @@ def batch(
 
     if not paths:
         raise CallError("batch needs logs: files, folders or patterns")
-    if running.timeout is not None and running.scheduler is not None:
-        raise CallError("--timeout and --scheduler exclude one another: the workers of a cluster cannot be stopped")
+    if (running.timeout is not None or running.memory is not None) and running.scheduler is not None:
+        raise CallError("--timeout and --memory exclude --scheduler: the workers of a cluster cannot be stopped")
     if out.exists() and not out.is_dir():
         raise CallError(f"--out {out}: this is a file; give a folder")
     above = next((folder for folder in (out.absolute(), *out.absolute().parents) if folder.exists()), out)
@@ -96,7 +103,8 @@ def batch(
     with _executor(running.scheduler) as (executor, threads), progress(f"{task} of", running.quiet) as move:
         fleet = jaxcal.batch.run(
             list(paths), task, executor=executor, out=out, resume=not running.again, workers=running.workers or threads,
-            options=options, reading=known, timeout=running.timeout, progress=move,
+            options=options, reading=known, timeout=running.timeout,
+            memory=None if running.memory is None else 1e9 * running.memory, progress=move,
         )  # fmt: skip
     _show(screen, fleet)
     if not fleet.done:

@@ -38,7 +38,7 @@ def log_file(name: str = "--out", help: str = "File to write: FILE.csv or FILE.n
 
 
 Quiet = Annotated[bool, Parameter(help="Print nothing but errors.")]
-Log = Annotated[Path, Parameter(help="The log: CSV, NPZ, Parquet, ROS bag.")]
+Log = Annotated[Path, Parameter(help="The log: any file that can be read, a folder, or a zip file.")]
 LogFile = Annotated[Path, log_file()]
 Level = Annotated[
     float, checked("--confidence", lambda level: 0 < level < 1, "a level between 0 and 1; 0.95 is 95 %", "Level of the intervals.")
@@ -78,7 +78,7 @@ class Reading:
     missing
         Number that stands for a missing value in a table, such as 0 or -999.
     format
-        Format of the file, where its content does not tell: csv, npy, npz, parquet, rosbag1, rosbag2, mat, hdf5, ulog, dataflash.
+        Format of the file, where its content does not tell: csv, npy, npz, parquet, rosbag1, rosbag2, mat, hdf5, ulog, dataflash, zip.
     start
         Leave out what comes before this time, in s after the first sample.
     stop
@@ -121,15 +121,14 @@ def must_exist(*paths: Path | None) -> None:
             raise CallError(f"{path} does not exist")
 
 
-def read_log(path: Path, options: Reading) -> Any:
-    """The log at `path`, read with `options`.
+def reading_options(options: Reading) -> dict[str, Any]:
+    """Options of `jaxcal.read`, but for its `quiet`.
 
     Raises
     ------
     CallError
-        If there is no such file, or an option has no meaning.
+        If an option has no meaning.
     """
-    must_exist(path)
     import jaxcal
 
     from ..io._columns import parse_columns, parse_topics, parse_units
@@ -142,9 +141,21 @@ def read_log(path: Path, options: Reading) -> Any:
         named: dict[str, Any] = {name: parse(",".join(words)) for name, parse in parsers.items() if (words := getattr(options, name))}
     except jaxcal.DataError as error:  # not the data: nothing was read yet
         raise CallError(f"--{error}") from error
-    log = jaxcal.read(
-        path, format=options.format, rate=options.rate, raw=options.raw, data=options.data, missing=options.missing, quiet=True, **named,
-    )  # fmt: skip
+    return named | {name: getattr(options, name) for name in ("format", "rate", "raw", "data", "missing")}
+
+
+def read_log(path: Path, options: Reading) -> Any:
+    """The log at `path`, read with `options`.
+
+    Raises
+    ------
+    CallError
+        If there is no such file, or an option has no meaning.
+    """
+    must_exist(path)
+    import jaxcal
+
+    log = jaxcal.read(path, quiet=True, **reading_options(options))
     return log if options.start is None and options.stop is None else log.select(options.start, options.stop)
 
 

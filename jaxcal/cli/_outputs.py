@@ -3,7 +3,6 @@
 import contextlib
 import os
 import shutil
-import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Any
 
 import jaxcal
 
-from .._files import json_text, write_atomically
+from .._files import clear_hidden, hidden_name, json_text, write_atomically
 from ._options import CallError
 
 #: (place to write to, results, log) -> sentences to print, if any
@@ -160,12 +159,14 @@ def _create(folder: Path, cleanup: contextlib.ExitStack) -> None:
 
 
 def _room(parent: Path, cleanup: contextlib.ExitStack) -> Path:
+    clear_hidden(parent)
+    room = parent / hidden_name()
     try:
-        room = tempfile.mkdtemp(prefix=".jaxcal-", dir=parent)
+        room.mkdir(0o700)
     except OSError as error:
         raise CallError(f"cannot write into {parent}: {_reason(error)}; give a path in another folder") from error
     cleanup.callback(shutil.rmtree, room, ignore_errors=True)
-    return Path(room)
+    return room
 
 
 def _remove_if_empty(folder: Path) -> None:

@@ -282,7 +282,7 @@ def save_log(place: Path, time: Any, sensors: dict[str, Any]) -> None:
     import numpy as np
 
     if place.suffix == ".npz":
-        np.savez(place, time=time, **sensors)
+        np.savez(place, time=time, **sensors, units="SI")
         return
     names = ["time [s]"]
     for sensor, values in sensors.items():

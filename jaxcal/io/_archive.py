@@ -3,11 +3,13 @@
 import contextlib
 import pathlib
 import re
+import shutil
 import tempfile
 import zipfile
 from collections.abc import Iterator
 
 from .._errors import DataError
+from .._files import clear_hidden, hidden_name
 from ._readers._bounds import allowed, check_declared
 
 _MOST = 1000
@@ -45,7 +47,7 @@ def _workbook(archive: zipfile.ZipFile) -> str:
 def unpacked(path: pathlib.Path) -> Iterator[pathlib.Path]:
     """The logs of a zip file in a folder that is removed afterwards; no more is unpacked than a log can hold."""
     size = path.stat().st_size
-    with zipfile.ZipFile(path) as archive, tempfile.TemporaryDirectory(prefix="jaxcal-") as folder:
+    with zipfile.ZipFile(path) as archive, _room() as folder:
         members = [one for one in archive.infolist() if not one.is_dir() and _wanted(one.filename)]
         if len(members) > _MOST:
             raise DataError(
@@ -56,7 +58,7 @@ def unpacked(path: pathlib.Path) -> Iterator[pathlib.Path]:
         check_declared(sum(one.file_size for one in members), size, "the zip file")
         room = allowed(size)
         for member in members:
-            place = pathlib.Path(folder, re.sub(r"[^\w.() +-]", "_", pathlib.PurePosixPath(member.filename).name)[-120:] or "log")
+            place = folder / (re.sub(r"[^\w.() +-]", "_", pathlib.PurePosixPath(member.filename).name)[-120:] or "log")
             if place.exists():
                 place = place.with_name(f"{members.index(member)}_{place.name}")
             with archive.open(member) as source, place.open("wb") as target:
@@ -66,7 +68,20 @@ def unpacked(path: pathlib.Path) -> Iterator[pathlib.Path]:
                     target.write(piece)
         if not members:
             raise DataError("the zip file holds no file; unpack it, and look")
-        yield pathlib.Path(folder)
+        yield folder
+
+
+@contextlib.contextmanager
+def _room() -> Iterator[pathlib.Path]:
+    """A folder for temporary files; those of runs that were killed are removed first."""
+    above = pathlib.Path(tempfile.gettempdir())
+    clear_hidden(above)
+    room = above / hidden_name()
+    room.mkdir(0o700)
+    try:
+        yield room
+    finally:
+        shutil.rmtree(room, ignore_errors=True)
 
 
 def _wanted(name: str) -> bool:

@@ -48,7 +48,8 @@ def select(table, columns: Columns) -> Selection:
     names, count = table.names, len(table.columns)
     explicit = resolve(columns, names, count)
     profile, known = matching(names, table.preamble, table.stem)
-    meanings = [known.get(i) or (parse(name) if name else None) for i, name in enumerate(names)]
+    shared = _shared_prefix(names)
+    meanings = [known.get(i) or (parse(name[len(shared) :]) if name else None) for i, name in enumerate(names)]
     if not known:
         _rolls(names, meanings)
     found = Selection({}, {}, meanings, set(), profile.name if profile else "")
@@ -77,6 +78,16 @@ def select(table, columns: Columns) -> Selection:
     if not set(explicit) - {"time"}:
         _tell_unused(table, found, chosen_by_name)
     return found
+
+
+def _shared_prefix(names: list[str]) -> str:
+    """What all names begin with, up to a separator, as the name of a device; nothing where it may be a word of a sensor."""
+    named = [name for name in names if name]
+    ends = (min(named), max(named)) if len(named) > 3 else ("", "")
+    same = next((i for i, (a, b) in enumerate(zip(*ends, strict=False)) if a != b), min(map(len, ends)))
+    prefix = ends[0][:same]
+    prefix = prefix[: max(prefix.rfind(mark) for mark in "_./: ") + 1]
+    return "" if len(prefix) < 4 or _LIKE.search(prefix) else prefix
 
 
 def is_number(table, index: int) -> bool:
@@ -215,7 +226,9 @@ def _by_position(table, columns: Columns, found: Selection) -> None:
     stamps = [i for i in range(count) if table.columns[i].dtype.kind == "M" or i in table.clocks]
     if time is None and "time" not in columns and not stamps:
         rising = [i for i in numeric if increasing(table.columns[i])]
-        time = rising[:1] or None
+        counters = [i for i in rising if np.mean(np.diff(table.columns[i]) == 1) > 0.95] if len(rising) > 1 else []
+        time = [i for i in rising if i not in counters][:1] or None
+        numeric = [i for i in numeric if i not in counters]
     left = [i for i in numeric if i not in (time or [])]
     label = _label(table)
     if label and len(left) == 3:

@@ -18,6 +18,8 @@ from ._names import is_counter
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 #: where an epoch since 1970 begins, by unit
 _EPOCH = {"s": (1e9, 4e9), "ms": (1e12, 4e12), "us": (1e15, 4e15), "ns": (1e18, 4e18)}
+#: ticks of 100 ns since 1601 (Windows) and since the year 1 (.NET), and days since the year 0 (MATLAB), of this century
+_TICKS = ((1.25e17, 1.6e17, "1e-7 s", 0.0, "Windows"), (6.3e17, 6.7e17, "1e-7 s", 0.0, ".NET"), (7.3e5, 7.7e5, "d", 5e-5, "MATLAB"))
 #: upper end of the median step of each unit, and between which steps the one below it is a guess
 _STEPS = {
     True: (("ms", 300.0, (100.0, 1000.0)), ("us", 3e5, (1e5, 1e6)), ("ns", np.inf, (np.inf, np.inf))),
@@ -29,7 +31,7 @@ _MJD, _MJD_STEP, _DAY = (40_000.0, 100_000.0), 5e-5, 86400.0
 _WRAPS = (2.0**16, 2.0**31, 2.0**32)
 _STATED = re.compile(
     r"(?:sampl\w*[ _-]*(?:rate|freq\w*)|update[ _-]*rate|output[ _-]*(?:data[ _-]*)?rate|data[ _-]*rate|\bodr|frequency|\bfreq|\bfs|\brate|"
-    r"abtastrate|taxa)\b[\"']?\s*(?:\[?\(?hz\)?\]?)?[\s:=,;\"']*([0-9]+(?:[.,][0-9]+)?)\s*(k?hz)?", re.IGNORECASE,
+    r"abtastrate|taxa|\bat)\b[\"']?\s*(?:\[?\(?hz\)?\]?)?[\s:=,;\"']*([0-9]+(?:[.,][0-9]+)?)\s*(k?hz)?", re.IGNORECASE,
 )  # fmt: skip
 _FILE_RATE = re.compile(r"(?<![0-9a-z.])([0-9]+(?:[.p][0-9]+)?)[ _-]?(k?hz)(?![a-z])", re.IGNORECASE)
 
@@ -78,7 +80,7 @@ class Clock:
 def stated_rate(preamble: str, stem: str) -> tuple[float, str] | None:
     """A sampling rate that the text above a table, or else the name of the file, states."""
     for text, pattern, source in ((preamble, _STATED, "the header states"), (stem, _FILE_RATE, "the name of the file states")):
-        found = pattern.findall(text)
+        found = [one for one in pattern.findall(text) if one[1] or not re.search(r"\bat\W+" + re.escape(one[0]), text, re.IGNORECASE)]
         values = {float(number.replace(",", ".").replace("p", ".")) * (1e3 if unit.lower() == "khz" else 1.0) for number, unit in found}
         values = {value for value in values if 0.01 <= value <= 1e6}
         if len(values) == 1:
@@ -157,7 +159,7 @@ def _named_unit(found: Selection, indices: list[int]) -> str | None:
 def _counts_rows(table, indices: list[int], stated: str | None) -> bool:
     """Whether a column counts rows: whole numbers, one after the other, and no unit that says otherwise."""
     column = table.columns[indices[0]]
-    if len(indices) > 1 or indices[0] in table.clocks or column.dtype.kind not in "iuf" or stated in ("ms", "us", "ns"):
+    if len(indices) > 1 or indices[0] in table.clocks or column.dtype.kind not in "iuf" or stated is not None:
         return False
     steps = np.diff(column[: 1 << 17])
     steps = steps[np.isfinite(steps)]
@@ -258,6 +260,9 @@ def _unit_by_step(stamps: np.ndarray, integer: bool, rate: float | int | None) -
         # a rate far outside any sensor's means that a time since boot only looks like an epoch
         if first <= start <= last and 0.1 < 1 / (step * _SECONDS[unit]) < 1e6:
             return unit, f"starts at {start:.4g}, as time since 1970 does", True
+    for first, last, unit, most, who in _TICKS:
+        if first <= start <= last and (not most or step < most):
+            return unit, f"starts at {start:.6g}, as time in {who} does", True
     rows = _STEPS[integer]
     at = next(i for i, (_, upper, _) in enumerate(rows) if step < upper)
     unit, _, (low, _) = rows[at]
@@ -351,6 +356,8 @@ def check_rate(clock: Clock, stated: tuple[float, str] | None, warnings: list[st
                 )
         if stated[1] != "the file states":  # of which the log itself will speak
             warnings.append(f"{stated[1]} {stated[0]:g} Hz, but the stamps say {rate:.5g} Hz, which is used")
+    if clock.unit == "s" and stated is None and clock.period == 1.0 and clock.seconds[0] in (0.0, 1.0):
+        warnings.append(f"the clock {names} rises by 1 in every row: one sample a second, or a counter; if it counts rows, give --rate")
     if rate < 0.5 and clock.unit != "date" and stated is None:
         warnings.append(
             f"the clock {names} in {clock.unit} gives one sample every {clock.period:.4g} s; if that is wrong, give the unit with "

@@ -157,6 +157,11 @@ def turning(gyro: np.ndarray, vector: np.ndarray, period: float) -> Turning | No
     count = len(gyro) // width
     shape = (count, width, 3)
     rate, held = gyro[: count * width].reshape(shape).mean(axis=1), vector[: count * width].reshape(shape).mean(axis=1)
+    length = np.linalg.norm(held, axis=1, keepdims=True)
+    whole = np.isfinite(length[:, 0]) & (length[:, 0] > 0)
+    # what hardly turns, by 6 degrees rms, is noise
+    if not whole.any() or np.linalg.norm(np.mean(held[whole] / length[whole], axis=0)) > 0.995:
+        return None
     # from block to block the vector turns by the mean of both rates
     turned = held[1:] - held[:-1]
     stated = -np.cross(0.5 * (rate[1:] + rate[:-1]), 0.5 * (held[1:] + held[:-1])) * (width * period)
@@ -178,7 +183,13 @@ def turning(gyro: np.ndarray, vector: np.ndarray, period: float) -> Turning | No
 
 
 def gravity_stays(accel: np.ndarray, period: float | None) -> float:
-    """Part of the length of the vectors that is left when they are averaged over a second: near 1 with gravity, small without."""
+    """Part of the length of the vectors that is left when they are averaged over a second: near 1 with gravity, small without.
+
+    Vectors of nearly one length hold gravity however fast they turn: their part is 1.
+    """
+    found = norms(accel)
+    if len(found) and np.ptp(np.quantile(found, [0.25, 0.75])) < 0.35 * np.median(found):
+        return 1.0
     width = int(np.clip(round(1.0 / period) if period and np.isfinite(period) else 50, 2, max(2, len(accel) // 4)))
     count = len(accel) // width
     if not count:

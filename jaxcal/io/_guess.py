@@ -221,14 +221,20 @@ def roles(triples: list[np.ndarray]) -> list[str]:
         if all_integer(triples[0]) and not (_gravity_like(triples[0]) or _field_like(triples[0])):
             raise DataError("three columns of whole numbers, which look like raw counts, do not say of which sensor")
         return ["accel" if _gravity_like(triples[0]) else "mag" if _field_like(triples[0]) else "gyro"]
-    likeness = [_gravity_like(triple) for triple in triples[:2]]
+    likeness = [_gravity_like(triple) for triple in triples]
     if not any(likeness):
         raise DataError("neither triple of columns has the norm of gravity in m/s^2, g or mg")
-    if all(likeness):
-        likeness = [spread(triples[0]) < spread(triples[1])] * 2
-        likeness[1] = not likeness[0]
-    pair = ["accel", "gyro"] if likeness[0] else ["gyro", "accel"]
-    return pair + ["mag"] * (len(triples) - 2)
+    # of two that may be gravity, it is the one of steadier norm
+    force = min((k for k, like in enumerate(likeness) if like), key=lambda k: spread(triples[k]))
+    rest = [k for k in range(len(triples)) if k != force]
+    if len(rest) == 1:
+        found = {rest[0]: "gyro"}
+    else:
+        fields = [k for k in rest if _field_like(triples[k])]
+        if len(fields) != 1:
+            raise DataError("of the two triples besides the accelerometer's, not one alone is like the Earth's field")
+        found = {k: "mag" if k in fields else "gyro" for k in rest}
+    return [("accel" if k == force else found[k]) for k in range(len(triples))]
 
 
 def _gravity_like(values: np.ndarray) -> bool:

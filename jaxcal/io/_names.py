@@ -29,7 +29,7 @@ _WORDS = {
         "velocitaangolare|velocidadeangular|wrss|av|as|wb|gyrounfiltered|deltarate"
     ),
     "accel": (
-        "a|ac|acc|accel|accelero|accelerometer|accelerometers|acceleration|accelerations|accelerometeracceleration|f|gf|gforce|fb|"
+        "a|ac|acc|acce|accel|accelero|accelerometer|accelerometers|acceleration|accelerations|accelerometeracceleration|f|gf|gforce|fb|"
         "specificforce|sf|totalacceleration|totalacc|accelerationincludinggravity|accelerationwithg|beschleunigung|beschl|"
         "beschleunigungssensor|beschleunigungmitg|aceleracion|acelerometro|accelerazione|accelerometro|aceleracao|acelerometro|arss|"
         "properacceleration"
@@ -79,7 +79,8 @@ _COUNTER = re.compile(
 )
 #: words that say where a column comes from, not what it is
 _ORIGINS = _words(
-    "imu field header msg data sensor sensors raw cal uncal calibrated uncalibrated value values val axis axe achse asse adc body "
+    "imu field header msg data sensor sensors raw cal uncal calib uncalib calibrated uncalibrated value values val axis axe achse "
+    "asse adc body "
     "smooth in of the device phone input reading readings meas measured signal comp component channel ch ln wr low noise wide range "
     "mpu icm lsm bmi bno xsens mems filt filtered lpf avg"
 )
@@ -100,22 +101,22 @@ class Name:
 
 def bracketed(name: str) -> str | None:
     """Text in the brackets of a column name, or None; a number in brackets counts axes."""
-    found = [(one or other).strip() for one, other in re.findall(r"\[([^\]]*)\]|\(([^)]*)\)", name)]
+    found = [(one or other).strip() for one, other in re.findall(r"\[([^\]]*)\]|\(((?:[^()]|\([^()]*\))*)\)", name)]
     return next((text for text in found if not text.isdigit()), None)
 
 
 def unit_of(text: str, quantity: str) -> str | None:
     """Unit that a header spells, or None; exponents such as ``rad s^-1`` and ``m s-2`` are understood."""
-    text = text.strip()
-    if quantity == "mag" and text == "g":
-        return "G"
+    text = re.sub(r"\((\w+\^?\d?)\)", r"\1", text.strip()).rstrip("* ")
+    if quantity == "mag" and text in ("g", "mg"):
+        return {"g": "G", "mg": "mG"}[text]
     # the superscripts and the degree sign, also where an encoding was mistaken for another
     text = text.replace("\u207b\u00b9", "-1").replace("\u207b\u00b2", "-2").replace("\u00b7", " ").replace("*", " ")
     text = re.sub(r"\u00b2|\u00e2\u00b2|\u00c2\u00b2", "2", text).replace("\u00c2", "")
     text = re.sub(r"^(?:\u00b0|degrees?|grad)(?=\s*(?:/|per|s))", "deg", re.sub(r"\s*\bper\b\s*", "/", text), flags=re.IGNORECASE)
     text = re.sub(r"[ _.]s(ec)?\^?\(?-1\)?$", "/s", text)
     text = re.sub(r"[ _.]s(ec)?\^?\(?-2\)?$", "/s^2", text)
-    if quantity == "mag" and re.fullmatch(r"[^\x00-\x7f]T|\u02af?t|micro ?tesla|micro_?t", text, re.IGNORECASE):
+    if quantity == "mag" and re.fullmatch(r"[^\x00-\x7f]t|micro[ _]?tesla", text, re.IGNORECASE):
         return "uT"
     if quantity == "temperature" and re.fullmatch(r"[^\x00-\x7f]{0,2}C?", text) and text:
         return "degC"
@@ -178,7 +179,7 @@ def _sensors(words: list[str], index: re.Match[str] | None):
         placed.insert(0, (len(words), AXES[int(index[1])], []))
     for at, axis, left in placed:
         rest = [*words[:at], *left, *words[at + 1 :]]
-        for tail in range(min(4, len(rest))):
+        for tail in (0, *range(min(3, len(rest) - 1), 0, -1)):  # of units the longest: mg before g
             head, end = rest[: len(rest) - tail], rest[len(rest) - tail :]
             found = _kind(head)
             if found is None:
@@ -217,7 +218,7 @@ def _kind(words: list[str]) -> tuple[str, int, str] | None:
 
 
 def _time(words: list[str], inside: str | None) -> Name | None:
-    bare = [word for word in words if word not in ("in", "imu", "header", "field", "msg", "data", "sensor", "of") and not word.isdigit()]
+    bare = [word for word in words if word not in _ORIGINS and not word.isdigit()]
     if not bare:
         return None
     joined, head, last = "".join(bare), "".join(bare[:-1]), bare[-1]

@@ -7,11 +7,11 @@ import importlib.metadata
 import os
 import pathlib
 import sys
-import uuid
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from .._errors import DataError, ExportError, JaxcalError
+from .._files import clear_hidden, hidden_name, shown
 from .._log import Log
 from .._units import si_unit
 from ._archive import unpacked
@@ -25,7 +25,7 @@ from ._readers._px4 import read_px4
 from ._readers._ros import read_ros
 from ._saved import SUFFIXES, save
 from ._sensors import read_oxts, read_sensors
-from ._table import Signals, Table, interpret
+from ._table import Choice, Signals, Table, interpret
 
 #: tables, of which columns= chooses; trees of arrays, of which topics= names the group; logs, of which topics= chooses
 _TABLES = {"csv": read_csv, "npy": read_npy, "npz": read_npz, "parquet": read_parquet, "oxts": read_oxts}
@@ -114,10 +114,10 @@ def read(
     >>> log.rate, len(log.time), round(float(log.accel[0, 2]), 4)
     (100.0, 500, 9.7086)
     >>> print(log.notes[0])
-    time: column 0 (time_s), s (from the name); override with --columns time=0 --units time=s
+    time: column 0 (time_s), s (from the name); override with --columns time=0 --units time=ms
     """
     path = pathlib.Path(path)
-    with _named(path):
+    with named(path):
         if data not in ("rate", "phase"):
             raise DataError(f'data={data!r}: expected "rate" or "phase"')
         options = {"columns": parse_columns(columns), "units": parse_units(units), "rate": rate, "missing": missing}
@@ -186,7 +186,8 @@ def convert(
     log = read(
         path, format=format, columns=columns, units=units, rate=rate, topics=topics, raw=raw, data=data, missing=missing, quiet=quiet
     )
-    place = out.with_name(f".{out.stem}-{uuid.uuid4().hex}{out.suffix}")
+    clear_hidden(out.parent)
+    place = out.with_name(hidden_name(out.suffix))
     try:
         save(log, place)
         os.replace(place, out)
@@ -199,13 +200,26 @@ def convert(
 
 def _read(path: pathlib.Path, format: str | None, options: dict[str, Any], topics: list[str] | None, raw: bool, phase: bool) -> Log:
     """The log, of which `options` say how a table is read."""
+    with opened(path, format, options, topics, raw) as (found, origin):
+        return finished(found, origin, options, phase)
+
+
+@contextlib.contextmanager
+def opened(
+    path: pathlib.Path, format: str | None, options: dict[str, Any], topics: list[str] | None, raw: bool
+) -> Iterator[tuple[Table | Signals, dict[str, Any]]]:
+    """What a file holds, before columns and units are chosen, and where it comes from; a zip file is unpacked as long as that is used."""
     if format is not None and format not in FORMATS:
         raise DataError(f"format={format!r} is unknown; use one of {', '.join(FORMATS)}")
     with _faults("a recording"):
         kind, sources = find(path)
     kind = format or kind
     if kind == "zip":
-        return _read_zip(path, options, topics, raw, phase)
+        with _faults("a zip file"), unpacked(path) as folder, opened(folder, None, options, topics, raw) as (found, inner):
+            size, sha256 = fingerprint([path])
+            inside = {"inside": inner["file"]} if inner["file"] != folder.name else {}
+            yield found, inner | {"file": shown(path), "size": size, "sha256": sha256} | inside
+        return
     if kind in (*_TABLES, "sensors") and topics:
         raise DataError(f"this is {_NAMES[kind]}, and topics= belongs to ROS recordings; choose with columns= (--columns)")
     if kind not in _TABLES and kind not in (*_TREES, "sensors") and options["columns"]:
@@ -219,7 +233,16 @@ def _read(path: pathlib.Path, format: str | None, options: dict[str, Any], topic
         digest = pool.submit(fingerprint, sources)
         found = _parse(kind, sources, topics, options, raw)
         size, sha256 = digest.result()
-    origin = {"file": path.name, "size": size, "sha256": sha256, "format": kind}
+    yield (
+        found,
+        {"file": shown(sources[0] if len(sources) == 1 and path.is_dir() else path), "size": size, "sha256": sha256, "format": kind},
+    )
+
+
+def finished(
+    found: Table | Signals, origin: dict[str, Any], options: dict[str, Any], phase: bool, choices: list[Choice] | None = None
+) -> Log:
+    """The log of what a file holds; `choices` gets what was chosen."""
     plain = not phase and all(value is None or value == {} for value in options.values())
     if isinstance(found, Table) and found.saved is not None and plain:
         return found.saved.restore(interpret(found, {"time": None}, _SI, found.saved.rate).sensors, origin)
@@ -228,22 +251,14 @@ def _read(path: pathlib.Path, format: str | None, options: dict[str, Any], topic
         signals = found
     else:
         signals = interpret(found, **options)
+    if choices is not None:
+        choices += signals.choices
     provenance = origin | {
         "columns": signals.columns, "units": signals.units, "jaxcal": importlib.metadata.version("jaxcal"), "epoch_ns": signals.epoch_ns
     }  # fmt: skip
     if phase:
         differentiate(signals)
     return _build(signals, provenance)
-
-
-def _read_zip(path: pathlib.Path, options: dict[str, Any], topics: list[str] | None, raw: bool, phase: bool) -> Log:
-    """The log in a zip file, or those that it holds of one recording."""
-    with _faults("a zip file"), unpacked(path) as folder:
-        log = _read(folder, None, options, topics, raw, phase)
-        size, sha256 = fingerprint([path])
-        inside = {"inside": log.provenance["file"]} if log.provenance["file"] != folder.name else {}
-        provenance = log.provenance | {"file": path.name, "size": size, "sha256": sha256} | inside
-        return log._replaced(provenance=provenance)
 
 
 def _parse(kind: str, sources: list[pathlib.Path], topics: list[str] | None, options: dict[str, Any], raw: bool) -> Table | Signals:
@@ -284,12 +299,12 @@ def fingerprint(sources: list[pathlib.Path]) -> tuple[int, str]:
 
 
 @contextlib.contextmanager
-def _named(path: pathlib.Path) -> Iterator[None]:
+def named(path: pathlib.Path) -> Iterator[None]:
     """Put the name of the file before every message."""
     try:
         yield
     except JaxcalError as error:
-        raise type(error)(f"{path.name or path}: {error}") from error.__cause__
+        raise type(error)(f"{shown(path)}: {error}") from error.__cause__
 
 
 @contextlib.contextmanager

@@ -39,9 +39,25 @@ class Table:
     stem: str = ""
 
 
+@dataclasses.dataclass(frozen=True)
+class Choice:
+    """What is read as one quantity: columns (or topics), unit, why, whether anything supports it, and the options that change it."""
+
+    quantity: str
+    columns: tuple[str, ...]
+    unit: str
+    reason: str
+    certain: bool
+    option: str
+
+
 @dataclasses.dataclass
 class Signals:
-    """What goes into a `Log`, and the columns and units it was taken from; `nominal` is a rate that the file states beside stamps."""
+    """What goes into a `Log`, and the columns and units it was taken from.
+
+    `nominal` is a rate that the file states beside stamps; `choices` are what `jaxcal.io.inspect` shows, and `sources` all topics that
+    there are, as sentences.
+    """
 
     time: np.ndarray | None
     sensors: dict[str, np.ndarray]
@@ -52,6 +68,8 @@ class Signals:
     warnings: list[str] = dataclasses.field(default_factory=list)
     rate: float | int | None = None
     nominal: float | None = None
+    choices: list[Choice] = dataclasses.field(default_factory=list)
+    sources: list[str] = dataclasses.field(default_factory=list)
 
 
 # a value too large to convert becomes infinite, and that is counted as missing
@@ -85,6 +103,9 @@ def interpret(
     scales = {name: scale(guess.unit, name) for name, guess in guesses.items()}
     for name, guess in guesses.items():
         signals.units[name] = guess.unit
+        option = f"--columns {name}={_spelled(found.columns[name], ':', ',')} --units {name}={guess.other or guess.unit}"
+        shown = tuple(table.names[i] or f"column {i}" for i in found.columns[name])
+        signals.choices.append(Choice(name, shown, guess.unit, guess.reason or "as given", guess.sure, option))
         if not guess.sure:
             signals.warnings.append(f"a guess, which nothing in the file supports: {_note(name, found.columns[name], table.names, guess)}")
         elif name in found.guessed or guess.reason:
@@ -141,6 +162,9 @@ def _set_time(
         problems.append(str(error))
     signals.time, signals.epoch_ns, signals.units["time"] = clock.time, clock.epoch_ns, clock.unit
     signals.nominal = float(table.rate) if table.rate else None
+    shown = tuple(table.names[i] or f"column {i}" for i in clock.columns)
+    option = f"--columns time={_spelled(clock.columns, ':', ',')} --units time={clock.other}"
+    signals.choices.append(Choice("time", shown, clock.unit, clock.reason or "as given", clock.sure, option))
     if not clock.reason and "time" not in found.guessed:
         return
     where = f"column{'s' * (len(clock.columns) > 1)} {_label(clock.columns, table.names)}"

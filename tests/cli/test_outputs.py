@@ -1,5 +1,10 @@
 """Output files: checked first, then all or none."""
 
+import os
+import pathlib
+import subprocess
+import sys
+
 import pytest
 
 from .conftest import listing
@@ -61,10 +66,14 @@ def test_a_folder_that_cannot_be_made_is_refused(call, folder, log):
 
 
 def test_a_folder_that_may_not_be_written_is_refused(call, log, monkeypatch):
-    def refuse(**options):
-        raise PermissionError(13, "Permission denied")
+    mkdir = pathlib.Path.mkdir
 
-    monkeypatch.setattr("tempfile.mkdtemp", refuse)
+    def refuse(path, *arguments, **options):
+        if path.name.startswith(".jaxcal-"):
+            raise PermissionError(13, "Permission denied")
+        return mkdir(path, *arguments, **options)
+
+    monkeypatch.setattr("pathlib.Path.mkdir", refuse)
     found = call(*ALLAN, "--json", "a")
     assert found.status == 2
     assert "permission denied; give a path in another folder" in found.reason
@@ -75,3 +84,17 @@ def test_a_folder_is_no_file(call, folder, log):
     found = call(*ALLAN, "--json", "there")
     assert found.status == 2
     assert "there is a folder; give the name of a file in it" in found.reason
+
+
+def test_what_a_killed_run_left_is_removed_by_the_next(call, folder, log):
+    from jaxcal._files import hidden_name
+
+    code = "import os; print(os.getpid())"
+    gone = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip()
+    own = hidden_name()
+    left = own.replace(f"-{os.getpid()}-", f"-{gone}-")
+    for name in (own, left):
+        (folder / name).mkdir()
+        (folder / name / "half.json").write_text("{")
+    assert call(*ALLAN, "--json", "a.json").status == 0
+    assert listing(folder) == [own, f"{own}/half.json", "a.json", "imu.csv"]  # that of a process which is at work stays

@@ -162,11 +162,19 @@ def test_values_in_another_unit_are_warned_about_and_can_be_mended(name, unit, s
     topics = {"/imu": ("Imu", ns(), np.column_stack([values["gyro"], values["accel"]])), "/mag": ("MagneticField", ns(), values["mag"])}
     path = write_bag("mcap", topics)
     log = read(path, quiet=True)
-    assert [w for w in log.warnings if f"{name} looks like {unit} " in w and f"units={{'{name}': '{unit}'}}" in w]
+    assert [w for w in log.warnings if f"the unit of {name} is stated as" in w and f"units={{'{name}': '{unit}'}}" in w]
     mended = read(path, units={name: unit}, quiet=True)
-    assert not [w for w in mended.warnings if "looks like" in w]
+    assert not [w for w in mended.warnings if f"the unit of {name} is stated" in w]
     if name != "gyro":
         np.testing.assert_allclose(getattr(mended, name), getattr(still, name), rtol=1e-12)
+
+
+def test_directions_are_no_field(still, write_bag):
+    length = np.linalg.norm(still.mag, axis=1, keepdims=True)
+    turned = np.roll(still.mag / length, 1, axis=1) * np.where(np.arange(400) < 200, 1, -1)[:, None]
+    log = read(write_bag("mcap", {"/imu": ("Imu", ns(), imu(still)), "/mag": ("MagneticField", ns(), 1e-4 * turned)}), quiet=True)
+    assert log.mag is None
+    assert [w for w in log.warnings if w.startswith("mag of /mag is left out: every vector has the length 0.0001: it is normalised")]
 
 
 @pytest.mark.parametrize("storage", STORAGES)

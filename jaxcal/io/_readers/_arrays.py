@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..._errors import DataError
+from ..._units import si_unit
 from .._columns import AXES, SENSORS
 from .._names import parse_name, unit_of
 from .._saved import parse_saved
@@ -48,7 +49,11 @@ def read_npz(path: pathlib.Path) -> Table:
     with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
         arrays = {name: archive[name] for name in archive.files}
     saved = arrays.pop("jaxcal", None)
+    system = arrays.pop("units", np.array(""))
     table = _table_of_arrays(arrays)
+    if str(system) == "SI":  # as `jaxcal apply` and `jaxcal simulate` write
+        quantities = [(parse_name(name) or ("",))[0] for name in table.names]
+        table.names = [f"{name} [{si_unit(one)}]" if one else name for name, one in zip(table.names, quantities, strict=True)]
     if saved is not None and saved.dtype.kind == "U" and saved.size == 1:
         table.saved = parse_saved(str(saved.reshape(())))
     return table

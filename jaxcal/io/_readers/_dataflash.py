@@ -86,6 +86,7 @@ def read_ardupilot(path: pathlib.Path, topics: list[str] | None, units: dict[str
     if log.skipped:
         signals.warnings.append(f"the file is damaged or cut off: {log.skipped} bytes belong to no record and are left out")
     present = "; ".join(f"{label} ({len(rows)} {'batches' if label.startswith('ISB') else 'records'})" for label, rows in streams.items())
+    signals.sources = present.split("; ")
     chosen = _choose({label: len(rows) for label, rows in streams.items()}, topics, present, signals)
     parts: list[Part] = []
     for label in chosen:

@@ -32,6 +32,7 @@ def read_px4(path: pathlib.Path, topics: list[str] | None, units: dict[str, str]
         raise DataError(f"no sensor topic ({', '.join(_ALL)}) with data in it; the topics are: {', '.join(sorted(log.others)) or 'none'}")
     signals = Signals(None, {}, warnings=log.warnings)
     present = "; ".join(f"{label}{_device(log, topic)} ({len(topic.offsets)} rows{_rate(log, topic)})" for label, topic in found.items())
+    signals.sources = present.split("; ")
     samples = {label: _samples(log, topic) for label, topic in found.items()}
     labels = _choose(samples, topics, present, signals)
     chosen = [found[label] for label in labels]

@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 
 from ..._errors import DataError
-from .._evidence import median_norm
 from .._table import Signals
 from ._bounds import require
 from ._streams import Part, join
@@ -57,6 +56,7 @@ def read_ros(paths: list[pathlib.Path], version: int, topics: list[str] | None, 
         if not found:
             others = ", ".join(sorted({f"{c.topic} ({c.msgtype})" for r in readers for c in r.connections})) or "none"
             raise DataError(f"no topic of type sensor_msgs Imu, MagneticField or Temperature; the topics are: {others}")
+        signals.sources = listed
         chosen = _choose(found, topics, present, signals.notes)
         streams = [_stream(readers, topic, version, signals.warnings) for topic in chosen]
     if len(paths) > 1:
@@ -183,12 +183,10 @@ def _decode(raws: list[bytes], numbers: int, version: int, topic: str) -> tuple[
 
 
 def _parts(streams: list[Stream], units: dict[str, str], signals: Signals) -> list[Part]:
-    """The sensors of all topics, with a warning where their size is not that of ROS's unit."""
+    """The sensors of all topics."""
     parts: list[Part] = []
     for stream in streams:
         for name, values in _sensors(stream, signals).items():
-            if name not in units:
-                _doubt(name, stream.topic, values, signals.warnings)
             parts.append(Part(name, stream.topic, stream.stamps, values, _UNITS[name]))
     if not parts:
         raise DataError(f"{', '.join(stream.topic for stream in streams)}: no measurement in them ({'; '.join(signals.notes)})")
@@ -217,22 +215,3 @@ def _sensors(stream: Stream, signals: Signals) -> dict[str, np.ndarray]:
         else:
             found[name] = values
     return found
-
-
-def _doubt(name: str, topic: str, values: np.ndarray, warnings: list[str]) -> None:
-    """Warn where the size of the values is that of another unit than ROS prescribes."""
-    norm = median_norm(values)
-    seems = ""
-    if name == "accel":
-        seems = next((unit for unit, g in (("g", 1.0), ("mg", 1000.0)) if 0.7 <= norm / g <= 1.4), "")
-    elif name == "gyro" and np.nanmax(np.abs(values)) > 35:
-        seems = "deg/s"
-    elif name == "mag":
-        seems = next((unit for unit, size in (("uT", 1.0), ("mG", 10.0), ("G", 1e-2)) if 15 <= norm / size <= 100), "")
-    elif name == "temperature" and norm > 200:
-        seems = "K"
-    if seems:
-        warnings.append(
-            f"{topic}: {name} looks like {seems} (size {norm:.3g}), not ROS's unit; if so, read it with units={{'{name}': '{seems}'}} "
-            f"(--units {name}={seems})"
-        )

@@ -156,7 +156,8 @@ def _hdf5(request: dict[str, Any]) -> tuple[dict[str, Any], list[np.ndarray]]:
             declared += math.prod(dataset.shape) * dataset.dtype.itemsize
             if declared > request["allowed"]:
                 return
-            array, unit = dataset[()], text(dataset, "units") or text(dataset, "unit")
+            array = dataset[()]
+            unit = next((found for name in ("units", "unit", "Units", "Unit", "UNITS") if (found := text(dataset, name))), "")
             for field in fields or ("",):
                 column = np.asarray(array[field] if field else array)
                 if column.dtype.kind in "iufb":

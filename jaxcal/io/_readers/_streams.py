@@ -6,7 +6,9 @@ import numpy as np
 
 from ..._errors import DataError
 from .._columns import scale
-from .._table import Signals
+from .._evidence import turning
+from .._guess import accel_unit, gyro_unit, mag_unit, no_field
+from .._table import Choice, Signals
 
 #: records gathered at a time
 _PIECE = 1 << 16
@@ -68,11 +70,14 @@ def join(parts: list[Part], units: dict[str, str], signals: Signals) -> None:
     if twice:
         where = ", ".join(f"{part.source} ({part.name})" for part in parts if part.name in twice)
         raise DataError(f"{' and '.join(twice)} in more than one of the topics: {where}; read them one by one with topics= (--topics)")
+    parts = _checked(parts, units, signals.warnings)
     main = max([part for part in parts if part.name != "temperature"] or parts, key=lambda part: len(part.stamps))
     signals.epoch_ns = int(main.stamps[0])
     time = signals.time = (main.stamps - main.stamps[0]) * 1e-9
     for part in parts:
         unit = signals.units[part.name] = units.get(part.name) or part.unit
+        why = "as given" if part.name in units else "as the format prescribes"
+        signals.choices.append(Choice(part.name, (part.source,), unit, why, True, f"--topics {part.source} --units {part.name}={unit}"))
         factor, offset = scale(unit, part.name)
         values = np.asfortranarray(part.values) * factor + offset
         if part.stamps is main.stamps or np.array_equal(part.stamps, main.stamps):
@@ -84,6 +89,39 @@ def join(parts: list[Part], units: dict[str, str], signals: Signals) -> None:
             signals.notes.append(f"temperature: {part.source}, interpolated onto the stamps of {main.source}")
         else:
             signals.sensors[part.name] = _nearest(main, part, values, signals.notes)
+
+
+def _checked(parts: list[Part], units: dict[str, str], warnings: list[str]) -> list[Part]:
+    """Parts whose values may be what they are said to be; a warning where they contradict the unit that the format prescribes."""
+    kept = []
+    of = {part.name: part for part in parts}
+    for part in parts:
+        stated = part.unit
+        if part.name in units or part.source.endswith((".csv", ".txt")) or len(part.values) < 2:
+            kept.append(part)
+            continue
+        why = no_field(part.values) if part.name == "mag" else None
+        if why and len(parts) > 1:
+            warnings.append(f"mag of {part.source} is left out: {why}; read it all the same with units={{'mag': ...}} (--units mag=...)")
+            continue
+        kept.append(part)
+        period = float(np.median(np.diff(part.stamps))) * 1e-9
+        other = of.get("accel") or of.get("mag")
+        turns = None
+        if part.name == "gyro" and other is not None and np.array_equal(other.stamps, part.stamps):
+            turns = turning(part.values, other.values, period)
+        try:
+            if part.name == "gyro":
+                gyro_unit(part.values, stated, f"the unit of {part.source}", turns)
+            elif part.name == "accel":
+                accel_unit(part.values, stated, f"the unit of {part.source}", period)
+            elif part.name == "mag":
+                mag_unit(part.values, stated, f"the unit of {part.source}")
+            elif np.median(part.values) > 200 and stated == "degC":
+                raise DataError(f"temperature of {part.source} looks like K; if so, read it with --units temperature=K")
+        except DataError as error:
+            warnings.append(f"{part.source}: {error}")
+    return kept
 
 
 def _nearest(main: Part, part: Part, values: np.ndarray, notes: list[str]) -> np.ndarray:

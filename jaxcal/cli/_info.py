@@ -1,0 +1,65 @@
+"""`jaxcal info`: what is in a log, and how it would be read."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+
+import jaxcal
+
+from .._files import json_text, write_atomically
+from ._options import WRITING, Log, Reading, Running, must_exist, reading_options
+from ._outputs import staged
+from ._screen import Screen, progress, show_written
+
+
+@Parameter(name="*", group=WRITING)
+@dataclass(frozen=True, kw_only=True)
+class InfoFiles:
+    """Where the answer goes."""
+
+    json: Annotated[Path | None, Parameter(help="All of it as JSON.")] = None
+
+
+def info(log: Log, /, *, files: InfoFiles = InfoFiles(), reading: Reading = Reading(), running: Running = Running()) -> None:
+    """Say what is in a log, what is read as what and why, and which commands suit it.
+
+    Every choice comes with the options that change it; give them here to see
+    what they do, then to the other commands. The status is 1 if the log cannot
+    be read with them.
+    """
+    must_exist(log)
+    screen = Screen(running.quiet)
+    targets = [files.json] if files.json else []
+    with staged(targets, inputs=[log]) as places:
+        with progress(f"reading {log.name}", running.quiet):
+            found = jaxcal.io.inspect(log, **reading_options(reading))
+        if files.json:
+            write_atomically(places[files.json], json_text(found.to_dict()))
+    _show(screen, found)
+    show_written(screen, targets)
+    if found.refusal:
+        raise jaxcal.DataError(found.refusal)
+
+
+def _show(screen: Screen, found: Any) -> None:
+    size = f", {found.size} bytes" if found.size is not None else ""
+    screen.line(f"{found.file}: {found.format or 'format not known'}{size}")
+    if found.rate is not None:
+        gaps = f"{found.gaps} gaps, {found.missing} samples missing" if found.gaps else "no gaps"
+        screen.line(f"{found.samples} samples at {found.rate:.6g} Hz, {found.duration:.6g} s, {gaps}")
+    if found.choices:
+        rows = [[one.quantity, ", ".join(one.columns), one.unit, one.reason if one.certain else f"a guess: {one.reason}", one.option]
+                for one in found.choices]  # fmt: skip
+        screen.table("Read as", ["", "from", "unit", "why", "to change it"], rows)
+    if found.columns:
+        rows = [[str(one.number), one.name, one.holds, *("" if value is None else f"{value:.6g}" for value in (one.low, one.high))]
+                for one in found.columns]  # fmt: skip
+        screen.table("Columns", ["", "name", "holds", "least", "largest"], rows)
+    screen.sentences("Topics", found.sources)
+    screen.sentences("Warnings", found.warnings)
+    screen.sentences("Notes", [note for note in found.notes if "override with" not in note])
+    if found.commands:
+        rows = [[one.command, "yes" if one.suits else "no", one.reason] for one in found.commands]
+        screen.table("Commands", ["", "suits", "why"], rows)

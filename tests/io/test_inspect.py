@@ -1,0 +1,67 @@
+"""`jaxcal.io.inspect`: the choices of `read`, with reasons, and what a log is good for."""
+
+import json
+
+import numpy as np
+import pytest
+
+import jaxcal
+from jaxcal import DataError
+
+G = 9.80665
+
+
+def text(names, values):
+    return ",".join(names) + "\n" + "".join(",".join(f"{v:.9g}" for v in row) + "\n" for row in values)
+
+
+def test_every_choice_has_a_reason_and_the_option_that_changes_it(still, tmp_path):
+    path = tmp_path / "log.csv"
+    names = ["t", "gx", "gy", "gz", "ax [g]", "ay [g]", "az [g]", "quat_w", "note"]
+    rows = np.column_stack([still.time, still.gyro, still.accel / G, np.full(400, 0.5), np.arange(400)])
+    path.write_text(text(names, rows))
+    found = jaxcal.io.inspect(path)
+    choices = {one.quantity: one for one in found.choices}
+    assert (found.format, found.samples, found.rate, found.refusal) == ("csv", 400, 100.0, None)
+    assert choices["accel"].columns == ("ax [g]", "ay [g]", "az [g]")
+    assert (choices["accel"].unit, choices["accel"].certain) == ("g", True)
+    assert not choices["gyro"].certain
+    assert choices["gyro"].option == "--columns gyro=1:3 --units gyro=deg/s"
+    assert [column.name for column in found.columns] == names
+    assert "--columns gyro=1:3 --units gyro=deg/s" in found.summary()
+    json.dumps(found.to_dict(), allow_nan=False)
+    # the option does what it says
+    changed = jaxcal.io.inspect(path, columns="gyro=1:3", units="gyro=deg/s")
+    assert {one.quantity: one.unit for one in changed.choices}["gyro"] == "deg/s"
+
+
+def test_what_is_refused_is_shown_all_the_same(still, tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text(text(["sample_idx", "gx", "gy", "gz"], np.column_stack([np.arange(400), still.gyro])))
+    found = jaxcal.io.inspect(path)
+    assert "sample_idx counts rows and is no time" in found.refusal
+    assert found.rate is None
+    assert [column.holds for column in found.columns] == ["a counter", "gyro x", "gyro y", "gyro z"]
+    (tmp_path / "odd.csv").write_text("nothing here\n")
+    assert jaxcal.io.inspect(tmp_path / "odd.csv").refusal.startswith("odd.csv: ")
+    with pytest.raises(DataError, match="unknown quantity"):
+        jaxcal.io.inspect(path, columns="speed=1")
+
+
+def suits(found):
+    return {one.command: one.suits for one in found.commands}
+
+
+def test_commands_that_suit(tmp_path):
+    noise = np.random.default_rng(0)
+    time = np.arange(9000) / 100
+    still = np.array([0.0, 0.0, G]) + 0.01 * noise.normal(size=(9000, 3))
+    np.savez(tmp_path / "rest.npz", time=time, gyro=0.001 * noise.normal(size=(9000, 3)), accel=still, units="SI")
+    assert suits(jaxcal.io.inspect(tmp_path / "rest.npz")) == {"jaxcal noise": True, "jaxcal imu": False}
+    # ten attitudes, three seconds each, on a sphere
+    k = np.arange(10) + 0.5
+    down = np.stack([np.sqrt(1 - (1 - k / 5) ** 2) * np.cos(2.4 * k), np.sqrt(1 - (1 - k / 5) ** 2) * np.sin(2.4 * k), 1 - k / 5], axis=1)
+    poses = np.repeat(G * down, 300, axis=0) + 0.01 * noise.normal(size=(3000, 3))
+    mag = np.repeat(48e-6 * np.roll(down, 1, axis=1), 300, axis=0)
+    np.savez(tmp_path / "poses.npz", time=time[:3000], accel=poses, mag=mag, units="SI")
+    assert suits(jaxcal.io.inspect(tmp_path / "poses.npz")) == {"jaxcal noise": False, "jaxcal imu": True, "jaxcal mag": True}
