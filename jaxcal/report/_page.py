@@ -102,6 +102,7 @@ footer { color: var(--muted); font-size: .875rem; padding-bottom: 2rem; }
 @media (max-width: 36rem) {
   th, td { padding: .4rem .3rem; font-size: .875rem; }
   .terms { min-width: 0; }
+  .scroll .exact { white-space: normal; }
   .terms thead { display: none; }
   .terms tr { display: grid; grid-template-columns: repeat(auto-fit, minmax(5.6rem, 1fr)); padding: .4rem 0; }
   .terms tr { border-bottom: 1px solid var(--line); }
