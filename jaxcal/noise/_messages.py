@@ -115,6 +115,29 @@ def of_causes(causes: Sequence[Cause], factors, covariance) -> list[str]:
     return said
 
 
+def events_of_causes(causes: Sequence[Cause]) -> list[tuple[float, float, str]]:
+    """Where in time causes beside noise act: (start, stop, word), in s; nothing of those that act throughout the record."""
+    found = []
+    for cause in causes:
+        if cause.family == "step":
+            found.append((float(cause.at), float(cause.at), "step"))
+        elif cause.family == "warm-up":
+            found.append((0.0, float(cause.at), "warm-up"))
+    return found
+
+
+def events_of_parts(
+    levels: Sequence[Level], uneven: dict[str, Unevenness], duration: float, dt: float
+) -> list[tuple[float, float, str]]:  # fmt: skip
+    """The parts of a record that differ: (start, stop, words), in s."""
+    found = [(part.start * dt, part.stop * dt, f"N times {part.ratio:.3g}") for part in levels]
+    for what, terms in (("slow wandering", "BK"), ("white noise", "N")):
+        if told := [uneven[term] for term in terms if term in uneven]:
+            worst = min(told, key=lambda one: one.chance)
+            found.append((duration * worst.part / PARTS, duration * (worst.part + 1) / PARTS, f"strong {what}"))
+    return found
+
+
 def of_alternatives(found: Sequence[Alternative], fitted: bool, fit: NoiseFit) -> tuple[list[str], tuple[str, ...]]:
     """A warning or a note on what explains the slow noise as well as B and K do, from the families that were tried, the best first."""
     if not found:

@@ -19,6 +19,27 @@ from ._model import Noise, noise_of
 from ._terms import Term
 
 
+class FittedSpectrum(eqx.Module):
+    """The ordinates that a likelihood was fitted to, averaged in bins of frequency, beside the density that the model expects there.
+
+    Lines of the spectrum and causes such as a step are taken out of `density`; missing samples are estimated.
+
+    Attributes
+    ----------
+    frequency : (bins,) mean frequency in Hz.
+    density : (bins,) mean ordinate: two-sided density, the unit of the record squared per Hz.
+    model : (bins,) mean of the fitted density over the same ordinates, same unit.
+    edf : (bins,) number of ordinates, which are the degrees of freedom: edf * density / model is chi-square where the model holds.
+    used : (bins,) True where the fit used the bin.
+    """
+
+    frequency: AnyArray
+    density: AnyArray
+    model: AnyArray
+    edf: AnyArray
+    used: AnyArray
+
+
 class NoiseFit(Result):
     """Noise coefficients of one channel, or of several, with what is known about them.
 
@@ -56,6 +77,8 @@ class NoiseFit(Result):
     notes : sentences that ask for no action.
     other : second opinion, the coefficients by method "gls"; None for other methods than "whittle".
     conservative : coefficients that bound the curve from above, where asked for.
+    spectrum : `FittedSpectrum`, what method "whittle" was fitted to; None for other methods, and where a record is traced.
+    events : (start in s, stop in s, words) for each step, warm-up or part of the record that a warning speaks of, in order of time.
     """
 
     noise: Noise
@@ -79,6 +102,8 @@ class NoiseFit(Result):
     notes: tuple[Any, ...] = ()
     other: Noise | None = None
     conservative: Noise | None = None
+    spectrum: Any = None
+    events: tuple[Any, ...] = ()
 
     @property
     def reason(self) -> str:
@@ -129,7 +154,7 @@ def without_terms(fit: NoiseFit, names: Sequence[str], tables: bool) -> NoiseFit
 #: of the coefficients, where "unit" is that of the readings
 UNITS = {"Q": "unit s", "N": "unit sqrt(s)", "B": "unit", "K": "unit/sqrt(s)", "R": "unit/s"}
 _NUMBERS = ("interval", "upper_limit", "significance", "covariance", "goodness", "longer_record", "band", "used", "decides")
-_SENTENCES = ("left_out", "warnings", "notes")
+_SENTENCES = ("left_out", "warnings", "notes", "spectrum", "events")
 _NOISES = ("noise", "other", "conservative")
 
 

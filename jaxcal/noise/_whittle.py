@@ -17,7 +17,7 @@ from ._likelihood import density
 from ._limits import Limits, levels_of
 from ._observed import Observed
 from ._ordinates import Bins, amplitudes, bins_of, find_lines
-from ._result import PRESENT, NoiseFit, assemble, with_edf, without_terms
+from ._result import PRESENT, FittedSpectrum, NoiseFit, assemble, with_edf, without_terms
 from ._spectral import FILTER, Fitted, attempt, fit_bins, fit_whole, groups_of, uncertainty, without
 from ._stationarity import ORDINATES, Level, Unevenness, follows, levels_of_white, unevenness, unevenness_of_level
 from ._tails import Tails, tamed
@@ -168,8 +168,23 @@ def fit_record(
     if "markov" in asked:
         notes = (*notes, _messages.of_markov(fit))
     curve = with_edf(curve, used, _model_edf(curve, plain, n))
-    fit = dataclasses.replace(fit, deviation=curve, left_out=left_out, warnings=warnings, notes=notes)
+    events = (*_messages.events_of_causes(causes), *_messages.events_of_parts(levels, uneven, n * dt, dt))
+    fit = dataclasses.replace(
+        fit, deviation=curve, left_out=left_out, warnings=warnings, notes=notes, spectrum=_fitted_spectrum(solved), events=events
+    )
     return without_terms(fit, [term.name for term in extra], tables=not sought)
+
+
+def _fitted_spectrum(solved: Solved) -> FittedSpectrum:
+    """The bins of a record that hold an ordinate, beside the model; those that lines occupy are left out."""
+    bins = solved.bins
+    kept = (bins.weight > 0) & (bins.density > 0) & ~solved.taken
+    model = density(solved.fitted.bins.columns, solved.fitted.theta)
+    used = solved.fitted.bins.weight > 0
+    frequency, level, model, edf, used = (
+        np.asarray(values)[kept] for values in (bins.frequency, bins.density * bins.unit, model * bins.unit, bins.weight, used)
+    )
+    return FittedSpectrum(frequency=frequency, density=level, model=model, edf=edf, used=used)
 
 
 def fit_traced(y, rate: float, terms: tuple[Term, ...], band: tuple[float, float] | None, confidence: float) -> NoiseFit:
