@@ -193,8 +193,8 @@ class WorkerPool:
                 found[future] = f"it took longer than {seconds(future):g} s and was given up"
             elif held > memory:
                 found[future] = (
-                    f"it took more than {memory / 1e9:.3g} GB of memory and was given up; use fewer workers, a larger memory=, or a part of "
-                    "it (start, stop)"
+                    f"it took more than {memory / 1e9:.3g} GB of memory and was given up; use fewer workers, a larger memory=, or a "
+                    "part of it (start, stop)"
                 )
         for future in found:
             self._busy[future].kill()
