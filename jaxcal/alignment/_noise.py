@@ -128,6 +128,12 @@ def _channel(held: Any, sensor: str, index: int) -> Noise | None:
     return Noise(**known, **processes, further=further)
 
 
+def by_channel(noise: Any, positions: Any) -> Any:
+    """A model for each sensor of a triad, where the positions have several: one model then stands for three independent sensors."""
+    several = noise is not None and not isinstance(noise, tuple) and bool(np.any(positions.channel > 0))
+    return (noise,) * 3 if several else noise
+
+
 def check_noise(noise: Any, name: str) -> None:
     """Refuse noise without a white part, or with a coefficient that is negative or not finite (host only)."""
     for one in noise if isinstance(noise, tuple) else (noise,):

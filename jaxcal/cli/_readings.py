@@ -1,4 +1,4 @@
-"""Tables of turntable readings: one row per position."""
+"""Tables of turntable readings, one row per position; and raw logs with the table's angle."""
 
 import csv
 import re
@@ -7,7 +7,7 @@ from typing import Any
 
 from .._errors import DataError
 from .._units import factor, find_unit
-from ._options import CallError
+from ._options import CallError, Reading, read_log
 
 _NAMES = {
     "angle": ("angle", "table_angle", "tau", "azimuth_of_table"),
@@ -20,6 +20,76 @@ _NAMES = {
 _ANGLES = {"deg": 0.017453292519943295, "rad": 1.0}
 _HEADER = re.compile(r"\s*([A-Za-z_ ]+?)\s*(?:[\[(]\s*(.+?)\s*[\])])?\s*")
 _EXPECTED = "expected a header such as: angle [deg],mounting,dwell [s],accel [m/s^2],gyro [deg/h]"
+
+
+#: rows above which a table without dwells and mountings is a log
+_MOST = 200
+
+
+def holds_positions(path: Path) -> bool:
+    """Whether a file is a table with one row per position, and not a log."""
+    if path.suffix.lower() not in (".csv", ".txt", ".tsv", ""):
+        return False
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            lines = [line for _, line in zip(range(_MOST + 2), file, strict=False) if line.strip() and not line.lstrip().startswith("#")]
+    except UnicodeDecodeError:
+        return False
+    names = set() if not lines else {_named(cell)[0] for cell in next(csv.reader(lines[:1]))}
+    return bool({"dwell", "mounting"} & names) or len(lines) <= _MOST
+
+
+def _named(cell: str) -> tuple[str | None, str | None]:
+    """What the cell of a header names, and the unit in its brackets."""
+    found = _HEADER.fullmatch(cell)
+    word, unit = (found.group(1).lower().replace(" ", "_"), found.group(2)) if found else ("", None)
+    return next((name for name, words in _NAMES.items() if word in words), None), unit
+
+
+class TableLog:
+    """A raw log, and the table's angle on its samples."""
+
+    def __init__(self, path: Path, options: Reading):
+        self.path, self.options, self.log = path, options, read_log(path, options)
+
+    def __call__(self, column: str | None) -> tuple[Any, Any, list[str]]:
+        """The log, the angle in rad or None where there is no such column, and how it was read."""
+        notes = []
+        if column is None:
+            column = self._found()
+        if column is None:
+            return self.log, None, notes
+        unit = _named(column)[1] or "deg"
+        if unit not in _ANGLES:
+            raise DataError(f"{self.path}: {unit!r} is not a unit of the angle; use deg or rad")
+        # a log has no place for the angle of a table: it is read as the one quantity that has no axes, on the same grid
+        from ..io._columns import parse_columns
+
+        chosen = {name: value for name, value in parse_columns(",".join(self.options.columns or ()) or None).items() if name == "time"}
+        options = {"format": self.options.format, "rate": self.options.rate, "missing": self.options.missing}
+        units = {"temperature": "degC"} | {
+            word.partition("=")[0]: word.partition("=")[2] for word in self.options.units or () if word.startswith("time=")
+        }
+        import jaxcal
+
+        angle = jaxcal.read(self.path, columns={**chosen, "temperature": column}, units=units, quiet=True, **options)
+        if self.options.start is not None or self.options.stop is not None:
+            angle = angle.select(self.options.start, self.options.stop)
+        if len(angle.time) != len(self.log.time):
+            raise DataError(
+                f"{self.path}: the angle in column {column!r} has {len(angle.time)} samples, the sensors have {len(self.log.time)}; "
+                "give one row per sample"
+            )
+        notes.append(f"the table's angle is column {column!r}, in {unit}")
+        return self.log, angle.temperature * _ANGLES[unit], notes
+
+    def _found(self) -> str | None:
+        """The column of a text file that is called angle."""
+        if self.path.suffix.lower() not in (".csv", ".txt", ".tsv", ""):
+            return None
+        with self.path.open(newline="", encoding="utf-8-sig", errors="replace") as file:
+            first = next((line for line in file if line.strip() and not line.lstrip().startswith("#")), "")
+        return next((cell.strip() for cell in next(csv.reader([first]), []) if _named(cell)[0] == "angle"), None)
 
 
 def read_readings(path: Path) -> tuple[dict[str, Any], list[str]]:
@@ -41,9 +111,7 @@ def read_readings(path: Path) -> tuple[dict[str, Any], list[str]]:
     columns: dict[str, tuple[int, float]] = {}
     notes = []
     for i, cell in enumerate(rows[0]):
-        found = _HEADER.fullmatch(cell)
-        word, unit = (found.group(1).lower().replace(" ", "_"), found.group(2)) if found else ("", None)
-        name = next((name for name, words in _NAMES.items() if word in words), None)
+        name, unit = _named(cell)
         if name is None:
             notes.append(f"column {cell.strip()!r} is not used")
         elif name in columns:
