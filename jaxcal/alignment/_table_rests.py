@@ -7,8 +7,8 @@ from ..imu import windowed_variance
 
 #: of a window of variances: s, and samples at least
 _WINDOW, _SAMPLES = 0.25, 20
-#: variance of a window over that at rest, above which the sensor moves; at rest one window in 1e5 reaches it
-_MOVES = 4.0
+#: variance of a window over that at rest, above which the sensor moves; of normal noise one window in 1e12 reaches it
+_MOVES = 6.0
 _QUANTILE = 0.3
 #: standard deviations beyond which a sample, and the mean over a tenth of a second, do not belong to a rest
 _SAMPLE, _BLOCK_MEAN, _BLOCK = 4.5, 5.0, 0.1
@@ -30,6 +30,9 @@ def rests_of(
     if n < 4 * size:
         raise DataError(f"The log has {n} samples, less than four windows of {size}; record longer.")
     still = np.ones(n, dtype=bool)
+    # a sensor that is slower than the log is missing in most samples, and says nothing of these
+    there = {name: np.isfinite(x).all(axis=1) for name, x in samples.items()}
+    samples = {name: x for name, x in samples.items() if np.mean(there[name]) > 0.5} or samples
     for name, x in samples.items():
         variance = windowed_variance(np.repeat(x, 3 // x.shape[1], axis=1), size)
         changing = variance[np.isfinite(variance) & (variance > 0)]
@@ -40,6 +43,11 @@ def rests_of(
             still &= ~_turning(x, size)
     if recorded is not None:
         still &= _unmoved(recorded, size)
+    # windows with more samples missing than present are not still: what is left are single gaps
+    samples = {
+        name: np.stack([np.interp(np.arange(n), np.flatnonzero(there[name]), column[there[name]]) for column in x.T], axis=1)
+        for name, x in samples.items()
+    }
     edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int8)))
     ends = [
         trimmed
@@ -82,7 +90,7 @@ def _trimmed(
 ) -> tuple[int, int] | None:
     """A still stretch with its ends where the motion ends: outwards while samples belong to it, then inwards while it still swings."""
     x = np.concatenate([*samples.values(), *([] if recorded is None else [recorded[:, None]])], axis=1)
-    middle, scatter = np.nanmean(x[first:last], axis=0), np.nanstd(x[first:last], axis=0)
+    middle, scatter = np.mean(x[first:last], axis=0), np.std(x[first:last], axis=0)
     scatter = np.maximum(scatter, 1e-12 + 1e-9 * np.abs(middle))
     if recorded is not None:
         scatter[-1] = max(scatter[-1], _STEADY / _SAMPLE)
@@ -103,12 +111,12 @@ def _trimmed(
 def _settled(x: np.ndarray, start: int, block: int, most: int) -> tuple[int, int]:
     """Start and stop without the blocks at both ends whose means do not agree with the middle."""
     inside = x[most : len(x) - most]
-    level = np.nanmean(inside, axis=0)
-    means = np.nanmean(inside[: len(inside) // block * block].reshape(-1, block, x.shape[1]), axis=1)
-    scatter = np.maximum(np.nanstd(means, axis=0), np.nanstd(inside, axis=0) / np.sqrt(block))
+    level = np.mean(inside, axis=0)
+    means = np.mean(inside[: len(inside) // block * block].reshape(-1, block, x.shape[1]), axis=1)
+    scatter = np.maximum(np.std(means, axis=0), np.std(inside, axis=0) / np.sqrt(block))
 
     def swings(part: np.ndarray) -> bool:
-        return bool(np.any(np.abs(np.nanmean(part, axis=0) - level) > _BLOCK_MEAN * scatter))
+        return bool(np.any(np.abs(np.mean(part, axis=0) - level) > _BLOCK_MEAN * scatter))
 
     low, high = 0, len(x)
     while low + block <= most and swings(x[low : low + block]):

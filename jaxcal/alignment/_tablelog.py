@@ -17,6 +17,8 @@ from ._table_rests import rests_of
 
 #: a move that turns by less is none, rad; part of a move that may be about another axis
 _NO_MOVE, _ASIDE = np.deg2rad(1.0), 0.05
+#: s; a table does not move to another position in less
+_BUMP = 1.2
 #: standard deviation of the angle between the z axes and the axis of the moves, rad
 _SKEW = 5e-3
 _AXES = "xyz"
@@ -114,7 +116,9 @@ def from_log(
     ----------
     Rests: D. Tedaldi, A. Pretto and E. Menegatti, ICRA 2014, section IV-A.
     """
-    samples = {name: np.asarray(v, dtype=float).reshape(len(v), -1) for name in ("accel", "gyro") if (v := getattr(log, name)) is not None}
+    samples = {name: np.array(v, dtype=float).reshape(len(v), -1) for name in ("accel", "gyro") if (v := getattr(log, name)) is not None}
+    for x in samples.values():
+        x[~np.isfinite(x).all(axis=1)] = np.nan
     if not samples:
         raise DataError("The log has neither accelerometer nor gyroscope; give a log with at least one of them.")
     if any(x.shape[1] == 2 for x in samples.values()):
@@ -195,6 +199,11 @@ def _angles(
     count = len(start)
     if given is not None:
         angle = np.asarray(given, dtype=float)
+        # a spike, a bump or missing samples part a rest in two
+        there = np.all([np.isfinite(x).any(axis=1) for x in samples.values()], axis=0)
+        between = np.array([np.count_nonzero(there[i:j]) for i, j in zip(stop[:-1], start[1:], strict=True)])
+        place = np.concatenate([[0], np.cumsum(between / rate > _BUMP)])
+        angle = angle[place] if angle.shape == (place[-1] + 1,) else angle
         if angle.shape != (count,):
             raise DataError(f"{angle.size} angles were given for {count} rests of {_lengths(start, stop, rate)} s; give one for each.")
     elif recorded is not None:

@@ -84,6 +84,23 @@ def test_an_angle_that_grows_the_other_way_is_turned(made):
     assert any("sign was turned" in note for note in found.notes)
 
 
+def test_gaps_spikes_and_a_slow_sensor_cost_their_samples_and_no_more(made):
+    time, angle, accel, gyro, rests, _ = made
+    rng = np.random.default_rng(1)
+    accel, gyro = accel.copy(), gyro.copy()
+    accel[rng.random(len(accel)) < 0.02] = np.nan
+    gyro[rests[1, 0] + 300] += 1.0
+    gyro[rests[2, 0] + 300 : rests[2, 0] + 340] = np.nan
+    noise = {"accel": world.ACCEL[0], "gyro": world.GYRO[0]}
+    found = from_log(jaxcal.Log(time, accel=accel, gyro=gyro), angles=np.array([0, 90, 180, 270]) * DEG, noise=noise)
+    np.testing.assert_allclose(np.rad2deg(found.angle), [0, 90, 90, 180, 180, 270])
+    got = found.fit(world.LATITUDE)
+    assert abs(got.psi - ATTITUDE[2]) < 4 * got.std["psi"] + 0.001
+    slow = np.where((np.arange(len(accel)) % 5 == 0)[:, None], made[2], np.nan)
+    found = from_log(jaxcal.Log(time, accel=slow, gyro=made[3]), angle=angle, noise=noise)
+    np.testing.assert_allclose(np.rad2deg(found.angle), [0, 90, 180, 270], atol=1e-3)
+
+
 def test_a_known_azimuth_calibrates_the_gyro():
     rng, inside, ratio = np.random.default_rng(6), [], []
     for _ in range(4):
