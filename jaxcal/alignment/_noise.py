@@ -169,7 +169,10 @@ def covariance_of(noise: Any, places: Any, here: AnyArray) -> AnyArray:
     xp = array_module(axes, places, here)
     mine = [here & (places.channel == i) if len(axes) > 1 else here for i in range(len(axes))]
     if all(white_alone(one) for one in axes):
-        return sum((xp.where(part, one.N**2 / places.dwell, 0) for part, one in zip(mine, axes, strict=True)), xp.where(here, 0.0, 1.0))
+        variance = xp.where(here, 0.0, 1.0)
+        for part, one in zip(mine, axes, strict=True):
+            variance = variance + xp.where(part, one.N**2 / places.dwell, 0)
+        return variance
     total = xp.diag(xp.where(here, 0.0, 1.0))
     for part, one in zip(mine, axes, strict=True):
         total = total + xp.where(

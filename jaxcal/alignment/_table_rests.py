@@ -67,8 +67,7 @@ def rests_of(
 
 def _turning(gyro: np.ndarray, size: int) -> np.ndarray:
     """Samples at which the mean rate over a window is off its median by more than a table at rest shows."""
-    there = np.isfinite(gyro).all(axis=1)
-    filled = np.where(there[:, None], gyro - np.nanmedian(gyro, axis=0), 0.0)
+    filled = np.where(np.isfinite(gyro).all(axis=1, keepdims=True), gyro - np.nanmedian(gyro, axis=0), 0.0)
     sums = np.cumsum(np.concatenate([np.zeros((1, 3)), filled]), axis=0)
     low, high = (np.clip(np.arange(len(gyro)) + shift, 0, len(gyro)) for shift in (-(size // 2), size // 2 + 1))
     mean = (sums[high] - sums[low]) / (high - low)[:, None]

@@ -110,7 +110,7 @@ def from_log(
     >>> accel = -0.2 * np.sin(angle) + 1e-3 * rng.normal(size=time.size)
     >>> found = jaxcal.alignment.from_log(jaxcal.Log(time, gyro=gyro, accel=accel), angle=angle)
     >>> print(np.rad2deg(found.angle).round(1), np.rad2deg(found.fit(0.6).psi).round(1))
-    [  0.  90. 180. 270.] 28.6
+    [  0.  90. 180. 270.] 27.7
 
     References
     ----------

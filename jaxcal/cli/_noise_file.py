@@ -45,5 +45,5 @@ def _noise(channel: dict[str, Any]) -> Any:
     for name, shape in channel.get("shapes", {}).items():
         if shape.get("class") != "PowerLaw":
             raise DataError(f"the term {name!r} of class {shape.get('class')} is not known here; give the calibration.json instead")
-        further.append((float(channel[name]["value"]), PowerLaw(float(shape["exponent"]), name=name)))
+        further.append((float(channel[name]["value"]), PowerLaw(exponent=float(shape["exponent"]), name=name)))
     return Noise(**letters, **{name: tuple(map(tuple, channel.get(name, ()))) for name in ("markov", "sinusoid")}, further=tuple(further))

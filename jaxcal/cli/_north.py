@@ -13,7 +13,7 @@ from ._cache import keep_compiled
 from ._noise_file import read_noise
 from ._options import WRITING, CallError, Latitude, Reading, Running, must_exist, picture
 from ._outputs import File, figure, outputs, save_json, save_report, staged
-from ._readings import TableLog, holds_positions, read_readings
+from ._readings import holds_positions, read_readings, read_table_log
 from ._screen import Screen, progress, show_log, show_written
 from ._simulate import noises
 
@@ -125,14 +125,14 @@ def north(
     with staged(plan, inputs=[readings]) as places:
         raw = table.angles is not None or table.angle_column is not None or not holds_positions(readings)
         with progress(f"reading {readings.name}", running.quiet):
-            given = TableLog(readings, reading) if raw else read_readings(readings)
+            given = read_table_log(readings, reading, table.angle_column) if raw else read_readings(readings)
         with progress("fitting", running.quiet):
             keep_compiled()
             make = _from_log if raw else _from_table
             data, found, head, notes = make(given, place, table, source, told, axis, azimuth, options)
             said = [sentence for target, write in plan.items() for sentence in write(places[target], found, data) or ()]
     if raw:
-        show_log(screen, given.log)
+        show_log(screen, given[0])
     screen.line(f"{readings.name}: {head}")
     screen.sentences("How it was read", notes)
     _table(screen, found)
@@ -169,7 +169,7 @@ def _from_log(
     """The same from a raw log."""
     from jaxcal.alignment import from_log, noise_of
 
-    log, column, notes = given(table.angle_column)
+    log, column, notes = given
     angles = None if table.angles is None else _angles(",".join(table.angles))
     several = any(values is not None and values.shape[1] > 1 for values in (log.gyro, log.accel))
     known = ({} if source is None else noise_of(source, None if several else axis)) | {f"{name}_noise": one for name, one in told.items()}

@@ -46,50 +46,45 @@ def _named(cell: str) -> tuple[str | None, str | None]:
     return next((name for name, words in _NAMES.items() if word in words), None), unit
 
 
-class TableLog:
-    """A raw log, and the table's angle on its samples."""
+def read_table_log(path: Path, options: Reading, column: str | None) -> tuple[Any, Any, list[str]]:
+    """A raw log, the table's angle on its samples in rad or None where there is no such column, and how it was read."""
+    log = read_log(path, options)
+    cell = _angle_cell(path, column)
+    if cell is None:
+        return log, None, []
+    import jaxcal
 
-    def __init__(self, path: Path, options: Reading):
-        self.path, self.options, self.log = path, options, read_log(path, options)
+    from ..io._columns import parse_columns, parse_units
 
-    def __call__(self, column: str | None) -> tuple[Any, Any, list[str]]:
-        """The log, the angle in rad or None where there is no such column, and how it was read."""
-        notes = []
-        if column is None:
-            column = self._found()
-        if column is None:
-            return self.log, None, notes
-        unit = _named(column)[1] or "deg"
-        if unit not in _ANGLES:
-            raise DataError(f"{self.path}: {unit!r} is not a unit of the angle; use deg or rad")
-        # a log has no place for the angle of a table: it is read as the one quantity that has no axes, on the same grid
-        from ..io._columns import parse_columns
+    unit = _named(cell)[1]
+    if (unit or "deg") not in _ANGLES:
+        raise DataError(f"{path}: {unit!r} is not a unit of the angle; use deg or rad")
+    # a log has no place for the angle of a table: it is read as the one quantity that has no axes, on the same grid
+    columns = {name: one for name, one in parse_columns(",".join(options.columns or ()) or None).items() if name == "time"}
+    units = {name: one for name, one in parse_units(",".join(options.units or ()) or None).items() if name == "time"}
+    angle = jaxcal.read(
+        path, columns=columns | {"temperature": cell}, units=units | {"temperature": "degC"}, quiet=True, format=options.format,
+        rate=options.rate, missing=options.missing,
+    )  # fmt: skip
+    if options.start is not None or options.stop is not None:
+        angle = angle.select(options.start, options.stop)
+    values = angle.temperature
+    if values is None or len(values) != len(log.time):
+        raise DataError(f"{path}: the angle in column {cell!r} is not on the samples of the sensors; give one row per sample")
+    return log, values * _ANGLES[unit or "deg"], [f"the table's angle is column {cell!r}, in {unit or 'deg, which its name does not say'}"]
 
-        chosen = {name: value for name, value in parse_columns(",".join(self.options.columns or ()) or None).items() if name == "time"}
-        options = {"format": self.options.format, "rate": self.options.rate, "missing": self.options.missing}
-        units = {"temperature": "degC"} | {
-            word.partition("=")[0]: word.partition("=")[2] for word in self.options.units or () if word.startswith("time=")
-        }
-        import jaxcal
 
-        angle = jaxcal.read(self.path, columns={**chosen, "temperature": column}, units=units, quiet=True, **options)
-        if self.options.start is not None or self.options.stop is not None:
-            angle = angle.select(self.options.start, self.options.stop)
-        if len(angle.time) != len(self.log.time):
-            raise DataError(
-                f"{self.path}: the angle in column {column!r} has {len(angle.time)} samples, the sensors have {len(self.log.time)}; "
-                "give one row per sample"
-            )
-        notes.append(f"the table's angle is column {column!r}, in {unit}")
-        return self.log, angle.temperature * _ANGLES[unit], notes
-
-    def _found(self) -> str | None:
-        """The column of a text file that is called angle."""
-        if self.path.suffix.lower() not in (".csv", ".txt", ".tsv", ""):
-            return None
-        with self.path.open(newline="", encoding="utf-8-sig", errors="replace") as file:
-            first = next((line for line in file if line.strip() and not line.lstrip().startswith("#")), "")
-        return next((cell.strip() for cell in next(csv.reader([first]), []) if _named(cell)[0] == "angle"), None)
+def _angle_cell(path: Path, column: str | None) -> str | None:
+    """Name of the column with the table's angle as the header has it: the one asked for, or one that is called angle."""
+    if path.suffix.lower() not in (".csv", ".txt", ".tsv", ""):
+        return column
+    with path.open(newline="", encoding="utf-8-sig", errors="replace") as file:
+        first = next((line for line in file if line.strip() and not line.lstrip().startswith("#")), "")
+    cells = [cell.strip() for cell in re.split(r"[,;\t]", first)]
+    if column is None:
+        return next((cell for cell in cells if _named(cell)[0] == "angle"), None)
+    bare = lambda text: re.sub(r"[\[(].*", "", text).strip().lower()  # noqa: E731
+    return next((cell for cell in cells if column in (cell, bare(cell)) or column.lower() == bare(cell)), column)
 
 
 def read_readings(path: Path) -> tuple[dict[str, Any], list[str]]:
