@@ -57,6 +57,18 @@ def si_unit(quantity: str) -> str:
     return _QUANTITIES[quantity][0]
 
 
+def units_of(quantity: str) -> dict[str, float]:
+    """Units of a quantity with the SI value of one.
+
+    Examples
+    --------
+    >>> from jaxcal._units import units_of
+    >>> units_of("accel")["g"]
+    9.80665
+    """
+    return dict(_QUANTITIES[quantity][1])
+
+
 def find_unit(text: str, quantity: str) -> str | None:
     """Canonical unit that `text` spells for `quantity`, or None.
 
