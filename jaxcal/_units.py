@@ -57,6 +57,18 @@ def si_unit(quantity: str) -> str:
     return _QUANTITIES[quantity][0]
 
 
+def units_of(quantity: str) -> dict[str, float]:
+    """Units of a quantity with the SI value of one.
+
+    Examples
+    --------
+    >>> from jaxcal._units import units_of
+    >>> units_of("accel")["g"]
+    9.80665
+    """
+    return dict(_QUANTITIES[quantity][1])
+
+
 def find_unit(text: str, quantity: str) -> str | None:
     """Canonical unit that `text` spells for `quantity`, or None.
 
@@ -111,10 +123,10 @@ _NOISE: dict[tuple[str, str], dict[str, float]] = {
     ("K", "accel"): {"m/s/h^(3/2)": 3600**-1.5, "mg/sqrt(s)": STANDARD_GRAVITY * 1e-3, "m/s^2/sqrt(s)": 1.0},
     ("R", "accel"): {"mg/h": STANDARD_GRAVITY * 1e-3 / 3600, "m/s^3": 1.0},
     ("Q", "mag"): {"uT s": 1e-6, "T s": 1.0},
-    ("N", "mag"): {"nT/sqrt(Hz)": 1e-9, "T/sqrt(Hz)": 1.0},
-    ("B", "mag"): {"nT": 1e-9, "T": 1.0},
-    ("K", "mag"): {"nT/sqrt(s)": 1e-9, "T/sqrt(s)": 1.0},
-    ("R", "mag"): {"nT/h": 1e-9 / 3600, "T/s": 1.0},
+    ("N", "mag"): {"nT/sqrt(Hz)": 1e-9, "uT/sqrt(Hz)": 1e-6, "T/sqrt(Hz)": 1.0},
+    ("B", "mag"): {"nT": 1e-9, "uT": 1e-6, "T": 1.0},
+    ("K", "mag"): {"nT/sqrt(s)": 1e-9, "uT/sqrt(s)": 1e-6, "T/sqrt(s)": 1.0},
+    ("R", "mag"): {"nT/h": 1e-9 / 3600, "uT/h": 1e-6 / 3600, "T/s": 1.0},
 }  # fmt: skip
 
 

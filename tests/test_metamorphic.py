@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from jaxcal import alignment, allan, imu, magnetometer, noise, spectrum, temperature
 from jaxcal.alignment import Positions, Readings, Sensor
+from jaxcal.noise import Noise
 
 # ruff: noqa: RUF005 (sums of arrays)
 
@@ -289,7 +290,7 @@ def test_alignment():
     made = alignment.simulate(positions, np.deg2rad([3.0, -2.0, 40.0]), latitude, accel=accel, gyro=gyro, seed=3)
 
     def changed(angles=angles, accel=made.accel, gyro=made.gyro, noise=1.0):
-        louder = [Sensor(white=noise * float(sensor.white)) for sensor in (made.accel_noise, made.gyro_noise)]
+        louder = [Noise(N=noise * float(one.N)) for one in (made.accel_noise, made.gyro_noise)]
         return Readings(Positions(angles, dwell=60.0), np.asarray(accel), np.asarray(gyro), accel_noise=louder[0], gyro_noise=louder[1])
 
     fit = lambda readings: alignment.fit(readings, latitude)  # noqa: E731

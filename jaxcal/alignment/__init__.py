@@ -18,3 +18,4 @@ from ._plan import Plan as Plan, best_angle as best_angle, plan as plan
 from ._positions import Geometry as Geometry, Positions as Positions, Readings as Readings
 from ._readings import Carousel as Carousel, carousel as carousel, simulate as simulate
 from ._result import NO_NUMBER as NO_NUMBER, AlignmentFit as AlignmentFit, Bound as Bound, Verdict as Verdict, verdict_name as verdict_name
+from ._tablelog import TableLog as TableLog, from_log as from_log

@@ -13,7 +13,7 @@ from .._errors import DataError
 from .._precision import array_module, host_float64, is_traced
 from .._types import Array
 from ._model import NAMES, Table, Turntable, in_one_type, residuals, tabulate, turntable, with_angle_errors, with_values
-from ._noise import IDEAL, Sensor, as_noise, check_noise
+from ._noise import IDEAL, Sensor, as_noise, by_channel, check_noise
 from ._positions import GRAVITY, Readings, as_positions, check_gravity, check_latitude
 from ._result import Bound, know, sizes_of
 from ._start import free_of, priors_of
@@ -85,7 +85,9 @@ def crlb(
     check_gravity(gravity)
     chosen = free_of(free, priors, positions, latitude, (True, True), NAMES)
     certainty = priors_of(priors, NAMES)[1]
-    noise = [given_noise(accel_noise, "accelerometer noise"), given_noise(gyro_noise, "gyro noise")]
+    noise = [
+        by_channel(given_noise(one, f"{name} noise"), positions) for name, one in (("accelerometer", accel_noise), ("gyro", gyro_noise))
+    ]
     attitude = attitude if is_traced(attitude) else np.asarray(attitude, dtype=float)
     if attitude.shape != (3,):
         raise DataError(f"The attitude has shape {attitude.shape}; give (roll, pitch, azimuth) in rad.")

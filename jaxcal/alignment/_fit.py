@@ -29,6 +29,7 @@ from ._model import (
     with_values,
 )  # fmt: skip
 from ._noise import check_noise, covariance_of, noise_of
+from ._plausible import check_readings
 from ._positions import GRAVITY, Readings, check_gravity, check_latitude, wrap
 from ._result import AlignmentFit, Verdict, decided, know, sizes_of
 from ._start import check_latitude_free, check_names, free_of, initial_guess, priors_of
@@ -134,6 +135,7 @@ def fit(
         told = noise_of(noise, None if isinstance(model, Triads) else "x")
         readings = dataclasses.replace(readings, **{name: one for name, one in told.items() if one is not None})
     known = {name: getattr(readings, f"{name}_noise") for name in _SENSORS}
+    check_readings(readings)
     for name in sensors:
         check_noise(known[name], f"{_SENSORS[name]} noise")
     unknown = [name for name in sensors if known[name] is None]

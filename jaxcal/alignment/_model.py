@@ -105,14 +105,18 @@ class Turntable(eqx.Module):
 
 
 class Triads(Turntable):
-    """A turntable with a full IMU: every axis has a bias of its own; scale errors and misalignments are common to the axes.
+    r"""A turntable with a full IMU: every axis has a bias of its own, and the z axes need not be parallel to the table's axis.
 
-    Correct the readings with the calibration of the IMU first, so that these are small. The mountings of its rows are "x", "y" and
-    "fixed z".
+    .. math:: m_z = f_z + MA_{zx} f_x + MA_{zy} f_y + b_z
+
+    Scale errors and the other misalignments are common to the axes. Correct the readings with the calibration of the IMU first, so that
+    these are small. That the x and y axes are not square to the table's axis adds a constant, which is part of their biases. The mountings
+    of the rows are "x", "y" and "fixed z".
 
     Attributes
     ----------
     b_a_y, b_a_z, b_g_y, b_g_z : biases of the y and z axes; those of the x axes are b_a and b_g.
+    ma_a_zx, ma_a_zy, ma_g_zx, ma_g_zy : misalignments of the z axes towards x and y, rad.
 
     Examples
     --------
@@ -130,22 +134,31 @@ class Triads(Turntable):
     b_a_z: Any = 0.0
     b_g_y: Any = 0.0
     b_g_z: Any = 0.0
+    ma_a_zx: Any = 0.0
+    ma_a_zy: Any = 0.0
+    ma_g_zx: Any = 0.0
+    ma_g_zy: Any = 0.0
 
     def measure(self, positions: Any, *, gravity: Any = GRAVITY, lever_arm: Any = 0.0) -> tuple[AnyArray, AnyArray]:
-        """As of `Turntable`, with the bias of each axis."""
+        """As of `Turntable`, with the bias of each axis and the misalignment of the z axes."""
         places = geometry(positions, gravity, lever_arm)
-        xp, (accel, gyro) = array_module(self, places), super().measure(places)
-        more = [(self.b_a_y - self.b_a, self.b_g_y - self.b_g), (self.b_a_z - self.b_a, self.b_g_z - self.b_g)]
-        for channel, (force, rate) in enumerate(more, 1):
-            here = places.channel == channel
-            accel, gyro = accel + xp.where(here, force, 0), gyro + xp.where(here, rate, 0)
-        return accel, gyro
+        xp, readings, truth = array_module(self, places), super().measure(places), self.truth(places)
+        errors = (
+            (self.b_a, self.b_a_y, self.b_a_z, self.ma_a_zx, self.ma_a_zy), (self.b_g, self.b_g_y, self.b_g_z, self.ma_g_zx, self.ma_g_zy),
+        )  # fmt: skip
+        made = []
+        for reading, true, (x, y, z, towards_x, towards_y) in zip(readings, truth, errors, strict=True):
+            # the cross axes of a sensor on z are x and y
+            vertical = z - x + towards_x * true[:, 1] + towards_y * true[:, 2]
+            made.append(reading + xp.where(places.channel == 1, y - x, xp.where(places.channel == 2, vertical, 0)))
+        return made[0], made[1]
 
 
 NAMES = tuple(field.name for field in dataclasses.fields(Turntable))
 #: parameter -> its unit; a parameter of a subclass has none here
 UNITS = dict(zip(NAMES, ("rad",) * 3 + ("m/s^2", "", "rad/s", "") + ("rad",) * 4 + ("m/s^3", "rad/s^2", "rad"), strict=True))
 UNITS |= {"b_a_y": "m/s^2", "b_a_z": "m/s^2", "b_g_y": "rad/s", "b_g_z": "rad/s"}
+UNITS |= {f"ma_{sensor}_z{axis}": "rad" for sensor in "ag" for axis in "xy"}
 ANGLES = NAMES[:3]
 
 

@@ -128,6 +128,12 @@ def _channel(held: Any, sensor: str, index: int) -> Noise | None:
     return Noise(**known, **processes, further=further)
 
 
+def by_channel(noise: Any, positions: Any) -> Any:
+    """A model for each sensor of a triad, where the positions have several: one model then stands for three independent sensors."""
+    several = noise is not None and not isinstance(noise, tuple) and bool(np.any(positions.channel > 0))
+    return (noise,) * 3 if several else noise
+
+
 def check_noise(noise: Any, name: str) -> None:
     """Refuse noise without a white part, or with a coefficient that is negative or not finite (host only)."""
     for one in noise if isinstance(noise, tuple) else (noise,):
@@ -163,7 +169,10 @@ def covariance_of(noise: Any, places: Any, here: AnyArray) -> AnyArray:
     xp = array_module(axes, places, here)
     mine = [here & (places.channel == i) if len(axes) > 1 else here for i in range(len(axes))]
     if all(white_alone(one) for one in axes):
-        return sum((xp.where(part, one.N**2 / places.dwell, 0) for part, one in zip(mine, axes, strict=True)), xp.where(here, 0.0, 1.0))
+        variance = xp.where(here, 0.0, 1.0)
+        for part, one in zip(mine, axes, strict=True):
+            variance = variance + xp.where(part, one.N**2 / places.dwell, 0)
+        return variance
     total = xp.diag(xp.where(here, 0.0, 1.0))
     for part, one in zip(mine, axes, strict=True):
         total = total + xp.where(

@@ -10,7 +10,7 @@ import numpy as np
 from .._errors import DataError
 from .._precision import array_module, is_traced
 from .._types import AnyArray, Array
-from ._noise import as_noise, covariance_of
+from ._noise import as_noise, by_channel, covariance_of
 
 #: rad/s, and m/s^2
 EARTH_RATE = 7.292115e-5
@@ -170,7 +170,8 @@ class Readings(eqx.Module):
             if values is not None and values.shape != (len(self.positions),):
                 raise DataError(f"There are {name} readings of shape {values.shape} for {len(self.positions)} positions; give one each.")
             setattr(self, name, values)
-        self.accel_noise, self.gyro_noise = as_noise(accel_noise, "accelerometer noise"), as_noise(gyro_noise, "gyro noise")
+        self.accel_noise = by_channel(as_noise(accel_noise, "accelerometer noise"), self.positions)
+        self.gyro_noise = by_channel(as_noise(gyro_noise, "gyro noise"), self.positions)
         self.lever_arm = lever_arm
 
     def white(self, sensor: str) -> Any:
@@ -313,9 +314,9 @@ def harmonics(readings: Readings, sensor: str, mounting: str, unit: Any, offset:
 
 
 def check_gravity(gravity: Any) -> Any:
-    """Gravity, positive and in m/s^2."""
-    if not is_traced(gravity) and not 9.5 < float(gravity) < 10.1:
-        raise DataError(f"The gravity is {float(gravity):g}; give local gravity in m/s^2, {GRAVITY} where it is not known.")
+    """Gravity, in m/s^2: that of a place on the Earth."""
+    if not is_traced(gravity) and not 9.76 <= float(gravity) <= 9.84:
+        raise DataError(f"The gravity is {float(gravity):g}; on the Earth it is 9.76 to 9.84 m/s^2. Take {GRAVITY} where it is not known.")
     return gravity
 
 

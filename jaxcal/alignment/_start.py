@@ -17,7 +17,8 @@ _ANGLES = ("phi", "theta", "psi", "latitude")
 _FEW_ANGLES = 3
 #: sensor -> what cannot be free without it
 _NEEDED = {
-    "accelerometer": ("b_a", "s_a", "ma_a_xy", "ma_a_xz", "b_a_rate", "b_a_y", "b_a_z"), "gyro": ("psi", "b_g", "s_g", "b_g_y", "b_g_z")
+    "accelerometer": ("b_a", "s_a", "ma_a_xy", "ma_a_xz", "b_a_rate", "b_a_y", "b_a_z", "ma_a_zx", "ma_a_zy"),
+    "gyro": ("psi", "b_g", "s_g", "b_g_y", "b_g_z", "ma_g_zx", "ma_g_zy"),
 }  # fmt: skip
 _GRID = 360
 

@@ -194,8 +194,7 @@ class WorkerPool:
             elif held > memory:
                 found[future] = (
                     f"it took more than {memory / 1e9:.3g} GB of memory and was given up; use fewer workers, a larger memory=, or a "
-                    "part of "
-                    "it (start, stop)"
+                    "part of it (start, stop)"
                 )
         for future in found:
             self._busy[future].kill()

@@ -1,4 +1,4 @@
-"""Tables of turntable readings: one row per position."""
+"""Tables of turntable readings, one row per position; and raw logs with the table's angle."""
 
 import csv
 import re
@@ -7,7 +7,7 @@ from typing import Any
 
 from .._errors import DataError
 from .._units import factor, find_unit
-from ._options import CallError
+from ._options import CallError, Reading, read_log
 
 _NAMES = {
     "angle": ("angle", "table_angle", "tau", "azimuth_of_table"),
@@ -20,6 +20,71 @@ _NAMES = {
 _ANGLES = {"deg": 0.017453292519943295, "rad": 1.0}
 _HEADER = re.compile(r"\s*([A-Za-z_ ]+?)\s*(?:[\[(]\s*(.+?)\s*[\])])?\s*")
 _EXPECTED = "expected a header such as: angle [deg],mounting,dwell [s],accel [m/s^2],gyro [deg/h]"
+
+
+#: rows above which a table without dwells and mountings is a log
+_MOST = 200
+
+
+def holds_positions(path: Path) -> bool:
+    """Whether a file is a table with one row per position, and not a log."""
+    if path.suffix.lower() not in (".csv", ".txt", ".tsv", ""):
+        return False
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            lines = [line for _, line in zip(range(_MOST + 2), file, strict=False) if line.strip() and not line.lstrip().startswith("#")]
+    except UnicodeDecodeError:
+        return False
+    names = set() if not lines else {_named(cell)[0] for cell in next(csv.reader(lines[:1]))}
+    return bool({"dwell", "mounting"} & names) or len(lines) <= _MOST
+
+
+def _named(cell: str) -> tuple[str | None, str | None]:
+    """What the cell of a header names, and the unit in its brackets."""
+    found = _HEADER.fullmatch(cell)
+    word, unit = (found.group(1).lower().replace(" ", "_"), found.group(2)) if found else ("", None)
+    return next((name for name, words in _NAMES.items() if word in words), None), unit
+
+
+def read_table_log(path: Path, options: Reading, column: str | None) -> tuple[Any, Any, list[str]]:
+    """A raw log, the table's angle on its samples in rad or None where there is no such column, and how it was read."""
+    log = read_log(path, options)
+    cell = _angle_cell(path, column)
+    if cell is None:
+        return log, None, []
+    import jaxcal
+
+    from ..io._columns import parse_columns, parse_units
+
+    unit = _named(cell)[1]
+    if (unit or "deg") not in _ANGLES:
+        raise DataError(f"{path}: {unit!r} is not a unit of the angle; use deg or rad")
+    # a log has no place for the angle of a table: it is read as the one quantity that has no axes, on the same grid
+    columns = {name: one for name, one in parse_columns(",".join(options.columns or ()) or None).items() if name == "time"}
+    units = {name: one for name, one in parse_units(",".join(options.units or ()) or None).items() if name == "time"}
+    angle = jaxcal.read(
+        path, columns=columns | {"temperature": cell}, units=units | {"temperature": "degC"}, quiet=True, format=options.format,
+        rate=options.rate, missing=options.missing,
+    )  # fmt: skip
+    if options.start is not None or options.stop is not None:
+        angle = angle.select(options.start, options.stop)
+    values = angle.temperature
+    if values is None or len(values) != len(log.time):
+        raise DataError(f"{path}: the angle in column {cell!r} is not on the samples of the sensors; give one row per sample")
+    return log, values * _ANGLES[unit or "deg"], [f"the table's angle is column {cell!r}, in {unit or 'deg, which its name does not say'}"]
+
+
+def _angle_cell(path: Path, column: str | None) -> str | None:
+    """Name of the column with the table's angle as the header has it: the one asked for, or one that is called angle."""
+    if path.suffix.lower() not in (".csv", ".txt", ".tsv", ""):
+        return column
+    with path.open(newline="", encoding="utf-8-sig", errors="replace") as file:
+        first = next((line for line in file if line.strip() and not line.lstrip().startswith("#")), "")
+    cells = [cell.strip() for cell in re.split(r"[,;\t]", first)]
+    if column is None:
+        return next((cell for cell in cells if _named(cell)[0] == "angle"), None)
+    bare = lambda text: re.sub(r"[\[(].*", "", text).strip().lower()  # noqa: E731
+    return next((cell for cell in cells if column in (cell, bare(cell)) or column.lower() == bare(cell)), column)
 
 
 def read_readings(path: Path) -> tuple[dict[str, Any], list[str]]:
@@ -41,9 +106,7 @@ def read_readings(path: Path) -> tuple[dict[str, Any], list[str]]:
     columns: dict[str, tuple[int, float]] = {}
     notes = []
     for i, cell in enumerate(rows[0]):
-        found = _HEADER.fullmatch(cell)
-        word, unit = (found.group(1).lower().replace(" ", "_"), found.group(2)) if found else ("", None)
-        name = next((name for name, words in _NAMES.items() if word in words), None)
+        name, unit = _named(cell)
         if name is None:
             notes.append(f"column {cell.strip()!r} is not used")
         elif name in columns:

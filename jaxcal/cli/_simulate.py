@@ -184,7 +184,7 @@ def simulate_north(
     dwell: Annotated[
         float, checked("--dwell", lambda dwell: 0 < dwell < math.inf, "a positive number of s", "Time on each position in s.")
     ] = 60.0,
-    gyro: Annotated[str, Parameter(help="Noise of the gyro; N and K count.")] = "N=0.01deg/sqrt(h)",
+    gyro: Annotated[str, Parameter(help="Noise of the gyro; N, B and K count.")] = "N=0.01deg/sqrt(h)",
     accel: Annotated[str, Parameter(help="Noise of the accelerometer.")] = "N=0.03m/s/sqrt(h)",
     gyro_bias: Annotated[float, Parameter(help="In deg/h.")] = 0.0,
     accel_bias: Annotated[float, Parameter(help="In micro-g.")] = 0.0,
@@ -202,8 +202,22 @@ def simulate_north(
         from ..alignment import Positions, Sensor, simulate
 
         known = Positions([angle * _DEG for _, angle in places], [word for word, _ in places], dwell)
-        rate = Sensor(gyro_scale * 1e-6, (0.0, 0.0), gyro_bias * _DEG / 3600, white=float(noise[0].N), walk=float(noise[0].K))
-        force = Sensor(accel_scale * 1e-6, (0.0, 0.0), accel_bias * 9.80665e-6, white=float(noise[1].N), walk=float(noise[1].K))
+        rate = Sensor(
+            gyro_scale * 1e-6,
+            (0.0, 0.0),
+            gyro_bias * _DEG / 3600,
+            white=float(noise[0].N),
+            walk=float(noise[0].K),
+            flicker=float(noise[0].B),
+        )
+        force = Sensor(
+            accel_scale * 1e-6,
+            (0.0, 0.0),
+            accel_bias * 9.80665e-6,
+            white=float(noise[1].N),
+            walk=float(noise[1].K),
+            flicker=float(noise[1].B),
+        )
         found = simulate(known, [angle * _DEG for angle in angles], latitude * _DEG, accel=force, gyro=rate, seed=running.seed)
         lines = ["angle [deg],mounting,dwell [s],accel [m/s^2],gyro [deg/h]"]
         for (word, angle), a, w in zip(places, found.accel, found.gyro, strict=True):

@@ -111,6 +111,8 @@ def guide(
     weight, covariance = slopes.T @ slopes / len(slopes), np.asarray(found.covariance)
     grid = sphere_grid()
     points = grid @ np.linalg.inv(root(shape)) if choice is None else choice - centre
+    # on the ellipsoid: of candidates by themselves those whose noise points outwards would be taken, which biases the fit
+    points = points / np.sqrt(np.einsum("ni,ij,nj->n", points, shape, points))[:, None]
     rows = distance_slopes(shape, points)
     gain = np.sum(rows @ (covariance @ weight @ covariance) * rows, axis=1) / (found.noise**2 + np.sum(rows @ covariance * rows, axis=1))
     form = weight @ covariance

@@ -9,5 +9,5 @@ from ._means import mean_covariance as mean_covariance
 from ._model import Noise as Noise
 from ._overbound import overbound as overbound, overbound_curve as overbound_curve
 from ._recordings import RecordingsFit as RecordingsFit, fit_recordings as fit_recordings
-from ._result import NoiseFit as NoiseFit
+from ._result import FittedSpectrum as FittedSpectrum, NoiseFit as NoiseFit
 from ._terms import Block as Block, GaussMarkov as GaussMarkov, PowerLaw as PowerLaw, Term as Term

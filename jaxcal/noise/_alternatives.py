@@ -21,12 +21,12 @@ _ALIKE = 0.1  # exponents nearer than this to 1 are flicker
 _EXPONENTS = np.array([0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.1, 1.2, 1.3, 1.4, 1.5, 1.6, 1.7, 1.8])
 _TIMES = 14  # correlation times that are tried, from ten samples to a quarter of the record
 _HALVINGS = 4  # of the step between neighbours, around the best of them
-_WORTH = 4.0  # score of one more term below which none is searched for: alternatives that are admitted have twice that and more
+_WORTH = 3.0  # score of one more term below which the search is short: alternatives that are admitted have twice that and more
 _SLOW = 5.41  # twice the gain of B and K over none below which there is nothing to replace
 _OWN = 1e-9  # part of a term's squares that the terms of the fit must leave for it to be another term
 _TINY = np.finfo(float).tiny ** 0.5
 #: family -> shape parameters and coefficients beyond those of B and K, and twice the gain in log likelihood that admits it
-_FAMILIES = {"power law": (0, 9.0), "one process": (0, 8.0), "two processes": (2, 13.0), "process beside": (2, 13.0)}
+_FAMILIES = {"power law": (0, 6.0), "one process": (0, 8.0), "two processes": (2, 13.0), "process beside": (2, 13.0)}
 _PARAMETER = 2.0  # what one parameter more must gain for a family to be preferred to another
 
 
@@ -62,7 +62,8 @@ def find_alternatives(fitted: Fitted, terms: tuple[Term, ...], dt: float, durati
     laws: list[tuple[Term, ...]] = [(PowerLaw(exponent=float(value)),) for value in _EXPONENTS]
     ones: list[tuple[Term, ...]] = [(_process(time),) for time in times]
     if _score(fitted, [term for (term,) in (*laws, *ones)], dt) < _WORTH:
-        return []
+        best, cost = search.best(ones)
+        return [Alternative("one process", best, search.gain(cost))]
     pairs: list[tuple[Term, ...]] = [(_process(long), _process(short, "markov2")) for i, long in enumerate(times) for short in times[:i]]
     found = {
         "power law": search.refined(search.best(laws), 0.1),

@@ -28,6 +28,7 @@ _TIMES = 2.0 ** -np.arange(1, 7)  # time constants of a warm-up over the length 
 _CYCLES = np.arange(0.5, 10.01, 0.25)
 _WITHIN, _HALVINGS = ("warm-up", "sinusoid"), 5  # families whose place is refined, and how often the step is halved
 _ROUNDS = 3  # of the regression and the fit of the noise
+_RECORDED = 12.0  # likelihood ratio by which what was not recorded must be better than what was
 _HOPELESS = 8.0  # likelihood ratio that further rounds do not bring
 _MOST = 4
 _STRONGEST = 1e6  # ratio of the start of a coefficient to the least that matters
@@ -178,7 +179,8 @@ def find_causes(y, columns, theta, slow, dt: float, temperature: Callable[[np.nd
         designs = [np.concatenate([*held, low.transform(made(low.times))], axis=1) for made in tried.values()]
         levels = np.array([LEVELS[family] for family, _ in tried])
         found, costs = _refitted(low, designs, columns[:, slow], base, theta[slow], cost - levels)
-        best = int(np.argmax(cost - costs - levels))
+        recorded = np.array([_RECORDED * (family == "temperature") for family, _ in tried])
+        best = int(np.argmax(cost - costs - levels + recorded))
         if not cost - costs[best] > levels[best]:
             break
         (family, at), made = list(tried.items())[best]

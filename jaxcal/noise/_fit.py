@@ -24,6 +24,7 @@ from ._whittle import fit_record, fit_traced
 
 #: cluster sizes of the fit of a curve, which is so strongly correlated that more would add nothing
 _CLUSTERS = 25
+_MOST_EVENTS = 20  # steps that are named one by one
 #: name -> function of (curve, samples, terms, inside, automatic, confidence)
 CURVES = {method: partial(fit_jointly, method=method) for method in ("gls", "edf", "wavelet")} | {
     method: partial(fit_plainly, method=method) for method in ("unweighted", "log", "slope")
@@ -149,7 +150,9 @@ def _fit(y, rate, method, terms, confidence, band, conservative=False, robust=Fa
     for i, jump in enumerate(jumps):
         white = float(np.asarray(fits[i].noise.N)) ** 2
         said = sentences_of_checks(jump, *resolution(y[:, i] if many else y), 1.0 / curve.rate, white)
-        fits[i] = dataclasses.replace(fits[i], warnings=(*said, *fits[i].warnings))
+        at = [sample / curve.rate for sample in jump.steps[:_MOST_EVENTS]]
+        events = tuple(sorted([*((time, time, "step") for time in at), *fits[i].events]))
+        fits[i] = dataclasses.replace(fits[i], warnings=(*said, *fits[i].warnings), events=events)
     if conservative:
         fits = [dataclasses.replace(found, conservative=overbound(found)) for found in fits]
     return stacked(fits) if many else fits[0]

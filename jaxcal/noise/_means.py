@@ -47,7 +47,7 @@ def mean_covariance(noise: Noise, start: Any, dwell: Any, weight: Any = None) ->
     >>> from jaxcal.noise import Noise, mean_covariance
     >>> c = mean_covariance(Noise(B=1.0), np.array([0.0, 1000.0]), np.array([100.0, 100.0]))
     >>> print(np.sqrt(c[0, 0] + c[1, 1] - 2 * c[0, 1]).round(3))
-    1.569
+    1.556
 
     References
     ----------

@@ -17,7 +17,10 @@ RAMP = 3.0
 _CAUSES = {
     "step": ("a step of {size} at {at:.4g} s", "find what moved or switched, and record without it"),
     "ramp": ("a straight line of {size} over the record", "add R to the terms, or wait until the sensor has settled"),
-    "warm-up": ("a warm-up of {size} with a time constant of about {at:.3g} s", "leave out the first part of the record"),
+    "warm-up": (
+        "a warm-up of {size} with a time constant of about {at:.3g} s",
+        "after {trim:.3g} s less of it is left than its error; --start {trim:.3g} leaves that part out",
+    ),
     "sinusoid": ("a sinusoid of {size} at about {at:.3g} Hz", "look for a periodic cause such as a heater or an air conditioner"),
     "temperature": ("the temperature, {size} per degree,", "correct the bias for temperature first"),
 }
@@ -103,11 +106,36 @@ def of_causes(causes: Sequence[Cause], factors, covariance) -> list[str]:
             error = float(np.sqrt(factors[pair] @ covariance[pair, pair] @ factors[pair])) / size
         first += 2 if cause.family == "sinusoid" else 1
         what, advice = _CAUSES[cause.family]
+        if cause.family == "warm-up":
+            advice = advice.format(trim=cause.at * max(float(np.log(abs(size) / error)), 1.0))
         said.append(
             f"{what.format(size=f'{size:.3g} +- {error:.2g}', at=cause.at)} explains the slow changes of the record better than noise "
             f"(likelihood ratio {cause.gain:.0f}): it is fitted together with the noise, and B and K stand for what remains; {advice}"
         )
     return said
+
+
+def events_of_causes(causes: Sequence[Cause]) -> list[tuple[float, float, str]]:
+    """Where in time causes beside noise act: (start, stop, word), in s; nothing of those that act throughout the record."""
+    found = []
+    for cause in causes:
+        if cause.family == "step":
+            found.append((float(cause.at), float(cause.at), "step"))
+        elif cause.family == "warm-up":
+            found.append((0.0, float(cause.at), "warm-up"))
+    return found
+
+
+def events_of_parts(
+    levels: Sequence[Level], uneven: dict[str, Unevenness], duration: float, dt: float
+) -> list[tuple[float, float, str]]:  # fmt: skip
+    """The parts of a record that differ: (start, stop, words), in s."""
+    found = [(part.start * dt, part.stop * dt, f"N times {part.ratio:.3g}") for part in levels]
+    for what, terms in (("slow wandering", "BK"), ("white noise", "N")):
+        if told := [uneven[term] for term in terms if term in uneven]:
+            worst = min(told, key=lambda one: one.chance)
+            found.append((duration * worst.part / PARTS, duration * (worst.part + 1) / PARTS, f"strong {what}"))
+    return found
 
 
 def of_alternatives(found: Sequence[Alternative], fitted: bool, fit: NoiseFit) -> tuple[list[str], tuple[str, ...]]:
@@ -122,6 +150,11 @@ def of_alternatives(found: Sequence[Alternative], fitted: bool, fit: NoiseFit) -
             f"{what} {where} B and K explain{'s' if len(found[0].terms) == 1 else ''} the spectrum better than these alone (likelihood "
             f"ratio {found[0].gain:.1f}): the model has it now, and B and K stand for what remains{other}"
         ], ()
+    if found[0].family == "power law" and found[0].gain > _ALIKE:
+        return [], (
+            f"{_described(found[0], fit)} in place of B and K describes the spectrum as well (likelihood ratio {found[0].gain:.1f}): the "
+            "interval of N holds for both, and K is a hint at most",
+        )
     for one in found:
         if one.family == "one process" and one.gain > -_ALIKE and fit.verdict.get("B") == "present":
             time = one.terms[0].time  # type: ignore[attr-defined]

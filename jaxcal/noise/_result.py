@@ -19,6 +19,27 @@ from ._model import Noise, noise_of
 from ._terms import Term
 
 
+class FittedSpectrum(eqx.Module):
+    """The ordinates that a likelihood was fitted to, averaged in bins of frequency, beside the density that the model expects there.
+
+    Lines of the spectrum and causes such as a step are taken out of `density`; missing samples are estimated.
+
+    Attributes
+    ----------
+    frequency : (bins,) mean frequency in Hz.
+    density : (bins,) mean ordinate: two-sided density, the unit of the record squared per Hz.
+    model : (bins,) mean of the fitted density over the same ordinates, same unit.
+    edf : (bins,) number of ordinates, which are the degrees of freedom: edf * density / model is chi-square where the model holds.
+    used : (bins,) True where the fit used the bin.
+    """
+
+    frequency: AnyArray
+    density: AnyArray
+    model: AnyArray
+    edf: AnyArray
+    used: AnyArray
+
+
 class NoiseFit(Result):
     """Noise coefficients of one channel, or of several, with what is known about them.
 
@@ -56,6 +77,8 @@ class NoiseFit(Result):
     notes : sentences that ask for no action.
     other : second opinion, the coefficients by method "gls"; None for other methods than "whittle".
     conservative : coefficients that bound the curve from above, where asked for.
+    spectrum : `FittedSpectrum`, what method "whittle" was fitted to; None for other methods, and where a record is traced.
+    events : (start in s, stop in s, words) for each step, warm-up or part of the record that a warning speaks of, in order of time.
     """
 
     noise: Noise
@@ -79,6 +102,8 @@ class NoiseFit(Result):
     notes: tuple[Any, ...] = ()
     other: Noise | None = None
     conservative: Noise | None = None
+    spectrum: Any = None
+    events: tuple[Any, ...] = ()
 
     @property
     def reason(self) -> str:
@@ -129,7 +154,7 @@ def without_terms(fit: NoiseFit, names: Sequence[str], tables: bool) -> NoiseFit
 #: of the coefficients, where "unit" is that of the readings
 UNITS = {"Q": "unit s", "N": "unit sqrt(s)", "B": "unit", "K": "unit/sqrt(s)", "R": "unit/s"}
 _NUMBERS = ("interval", "upper_limit", "significance", "covariance", "goodness", "longer_record", "band", "used", "decides")
-_SENTENCES = ("left_out", "warnings", "notes")
+_SENTENCES = ("left_out", "warnings", "notes", "spectrum", "events")
 _NOISES = ("noise", "other", "conservative")
 
 
@@ -175,7 +200,8 @@ def _joined(trees: list[Any], name: str = "") -> Any:
 
 #: rises of the objective above which a term is hinted at, and is present: 5 % and 1 % by chance, for a coefficient that
 #: cannot be negative (S. G. Self and K.-Y. Liang, J. Am. Stat. Assoc. 82, 1987)
-_HINT, _PRESENT = 2.71, 5.41
+#: significance above which a term is a hint, and present
+HINT, PRESENT = 2.71, 5.41
 
 
 def assemble(
@@ -206,7 +232,7 @@ def assemble(
         columns = {
             "interval": list(zip(xp.sqrt(limits.low), xp.sqrt(limits.high), strict=True)),
             "upper_limit": xp.sqrt(limits.upper),
-            "verdict": [] if traced else ["present" if rise > _PRESENT else "hint" if rise > _HINT else "not detected" for rise in rises],
+            "verdict": [] if traced else ["present" if rise > PRESENT else "hint" if rise > HINT else "not detected" for rise in rises],
             "significance": rises,
             "longer_record": xp.where(positive, duration * (relative / 0.1) ** 2, xp.inf),
         }

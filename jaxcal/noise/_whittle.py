@@ -17,7 +17,7 @@ from ._likelihood import density
 from ._limits import Limits, levels_of
 from ._observed import Observed
 from ._ordinates import Bins, amplitudes, bins_of, find_lines
-from ._result import NoiseFit, assemble, with_edf, without_terms
+from ._result import PRESENT, FittedSpectrum, NoiseFit, assemble, with_edf, without_terms
 from ._spectral import FILTER, Fitted, attempt, fit_bins, fit_whole, groups_of, uncertainty, without
 from ._stationarity import ORDINATES, Level, Unevenness, follows, levels_of_white, unevenness, unevenness_of_level
 from ._tails import Tails, tamed
@@ -29,6 +29,7 @@ _ROUGH, _MANY = 2, 100.0  # first rounds, which trust no model above groups of s
 _MENDED = 0.5  # share of the misfit in the whole band that others than B and K must explain to be tried there
 #: likelihood ratio above which what stands in place of B and K is not chance: records of the model reached 15 at most
 _SURE = 30.0
+_CONTENDER = 3.0  # gain from which a model without B and K counts as possible
 _FAST = ("Q", "N", FILTER)  # terms that are known from frequencies at which nothing passes for them
 
 
@@ -107,13 +108,13 @@ def fit_record(
         solved = _solve(observed, base, band)
         lowest = _lowest(observed, solved)
     # its spectrum is close enough for the degrees of freedom of the curve
-    plain, found, extra = solved, [], ()
+    plain, found, extra, rival = solved, [], (), None
     if sought:
         extra = (GaussMarkov(time=likeliest_time(solved.fitted, dt, n * dt), name=sought[0].name),)
         terms = tuple(extra[0] if term in sought else term for term in terms)
         solved = _solve(observed, (*base, *extra), band)
     else:
-        found, solved = _with_alternatives(observed, solved, base, band)
+        found, solved, rival = _with_alternatives(observed, solved, base, band)
         extra = tuple(term for term in solved.columns if term not in (*base, *plain.columns))
         terms = (*terms, *extra)
     if extra:
@@ -131,7 +132,13 @@ def fit_record(
         widened = widened * widening(solved.fitted, solved.columns, extra, dt)
     covariance, limits, factor = uncertainty(solved.fitted, widened, *levels_of(confidence), names)
     if extra and not sought and found[0].gain < _SURE:
-        limits = _with_limits_of(limits, names, plain, float(plain.bins.unit / solved.bins.unit), confidence)
+        limits = _with_limits_of(limits, names, ("B", "K"), plain, 1.0, float(plain.bins.unit / solved.bins.unit), confidence)
+    if rival is not None:
+        shapes = [term for term in rival.columns if term not in base and term.name != FILTER]
+        wide = widening(rival.fitted, rival.columns, tuple(shapes), dt)
+        limits = _with_limits_of(limits, names, ("N",), rival, wide, float(rival.bins.unit / solved.bins.unit), confidence)
+        if not extra and "K" in names:  # a random walk is there beside flicker, and not in flicker of another exponent
+            limits = _doubted(limits, [one for one in names if one != FILTER].index("K"))
     lines = amplitudes(solved.bins, solved.taken, density(solved.bins.columns, solved.fitted.theta), n * dt)
     lines = [found for found in lines if found[1] <= solved.end]
     if tails.law or not observed.complete:
@@ -161,8 +168,23 @@ def fit_record(
     if "markov" in asked:
         notes = (*notes, _messages.of_markov(fit))
     curve = with_edf(curve, used, _model_edf(curve, plain, n))
-    fit = dataclasses.replace(fit, deviation=curve, left_out=left_out, warnings=warnings, notes=notes)
+    events = (*_messages.events_of_causes(causes), *_messages.events_of_parts(levels, uneven, n * dt, dt))
+    fit = dataclasses.replace(
+        fit, deviation=curve, left_out=left_out, warnings=warnings, notes=notes, spectrum=_fitted_spectrum(solved), events=events
+    )
     return without_terms(fit, [term.name for term in extra], tables=not sought)
+
+
+def _fitted_spectrum(solved: Solved) -> FittedSpectrum:
+    """The bins of a record that hold an ordinate, beside the model; those that lines occupy are left out."""
+    bins = solved.bins
+    kept = (bins.weight > 0) & (bins.density > 0) & ~solved.taken
+    model = density(solved.fitted.bins.columns, solved.fitted.theta)
+    used = solved.fitted.bins.weight > 0
+    frequency, level, model, edf, used = (
+        np.asarray(values)[kept] for values in (bins.frequency, bins.density * bins.unit, model * bins.unit, bins.weight, used)
+    )
+    return FittedSpectrum(frequency=frequency, density=level, model=model, edf=edf, used=used)
 
 
 def fit_traced(y, rate: float, terms: tuple[Term, ...], band: tuple[float, float] | None, confidence: float) -> NoiseFit:
@@ -214,8 +236,8 @@ def _solve(observed: Observed, columns: tuple[Term, ...], band) -> Solved:
     return solved
 
 
-def _with_alternatives(observed: Observed, solved: Solved, base: tuple[Term, ...], band) -> tuple[list[Alternative], Solved]:
-    """What else explains the slow noise, and the fit with it beside B and K where it is admitted.
+def _with_alternatives(observed: Observed, solved: Solved, base: tuple[Term, ...], band) -> tuple[list[Alternative], Solved, Solved | None]:
+    """What else explains the slow noise; the fit with it beside B and K where it is admitted; one without B and K where that is as good.
 
     Where high frequencies were left out, because B and K do not describe them, others may describe the whole band.
     """
@@ -228,9 +250,12 @@ def _with_alternatives(observed: Observed, solved: Solved, base: tuple[Term, ...
         if found and found[0].admitted and found[0].gain * whole.inflation > _MENDED * excess:
             wider = _solve(observed, (*base, *found[0].terms), band)
             if not bool(wider.fitted.cut):
-                return found, wider
+                return found, wider, None
     found = find_alternatives(solved.fitted, solved.columns, dt, duration)
-    return found, _solve(observed, (*base, *found[0].terms), band) if found and found[0].admitted else solved
+    rivals = [one for one in found if one.family != "process beside" and one.gain > _CONTENDER]
+    rest = tuple(term for term in base if term.name not in ("B", "K"))
+    rival = _solve(observed, (*rest, *rivals[0].terms), band) if rivals and rest else None
+    return found, _solve(observed, (*base, *found[0].terms), band) if found and found[0].admitted else solved, rival
 
 
 def _spectrum(solved: Solved):
@@ -238,14 +263,24 @@ def _spectrum(solved: Solved):
     return solved.bins.frequency, _level(solved, False)
 
 
-def _with_limits_of(limits: Limits, names: tuple[str, ...], plain: Solved, unit: float, confidence: float) -> Limits:
-    """Limits of B and K that hold too where an alternative was admitted by chance: both ends reach to those of the fit without it."""
-    other = uncertainty(plain.fitted, np.ones(len(plain.names)), *levels_of(confidence), plain.names)[1].scaled(unit)
+def _with_limits_of(
+    limits: Limits, names: tuple[str, ...], terms: tuple[str, ...], solved: Solved, widened, unit: float, confidence: float
+) -> Limits:
+    """Limits of some terms that hold too where another model is the true one: both ends reach to those of its fit, `solved`."""
+    wide = np.broadcast_to(widened, len(solved.names))
+    other = uncertainty(solved.fitted, wide, *levels_of(confidence), solved.names)[1].scaled(unit)
     low, high, upper = limits.low.copy(), limits.high.copy(), limits.upper.copy()
-    for name in {"B", "K"} & set(names):
-        i, j = ([one for one in fit if one != FILTER].index(name) for fit in (names, plain.names))
+    for name in set(terms) & set(names) & set(solved.names):
+        i, j = ([one for one in fit if one != FILTER].index(name) for fit in (names, solved.names))
         low[i], high[i], upper[i] = min(low[i], other.low[j]), max(high[i], other.high[j]), max(upper[i], other.upper[j])
     return limits._replace(low=low, high=high, upper=upper)
+
+
+def _doubted(limits: Limits, index: int) -> Limits:
+    """The limits, with the significance of one term not above that of a hint."""
+    significance = limits.significance.copy()
+    significance[index] = min(significance[index], PRESENT * (1.0 - 1e-9))
+    return limits._replace(significance=significance)
 
 
 def _level(solved: Solved, rough: bool):

@@ -1,7 +1,7 @@
 """HTML, written so that no text can become markup, and the pieces that all pages are made of."""
 
+import datetime
 import html
-import json
 import re
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -78,7 +78,14 @@ def definitions(pairs: Iterable[tuple[Any, Any]]) -> Markup:
 def table(columns: Sequence[str], rows: Iterable[Sequence[Any]], caption: str | None = None, class_: str | None = None) -> Markup:
     """A table; the first cell of a row is its name."""
     head = tag("thead", tag("tr", *(tag("th", name, scope="col") for name in columns)))
-    body = tag("tbody", *(tag("tr", tag("th", first, scope="row"), each("td", cells)) for first, *cells in rows))
+    named = [*columns, ""] if class_ == "terms" else [None]  # a phone shows the name of the column in the cell
+
+    def cell(i: int, content: Any) -> Markup:
+        return tag("td", content, data_axis=named[min(i, len(named) - 1)])
+
+    body = tag(
+        "tbody", *(tag("tr", tag("th", first, scope="row"), *(cell(i, one) for i, one in enumerate(cells, 1))) for first, *cells in rows)
+    )
     return tag("table", *(() if caption is None else (tag("caption", caption),)), head, body, class_=class_)
 
 
@@ -113,7 +120,34 @@ def recording(log: Any) -> Markup:
 
 
 def provenance(known: dict[str, str], log: Any) -> Markup:
-    """Where the numbers come from: what is `known`, then what the log says."""
+    """Where the numbers come from: what is `known`, then what the log says, in words."""
     for key, value in plain(log.provenance if log is not None else {}).items():
-        known[key] = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+        if key == "epoch_ns":
+            if (when := recorded(log)) is not None:
+                known["First sample"] = when
+        elif (text := _words(value)) != "":
+            known[_LABELS.get(key, key.replace("_", " ").capitalize())] = text
     return section("Provenance", "provenance", definitions(known.items()))
+
+
+_LABELS = {"sha256": "SHA-256", "size": "Size in bytes", "rate": "Sampling rate"}
+_YEAR_2000 = 946_684_800  # s; a log whose clock says less does not know its date
+
+
+def recorded(log: Any) -> str | None:
+    """When a recording began, where it knows."""
+    seconds = int(getattr(log, "provenance", {}).get("epoch_ns", 0)) // 1_000_000_000
+    if seconds < _YEAR_2000:
+        return None
+    return f"{datetime.datetime.fromtimestamp(seconds, datetime.UTC):%Y-%m-%d %H:%M:%S} UTC"
+
+
+def _words(value: Any) -> str:
+    """A value as people write it; nothing for what was not given."""
+    if isinstance(value, dict):
+        return "; ".join(f"{key} {text}".strip() for key, item in value.items() if (text := _words(item)) != "")
+    if isinstance(value, list):
+        return ", ".join(_words(item) for item in value)
+    if value is None or value is False:
+        return ""
+    return "yes" if value is True else f"{value:.9g}" if isinstance(value, float) else str(value)

@@ -11,10 +11,9 @@ from .._log import Log
 from .._results import plain
 from .._units import noise_units
 from ..noise import NoiseFit
-from ..plot import allan
 from ..plot._style import SENSORS, display_unit, duration_label, interval_labels, number_label
-from ._html import Markup, definitions, each, join, numbers_table, provenance, recording, scroll, section, table, tag, warnings_of
-from ._page import picture
+from ._explore import explorer
+from ._html import Markup, definitions, each, join, numbers, provenance, recording, scroll, section, table, tag, warnings_of
 
 F = TypeVar("F")
 _MOST = 300  # rows of a table of numbers
@@ -122,7 +121,11 @@ def page(results: dict[str, NoiseFit], log: Log | None, version: str) -> tuple[s
     method = f"{first.method}, terms {' '.join(first.terms)}, {100 * first.confidence:g} % intervals"
     known = {"Made by": f"jaxcal {version}", "Method": method}
     warnings = by_channel(results, "warnings")
-    sections = [_verdict(results, len(warnings) + len(() if log is None else log.warnings)), _plots(results), warnings_of(log, warnings)]
+    sections = [
+        _verdict(results, len(warnings) + len(() if log is None else log.warnings)),
+        _plots(results, log),
+        warnings_of(log, warnings),
+    ]
     notes = by_channel(results, "notes")
     if notes:
         sections.append(section("Notes", "notes", tag("ul", each("li", notes))))
@@ -191,9 +194,9 @@ def _listed(names: list[str]) -> str:
 def _table(sensor: str, channels: dict[str, NoiseFit]) -> Markup:
     rows = []
     for term in _terms(channels):
-        unit = tag("span", display_unit(term, sensor)[1], class_="small")
+        unit = tag("span", display_unit(term, sensor)[1], class_="small", data_unit=f"{sensor} {term}")
         name = join((tag("b", term), tag("span", _name(term, sensor)), unit))
-        rows.append((name, *(_cell(term, fit, sensor) for fit in channels.values())))
+        rows.append((name, *(_cell(term, channel, fit, sensor) for channel, fit in channels.items())))
     rows.append((join((tag("span", "Fit"), tag("span", "band, goodness", class_="small"))), *map(_fit_quality, channels.values())))
     level = f"{100 * next(iter(channels.values())).confidence:g} %"
     caption = (
@@ -203,18 +206,18 @@ def _table(sensor: str, channels: dict[str, NoiseFit]) -> Markup:
     return table(("Term", *map(_axis, channels)), rows, caption, "terms")
 
 
-def _cell(term: str, fit: NoiseFit, sensor: str) -> Markup:
+def _cell(term: str, channel: str, fit: NoiseFit, sensor: str) -> Markup:
     if term not in fit.terms:
         return tag("span", "not fitted", class_="small")
     kind = fit.verdict[term]
     badge = tag("span", kind, class_=f"badge {kind}" if kind in ("present", "hint") else "badge")
-    scale = display_unit(term, sensor)[0]
+    scale, name = display_unit(term, sensor)[0], f"{channel} {term}"  # by which the script finds the cell when the unit changes
     if kind == "not detected":
-        return join((tag("strong", f"< {number_label(float(fit.upper_limit[term]) / scale, 2)}"), badge))
+        return join((tag("strong", f"< {number_label(float(fit.upper_limit[term]) / scale, 2)}", data_coefficient=name), badge))
     value, low, high = interval_labels(*(float(v) / scale for v in (fit.noise.coefficient(term), *fit.interval[term])))
     longer = float(fit.longer_record[term])
     needed = f"10 % after {duration_label(longer)}" if longer < math.inf else "10 % not within reach"
-    return join((tag("strong", value), tag("span", f"{low} to {high}"), badge, tag("span", needed, class_="small")))
+    return join((tag("strong", value, data_coefficient=name), tag("span", f"{low} to {high}"), badge, tag("span", needed, class_="small")))
 
 
 def _fit_quality(fit: NoiseFit) -> Markup:
@@ -223,25 +226,13 @@ def _fit_quality(fit: NoiseFit) -> Markup:
     return join((tag("span", f"{shortest} to {longest}"), goodness))
 
 
-def _plots(results: dict[str, NoiseFit]) -> Markup:
-    """The curves of every sensor, then each axis with the lines of its terms and its numbers."""
+def _plots(results: dict[str, NoiseFit], log: Log | None) -> Markup:
+    """The curves of every sensor, and the numbers of each axis."""
     parts = []
     for sensor, channels in by_sensor(results).items():
-        name = SENSORS[sensor]
-        axes = _listed([_axis(channel) for channel in channels])
-        about = f"Allan deviation of the {name.lower()} against cluster time on logarithmic axes, for {axes}."
-        parts += [tag("h3", name), _figure(channels, sensor, f"{name}: Allan deviation", about)]
-        for i, (channel, fit) in enumerate(channels.items()):
-            title = f"{name} {_axis(channel)}"
-            about = f"Allan deviation of {channel} with the fitted model and the line of each of its terms."
-            figure = _figure({channel: fit}, f"{sensor}-{i}", f"{title}: Allan deviation and terms", about)
-            parts.append(tag("details", tag("summary", f"{title}: terms and numbers"), figure, _numbers(channel, fit, sensor)))
-    return section("Allan deviation", "plots", *parts)
-
-
-def _figure(channels: dict[str, NoiseFit], prefix: str, title: str, about: str) -> Markup:
-    text = "Points: measured. Lines: fitted model, thin outside its band. Shaded: interval of the measured values."
-    return picture(allan(channels), prefix, title, about, text)
+        parts.append(explorer(sensor, channels, log))
+        parts += [_numbers(channel, fit, sensor) for channel, fit in channels.items()]
+    return section("Curves", "plots", *parts)
 
 
 def _numbers(channel: str, fit: NoiseFit, sensor: str) -> Markup:
@@ -254,7 +245,7 @@ def _numbers(channel: str, fit: NoiseFit, sensor: str) -> Markup:
     for i in range(count) if count <= _MOST else sorted({round(count ** (k / (_MOST - 1))) - 1 for k in range(_MOST)}):
         values = (d.tau[i], d.deviation[i] / scale, d.lower[i] / scale, d.upper[i] / scale)
         rows.append((*(number_label(float(v), 4) for v in values), number_label(float(d.edf[i]), 3), "yes" if fit.used[i] else "no"))
-    return numbers_table(f"Numbers of {channel}", columns, rows)
+    return numbers(f"Numbers of {channel}", columns, rows)
 
 
 def _left_out(results: dict[str, NoiseFit]) -> Markup:

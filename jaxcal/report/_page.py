@@ -1,11 +1,22 @@
-"""The frame of a page: head, style, nothing from outside; and figures in its colours."""
+"""The frame of a page: head, style, script, nothing from outside; and figures in its colours.
 
+Where a page has curves to explore, uPlot and `explore.js` stand in it. A content security policy names them by their hashes, so that
+nothing else can run, and nothing can be loaded or sent.
+"""
+
+import base64
+import hashlib
 import io
+import pathlib
 import re
+from collections.abc import Iterable
 from typing import Any
 
 from ..plot._style import GRID, INK, MUTED, SERIES, SHADE
-from ._html import Markup, join, scroll, tag
+from ._html import Markup, definitions, join, scroll, tag
+
+_ASSETS = pathlib.Path(__file__).parent / "_assets"
+_LIBRARY = "uPlot 1.6.32 (MIT License, Copyright (c) 2022 Leon Sorokin)"
 
 #: colour that the figure is drawn in -> the page's own
 _COLORS = {INK: "ink", MUTED: "muted", GRID: "grid", SHADE: "shade", **{color: f"series-{i}" for i, color in enumerate(SERIES)}}
@@ -73,11 +84,35 @@ summary { cursor: pointer; padding: .5rem 0; }
 pre { overflow-x: auto; background: var(--shade); padding: .75rem; border-radius: .4rem; font-size: .85rem; }
 dt { font-weight: 600; margin-top: .75rem; }
 dd { margin: 0; }
+.facts { display: grid; grid-template-columns: max-content 1fr; gap: .1rem .8rem; margin: 1rem 0; font-size: .9rem; }
+.facts dt, .facts dd { margin: 0; overflow-wrap: anywhere; }
+.facts dt { color: var(--muted); font-weight: normal; }
+.c0 { --c: var(--series-0); } .c1 { --c: var(--series-1); } .c2 { --c: var(--series-2); }
+.c3 { --c: var(--series-3); } .c4 { --c: var(--series-4); } .c5 { --c: var(--series-5); }
+.ink { --c: var(--ink); } .shade { --c: var(--shade); }
+.drawn path { fill: none; stroke: var(--c); stroke-linejoin: round; stroke-width: 2; }
+.drawn text { font-size: 13px; }
+.drawn .grid { stroke: var(--grid); stroke-width: 1; } .drawn .frame { stroke: var(--muted); stroke-width: 1; }
+.drawn .dots { stroke-width: 5.5; stroke-linecap: round; } .drawn .faint { stroke-opacity: .45; }
+.drawn .thin { stroke-width: 1; } .drawn .dashed { stroke-dasharray: 5 4; stroke-width: 1.3; }
+.drawn .band { fill: var(--c); fill-opacity: .2; stroke: none; } .drawn .band.shade { fill-opacity: 1; }
+.key i { display: inline-block; width: .7rem; height: .7rem; border-radius: 50%; background: var(--c); margin-left: .6rem; }
 footer { color: var(--muted); font-size: .875rem; padding-bottom: 2rem; }
 :focus-visible { outline: 2px solid var(--series-0); outline-offset: 2px; }
 @media (max-width: 36rem) {
   th, td { padding: .4rem .3rem; font-size: .875rem; }
-  .terms th:first-child { width: 26%; }
+  .terms { min-width: 0; }
+  .scroll .exact { white-space: normal; }
+  .terms thead { display: none; }
+  .terms tr { display: grid; grid-template-columns: repeat(auto-fit, minmax(5.6rem, 1fr)); padding: .4rem 0; }
+  .terms tr { border-bottom: 1px solid var(--line); }
+  .terms tbody th { grid-column: 1 / -1; width: auto; border: 0; padding: .1rem 0; }
+  .terms th:first-child { width: auto; }
+  .terms tbody th span { display: inline; }
+  .terms tbody th * + span { margin-left: .5rem; }
+  .terms td { border: 0; padding: .1rem .3rem .1rem 0; overflow-wrap: anywhere; }
+  .terms td::before { content: attr(data-axis); color: var(--muted); }
+  .numbers table { font-size: .8rem; }
   .verdicts thead { display: none; }
   .verdicts tr { display: grid; grid-template-columns: 1fr auto; border-bottom: 1px solid var(--line); padding: .3rem 0; }
   .verdicts tbody th, .verdicts td { width: auto; border: 0; padding: .1rem 0; }
@@ -92,6 +127,10 @@ footer { color: var(--muted); font-size: .875rem; padding-bottom: 2rem; }
   h2, h3 { break-after: avoid; }
   .scroll svg, .terms { min-width: 0; }
   .numbers { max-height: none; }
+  .numbers table { font-size: 7pt; white-space: normal; overflow-wrap: anywhere; }
+  .explore.live > .static { display: block; }
+  .live-part { display: none; }
+  details::details-content { content-visibility: visible; height: auto; }
   .scroll .exact { white-space: normal; }
   pre { white-space: pre-wrap; overflow-wrap: anywhere; }
 }
@@ -99,19 +138,41 @@ footer { color: var(--muted); font-size: .875rem; padding-bottom: 2rem; }
 )
 
 
-def page(title: str, lead: str, body: Markup, footer: str) -> str:
-    """A whole document."""
+def page(title: str, lead: str, body: Markup, footer: str, facts: Iterable[tuple[str, str]] = ()) -> str:
+    """A whole document; the facts stand below its title."""
+    style, scripts = _STYLE, []
+    if 'class="explore"' in body:
+        style = _asset("uPlot.min.css") + _asset("explore.css") + style
+        scripts = [f"/*\n{_asset('uPlot.LICENSE')}\n*/\n{_asset('uPlot.iife.min.js')}", _asset("explore.js")]
+        footer = f"{footer}. Charts: {_LIBRARY}."
+    allowed = " ".join(f"'{_hash(script)}'" for script in scripts) or "'none'"
+    policy = f"default-src 'none'; script-src {allowed}; style-src '{_hash(style)}'; img-src data:; base-uri 'none'; form-action 'none'"
     head = join(
         (
             tag("meta", charset="utf-8"),
+            tag("meta", http_equiv="Content-Security-Policy", content=policy),
             tag("meta", name="viewport", content="width=device-width, initial-scale=1"),
             tag("meta", name="color-scheme", content="light dark"),
             tag("title", title),
-            tag("style", Markup(_STYLE)),
+            tag("style", Markup(style)),
         )
     )
-    content = join((tag("header", tag("h1", title), tag("p", lead, class_="lead")), tag("main", body), tag("footer", footer)))
+    header = tag(
+        "header", tag("h1", title), tag("p", lead, class_="lead"), Markup(definitions(facts).replace("<dl>", '<dl class="facts">'))
+    )
+    behind = [tag("script", Markup(script)) for script in scripts]
+    content = join((header, tag("main", body), tag("footer", footer), *behind))
     return "<!DOCTYPE html>\n" + tag("html", tag("head", head), "\n", tag("body", content), lang="en") + "\n"
+
+
+def _asset(name: str) -> str:
+    """A file that stands in the page, without its indentation."""
+    return re.sub(r"(?m)^[ ]+", "", (_ASSETS / name).read_text(encoding="utf-8")).strip()
+
+
+def _hash(text: str) -> str:
+    """Source expression of an inline script or style for the policy."""
+    return "sha256-" + base64.b64encode(hashlib.sha256(text.encode("utf-8")).digest()).decode("ascii")
 
 
 def picture(axes: Any, prefix: str, title: str, about: str, caption: str | None = None) -> Markup:
@@ -135,9 +196,17 @@ def _inline(axes: Any, prefix: str, title: str, description: str) -> Markup:
     for color, name in _COLORS.items():
         body = re.sub(color, f"var(--{name})", body, flags=re.IGNORECASE)
     body = re.sub(r'(\bid="|xlink:href="#|url\(#)', lambda found: f"{found[1]}{prefix}-", body).replace("xlink:href", "href")
+    # the policy of the page refuses inline styles; attributes say the same
+    body = re.sub(r"<style[^>]*>.*?</style>", "", body, flags=re.DOTALL)
+    body = re.sub(r' style="([^"]*)"', lambda found: _attributes(found[1]), body)
     body = re.sub(r"\s*\n\s*", " ", body)
     view = re.search(r'viewBox="([^"]+)"', text)
     assert view is not None
     named = tag("title", title, id=f"{prefix}-title") + tag("desc", description, id=f"{prefix}-desc")
     labels = f'role="img" aria-labelledby="{prefix}-title" aria-describedby="{prefix}-desc"'
-    return Markup(f'<svg viewBox="{view[1]}" {labels}>{named}{body}</svg>')
+    return Markup(f'<svg viewBox="{view[1]}" stroke-linejoin="round" stroke-linecap="butt" {labels}>{named}{body}</svg>')
+
+
+def _attributes(style: str) -> str:
+    pairs = (pair.partition(":") for pair in style.split(";") if pair.strip())
+    return "".join(f' {name.strip()}="{value.strip()}"' for name, _, value in pairs)

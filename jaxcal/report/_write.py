@@ -1,5 +1,6 @@
 """`write`: results as one HTML page; `document`: as JSON can say them."""
 
+import datetime
 import importlib.metadata
 import os
 import pathlib
@@ -13,7 +14,7 @@ from ..imu import ImuFit
 from ..magnetometer import MagFit
 from ..temperature import TemperatureFit
 from . import _imu, _magnetometer, _noise, _north, _thermal
-from ._html import Markup, inside, join, recording, section, table, tag
+from ._html import Markup, inside, join, recorded, recording, section, table, tag
 from ._page import page
 
 #: kind of result -> module with its `document`, its `page` and its `summary`
@@ -74,7 +75,18 @@ def write(results: Any, path: str | os.PathLike[str], *, log: Log | Readings | N
         raise DataError(f"there is nothing to report: the calibration was refused. {results.reason}")
     else:
         title, lead, body = _content(results, log, version, device)
-    write_atomically(path, page(title, lead, body, f"Written by jaxcal {version}"))
+    first = log if log is not None or not isinstance(results, (list, tuple)) else _pairs(results, log)[0][1]
+    write_atomically(path, page(title, lead, body, f"Written by jaxcal {version}", _facts(first, device, version)))
+
+
+def _facts(log: Any, device: str | None, version: str) -> list[tuple[str, str]]:
+    """What stands at the top: device, file, dates, command and version, as far as they are known."""
+    origin = log.provenance if isinstance(log, Log) else {}
+    known = {
+        "Device": device or origin.get("device"), "File": origin.get("file"), "Recorded": recorded(log) if isinstance(log, Log) else None,
+        "Written": f"{datetime.date.today():%Y-%m-%d}", "Command": origin.get("command"), "Version": f"jaxcal {version}",
+    }  # fmt: skip
+    return [(name, str(value)) for name, value in known.items() if value]
 
 
 def document(results: Any, log: Any = None) -> dict[str, Any]:

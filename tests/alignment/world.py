@@ -56,3 +56,55 @@ def tables(rng, runs, plan, kind, attitude, bias=(1e-3, 2e-7), dt=1.0):
         samples = noise(rng, coefficients * NOISES[kind], (runs, step * len(angle)), dt)
         means.append(ideal + offset + samples.reshape(runs, len(angle), step)[:, :, :count].mean(axis=2))
     return angle, start, dwell, *means
+
+
+def motion(rng, angles, dwells, rate, move=8.0):
+    """Table angle of every sample, whether it is at rest, and the time since the last move, for rests of these lengths."""
+    angle, still, since = [], [], []
+    for k, (place, dwell) in enumerate(zip(angles, dwells, strict=True)):
+        n = round(dwell * rate)
+        angle.append(np.full(n, place))
+        still.append(np.ones(n, bool))
+        since.append(np.arange(n) / rate if k else np.full(n, np.inf))
+        if k + 1 < len(angles):
+            n = round(move * rng.uniform(0.7, 1.3) * rate)
+            part = (np.arange(n) + 0.5) / n
+            # the rate rises and falls as one minus a cosine
+            angle.append(place + (angles[k + 1] - place) * (part - np.sin(2 * np.pi * part) / (2 * np.pi)))
+            still.append(np.zeros(n, bool))
+            since.append(np.zeros(n))
+    return np.concatenate(angle), np.concatenate(still), np.concatenate(since)
+
+
+def recording(
+    rng, angles, dwells, kind, attitude, *, axes=1, rate=50.0, vibration=0.3, ringing=0.02, mount=(0.0, 0.0), bias=(1e-3, 2e-7), scale=1.0
+):  # fmt: skip
+    """Time, table angle, accelerometer and gyro (n, axes) of a table log; the samples of each true rest, and ideal means over them.
+
+    While the table moves it vibrates (m/s^2; the gyro a tenth of it in rad/s) and its rate reaches the gyro's other axes by a misalignment
+    of 1e-3; the sensors sit 0.1 m off the axis; after a move the table rings at 7 Hz for some tenths of a second (m/s^2). mount: tilt
+    of the device on the table, rad. scale: of the gyro.
+    """
+    angle, still, since = motion(rng, np.asarray(angles) * DEG, dwells, rate)
+    n, dt = angle.size, 1 / rate
+    speed = np.gradient(angle, dt) * ~still
+    resting, earth = vectors(attitude, angle)
+    turn = speed[:, None] * np.array([0.0, 0.0, 1.0])
+    force = resting + 0.1 * np.stack([-(speed**2), np.gradient(speed, dt) * ~still, 0 * speed], axis=1)
+    shake = (vibration * ~still)[:, None] * rng.normal(size=(n, 3))
+    rock = 0.1 * np.diff(shake, axis=0, append=shake[-1:])  # a vibration turns nothing in the end
+    since = np.minimum(since, 50.0)
+    ring = ringing * np.exp(-since / 0.1) * np.sin(2 * np.pi * 7 * since) * still
+    swing = np.diff(ring, append=ring[-1:]) * rate / (2 * np.pi * 7)  # so does the ringing
+    tilt = Rotation.from_euler("xy", mount).inv()
+    coupling = np.eye(3) + 1e-3 * np.array([[0, 1, -1], [1, 0, 1], [-1, 1, 0]])
+    accel = tilt.apply(force + shake + ring[:, None])[:, :axes] + bias[0]
+    # the coupling is that of the table's rate alone: of the Earth's it is a misalignment like any other
+    gyro = scale * tilt.apply(earth + (turn + rock + 0.1 * swing[:, None]) @ coupling.T)[:, :axes] + bias[1]
+    noises = [noise(rng, c * NOISES[kind], (axes, n), dt).T for c in (ACCEL, GYRO)]
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(int)))
+    rests = np.stack([edges[::2], edges[1::2]], axis=1)
+    # what a sensor without misalignment on a table that does not ring would have read
+    clean = [tilt.apply(v)[:, :axes] + b + x for v, b, x in zip((resting, scale * earth), bias, noises, strict=True)]
+    ideal = [np.array([x[i:j].mean(axis=0) for i, j in rests]) for x in clean]
+    return np.arange(n) * dt, angle, accel + noises[0], gyro + noises[1], rests, ideal

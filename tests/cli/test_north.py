@@ -1,10 +1,18 @@
 """`jaxcal north` and `jaxcal simulate north`."""
 
+import importlib.util
 import json
+import pathlib
 
+import numpy as np
 import pytest
 
 from .conftest import listing
+
+# the world of another folder of tests, which is no package
+_found = importlib.util.spec_from_file_location("world", pathlib.Path(__file__).parents[1] / "alignment" / "world.py")
+world = importlib.util.module_from_spec(_found)
+_found.loader.exec_module(world)
 
 NOISE = ["--gyro", "N=0.01deg/sqrt(h)", "--accel", "N=0.03m/s/sqrt(h)"]
 MADE = ["simulate", "north", "--latitude", "35", "--attitude", "1,2,88", "--gyro-bias", "0.5", "--accel-bias", "100", "--out"]
@@ -78,3 +86,60 @@ def test_wrong_simulations(call):
         assert found.status == 2
         assert match in found.reason
     assert call("north", "missing.csv", "--latitude", "35").status == 2
+
+
+def raw_log(path, axes):
+    """A raw log of a table by the world of tests/alignment, and the noise.json of its sensors."""
+    rng, attitude = np.random.default_rng(3), np.array([1.0, 2.0, 40.0]) * world.DEG
+    time, angle, accel, gyro, _, _ = world.recording(rng, [0, 90, 180, 270], [40.0] * 4, "N+B", attitude, axes=axes, rate=20.0)
+    names = [f"{sensor}_{axis} [{unit}]" for sensor, unit in (("accel", "m/s^2"), ("gyro", "deg/h")) for axis in "xyz"[:axes]]
+    columns = np.column_stack([time, np.rad2deg(angle), accel, np.rad2deg(gyro) * 3600])
+    np.savetxt(path, columns, delimiter=",", header=",".join(["time [s]", "angle [deg]", *names]), comments="", fmt="%.9g")
+    coefficients = {
+        f"{sensor}_{axis}": {term: {"value": value} for term, value in zip("NBK", c * world.NOISES["N+B"], strict=True)}
+        for sensor, c in (("gyro", world.GYRO), ("accel", world.ACCEL))
+        for axis in "xyz"
+    }
+    path.with_name("noise.json").write_text(json.dumps({"schema": "jaxcal.noise/1", "channels": coefficients}))
+
+
+@pytest.mark.parametrize("axes", [1, 3])
+def test_a_raw_log_needs_no_averaging_by_hand(call, folder, axes):
+    raw_log(folder / "table.csv", axes)
+    found = call("north", "table.csv", "--latitude", "35", "--noise", "noise.json", "--json", "a.json", "--report", "a.html")
+    assert (found.status, found.err) == (0, "")
+    assert "4 rests" in found.out
+    assert "the table's angle is column 'angle [deg]'" in " ".join(found.out.split())
+    document = json.loads((folder / "a.json").read_text())
+    for name, value in zip(("phi", "theta", "psi"), (1.0, 2.0, 40.0), strict=True):
+        entry = document["parameters"][name]
+        assert abs(entry["value"] - np.deg2rad(value)) < 4 * entry["std"], name
+    # with flicker of 0.02 deg/h four positions of 40 s give no better than this
+    assert document["parameters"]["psi"]["std"] > np.deg2rad(0.05 if axes == 1 else 0.03)
+    assert document["p_value"] is not None
+
+
+def test_angles_azimuth_and_columns_of_a_raw_log(call, folder):
+    raw_log(folder / "table.csv", 1)
+    given = ["--latitude", "35", "--noise", "noise.json", "--columns", "time=0,accel=2,gyro=3"]
+    found = call("north", "table.csv", *given, "--angles", "0,90,180,270", "--azimuth", "40", "--json", "a.json")
+    assert found.status == 0
+    parameters = json.loads((folder / "a.json").read_text())["parameters"]
+    assert "psi" not in parameters
+    assert abs(parameters["s_g"]["value"]) < 4 * parameters["s_g"]["std"]
+    for options, status, match in (
+        (["--angles", "0,90"], 1, "2 angles were given for 4 rests"), (["--angles", "0,x"], 2, "degrees with commas"),
+        (["--angle-column", "tilt"], 1, "no column 'tilt'"), (["--noise", "none.json"], 2, "does not exist"),
+        (["--noise", "table.csv"], 1, "is no JSON"), (["--prior", "phi=1:2:3"], 2, "MEAN:STANDARD_DEVIATION"),
+    ):  # fmt: skip
+        found = call("north", "table.csv", "--latitude", "35", *options)
+        assert found.status == status, options
+        assert match in found.reason
+
+
+def test_a_column_without_a_unit_that_cannot_be_rad_per_s_is_refused(call, folder):
+    (folder / "r.csv").write_text("angle [deg],dwell [s],gyro\n0,60,9.31\n90,60,-9.1\n180,60,-9.3\n270,60,9.2\n")
+    found = call("north", "r.csv", "--latitude", "35")
+    assert found.status == 1
+    assert "look like deg/h" in found.reason
+    assert "15.04 deg/h" in found.reason

@@ -38,28 +38,29 @@
     if (found < 4.5) say(e, `has a contrast of ${found.toFixed(2)}`);
   }
 
-  // letters of figures are paths in groups named text_N
+  // letters of figures are text, or paths in groups named text_N
   let letters = 0;
   for (const svg of document.querySelectorAll("svg")) {
     if (!seen(svg)) continue;
     const frame = svg.getBoundingClientRect(), back = behind(svg.parentElement), name = svg.getAttribute("aria-labelledby");
-    const texts = [...svg.querySelectorAll("g")].filter((g) => /text_\d+$/.test(g.id) && !g.querySelector("g[id*=text_]"));
+    const drawn = [...svg.querySelectorAll("g")].filter((g) => /text_\d+$/.test(g.id) && !g.querySelector("g[id*=text_]"));
+    const texts = [...drawn, ...svg.querySelectorAll("text")];
     const boxes = texts.map((g) => g.getBoundingClientRect());
     texts.forEach((g, i) => {
       const box = boxes[i];
       if (!box.width && !box.height) return;
       letters += 1;
       if (box.left < frame.left - 1 || box.right > frame.right + 1 || box.top < frame.top - 1 || box.bottom > frame.bottom + 1)
-        wrong.push(`${name}: ${g.id} is cut`);
+        wrong.push(`${name}: ${g.id || g.textContent} is cut`);
       for (let k = 0; k < i; k++) {
         const other = boxes[k];
         const across = Math.min(box.right, other.right) - Math.max(box.left, other.left);
         const up = Math.min(box.bottom, other.bottom) - Math.max(box.top, other.top);
-        if (across > 1 && up > 1) wrong.push(`${name}: ${g.id} lies on ${texts[k].id}`);
+        if (across > 1 && up > 1) wrong.push(`${name}: ${g.id || g.textContent} lies on ${texts[k].id || texts[k].textContent}`);
       }
-      const style = getComputedStyle(g.querySelector("use, path"));
+      const style = getComputedStyle(g.querySelector("use, path") || g);
       const fill = parse(style.fill), found = contrast(over(fill, back), back);
-      if (found < 4.5) wrong.push(`${name}: ${g.id} has a contrast of ${found.toFixed(2)}`);
+      if (found < 4.5) wrong.push(`${name}: ${g.id || g.textContent} has a contrast of ${found.toFixed(2)}`);
     });
   }
   const bad = document.body.innerText.match(/\b(NaN|nan|undefined|null|None|Infinity|inf)\b(?!\.)|\[object/);

@@ -1,0 +1,125 @@
+"""Where a turntable rests, from its sensors and its recorded angle (host, NumPy)."""
+
+import numpy as np
+
+from .._errors import DataError
+from ..imu import windowed_variance
+
+#: of a window of variances: s, and samples at least
+_WINDOW, _SAMPLES = 0.25, 20
+#: variance of a window over that at rest, above which the sensor moves; of normal noise one window in 1e12 reaches it
+_MOVES = 6.0
+_QUANTILE = 0.3
+#: standard deviations beyond which a sample, and the mean over a tenth of a second, do not belong to a rest
+_SAMPLE, _BLOCK_MEAN, _BLOCK = 4.5, 5.0, 0.1
+#: part of a rest that its beginning or end may lose because it is still swinging
+_MOST = 0.25
+#: angle within which a table stays that does not move, rad
+_STEADY = np.deg2rad(0.01)
+#: rate of a table that turns steadily and so smoothly that no variance shows it, rad/s
+_TURNS = np.deg2rad(0.1)
+
+
+def rests_of(
+    samples: dict[str, np.ndarray], recorded: np.ndarray | None, rate: float, least: float, settle: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """First sample of each rest, and the one after its last."""
+    half = max(round(_WINDOW * rate), _SAMPLES) // 2
+    size = 2 * half + 1
+    n = len(next(iter(samples.values())))
+    if n < 4 * size:
+        raise DataError(f"The log has {n} samples, less than four windows of {size}; record longer.")
+    still = np.ones(n, dtype=bool)
+    # a sensor that is slower than the log is missing in most samples, and says nothing of these
+    there = {name: np.isfinite(x).all(axis=1) for name, x in samples.items()}
+    samples = {name: x for name, x in samples.items() if np.mean(there[name]) > 0.5} or samples
+    for name, x in samples.items():
+        variance = windowed_variance(np.repeat(x, 3 // x.shape[1], axis=1), size)
+        changing = variance[np.isfinite(variance) & (variance > 0)]
+        if len(changing):
+            quiet = np.concatenate([np.zeros(half, bool), variance < _MOVES * np.quantile(changing, _QUANTILE), np.zeros(half, bool)])
+            still &= quiet
+        if name == "gyro" and x.shape[1] == 3:
+            still &= ~_turning(x, size)
+    if recorded is not None:
+        still &= _unmoved(recorded, size)
+    # windows with more samples missing than present are not still: what is left are single gaps
+    samples = {
+        name: np.stack([np.interp(np.arange(n), np.flatnonzero(there[name]), column[there[name]]) for column in x.T], axis=1)
+        for name, x in samples.items()
+    }
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int8)))
+    ends = [
+        trimmed
+        for i, j in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
+        if j - i >= max(0.5 * least * rate, size) and (trimmed := _trimmed(samples, recorded, i, j, half, rate, settle)) is not None
+    ]
+    ends = [(i, j) for i, j in ends if j - i >= least * rate]
+    if len(ends) < 2:
+        what = "never rests" if not ends else "rests once"
+        raise DataError(
+            f"The table {what} for {least:g} s or more; a test takes rests on several positions. A table that turns all the time is for "
+            "jaxcal.alignment.carousel; shorter rests need least= (--least)."
+        )
+    start, stop = np.array(ends).T
+    return start, stop
+
+
+def _turning(gyro: np.ndarray, size: int) -> np.ndarray:
+    """Samples at which the mean rate over a window is off its median by more than a table at rest shows."""
+    filled = np.where(np.isfinite(gyro).all(axis=1, keepdims=True), gyro - np.nanmedian(gyro, axis=0), 0.0)
+    sums = np.cumsum(np.concatenate([np.zeros((1, 3)), filled]), axis=0)
+    low, high = (np.clip(np.arange(len(gyro)) + shift, 0, len(gyro)) for shift in (-(size // 2), size // 2 + 1))
+    mean = (sums[high] - sums[low]) / (high - low)[:, None]
+    scatter = 1.4826 * np.nanmedian(np.abs(np.diff(gyro, axis=0)), axis=0) / np.sqrt(2)
+    return np.any(np.abs(mean) > _TURNS + 6 * scatter / np.sqrt(size), axis=1)
+
+
+def _unmoved(angle: np.ndarray, size: int) -> np.ndarray:
+    """Samples about which the table's angle stays within its own noise over a window."""
+    half = size // 2
+    padded = np.pad(angle, half, mode="edge")
+    change = np.abs(padded[2 * half :] - padded[: -2 * half])
+    noise = np.quantile(change, _QUANTILE)
+    return change < max(6 * noise, _STEADY)
+
+
+def _trimmed(
+    samples: dict[str, np.ndarray], recorded: np.ndarray | None, first: int, last: int, half: int, rate: float, settle: float
+) -> tuple[int, int] | None:
+    """A still stretch with its ends where the motion ends: outwards while samples belong to it, then inwards while it still swings."""
+    x = np.concatenate([*samples.values(), *([] if recorded is None else [recorded[:, None]])], axis=1)
+    middle, scatter = np.mean(x[first:last], axis=0), np.std(x[first:last], axis=0)
+    scatter = np.maximum(scatter, 1e-12 + 1e-9 * np.abs(middle))
+    if recorded is not None:
+        scatter[-1] = max(scatter[-1], _STEADY / _SAMPLE)
+    low, high = max(first - half, 0), min(last + half, len(x))
+    strange = np.any(np.abs(x[low:high] - middle) > _SAMPLE * scatter, axis=1)
+    before, after = np.flatnonzero(strange[: first - low]), np.flatnonzero(strange[last - low :])
+    start = int(low + before[-1] + 1) if len(before) else low
+    stop = int(last + after[0]) if len(after) else high
+    cut = round(settle * rate)
+    # at an end of the log there was no motion
+    start, stop = start + cut * (start > 0), stop - cut * (stop < len(x))
+    block, most = max(round(_BLOCK * rate), 2), int(_MOST * (last - first))
+    if stop - start < 6 * block:
+        return None
+    return _settled(np.concatenate(list(samples.values()), axis=1)[start:stop], start, block, most)
+
+
+def _settled(x: np.ndarray, start: int, block: int, most: int) -> tuple[int, int]:
+    """Start and stop without the blocks at both ends whose means do not agree with the middle."""
+    inside = x[most : len(x) - most]
+    level = np.mean(inside, axis=0)
+    means = np.mean(inside[: len(inside) // block * block].reshape(-1, block, x.shape[1]), axis=1)
+    scatter = np.maximum(np.std(means, axis=0), np.std(inside, axis=0) / np.sqrt(block))
+
+    def swings(part: np.ndarray) -> bool:
+        return bool(np.any(np.abs(np.mean(part, axis=0) - level) > _BLOCK_MEAN * scatter))
+
+    low, high = 0, len(x)
+    while low + block <= most and swings(x[low : low + block]):
+        low += block
+    while high - block >= len(x) - most and swings(x[high - block : high]):
+        high -= block
+    return start + low, start + high

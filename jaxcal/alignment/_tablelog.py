@@ -1,0 +1,298 @@
+"""`from_log`: positions, means and their noise from the raw log of a table that rests, turns and rests again (host, NumPy)."""
+
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+
+from .._errors import DataError
+from .._precision import host_float64
+from ._fit import fit
+from ._model import Triads, Turntable
+from ._noise import mixed, noise_of
+from ._plausible import check_norm
+from ._positions import Positions, Readings
+from ._result import AlignmentFit
+from ._table_rests import rests_of
+
+#: a move that turns by less is none, rad; part of a move that may be about another axis
+_NO_MOVE, _ASIDE = np.deg2rad(1.0), 0.05
+#: s; a table does not move to another position in less
+_BUMP = 1.2
+#: standard deviation of the angle between the z axes and the axis of the moves, rad
+_SKEW = 5e-3
+_AXES = "xyz"
+
+
+class TableLog(eqx.Module):
+    """What the raw log of a turntable holds.
+
+    Attributes
+    ----------
+    readings : `Readings`, one row for each rest, or one for each axis and rest.
+    model : `Turntable`, or `Triads` where there are several axes, for `fit`.
+    free : names of the parameters that this log can give.
+    priors : of the misalignments of the z axes, which come from the axis of the moves.
+    start, stop : (k,) samples of each rest: start <= i < stop.
+    angle : (k,) table angle of each rest, rad.
+    frame : (3, 3) turns the axes of the device into those of the table.
+    notes : sentences.
+    """
+
+    readings: Readings
+    model: Turntable
+    free: tuple[str, ...] = eqx.field(static=True)
+    priors: dict[str, Any]
+    start: np.ndarray
+    stop: np.ndarray
+    angle: np.ndarray
+    frame: np.ndarray
+    notes: tuple[str, ...] = eqx.field(static=True)
+
+    def fit(self, latitude: Any = None, **options: Any) -> AlignmentFit:
+        """`jaxcal.alignment.fit` of the readings with the model and parameters of this log; `options` are those of `fit`."""
+        given = {"free": self.free, **options, "priors": self.priors | (options.get("priors") or {})}
+        return fit(self.readings, latitude, model=self.model, **given)
+
+
+@host_float64
+def from_log(
+    log: Any,
+    *,
+    angle: Any = None,
+    angles: Any = None,
+    noise: Any = None,
+    axis: str = "x",
+    angle_std: Any = 0.0,
+    gyro_scale: float | int = 1e-3,
+    least: float | int = 5.0,
+    settle: float | int = 0.05,
+) -> TableLog:
+    r"""Positions of a table, and the mean readings on each, from its raw log.
+
+    A rest is a stretch in which neither the variance of the sensors nor the table's angle changes. Its ends are moved inwards until the
+    samples there, and the means over a tenth of a second, agree with the rest. The angle of a rest comes from the log, from the caller,
+    or from the integral of a gyroscope with three axes over the moves:
+
+    .. math:: \alpha_{k+1} = \alpha_k + \int n \cdot (\omega - b)\,dt
+
+    where n is the axis of the moves and b the mean of the rests before and after. The frame of the result is that of the table at the angle
+    zero: z along n, downwards, and x along the x axis of the device.
+
+    Parameters
+    ----------
+    log : `jaxcal.Log` with one or three axes of accelerometer and gyroscope, or one of the two.
+    angle : (n,) table angle of every sample, rad, wrapped or not; it grows as the table turns clockwise seen from above.
+    angles : (k,) table angle of every rest in order, rad.
+    noise : of the device, as `noise_of` takes it; None leaves it to the residuals of the fit.
+    axis : axis of `noise` that the sensor is, where the log has one axis.
+    angle_std : standard deviation of each angle that the log or the caller gives, rad.
+    gyro_scale : standard deviation of the gyroscope's scale factor, where its integral gives the angles.
+    least : shortest rest, s.
+    settle : s that are cut off at both ends of a rest besides.
+
+    Returns
+    -------
+    TableLog
+
+    Raises
+    ------
+    DataError
+        For a log in which the table never rests, or turns about several axes, or whose angles nothing tells.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> rng, time = np.random.default_rng(0), np.arange(0, 160, 0.05)
+    >>> angle = np.deg2rad(90.0) * np.clip(np.floor(time / 40) + (time % 40 - 36) / 4 * (time % 40 > 36), 0, 3)
+    >>> gyro = 6e-5 * np.cos(angle + 0.5) + 1e-5 * rng.normal(size=time.size)
+    >>> accel = -0.2 * np.sin(angle) + 1e-3 * rng.normal(size=time.size)
+    >>> found = jaxcal.alignment.from_log(jaxcal.Log(time, gyro=gyro, accel=accel), angle=angle)
+    >>> print(np.rad2deg(found.angle).round(1), np.rad2deg(found.fit(0.6).psi).round(1))
+    [  0.  90. 180. 270.] 27.7
+
+    References
+    ----------
+    Rests: D. Tedaldi, A. Pretto and E. Menegatti, ICRA 2014, section IV-A.
+    """
+    samples = {name: np.array(v, dtype=float).reshape(len(v), -1) for name in ("accel", "gyro") if (v := getattr(log, name)) is not None}
+    for x in samples.values():
+        x[~np.isfinite(x).all(axis=1)] = np.nan
+    if not samples:
+        raise DataError("The log has neither accelerometer nor gyroscope; give a log with at least one of them.")
+    if any(x.shape[1] == 2 for x in samples.values()):
+        raise DataError("A sensor of the log has two axes; a table log takes one or three. Choose them with columns= (--columns).")
+    rate, time = float(log.rate), np.asarray(log.time)
+    recorded = None if angle is None else _recorded(angle, len(time))
+    start, stop = rests_of(samples, recorded, rate, float(least), float(settle))
+    notes = [f"{len(start)} rests of {(stop - start).min() / rate:.4g} to {(stop - start).max() / rate:.4g} s were found."]
+    turns, frame = _moves(samples, start, stop, rate)
+    if turns is None or not np.isfinite(turns).all():
+        frame = np.eye(3)
+    place, spread = _angles(samples, recorded, angles, turns, start, stop, rate, float(gyro_scale), angle_std, notes)
+    told = {} if noise is None else noise_of(noise, None if _three(samples) else axis)
+    return _gathered(samples, start, stop, time, rate, place, spread, frame, told, notes)
+
+
+def _three(samples: dict[str, np.ndarray]) -> bool:
+    return any(x.shape[1] == 3 for x in samples.values())
+
+
+def _recorded(angle: Any, size: int) -> np.ndarray:
+    """The table's angle of every sample, unwrapped, gaps filled."""
+    angle = np.asarray(angle, dtype=float)
+    if angle.shape != (size,):
+        raise DataError(f"angle has shape {angle.shape}; the log has {size} samples: give one angle for each.")
+    here = np.isfinite(angle)
+    if np.count_nonzero(here) < 2:
+        raise DataError("angle has no finite values; check the column.")
+    return np.interp(np.arange(size), np.flatnonzero(here), np.unwrap(angle[here]))
+
+
+def _moves(samples: dict[str, np.ndarray], start: np.ndarray, stop: np.ndarray, rate: float) -> tuple[np.ndarray | None, np.ndarray]:
+    """Angle (k - 1,) of each move about the axis of the table, rad, and the frame of the table; None without three axes of a gyroscope."""
+    gyro = samples.get("gyro")
+    if gyro is None or gyro.shape[1] != 3:
+        return None, np.eye(3)
+    means = np.array([np.nanmean(gyro[i:j], axis=0) for i, j in zip(start, stop, strict=True)])
+    vectors = []
+    for k in range(len(start) - 1):
+        part = gyro[stop[k] : start[k + 1]]
+        there = np.isfinite(part).all(axis=1)
+        lost = np.count_nonzero(~there) > 0.02 * len(part)
+        vectors.append(
+            np.full(3, np.nan) if lost else (part[there] - (means[k] + means[k + 1]) / 2).sum(axis=0) / rate * len(part) / there.sum()
+        )
+    turned = np.array(vectors)
+    good = turned[np.isfinite(turned).all(axis=1)]
+    size = np.linalg.norm(good, axis=1)
+    if not np.any(size > _NO_MOVE):
+        return np.full(len(start) - 1, np.nan) if len(good) < len(turned) else size * 0.0, np.eye(3)
+    axis = np.linalg.eigh(good.T @ good)[1][:, -1]
+    aside = np.linalg.norm(good - (good @ axis)[:, None] * axis, axis=1)
+    if np.any(aside > _ASIDE * size.max() + _NO_MOVE):
+        worst = int(np.argmax(aside))
+        raise DataError(
+            f"The moves turn about different axes: one of {np.rad2deg(size[worst]):.3g} degrees is off the axis of the others by "
+            f"{np.rad2deg(aside[worst]):.3g} degrees. jaxcal north takes a table that turns about one axis; correct the log with the "
+            "calibration of the IMU first, or use jaxcal imu."
+        )
+    accel = samples.get("accel")
+    if accel is not None and accel.shape[1] == 3:
+        force = np.array([np.nanmean(accel[i:j], axis=0) for i, j in zip(start, stop, strict=True)])
+        check_norm(force)
+        axis = -axis if force.mean(axis=0) @ axis > 0 else axis
+    elif axis[np.argmax(np.abs(axis))] < 0:
+        axis = -axis
+    reference = np.eye(3)[0 if abs(axis[0]) < 0.8 else 1]
+    x = reference - (reference @ axis) * axis
+    x /= np.linalg.norm(x)
+    return turned @ axis, np.stack([x, np.cross(axis, x), axis])
+
+
+def _angles(
+    samples: dict[str, np.ndarray], recorded: np.ndarray | None, given: Any, turns: np.ndarray | None, start: np.ndarray,
+    stop: np.ndarray, rate: float, scale: float, angle_std: Any, notes: list[str],
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Table angle of each rest and the covariance of its errors."""
+    count = len(start)
+    if given is not None:
+        angle = np.asarray(given, dtype=float)
+        # a spike, a bump or missing samples part a rest in two
+        there = np.all([np.isfinite(x).any(axis=1) for x in samples.values()], axis=0)
+        between = np.array([np.count_nonzero(there[i:j]) for i, j in zip(stop[:-1], start[1:], strict=True)])
+        place = np.concatenate([[0], np.cumsum(between / rate > _BUMP)])
+        angle = angle[place] if angle.shape == (place[-1] + 1,) else angle
+        if angle.shape != (count,):
+            raise DataError(f"{angle.size} angles were given for {count} rests of {_lengths(start, stop, rate)} s; give one for each.")
+    elif recorded is not None:
+        angle = np.array([np.mean(recorded[i:j]) for i, j in zip(start, stop, strict=True)])
+    elif turns is not None and np.isfinite(turns).all():
+        angle = np.concatenate([[0.0], np.cumsum(turns)])
+        gyro = samples["gyro"]
+        white = max(_white(gyro[i:j], rate).max() for i, j in zip(start, stop, strict=True))
+        walk = np.concatenate([[0.0], np.cumsum((start[1:] - stop[:-1]) / rate)]) * white**2
+        notes.append(
+            f"The table's angles come from the gyroscope, with a scale error of {1e6 * scale:.3g} ppm (one standard deviation); give the "
+            "angles, or a column with them, where they are known better."
+        )
+        return angle, scale**2 * np.outer(angle, angle) + np.minimum.outer(walk, walk)
+    else:
+        raise DataError(
+            f"Nothing tells the table's angle on its {count} rests of {_lengths(start, stop, rate)} s: the log has no column with it, and "
+            "no gyroscope with three axes without gaps. Give the angles of the rests in order (angles=, --angles 0,90,180,270)."
+        )
+    if turns is not None and np.isfinite(turns).all():
+        moved, seen = np.diff(angle), turns
+        off = lambda sign: np.abs(np.angle(np.exp(1j * (sign * moved - seen))))  # noqa: E731
+        if off(1).max() > np.deg2rad(5.0) and off(-1).max() <= np.deg2rad(5.0):
+            angle = -angle
+            notes.append(
+                "The table's angle grows against the rotation about the axis that points down, as the gyroscope shows; its sign was turned."
+            )
+        elif off(1).max() > np.deg2rad(5.0):
+            worst = int(np.argmax(off(1)))
+            raise DataError(
+                f"The angles contradict the gyroscope: between rests {worst + 1} and {worst + 2} the table turned by "
+                f"{np.rad2deg(seen[worst]):.4g} degrees, and the angles differ by {np.rad2deg(moved[worst]):.4g}. Check angles and units."
+            )
+    sigma = np.broadcast_to(np.asarray(angle_std, dtype=float), (count,))
+    return angle, np.diag(sigma**2)
+
+
+def _lengths(start: np.ndarray, stop: np.ndarray, rate: float) -> str:
+    length = (stop - start) / rate
+    return ", ".join(f"{x:.4g}" for x in length[:12]) + (" ..." if len(length) > 12 else "")
+
+
+def _white(x: np.ndarray, rate: float) -> np.ndarray:
+    """(axes,) white noise N of a rest, from means over a second, or over tenths of a short rest."""
+    block = max(min(round(rate), len(x) // 10), 1)
+    means = np.nanmean(x[: len(x) // block * block].reshape(-1, block, x.shape[1]), axis=1)
+    return np.nanstd(np.diff(means, axis=0), axis=0) / np.sqrt(2) * np.sqrt(block / rate)
+
+
+def _gathered(
+    samples: dict[str, np.ndarray], start: np.ndarray, stop: np.ndarray, time: np.ndarray, rate: float, angle: np.ndarray,
+    spread: np.ndarray, frame: np.ndarray, told: dict[str, Any], notes: list[str],
+) -> TableLog:  # fmt: skip
+    """Means on every rest and axis as readings, and what of the device they can give."""
+    count, words = len(start), ("x", "y", "fixed z") if _three(samples) else ("x",)
+    values: dict[str, np.ndarray] = {}
+    for name, x in samples.items():
+        means = np.array([np.nanmean(x[i:j], axis=0) for i, j in zip(start, stop, strict=True)])
+        if means.shape[1] == 3:
+            means = means @ frame.T
+        values[name] = np.full((count, len(words)), np.nan)
+        values[name][:, : means.shape[1]] = means
+    if not np.allclose(frame, np.eye(3)):
+        told = {name: mixed(one, frame) if isinstance(one, tuple) else one for name, one in told.items()}
+        off = np.rad2deg(np.arccos(np.clip(np.abs(frame[2, 2]), 0, 1)))
+        if off > 0.5:
+            notes.append(
+                f"The table turns about an axis {off:.3g} degrees off the device's z axis; the readings were turned into its frame."
+            )
+    dwell = np.repeat((stop - start) / rate, len(words))
+    rows = np.repeat(np.eye(count), len(words), axis=0)
+    covariance = rows @ spread @ rows.T
+    places = Positions(
+        np.repeat(angle, len(words)),
+        words * count,
+        dwell,
+        np.repeat(time[start], len(words)),
+        angle_std=covariance if spread.any() else None,
+    )
+    readings = Readings(places, *(None if name not in values else values[name].ravel() for name in ("accel", "gyro")), **told)
+    priors = {f"ma_{name[0]}_z{axis}": _SKEW for name, x in samples.items() if x.shape[1] == 3 for axis in "xy"}
+    return TableLog(readings, Triads() if len(words) == 3 else Turntable(), _free(samples), priors, start, stop, angle, frame, tuple(notes))
+
+
+def _free(samples: dict[str, np.ndarray]) -> tuple[str, ...]:
+    """Angles and the biases of the axes that there are."""
+    names = ["phi", "theta"] if "accel" in samples else []
+    names += ["psi"] if "gyro" in samples else []
+    for letter, name in (("a", "accel"), ("g", "gyro")):
+        if name in samples:
+            names += [f"b_{letter}", *(f"b_{letter}_{axis}" for axis in _AXES[1 : samples[name].shape[1]])]
+    return tuple(names)

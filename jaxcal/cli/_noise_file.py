@@ -1,0 +1,49 @@
+"""Noise of a device from a file: the noise.json or the calibration.json of `jaxcal noise`."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from .._errors import DataError
+from ._options import CallError
+
+
+def read_noise(path: Path) -> Any:
+    """Channel -> `Noise`, or a `Calibration`.
+
+    Raises
+    ------
+    CallError
+        If there is no such file.
+    DataError
+        If it holds no noise.
+    """
+    if not path.exists():
+        raise CallError(f"{path} does not exist; --noise takes the noise.json of jaxcal noise, or a calibration")
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+    except (UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise DataError(f"{path} is no JSON; --noise takes the noise.json of jaxcal noise, or a calibration") from error
+    schema = document.get("schema") if isinstance(document, dict) else None
+    if schema == "jaxcal.calibration/1":
+        from ..calibration import Calibration
+
+        return Calibration.load(path)
+    if schema != "jaxcal.noise/1":
+        raise DataError(f"{path} has the schema {schema!r}; --noise takes the noise.json of jaxcal noise, or a calibration")
+    try:
+        return {name: _noise(channel) for name, channel in document["channels"].items()}
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise DataError(f"{path} is damaged ({error}); write it again with jaxcal noise") from error
+
+
+def _noise(channel: dict[str, Any]) -> Any:
+    from ..noise import Noise, PowerLaw
+
+    letters = {term: float(channel[term]["value"]) for term in "QNBKR" if isinstance(channel.get(term), dict)}
+    further = []
+    for name, shape in channel.get("shapes", {}).items():
+        if shape.get("class") != "PowerLaw":
+            raise DataError(f"the term {name!r} of class {shape.get('class')} is not known here; give the calibration.json instead")
+        further.append((float(channel[name]["value"]), PowerLaw(exponent=float(shape["exponent"]), name=name)))
+    return Noise(**letters, **{name: tuple(map(tuple, channel.get(name, ()))) for name in ("markov", "sinusoid")}, further=tuple(further))

@@ -1,0 +1,150 @@
+"""Small static figures as SVG: what a page shows without script, and on paper. Their colours and letters are those of the page."""
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..plot._style import number_label
+from ._html import Markup, join, tag
+
+_WIDTH, _HEIGHT = 640, 360
+_LEFT, _RIGHT, _TOP, _BOTTOM = 78, 12, 14, 46
+
+
+class Axis(NamedTuple):
+    """Name with unit, ends, and whether it is logarithmic."""
+
+    label: str
+    low: float
+    high: float
+    log: bool = True
+
+    def at(self, values: Any) -> np.ndarray:
+        """Place of values between 0 and 1."""
+        low, high, values = self.low, self.high, np.asarray(values, dtype=float)
+        if self.log:
+            low, high = math.log(low), math.log(high)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                values = np.log(values)
+        return (values - low) / (high - low)
+
+    def ticks(self) -> list[float]:
+        """Values to label: powers of ten, with 2 and 5 between where there are few; else round steps."""
+        if not self.log:
+            raw = (self.high - self.low) / 5
+            size = 10.0 ** math.floor(math.log10(raw))
+            step = next(size * k for k in (1, 2, 5, 10) if size * k >= raw)
+            return [k * step for k in range(math.ceil(self.low / step), math.floor(self.high / step) + 1)]
+        first, last = math.floor(math.log10(self.low)), math.ceil(math.log10(self.high))
+        parts = (1, 2, 5) if last - first < 4 else (1,)
+        every = max((last - first) // 8, 1)
+        found = [part * 10.0**power for power in range(first, last + 1, every) for part in parts]
+        return [value for value in found if self.low * (1 - 1e-9) <= value <= self.high * (1 + 1e-9)]
+
+
+class Mark(NamedTuple):
+    """Something to draw: a "line", "dots", or a "band" between y and `top`; `color` is a number, or a name of a class."""
+
+    kind: str
+    x: Any
+    y: Any
+    color: int | str = 0
+    top: Any = None
+    look: str = ""
+
+
+def log_axis(label: str, values: Iterable[Any], pad: float = 1.3) -> Axis:
+    """An axis for all positive ones of the values."""
+    found = np.concatenate([np.ravel(np.asarray(part, dtype=float)) for part in values])
+    found = found[np.isfinite(found) & (found > 0)]
+    return Axis(label, float(found.min()) / pad, float(found.max()) * pad) if len(found) else Axis(label, 0.1, 10.0)
+
+
+def linear_axis(label: str, values: Iterable[Any], pad: float = 0.05) -> Axis:
+    """An axis for all finite ones of the values."""
+    found = np.concatenate([np.ravel(np.asarray(part, dtype=float)) for part in values])
+    found = found[np.isfinite(found)]
+    low, high = (float(found.min()), float(found.max())) if len(found) else (0.0, 1.0)
+    room = pad * (high - low) or max(abs(high), 1e-30) * 0.1
+    return Axis(label, low - room, high + room, False)
+
+
+def figure(prefix: str, title: str, about: str, x: Axis, y: Axis, marks: Sequence[Mark], names: Sequence[str] = ()) -> Markup:
+    """A figure with its caption; `names` are those of the colours, for the key."""
+    parts = [tag("title", title, id=f"{prefix}-title"), tag("desc", about, id=f"{prefix}-desc"), _grid(x, y)]
+    clip = f"{prefix}-clip"
+    box = tag("rect", x=_LEFT, y=_TOP, width=_WIDTH - _LEFT - _RIGHT, height=_HEIGHT - _TOP - _BOTTOM)
+    parts.append(tag("clipPath", box, id=clip))
+    parts.append(tag("g", *(_drawn(x, y, mark) for mark in marks), clip_path=f"url(#{clip})"))
+    svg = tag(
+        "svg", *parts, viewBox=f"0 0 {_WIDTH} {_HEIGHT}", role="img", aria_labelledby=f"{prefix}-title", aria_describedby=f"{prefix}-desc"
+    )  # fmt: skip
+    key = [tag("span", tag("i", "", class_=f"c{i % 6}"), f" {name}") for i, name in enumerate(names)]
+    heading = tag("p", tag("b", title), *(piece for one in key for piece in (" ", one)), class_="key")
+    return tag("figure", heading, tag("div", svg, class_="scroll", tabindex="0", role="region", aria_label=title),
+               tag("figcaption", about), class_="drawn")  # fmt: skip
+
+
+def _grid(x: Axis, y: Axis) -> Markup:
+    right, bottom = _WIDTH - _RIGHT, _HEIGHT - _BOTTOM
+    lines, letters = [], []
+    for value in x.ticks():
+        (at,) = _across(x, [value])
+        lines.append(f"M{at:.1f} {_TOP}V{bottom}")
+        letters.append(tag("text", _tick(value), x=f"{at:.1f}", y=bottom + 17, text_anchor="middle"))
+    for value in y.ticks():
+        (at,) = _up(y, [value])
+        lines.append(f"M{_LEFT} {at:.1f}H{right}")
+        letters.append(tag("text", _tick(value), x=_LEFT - 6, y=f"{at + 4:.1f}", text_anchor="end"))
+    middle = (_TOP + bottom) / 2
+    letters.append(tag("text", x.label, x=(_LEFT + right) / 2, y=_HEIGHT - 8, text_anchor="middle"))
+    letters.append(tag("text", y.label, x=0, y=0, text_anchor="middle", transform=f"translate(14 {middle}) rotate(-90)"))
+    frame = tag("path", d=f"M{_LEFT} {_TOP}V{bottom}H{right}", class_="frame")
+    return join((tag("path", d="".join(lines), class_="grid"), frame, *letters))
+
+
+def _tick(value: float) -> str:
+    """A number without the zeros that say nothing: 0.5, 10⁻⁵."""
+    if value == 0:
+        return "0"
+    power = math.floor(math.log10(abs(value)) + 1e-9)
+    if -4 < power < 5:
+        return f"{value:.6g}"
+    mantissa, ten = f"{value / 10.0**power:.3g}", number_label(10.0**power, 1)[2:]
+    return ten if mantissa == "1" else f"{mantissa}\u00d7{ten}"
+
+
+def _across(x: Axis, values: Any) -> np.ndarray:
+    return _LEFT + x.at(values) * (_WIDTH - _LEFT - _RIGHT)
+
+
+def _up(y: Axis, values: Any) -> np.ndarray:
+    # what lies far outside is cut, and needs no digits
+    return _HEIGHT - _BOTTOM - np.clip(y.at(values), -1.0, 2.0) * (_HEIGHT - _TOP - _BOTTOM)
+
+
+def _drawn(x: Axis, y: Axis, mark: Mark) -> Markup:
+    color = f"c{mark.color % 6}" if isinstance(mark.color, int) else mark.color
+    across, up = _across(x, mark.x), _up(y, mark.y)
+    known = np.isfinite(across) & np.isfinite(up)
+    if mark.kind == "dots":
+        path = "".join(f"M{a:.1f} {b:.1f}h0" for a, b in zip(across[known], up[known], strict=True))
+        return tag("path", d=path, class_=f"dots {mark.look} {color}".replace("  ", " "))
+    if mark.kind == "band":
+        top = _up(y, mark.top)
+        known &= np.isfinite(top)
+        there, back = (list(zip(across[known], edge[known], strict=True)) for edge in (up, top))
+        return tag("path", d=_path([*there, *back[::-1]]) + "Z", class_=f"band {color}") if there else Markup("")
+    pieces = np.split(np.arange(len(across)), np.flatnonzero(~known))
+    runs = [[(across[i], up[i]) for i in piece if known[i]] for piece in pieces]
+    return tag("path", d="".join(_path(run) for run in runs if len(run) > 1), class_=f"line {mark.look} {color}".replace("  ", " "))
+
+
+def _path(points: Sequence[tuple[float, float]]) -> str:
+    return "M" + "L".join(f"{_brief(a)} {_brief(b)}" for a, b in points)
+
+
+def _brief(value: float) -> str:
+    return f"{value:.1f}".removesuffix(".0")

@@ -1,0 +1,158 @@
+"""Raw logs of a table that rests and moves, made outside of the package, against ideal means over the same rests."""
+
+import numpy as np
+import pytest
+
+import jaxcal
+from jaxcal import DataError
+from jaxcal.alignment import Positions, Readings, fit, from_log
+from jaxcal.noise import Noise
+
+from . import world
+from .cases import DEG
+
+ATTITUDE = np.array([1.0, 2.0, 40.0]) * DEG
+WORDS = {1: ("x",), 3: ("x", "y", "fixed z")}
+
+
+def compared(axes, known, runs, kind="N+B+K"):
+    """Difference of the answers from a raw log and from ideal means, in standard deviations, and which intervals hold the truth."""
+    noise = {
+        name: Noise(**dict(zip("NBK", c * world.NOISES[kind], strict=True))) for name, c in (("accel", world.ACCEL), ("gyro", world.GYRO))
+    }
+    differences, inside = [], []
+    for run in range(runs):
+        rng = np.random.default_rng([run, 9])
+        angles = np.array([0, 90, 180, 270, 270, 180, 90, 0][: 4 if run % 2 else 8])
+        dwells = rng.uniform(60, 150, len(angles))
+        time, angle, accel, gyro, rests, ideal = world.recording(rng, angles, dwells, kind, ATTITUDE, axes=axes)
+        found = from_log(jaxcal.Log(time, accel=accel, gyro=gyro), angle=angle if known else None, noise=noise)
+        assert len(found.angle) == len(angles)
+        got, words = found.fit(world.LATITUDE), WORDS[axes]
+        times = (rests[:, 1] - rests[:, 0]) / 50, rests[:, 0] / 50
+        places = Positions(np.repeat(angles * DEG, axes), words * len(angles), *(np.repeat(x, axes) for x in times))
+        means = Readings(places, *(mean.ravel() for mean in ideal), accel_noise=noise["accel"], gyro_noise=noise["gyro"])
+        best = fit(means, world.LATITUDE, model=found.model, free=found.free, priors=found.priors or None)
+        names = ("phi", "theta", "psi")
+        differences.append([(got.parameters[name] - best.parameters[name]) / got.std[name] for name in names])
+        inside.append([got.interval[name][0] <= truth <= got.interval[name][1] for name, truth in zip(names, ATTITUDE, strict=True)])
+    return np.sqrt(np.mean(np.square(differences), axis=0)), np.mean(inside, axis=0)
+
+
+@pytest.mark.parametrize("axes", [1, 3])
+def test_a_raw_log_gives_the_answer_of_ideal_means(axes):
+    difference, inside = compared(axes, True, 6)
+    assert np.all(difference < 0.1), difference
+    assert inside.mean() > 0.8
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("axes", [1, 3])
+@pytest.mark.parametrize("kind", ["white", "N+B+K"])
+def test_a_raw_log_gives_the_answer_of_ideal_means_in_many_runs(axes, kind):
+    runs = 100
+    difference, inside = compared(axes, True, runs, kind)
+    assert np.all(difference < 0.1), difference
+    assert np.all(np.abs(inside - 0.95) < 3 * np.sqrt(0.95 * 0.05 / runs)), inside
+
+
+@pytest.fixture(scope="module")
+def made():
+    rng = np.random.default_rng(4)
+    return world.recording(rng, [0, 90, 180, 270], [30.0, 45.0, 40.0, 35.0], "white", ATTITUDE, axes=3, rate=20.0, mount=(0.02, -0.01))
+
+
+def test_the_gyroscope_tells_the_angles_and_the_axis(made):
+    time, _, accel, gyro, rests, _ = made
+    found = from_log(jaxcal.Log(time, accel=accel, gyro=gyro), noise={"accel": world.ACCEL[0], "gyro": world.GYRO[0]})
+    np.testing.assert_allclose(np.rad2deg(found.angle), [0, 90, 180, 270], atol=0.05)
+    # the device stands 0.02 and 0.01 rad askew on the table, which its gyro shows but for a misalignment of 1e-3
+    assert np.arccos(found.frame[2, 2]) == pytest.approx(np.hypot(0.02, 0.01), abs=3e-3)
+    assert np.all((found.start >= rests[:, 0]) & (found.stop <= rests[:, 1]))
+    got = found.fit(world.LATITUDE)
+    for name, truth in zip(("phi", "theta", "psi"), ATTITUDE, strict=True):
+        # the azimuth is that of the x axis of the device in the plane of the table
+        assert abs(got.parameters[name] - truth) < 4 * got.std[name] + (0.001 if name == "psi" else 0.0), name
+    assert got.std["phi"] > from_log(jaxcal.Log(time, accel=accel, gyro=gyro), angles=found.angle, noise={
+        "accel": world.ACCEL[0], "gyro": world.GYRO[0]}).fit(world.LATITUDE).std["phi"]  # fmt: skip
+
+
+def test_an_angle_that_grows_the_other_way_is_turned(made):
+    time, angle, accel, gyro, _, _ = made
+    found = from_log(jaxcal.Log(time, accel=accel, gyro=gyro), angle=-angle)
+    np.testing.assert_allclose(np.rad2deg(found.angle), [0, 90, 180, 270], atol=1e-3)
+    assert any("sign was turned" in note for note in found.notes)
+
+
+def test_gaps_spikes_and_a_slow_sensor_cost_their_samples_and_no_more(made):
+    time, angle, accel, gyro, rests, _ = made
+    rng = np.random.default_rng(1)
+    accel, gyro = accel.copy(), gyro.copy()
+    accel[rng.random(len(accel)) < 0.02] = np.nan
+    gyro[rests[1, 0] + 300] += 1.0
+    gyro[rests[2, 0] + 300 : rests[2, 0] + 340] = np.nan
+    noise = {"accel": world.ACCEL[0], "gyro": world.GYRO[0]}
+    found = from_log(jaxcal.Log(time, accel=accel, gyro=gyro), angles=np.array([0, 90, 180, 270]) * DEG, noise=noise)
+    np.testing.assert_allclose(np.rad2deg(found.angle), [0, 90, 90, 180, 180, 270])
+    got = found.fit(world.LATITUDE)
+    assert abs(got.psi - ATTITUDE[2]) < 4 * got.std["psi"] + 0.001
+    slow = np.where((np.arange(len(accel)) % 5 == 0)[:, None], made[2], np.nan)
+    found = from_log(jaxcal.Log(time, accel=slow, gyro=made[3]), angle=angle, noise=noise)
+    np.testing.assert_allclose(np.rad2deg(found.angle), [0, 90, 180, 270], atol=1e-3)
+
+
+def test_a_known_azimuth_calibrates_the_gyro():
+    rng, inside, ratio = np.random.default_rng(6), [], []
+    for _ in range(4):
+        time, angle, accel, gyro, _, _ = world.recording(rng, [0, 90, 180, 270], [120.0] * 4, "white", ATTITUDE, rate=20.0, scale=1.01)
+        found = from_log(jaxcal.Log(time, accel=accel, gyro=gyro), angle=angle, noise={"accel": world.ACCEL[0], "gyro": world.GYRO[0]})
+        got = found.fit(world.LATITUDE, free=("phi", "theta", "b_a", "b_g", "s_g"), start={"psi": ATTITUDE[2]})
+        inside.append(got.interval["s_g"][0] <= 0.01 <= got.interval["s_g"][1])
+        ratio.append(abs(got.parameters["s_g"] - 0.01) / got.std["s_g"])
+    assert sum(inside) >= 3
+    assert got.std["s_g"] < 2e-3
+
+
+def test_logs_that_give_no_positions_say_why(made):
+    time, angle, accel, gyro, _, _ = made
+    log = jaxcal.Log(time, accel=accel, gyro=gyro)
+    single = jaxcal.Log(time, accel=accel[:, :1], gyro=gyro[:, :1])
+    for source, options, match in (
+        (single, {}, "Nothing tells the table's angle on its 4 rests"), (single, {"angles": [0.0, 1.0]}, "2 angles were given for 4 rests"),
+        (log, {"angles": np.array([0, 90, 200, 270]) * DEG}, "contradict the gyroscope"), (log, {"angle": angle[:5]}, "one angle for each"),
+        (log, {"least": 60.0}, "never rests for 60 s"), (jaxcal.Log(None, mag=gyro, rate=20.0), {}, "neither accelerometer nor gyroscope"),
+        (jaxcal.Log(time, accel=accel[:, :2], rate=20.0), {}, "two axes"),
+        (jaxcal.Log(time, accel=accel / 9.80665, gyro=gyro), {}, r"is 0.9999 m/s\^2.*look like g"),
+    ):  # fmt: skip
+        with pytest.raises(DataError, match=match):
+            from_log(source, **options)
+    turned = gyro.copy()
+    half = len(gyro) // 2
+    turned[half:] = turned[half:, [2, 1, 0]]
+    with pytest.raises(DataError, match="different axes"):
+        from_log(jaxcal.Log(time, gyro=turned))
+
+
+@pytest.mark.parametrize(
+    ("accel", "gyro", "match"),
+    [
+        (None, [9.31, -9.1, -9.3, 9.2], r"differ by 18.6 rad/s.*15.04 deg/h.*look like deg/h"), (None, [9.3] * 4, "more than any bias"),
+        (None, [4.2e-3, 1e-3, -4.1e-3, -1e-3], "look like deg/s"),
+        ([171.0, 341.0, -170.0, -9800.0], None, r"9800 m/s\^2.*9.76 to 9.84.*mm/s"),
+    ],
+)  # fmt: skip
+def test_readings_that_no_table_on_earth_gives_are_refused_with_the_likely_unit(accel, gyro, match):
+    places = Positions(np.array([0, 90, 180, 270]) * DEG, dwell=60.0)
+    with pytest.raises(DataError, match=match):
+        fit(Readings(places, accel and np.array(accel), gyro and np.array(gyro)), world.LATITUDE)
+
+
+def test_a_poor_gyro_is_not_taken_for_a_wrong_unit():
+    """A consumer gyro of 5 deg/sqrt(h) scatters by more than the Earth's rate; the answer is weak, not refused."""
+    angles = np.array([0, 90, 180, 270]) * DEG
+    rng = np.random.default_rng(0)
+    clean = [vector[:, 0] for vector in world.vectors(ATTITUDE, angles)]
+    gyro = clean[1] + 0.05 + 5 * DEG / 60 / np.sqrt(60.0) * rng.normal(size=4)
+    places = Positions(angles, dwell=60.0)
+    found = fit(Readings(places, clean[0], gyro, accel_noise=1e-3, gyro_noise=5 * DEG / 60), world.LATITUDE)
+    assert found.std["psi"] > 10 * DEG
