@@ -187,7 +187,9 @@ def _read(table, indices: list[int], stated: str | None, rate: float | int | Non
     if column.dtype.kind == "M":
         return Clock(indices, column, "date", "dates")
     if index in table.clocks:
-        seconds = column + _DAY * np.cumsum(np.concatenate([[0], np.diff(column) < -_DAY / 2]))
+        # at midnight it begins again, and after an hour where the hours are missing
+        turn = _DAY if np.nanmax(column) >= 3600 else 3600.0
+        seconds = column + turn * np.cumsum(np.concatenate([[0], np.diff(column) < -turn / 2]))
         return Clock(indices, seconds, "time of day", "times of day", epoch_ns=0)
     if stated == "sampletimefine":
         steps = np.diff(column)

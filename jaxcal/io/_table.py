@@ -210,7 +210,13 @@ def _units(
                 _refuse_unknown_unit(name, first)
             guesses[name] = _unit(name, values[name], stated, where, period, turns, name in units, name in found.doubtful, signals.warnings)
         except DataError as error:
-            problems.append(str(error))
+            if name == "mag" and name in found.guessed and stated is None and len(raw) > 1:
+                # the other sensors need no field
+                signals.warnings.append(f"mag is left out: {error}")
+            else:
+                problems.append(str(error))
+    for name in set(raw) - set(guesses):
+        raw.pop(name)
     _check_turns(guesses, turns, clock, signals.warnings, problems)
     return guesses
 
