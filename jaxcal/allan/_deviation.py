@@ -130,7 +130,7 @@ def deviation(
         options = {"data": data, "confidence": confidence, "alpha": alpha, "bias_corrected": bias_corrected, "robust": robust, "time": time}
         plain = functools.partial(deviation, y, rate, **options)
         return theoh(len(y) - (1 if data == "phase" else 0), m, plain)
-    statistic, rate = find_kind(kind), checked_rate(rate)
+    statistic, rate = find_kind(kind, "theoh"), checked_rate(rate)
     if data not in ("rate", "phase"):
         raise DataError(f'unknown data {data!r}; expected "rate" (samples of rate or force) or "phase" (their integral)')
     if bias_corrected not in (True, False, "published"):
