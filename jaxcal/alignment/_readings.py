@@ -121,6 +121,9 @@ def carousel(
     rate, mean_angle = mean(np.gradient(angle, time)), mean(angle)
     means, noise = {name: mean(v) for name, v in samples.items()}, {"accel": accel_noise, "gyro": gyro_noise}
     wobble, notes = {}, []
+    given = [as_noise(one, "noise") for one in (accel_noise, gyro_noise)]
+    if fold and not all(one is None or white_alone(one) for one in given):
+        notes.append("The noise wanders, and a folded mean mixes the times of all turns; take fold=False for covariances that hold.")
     for name, v in means.items():
         word, unit = ("accelerometer", "m/s^2") if name == "accel" else ("gyro", "rad/s")
         wobble[name], white = _second_harmonic(mean_angle, v, dwell)
