@@ -100,9 +100,7 @@ def allan(
 
     names = ("tau", "m", "deviation", "lower", "upper", "edf")
     plan = _outputs(log, writing, "allan", "tau_s", names, ("count", "alpha", "bias"), ("kind", "confidence"), lambda plot: plot.allan)
-    done = carry_out(log, reading, running, plan, compute, doing="computing")
-    for sensor, name, axes in by_sensor(done.found):
-        _deviations(done.screen, sensor, name, axes)
+    done = carry_out(log, reading, running, plan, compute, doing="computing", show=partial(_tables, table=_deviations))
     done.tell([sentence for result in done.found.values() for sentence in result.warnings])
 
 
@@ -157,14 +155,17 @@ def psd(
     names = ("frequency", "count", "density", "lower", "upper", "edf")
     head = ("method", "sided", "average", "confidence")
     plan = _outputs(log, writing, "psd", "frequency_hz", names, (), head, lambda plot: plot.spectrum)
-    done = carry_out(log, reading, running, plan, compute, doing="computing")
-    for sensor, name, axes in by_sensor(done.found):
-        _densities(done.screen, sensor, name, axes)
+    done = carry_out(log, reading, running, plan, compute, doing="computing", show=partial(_tables, table=_densities))
     from .._results import by_channel
 
     warnings = {channel: [f"left out: {sentence}" for sentence in sentences] for channel, sentences in refused.items()}
     warnings |= {channel: result.warnings for channel, result in done.found.items()}
     done.tell(by_channel(warnings))
+
+
+def _tables(screen: Screen, found: Mapping[str, Any], *, table: Callable[[Screen, str, str, Mapping[str, Any]], None]) -> None:
+    for sensor, name, axes in by_sensor(found):
+        table(screen, sensor, name, axes)
 
 
 def _sizes(text: str) -> Any:

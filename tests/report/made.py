@@ -75,7 +75,8 @@ def north():
         model=Turntable(*values), names=NAMES, covariance=np.diag(size**2), free=free, rank=6,
         hidden=np.zeros(14, bool), lost=np.zeros(14, bool), values=values,
         prior_only=np.arange(14) == 4, accel_residual=np.linspace(-1, 1, 6), gyro_residual=np.linspace(1, -1, 6), chi_square=3.1,
-        degrees_of_freedom=5, p_value=0.68, freedom=np.full(14, np.inf), other=None, noise_known=True, verdict=Verdict.ok, notes=(f"A note {EVIL}.",),
+        degrees_of_freedom=5, p_value=0.68,
+        freedom=np.full(14, np.inf), other=None, noise_known=True, verdict=Verdict.ok, notes=(f"A note {EVIL}.",),
     )  # fmt: skip
     return fit, readings
 
