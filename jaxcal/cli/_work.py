@@ -54,7 +54,7 @@ def carry_out(
         with progress(f"reading {path.name}", running.quiet):
             log = read_log(path, reading)
             log = log if change is None else change(log)
-            log = log if options is None else _signed(log, command, reading, options)
+            log = log if options is None or not targets else _signed(log, command, reading, options)
         show_log(screen, log)
         with progress(doing, running.quiet) as move:
             keep_compiled()
