@@ -7,7 +7,7 @@ import jax
 import jax.core
 import jax.numpy as jnp
 import numpy as np
-import scipy.stats
+import scipy.special
 
 from .._compile import filter_jit
 from .._errors import DataError
@@ -160,7 +160,7 @@ def _second_harmonic(angle: np.ndarray, value: np.ndarray, dwell: np.ndarray) ->
     # readings without any noise: rounding is no wobble
     tiny = amplitude < 1e-9 * float(np.abs(value).max())
     statistic = 0.0 if tiny or sigma == 0 else float(pair @ np.linalg.solve(covariance, pair)) / 2
-    return (amplitude, sigma, float(scipy.stats.f.sf(statistic, 2, freedom))), white
+    return (amplitude, sigma, float(scipy.special.fdtrc(2, freedom, statistic))), white
 
 
 @filter_jit

@@ -20,7 +20,7 @@ from ._kernels._contiguous import effective_sizes, measure_whole, refuse_traced
 from ._kernels._difference_sums import direct_sums
 from ._kernels._phase import IN_CACHE, aligned, integrate, padded_length, running_sum_of_phase
 from ._kernels._regular_grid import on_grid
-from ._kernels._robust import EFFICIENCY, refuse_robust, robust_squares
+from ._kernels._robust import efficiency, refuse_robust, robust_squares
 from ._kernels._route import MANY, record_sums, sums_in_cache
 from ._kernels._total import traced_total_sums
 from ._kinds import Kind, cluster_sizes, find_kind
@@ -195,7 +195,7 @@ def _finished(y, columns, rate, statistic: Kind, sizes, confidence, samples: int
         expected = jnp.asarray(expected, dtype=count.dtype)
     lengths = statistic.length(count, sizes[:, None], samples) if xp is np else samples
     types = types_for_intervals(noise, effective_sizes(sizes, statistic), lengths, data, xp)
-    edf, low, high = _uncertainty(types, count, expected, sizes, statistic, lengths, confidence, EFFICIENCY if robust else 1.0, xp)
+    edf, low, high = _uncertainty(types, count, expected, sizes, statistic, lengths, confidence, efficiency() if robust else 1.0, xp)
     bias = xp.ones(count.shape, dtype=low.dtype)
     if bias_corrected:
         factors = functools.partial(bias_factors, kind=statistic, samples=lengths, published=bias_corrected == "published")

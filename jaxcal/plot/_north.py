@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import scipy.stats
+import scipy.special
 
 from .._errors import DataError
 from ..alignment import AlignmentFit, Positions, Readings
@@ -114,7 +114,7 @@ def _azimuth(ax: "Axes", result: AlignmentFit) -> None:
     low, high = (end / _DEG for end in result.interval["psi"])
     half = (high - low) / 2
     x = centre + _SPAN / 2 * half * np.linspace(-1, 1, 201)
-    density = scipy.stats.t.pdf((x - centre) / sigma, float(result.freedom[2])) / sigma
+    density = _student_density((x - centre) / sigma, float(result.freedom[2])) / sigma
     inner = np.abs(x - centre) <= half
     ax.fill_between(x[inner], density[inner], color=SHADE)
     ax.plot(x, density, color=SERIES[0], linewidth=1.2)
@@ -122,3 +122,11 @@ def _azimuth(ax: "Axes", result: AlignmentFit) -> None:
     ax.set_ylim(0, None)
     digits = max(0, int(np.ceil(1 - np.log10(half / 2))))
     ax.set_title(f"azimuth {centre:.{digits}f} ± {half:.{digits}f} degrees (95 %)", loc="left", fontsize=10, color=INK)
+
+
+def _student_density(t: np.ndarray, freedom: float) -> np.ndarray:
+    """Density of Student's t; of a normal variable for infinitely many degrees of freedom."""
+    if not np.isfinite(freedom):
+        return np.exp(-0.5 * t**2) / np.sqrt(2.0 * np.pi)
+    size = scipy.special.gammaln((freedom + 1) / 2) - scipy.special.gammaln(freedom / 2) - 0.5 * np.log(freedom * np.pi)
+    return np.exp(size - 0.5 * (freedom + 1) * np.log1p(t**2 / freedom))
