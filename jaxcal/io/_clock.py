@@ -123,7 +123,7 @@ def _candidates(table, found: Selection, wanted: list[int] | None) -> list[list[
     fraction = [i for i, one in enumerate(found.names) if one is not None and one.kind == "time" and one.axis == "nsec"]
     dates = [i for i, column in enumerate(table.columns) if column.dtype.kind == "M" and i not in table.days]
     sets = [[i] for i in dict.fromkeys([*named, *dates, *sorted(table.clocks)]) if _varies(table, i)]
-    whole = next((i for i in named if found.names[i] is not None and found.names[i].unit == "s" and i not in table.clocks), None)
+    whole = next((i for i in named if (one := found.names[i]) is not None and one.unit == "s" and i not in table.clocks), None)
     if fraction and whole is not None:
         sets = [[whole, fraction[0]], *(one for one in sets if one != [whole])]
     elif fraction:
