@@ -48,8 +48,8 @@ class Guess:
     sure: bool = True
 
 
-def accel_unit(values: np.ndarray, stated: str | None, where: str, period: float | None, *, doubtful: bool = False) -> Guess:
-    """Unit of an accelerometer; `doubtful` where its name may mean acceleration without gravity."""
+def accel_unit(values: np.ndarray, stated: str | None, where: str, period: float | None) -> Guess:
+    """Unit of an accelerometer, in whose values gravity must be."""
     norm, whole = median_norm(values), values.shape[1] == 3
     seen = f"median norm {norm:.4g}"
     if stated is None:
