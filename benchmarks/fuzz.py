@@ -37,12 +37,14 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests"), str(ROOT / "tests" / "io")]
 LIMIT_S, LIMIT_BYTES = 20.0, 1 << 30
 SAMPLES = 80
 SUFFIX = {
-    "csv": ".csv", "npy": ".npy", "npz": ".npz", "parquet": ".parquet", "bag1": ".bag", "sqlite3": ".db3", "mcap": ".mcap",
+    "csv": ".csv", "headers": ".csv", "zip": ".zip",
+    "npy": ".npy", "npz": ".npz", "parquet": ".parquet", "bag1": ".bag", "sqlite3": ".db3", "mcap": ".mcap",
     "ulog": ".ulg", "dataflash": ".bin", "mat5": ".mat", "hdf5": ".h5", "mat73": ".mat", "calibration": ".json",
 }  # fmt: skip
 #: share of the inputs, by what a reader's inputs cost and how much of it is ours
 SHARE = {
-    "csv": 14, "npy": 8, "npz": 10, "parquet": 6, "bag1": 6, "sqlite3": 6, "mcap": 8, "ulog": 14, "dataflash": 14, "mat5": 6,
+    "csv": 14, "headers": 30, "zip": 6, "npy": 8, "npz": 10, "parquet": 6, "bag1": 6, "sqlite3": 6, "mcap": 8, "ulog": 14, "dataflash": 14,
+    "mat5": 6,
     "hdf5": 4, "mat73": 2, "calibration": 6,
 }  # fmt: skip
 
@@ -64,6 +66,7 @@ def seeds(folder):
     """Valid inputs by reader."""
     import flightlogs
     import h5py
+    import layouts
     import numpy as np
     import polars as pl
     import scipy.io
@@ -80,13 +83,20 @@ def seeds(folder):
 
     rows = "".join(",".join(f"{v:.6g}" for v in row) + "\n" for row in table)
     found["csv"] += [
-        b"time [s],gyro_x,gyro_y,gyro_z,accel_x [g],accel_y [g],accel_z [g]\n" + rows.encode(),
+        b"time [s],gyro_x,gyro_y,gyro_z,accel_x [m/s^2],accel_y [m/s^2],accel_z [m/s^2]\n" + rows.encode(),
         rows.encode(),
         b"# made in a test\nt;gx;gy;gz\n" + "".join(";".join(f"{v:.4f}" for v in r[:4]) + "\n" for r in table).replace(".", ",").encode(),
         b'"date","gx","gy","gz"\n' + "".join(f'"2024-01-01T00:00:{i / 2:09.6f}",{i % 7}.5,1,2\n' for i in range(SAMPLES)).encode(),
         gzip.compress(b"t,gx,gy,gz\n" + rows.encode(), mtime=0),
         ("t,gx\n" + "1,2\n" * 40).encode("utf-16"),
     ]
+    found["headers"] += [layouts.case(number)[1] for number in range(48)]
+    for members in ({"log.csv": rows}, {"Gyroscope.csv": "t,x,y,z\n" + rows, "Accelerometer.csv": "t,x,y,z\n" + rows}):
+        packed = io.BytesIO()
+        with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+            for name, content in members.items():
+                archive.writestr(name, content)
+        found["zip"].append(packed.getvalue())
     for i, array in enumerate((table, table.astype("f4"), table[:, :4].astype(np.int16))):
         np.save(folder / f"a{i}.npy", array)
         add("npy", folder / f"a{i}.npy")
@@ -306,6 +316,69 @@ def textwise(draw, content, others):
     return "".join(lines).encode(encoding if encoding == "utf-16" else "utf-8", errors="replace")
 
 
+HEADS = [
+    "", "Unnamed: 0", "time", "t", "timestamp", "Time (s)", "time_ms",
+    "TimeUS", "SampleTimeFine", "sec", "nsec", "date", "Uhrzeit", "counter",
+    "gx", "gyro_x", "GyroR", "p", "q", "r", "wx", "Drehrate x", "rate", "ax", "ax1", "ax2", "acc_x", "FreeAcc_X", "linear_acceleration.x",
+    "Beschleunigung x", "gravity_x", "gFx", "mx", "mag_x", "magnetic field", "temp", "T(\u00b0C)", "x", "y", "z", "X (rad/s)", "Y (uT)",
+    "roll", "quat_w", "gyroADC[0]", "accSmooth[1]", "seconds_elapsed", "packetcounter", "timestartup", "x accel [x8004]", "(", "[", "[]",
+    "[0]", "()()", "x" * 5000, "x_" * 2000, "1" * 400, "\u00b5T", "\u0660", "a" + "\u0301" * 50,
+]  # fmt: skip
+UNITS = [
+    "[deg/s]", "(rad/s)", "_dps", "_g", " [m/s^2]", "(mg)", "[uT]",
+    "[T]", "_G", "[ms]", "(s)", "[ns]", "[LSB]", "[]", "(((", "[1e9 g]", "[nan]",
+    "[-]", " (\u00b0/s)", "[K]",
+]  # fmt: skip
+ABOVE = [
+    "sep=,",
+    "# Update Rate: 100 Hz",
+    "fs = 1e9",
+    "rate: 0",
+    "Sampling rate: nan Hz",
+    "acc_1G,2048",
+    "acc_1G,0",
+    "OutputRate:,60Hz",
+    "%",
+    "//",
+]
+
+
+def headerwise(draw, content, others):
+    """Names, units, columns and their order changed, and what stands above the table."""
+    lines = content.decode().split("\n")
+    at = next((i for i, line in enumerate(lines[:6]) if any(mark in line for mark in ",;\t") and "#" not in line[:1]), 0)
+    mark = max(",;\t", key=lines[at].count)
+    rows = [line.split(mark) for line in lines]
+    width = len(rows[at])
+    for _ in range(draw.choice([1, 1, 2, 4, 8])):
+        kind, column = draw.randrange(9), draw.randrange(width)
+        if kind <= 1:
+            rows[at][column] = draw.choice(HEADS)
+        elif kind == 2:
+            rows[at][column] += draw.choice(UNITS)
+        elif kind == 3:
+            rows[at][column] = draw.choice(HEADS) + draw.choice(UNITS)
+        elif kind == 4:
+            other = draw.randrange(width)
+            rows[at][column], rows[at][other] = rows[at][other], rows[at][column]
+        elif kind == 5 and width > 1:
+            rows = [row[:column] + row[column + 1 :] if len(row) == width else row for row in rows]
+            width -= 1
+        elif kind == 6:
+            factor = draw.choice([0.0, 1e-3, 9.80665, 57.29578, 131.0, 16384.0, 1e6, 1e300])
+            for row in rows[at + 1 :]:
+                with contextlib.suppress(ValueError, IndexError):
+                    row[column] = f"{float(row[column]) * factor:.6g}"
+        elif kind == 7:
+            for i, row in enumerate(rows[at + 1 :]):
+                if len(row) == width:
+                    row[column] = draw.choice(["", str(i), "0", str(i % 256), f"{i}e3", "12:00:00", "2024-01-01", "nan"])
+        else:
+            rows.insert(0, [draw.choice(ABOVE)])
+            at += 1
+    return "\n".join(mark.join(row) for row in rows).encode()
+
+
 def zipped(draw, content, others):
     """Members of an .npz changed, and the archive made whole again."""
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
@@ -411,7 +484,10 @@ def mutate(reader, number, found):
         if content.startswith(b"\x1f\x8b"):
             return gzip.compress(bytewise(draw, gzip.decompress(content), others), 1, mtime=0) if own else bytewise(draw, content, others)
         return textwise(draw, content, others) if own else bytewise(draw, content, others)
-    special = {"npz": zipped, "mat5": unpacked_mat, "sqlite3": in_database, "calibration": in_json}.get(reader)
+    if reader == "headers":
+        content = headerwise(draw, content, others)
+        return textwise(draw, content, others) if draw.random() < 0.1 else content
+    special = {"npz": zipped, "zip": zipped, "mat5": unpacked_mat, "sqlite3": in_database, "calibration": in_json}.get(reader)
     return special(draw, content, others) if special and own else bytewise(draw, content, others)
 
 
@@ -495,6 +571,8 @@ def watch(place):
     def hook(event, arguments):
         if event == "subprocess.Popen" and str(arguments[1][-1]).endswith("/jaxcal/io/_readers/_sandbox.py"):
             return  # jaxcal's own reading process
+        if event == "os.remove" and arguments[1] != -1:
+            return  # within the folder in which a zip file was unpacked
         if event in FORBIDDEN and not (event == "os.remove" and pathlib.Path(arguments[0]).parent == place):
             seen.append(event)
         elif event == "exec" and arguments[0].co_filename == "<string>":
@@ -502,7 +580,8 @@ def watch(place):
         elif event == "open" and isinstance(arguments[1], str) and set(arguments[1]) & set("wax+"):
             path = os.path.abspath(arguments[0]) if isinstance(arguments[0], str | bytes | os.PathLike) else str(place)
             # what the reading process says on its standard error goes to a file without a name
-            if not str(path).startswith(str(place)) and path != tempfile.gettempdir():
+            own = (str(place), os.path.join(tempfile.gettempdir(), ".jaxcal-"))  # where zip files are unpacked
+            if not str(path).startswith(own) and path != tempfile.gettempdir():
                 seen.append(f"open {path}")
 
     sys.addaudithook(hook)

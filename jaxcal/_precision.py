@@ -1,6 +1,8 @@
 """Float64 for host drivers, without touching the user's JAX configuration."""
 
 import functools
+import os
+import sys
 import warnings
 from collections.abc import Callable
 from types import ModuleType
@@ -12,7 +14,24 @@ import numpy as np
 from jax.core import Tracer
 from jax.extend.core import get_opaque_trace_state
 
-from ._errors import PrecisionWarning
+from ._errors import DataError, PrecisionWarning
+
+
+class _Fork:
+    """Whether this process was forked from one in which JAX had begun: its threads are not here, and programs wait for them for ever."""
+
+    severed = False
+
+    @classmethod
+    def cut(cls) -> None:
+        """In the child of a fork."""
+        # jax has no public way to ask whether it has begun
+        bridge = sys.modules.get("jax._src.xla_bridge")
+        cls.severed = cls.severed or bool(getattr(bridge, "_backends", None))
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_Fork.cut)
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -89,6 +108,11 @@ def host_float64(function: F) -> F:
 
     @functools.wraps(function)
     def driver(*args: Any, **kwargs: Any) -> Any:
+        if _Fork.severed:
+            raise DataError(
+                "this process was forked from one in which JAX had already computed, and here no computation would end: start processes "
+                'afresh, with multiprocessing.get_context("spawn"), or fork before anything is computed'
+            )
         if is_traced(args, kwargs):
             if not jax.config.read("jax_enable_x64"):
                 warnings.warn(

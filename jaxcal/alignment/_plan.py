@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import jax.scipy.linalg
 import numpy as np
-import scipy.optimize
+import scipy  # loads its parts when they are first used
 import scipy.special
 
 from .._compile import filter_jit

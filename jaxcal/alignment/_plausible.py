@@ -12,7 +12,7 @@ from ._positions import EARTH_RATE, Readings
 #: gravity at the surface of the Earth, m/s^2
 GRAVITIES = (9.76, 9.84)
 #: the largest reading of an accelerometer at rest that bias and scale errors explain, m/s^2
-_LARGEST = 10.5
+_LARGEST = 12.0
 #: the largest bias of a gyro, rad/s, and how many times the Earth's rate the readings may differ by between positions, noise aside
 _BIAS = np.deg2rad(20.0)
 _TIMES = 20.0
@@ -69,7 +69,7 @@ def _check_rate(readings: Readings, gyro: np.ndarray, resting: np.ndarray) -> No
         likely = _likely("gyro", lambda factor: 0.1 < half * factor / EARTH_RATE < 1.5)
         raise DataError(
             f"The gyro's readings differ by {2 * half:.3g} rad/s between positions, {2 * half / EARTH_RATE:.3g} times the Earth's rate, "
-            f"but {earth} and they may differ by twice that. {likely}"
+            f"but {earth} and they may differ by twice that. {likely} If the unit is right, the bias wanders too much to find north."
         )
     if largest > _BIAS:
         likely = _likely("gyro", lambda factor: 0.02 < largest * factor / EARTH_RATE < 100.0)

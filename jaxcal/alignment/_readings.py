@@ -7,7 +7,7 @@ import jax
 import jax.core
 import jax.numpy as jnp
 import numpy as np
-import scipy.stats
+import scipy.special
 
 from .._compile import filter_jit
 from .._errors import DataError
@@ -121,6 +121,9 @@ def carousel(
     rate, mean_angle = mean(np.gradient(angle, time)), mean(angle)
     means, noise = {name: mean(v) for name, v in samples.items()}, {"accel": accel_noise, "gyro": gyro_noise}
     wobble, notes = {}, []
+    given = [as_noise(one, "noise") for one in (accel_noise, gyro_noise)]
+    if fold and not all(one is None or white_alone(one) for one in given):
+        notes.append("The noise wanders, and a folded mean mixes the times of all turns; take fold=False for covariances that hold.")
     for name, v in means.items():
         word, unit = ("accelerometer", "m/s^2") if name == "accel" else ("gyro", "rad/s")
         wobble[name], white = _second_harmonic(mean_angle, v, dwell)
@@ -157,7 +160,7 @@ def _second_harmonic(angle: np.ndarray, value: np.ndarray, dwell: np.ndarray) ->
     # readings without any noise: rounding is no wobble
     tiny = amplitude < 1e-9 * float(np.abs(value).max())
     statistic = 0.0 if tiny or sigma == 0 else float(pair @ np.linalg.solve(covariance, pair)) / 2
-    return (amplitude, sigma, float(scipy.stats.f.sf(statistic, 2, freedom))), white
+    return (amplitude, sigma, float(scipy.special.fdtrc(2, freedom, statistic))), white
 
 
 @filter_jit

@@ -4,7 +4,7 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
-import scipy.stats
+import scipy.special
 
 from .._precision import array_module, is_traced
 from .._results import Result, Row
@@ -274,7 +274,7 @@ class AlignmentFit(_Known, Result):
     @property
     def interval(self) -> dict[str, tuple[float, float]]:
         """Interval of 95 % of every free parameter that has a number, SI (host only)."""
-        reach = dict(zip(self.names, scipy.stats.t.ppf(0.975, np.asarray(self.freedom)), strict=True))
+        reach = dict(zip(self.names, scipy.special.stdtrit(np.asarray(self.freedom), 0.975), strict=True))
         known = {name: value for name, value in self.parameters.items() if value is not None and np.isfinite(self.std[name])}
         return {name: (x - reach[name] * self.std[name], x + reach[name] * self.std[name]) for name, x in known.items()}
 

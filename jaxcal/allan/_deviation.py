@@ -20,7 +20,7 @@ from ._kernels._contiguous import effective_sizes, measure_whole, refuse_traced
 from ._kernels._difference_sums import direct_sums
 from ._kernels._phase import IN_CACHE, aligned, integrate, padded_length, running_sum_of_phase
 from ._kernels._regular_grid import on_grid
-from ._kernels._robust import EFFICIENCY, refuse_robust, robust_squares
+from ._kernels._robust import efficiency, refuse_robust, robust_squares
 from ._kernels._route import MANY, record_sums, sums_in_cache
 from ._kernels._total import traced_total_sums
 from ._kinds import Kind, cluster_sizes, find_kind
@@ -130,7 +130,7 @@ def deviation(
         options = {"data": data, "confidence": confidence, "alpha": alpha, "bias_corrected": bias_corrected, "robust": robust, "time": time}
         plain = functools.partial(deviation, y, rate, **options)
         return theoh(len(y) - (1 if data == "phase" else 0), m, plain)
-    statistic, rate = find_kind(kind), checked_rate(rate)
+    statistic, rate = find_kind(kind, "theoh"), checked_rate(rate)
     if data not in ("rate", "phase"):
         raise DataError(f'unknown data {data!r}; expected "rate" (samples of rate or force) or "phase" (their integral)')
     if bias_corrected not in (True, False, "published"):
@@ -195,7 +195,7 @@ def _finished(y, columns, rate, statistic: Kind, sizes, confidence, samples: int
         expected = jnp.asarray(expected, dtype=count.dtype)
     lengths = statistic.length(count, sizes[:, None], samples) if xp is np else samples
     types = types_for_intervals(noise, effective_sizes(sizes, statistic), lengths, data, xp)
-    edf, low, high = _uncertainty(types, count, expected, sizes, statistic, lengths, confidence, EFFICIENCY if robust else 1.0, xp)
+    edf, low, high = _uncertainty(types, count, expected, sizes, statistic, lengths, confidence, efficiency() if robust else 1.0, xp)
     bias = xp.ones(count.shape, dtype=low.dtype)
     if bias_corrected:
         factors = functools.partial(bias_factors, kind=statistic, samples=lengths, published=bias_corrected == "published")

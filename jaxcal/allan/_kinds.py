@@ -110,12 +110,12 @@ _KINDS = {
 }
 
 
-def find_kind(name: "str | Kind") -> Kind:
-    """The statistic called `name`, or the one given."""
+def find_kind(name: "str | Kind", *more: str) -> Kind:
+    """The statistic called `name`, or the one given; a message lists what is known, and `more` that the caller takes."""
     if isinstance(name, Kind):
         return name
     if name not in _KINDS:
-        raise DataError(f"unknown kind {name!r}; expected one of {', '.join(_KINDS)}")
+        raise DataError(f"unknown kind {name!r}; expected one of {', '.join([*_KINDS, *more])}")
     return _KINDS[name]
 
 

@@ -35,7 +35,8 @@ def read_document(path: pathlib.Path) -> dict[str, Any]:
     """The JSON document in a file; raises a `DataError` where it is not one that this version reads."""
     try:
         size = path.stat().st_size
-        document = json.loads(path.read_text(encoding="utf-8"), parse_constant=_no_constant) if size <= _LARGEST_FILE else None
+        text = path.read_text(encoding="utf-8") if size <= _LARGEST_FILE else "null"
+        document = json.loads(text, parse_constant=_no_constant, parse_float=_finite, object_pairs_hook=_distinct)
     except OSError as error:
         raise DataError(f"cannot read {path}: {(error.strerror or str(error)).lower()}") from error
     except RecursionError:
@@ -52,6 +53,22 @@ def read_document(path: pathlib.Path) -> dict[str, Any]:
         what = f"schema is {schema!r}, but this version of jaxcal reads {SCHEMA!r}"
         raise DataError(f"{path}: {what}; install the version that wrote the file")
     return document  # type: ignore[return-value]
+
+
+def _finite(word: str) -> float:
+    number = float(word)
+    if math.isinf(number):
+        raise ValueError(f"{word:.40} is larger than any number that is kept")
+    return number
+
+
+def _distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in found if names.count(name) > 1) if len(names) < 1000 else "a name"
+        raise ValueError(f"the key {twice!r:.80} stands twice in one object, and which of them holds cannot be told")
+    return found
 
 
 def _no_constant(word: str) -> None:

@@ -1,9 +1,7 @@
-"""What makes a command quick: JAX's persistent compilation cache, and modules read while a kernel runs."""
+"""What makes a command quick: JAX's persistent compilation cache."""
 
-import importlib
 import os
 import sys
-import threading
 from pathlib import Path
 
 
@@ -40,16 +38,3 @@ def keep_compiled() -> None:
     # the kernels are many and small: with JAX's own limits most of them would be compiled anew in every run
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
-
-
-def ahead(*modules: str) -> None:
-    """Import in another thread what is needed next, while this one waits for compiled programs; one that fails is met again there."""
-
-    def read() -> None:
-        for name in modules:
-            try:
-                importlib.import_module(name)
-            except ImportError:
-                return
-
-    threading.Thread(target=read).start()

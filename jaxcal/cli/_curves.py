@@ -14,7 +14,7 @@ import jaxcal
 from .._files import json_text, write_atomically
 from .._units import factor, number, si_unit
 from ._options import WRITING, CallError, Level, Log, Reading, Running, picture, stem
-from ._outputs import File, Outputs, figure, outputs
+from ._outputs import File, Outputs, figure, outputs, save_report
 from ._screen import Screen
 from ._tables import by_sensor
 from ._work import carry_out
@@ -35,6 +35,7 @@ class Deviations:
     json: Annotated[Path | None, Parameter(help="Deviations, limits, degrees of freedom and noise types as JSON, in SI units.")] = None
     export: Annotated[tuple[str, ...] | None, Parameter(name="--export", help="The same as a table: csv, or csv=FILE.")] = None
     plot: Annotated[Path | None, picture()] = None
+    report: Annotated[Path | None, Parameter(help="Report to explore, as one HTML file.")] = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,9 +101,8 @@ def allan(
 
     names = ("tau", "m", "deviation", "lower", "upper", "edf")
     plan = _outputs(log, writing, "allan", "tau_s", names, ("count", "alpha", "bias"), ("kind", "confidence"), lambda plot: plot.allan)
-    done = carry_out(log, reading, running, plan, compute, doing="computing")
-    for sensor, name, axes in by_sensor(done.found):
-        _deviations(done.screen, sensor, name, axes)
+    show = partial(_tables, table=_deviations)
+    done = carry_out(log, reading, running, plan, compute, doing="computing", show=show, command="jaxcal allan", options=options)
     done.tell([sentence for result in done.found.values() for sentence in result.warnings])
 
 
@@ -157,14 +157,18 @@ def psd(
     names = ("frequency", "count", "density", "lower", "upper", "edf")
     head = ("method", "sided", "average", "confidence")
     plan = _outputs(log, writing, "psd", "frequency_hz", names, (), head, lambda plot: plot.spectrum)
-    done = carry_out(log, reading, running, plan, compute, doing="computing")
-    for sensor, name, axes in by_sensor(done.found):
-        _densities(done.screen, sensor, name, axes)
+    show = partial(_tables, table=_densities)
+    done = carry_out(log, reading, running, plan, compute, doing="computing", show=show, command="jaxcal psd", options=options)
     from .._results import by_channel
 
     warnings = {channel: [f"left out: {sentence}" for sentence in sentences] for channel, sentences in refused.items()}
     warnings |= {channel: result.warnings for channel, result in done.found.items()}
     done.tell(by_channel(warnings))
+
+
+def _tables(screen: Screen, found: Mapping[str, Any], *, table: Callable[[Screen, str, str, Mapping[str, Any]], None]) -> None:
+    for sensor, name, axes in by_sensor(found):
+        table(screen, sensor, name, axes)
 
 
 def _sizes(text: str) -> Any:
@@ -184,6 +188,7 @@ def _outputs(
     files: list[File] = [
         ("json", "", partial(_json, what=what, names=(*names, *more), head=head)),
         ("plot", "", figure(lambda plot, found, _: draw(plot)(found))),
+        ("report", "", save_report),
     ]
     header = ("channel", "unit", abscissa, *names[1:])
     return outputs(writing, files, formats={"csv": f"{stem(log)}-{what}.csv"}, export=partial(_csv, header=header, names=names))

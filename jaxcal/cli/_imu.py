@@ -67,7 +67,7 @@ def imu(
         "raw": raw, "initial": initial, "regions": regions and str(regions), "without_g_sensitivity": without_g_sensitivity,
     }  # fmt: skip
     files: list[File] = [
-        ("", "imu.png", figure(lambda plot, found, _: plot.imu(found))), ("report", "report.html", save_report),
+        ("plot", "", figure(lambda plot, found, _: plot.imu(found))), ("report", "report.html", save_report),
         ("json", "imu.json", save_json), ("calibration", "calibration.json", partial(save_calibration, part="imu")),
     ]  # fmt: skip
     plan = outputs(writing, files, f"{stem(log)}-imu", formats=_EXPORTS, export=partial(save_export, part="imu"))
@@ -92,10 +92,12 @@ def imu(
             raise jaxcal.DataError(found.reason)
         return found
 
-    done = carry_out(log, reading, running, plan, compute, command="jaxcal imu", options=options)
-    _tables(done.screen, done.found, raw)
-    done.screen.line()
-    done.screen.line(f"{done.found.verdict}: {done.found.reason}")
+    def show(screen: Screen, found: Any) -> None:
+        _tables(screen, found, raw)
+        screen.line()
+        screen.line(f"{found.verdict}: {found.reason}")
+
+    done = carry_out(log, reading, running, plan, compute, show=show, command="jaxcal imu", options=options)
     done.tell([*notes, *done.found.warnings])
 
 

@@ -112,13 +112,13 @@ def mag(
     def compute(recording: Any, _: Any) -> Any:
         found = _fit(recording, align, joint, chosen)
         _show(screen, found)
+        screen.flush()
         if found.verdict == "refused" and not force:
             raise jaxcal.DataError(f"the calibration is refused, and nothing was written (--force writes it). {found.reason}")
         return found
 
     files: list[File] = [
-        ("", "sphere.png", figure(_sphere)), ("", "coverage.png", figure(lambda plot, found, _: plot.coverage(found))),
-        ("", "heading_error.png", figure(lambda plot, found, _: plot.heading_error(found))), ("report", "report.html", save_report),
+        ("plot", "", figure(_sphere)), ("report", "report.html", save_report),
         ("json", "mag.json", save_json), ("calibration", "calibration.json", tried(partial(save_calibration, part="magnetometer"))),
         ("corrected", "", _corrected),
     ]  # fmt: skip

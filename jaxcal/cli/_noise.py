@@ -10,10 +10,10 @@ from cyclopts import Parameter
 import jaxcal
 
 from ._apply import corrected
-from ._cache import ahead
 from ._export import FILES
 from ._options import CallError, Files, Level, Log, Reading, Running, must_exist, stem
 from ._outputs import File, figure, outputs, save_calibration, save_export, save_json, save_report, tried
+from ._screen import Screen
 from ._tables import decides, left_out, longer_record, noise_tables
 from ._work import carry_out
 
@@ -79,25 +79,26 @@ def characterise(
 
     def compute(log: Any, move: Any) -> dict[str, Any]:
         fit = jaxcal.noise.characterise
-        ahead("jaxcal.report", "matplotlib.backends.backend_svg", "matplotlib.backends.backend_agg")
         names = tuple("markov" if term == "M" else term for term in chosen)
         return fit(log, method=method, terms=names, confidence=confidence, band=band, robust=robust, progress=move)
+
+    def show(screen: Screen, fits: dict[str, Any]) -> None:
+        noise_tables(screen, fits, truth)
+        screen.sentences("Record length at which a term is known to 10 %, worst axis", longer_record(fits))
+        screen.sentences("Record length that would decide on a term not detected", decides(fits))
+        screen.sentences("Left out of the fit", left_out(fits))
 
     # a filter needs some noise and some random walk: where none was found the upper limit is safe, and file and warning say so
     export = partial(save_export, part="noise", density="upper_limit", random_walk="upper_limit")
     files: list[File] = [
-        ("", "allan.png", figure(lambda plot, fits, _: plot.allan(fits))), ("report", "report.html", save_report),
+        ("plot", "", figure(lambda plot, fits, _: plot.allan(fits))), ("report", "report.html", save_report),
         ("json", "noise.json", save_json), ("", "calibration.json", partial(save_calibration, part="noise")),
         ("", "imu.yaml", tried(partial(export, format="kalibr"), jaxcal.ExportError)),
     ]  # fmt: skip
     done = carry_out(
         path, reading, running, outputs(writing, files, f"{stem(path)}-noise", formats=_EXPORTS, export=export), compute,
-        change=None if calibration is None else partial(corrected, calibration), command="jaxcal noise",
+        show=show, change=None if calibration is None else partial(corrected, calibration), command="jaxcal noise",
         options={"terms": terms, "confidence": confidence, "band": band, "method": method, "robust": robust, "calibration": calibration},
     )  # fmt: skip
-    noise_tables(done.screen, done.found, truth)
-    done.screen.sentences("Record length at which a term is known to 10 %, worst axis", longer_record(done.found))
-    done.screen.sentences("Record length that would decide on a term not detected", decides(done.found))
-    done.screen.sentences("Left out of the fit", left_out(done.found))
     done.tell_by_channel()
     return done.found

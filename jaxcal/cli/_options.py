@@ -54,6 +54,7 @@ class Files:
     out: Annotated[Path | None, Parameter(help="Folder for the files, made if it is missing.")] = None
     json: Path | None = None
     report: Annotated[Path | None, Parameter(help="Report as one HTML file.")] = None
+    plot: Annotated[Path | None, picture()] = None
 
 
 @Parameter(name="*", group=READING)

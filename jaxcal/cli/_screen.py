@@ -49,6 +49,10 @@ class Screen:
         self._print(title, style="bold")
         self._print(table)
 
+    def flush(self) -> None:
+        """Hand on what was printed, so that it is read while the command goes on."""
+        self._console.file.flush()
+
     def _print(self, *what: Any, **how: Any) -> None:
         if self._quiet:
             return

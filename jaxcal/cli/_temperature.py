@@ -11,7 +11,7 @@ import jaxcal
 
 from .._units import noise_factor, noise_units, number
 from ._export import FILES, ids_of
-from ._options import CallError, Files, Level, Reading, Running, picture, stem
+from ._options import CallError, Files, Level, Reading, Running, stem
 from ._outputs import File, figure, outputs, save_calibration, save_export, save_json, save_report
 from ._screen import Screen
 from ._tables import by_sensor
@@ -28,7 +28,6 @@ class Writing(Files):
 
     json: Annotated[Path | None, Parameter(help="Models, residuals, jumps and curves as JSON, in SI units.")] = None
     calibration: Annotated[Path | None, Parameter(help="Calibration that jaxcal apply and jaxcal noise --calibration read.")] = None
-    plot: Annotated[Path | None, picture()] = None
     export: Annotated[tuple[str, ...] | None, Parameter(name="--export", help=_OTHER)] = None
     ids: Annotated[str | None, Parameter(help="Ids by which it finds the sensors, as gyro=1310988,accel=1310988.")] = None
 
@@ -66,15 +65,14 @@ def temperature(
         return save_export(place, fits, data, format, part="temperature", device=device)
 
     files: list[File] = [
-        ("plot", "temperature.png", figure(lambda plot, fits, _: plot.temperature(fits))), ("report", "report.html", save_report),
+        ("plot", "", figure(lambda plot, fits, _: plot.temperature(fits))), ("report", "report.html", save_report),
         ("json", "temperature.json", save_json), ("calibration", "calibration.json", partial(save_calibration, part="temperature")),
     ]  # fmt: skip
     done = carry_out(
         log, reading, running, outputs(writing, files, f"{stem(log)}-temperature", formats=_EXPORTS, export=export),
-        lambda data, move: jaxcal.temperature.characterise(data, progress=move, **options), command="jaxcal temperature", options=options,
+        lambda data, move: jaxcal.temperature.characterise(data, progress=move, **options), show=_tables, command="jaxcal temperature",
+        options=options,
     )  # fmt: skip
-    for sensor, name, axes in by_sensor(done.found):
-        _table(done.screen, sensor, name, axes)
     done.tell_by_channel()
 
 
@@ -88,6 +86,11 @@ def _amount(name: str, text: str | None) -> Any:
     if not 0.0 <= value < float("inf"):
         raise CallError(f"--{name} {text}: expected auto, or a number from 0")
     return value
+
+
+def _tables(screen: Screen, found: dict[str, Any]) -> None:
+    for sensor, name, axes in by_sensor(found):
+        _table(screen, sensor, name, axes)
 
 
 def _table(screen: Screen, sensor: str, name: str, axes: dict[str, Any]) -> None:

@@ -35,15 +35,17 @@ class Done(NamedTuple):
 
 def carry_out(
     path: Path, reading: Reading, running: Running, plan: Outputs, compute: Callable[[Any, Any], Any], *, doing: str = "fitting",
-    change: Callable[[Any], Any] | None = None, command: str = "", options: Mapping[str, Any] | None = None,
+    show: Callable[[Screen, Any], None] | None = None, change: Callable[[Any], Any] | None = None, command: str = "",
+    options: Mapping[str, Any] | None = None,
 ) -> Done:  # fmt: skip
-    """Read the log at `path`, print what was read, compute, and write the files of `plan`: all of them or none.
+    """Read the log at `path`, print what was read, compute, print the answer, and write the files of `plan`: all of them or none.
 
     Parameters
     ----------
     path, reading, running, plan : the log, the options of the command, and its `outputs`.
     compute : (log, function that moves the progress bar) -> results, which the makers get.
     doing : word for the progress bar.
+    show : (screen, results) -> None: prints the answer. It comes before the files, which nobody has to wait for.
     change : what is done to the log before anything else.
     command, options : kept with the log, if given, so that every file made from it names them and the versions.
     """
@@ -52,11 +54,15 @@ def carry_out(
         with progress(f"reading {path.name}", running.quiet):
             log = read_log(path, reading)
             log = log if change is None else change(log)
-            log = log if options is None else _signed(log, command, reading, options)
+            log = log if options is None or not targets else _signed(log, command, reading, options)
         show_log(screen, log)
         with progress(doing, running.quiet) as move:
             keep_compiled()
             found = compute(log, move)
+        if show is not None:
+            show(screen, found)
+            screen.flush()
+        with progress("writing", running.quiet):
             said = [sentence for target, make in targets.items() for sentence in make(places[target], found, log) or ()]
         written = [target for target, place in places.items() if place.exists()]
     return Done(screen, log, found, said, written)

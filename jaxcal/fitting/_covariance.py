@@ -6,7 +6,7 @@ from typing import Any, Literal
 import jax
 import jax.numpy as jnp
 import numpy as np
-import scipy.stats
+import scipy.special
 
 from .._compile import filter_jit
 from .._errors import FitError
@@ -136,7 +136,7 @@ def intervals(
     else:
         labels, _ = _labels(fit, _BLOCKS if kind == "jackknife" and blocks is None else blocks)
         freedom = _real(fit, labels) - 1
-    reach = scipy.stats.t.ppf((1 + confidence) / 2, freedom) * error
+    reach = scipy.special.stdtrit(freedom, (1 + confidence) / 2) * error
     return np.asarray(fit.parameters)[:, None] + reach[:, None] * np.array([-1.0, 1.0])
 
 

@@ -6,8 +6,8 @@ import math
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-import scipy.optimize
-import scipy.stats
+import scipy  # loads its parts when they are first used
+import scipy.special
 
 from .._errors import FitError
 from ._covariance import covariance
@@ -72,9 +72,9 @@ def profile_interval(fit: Fit, name: str, *, confidence: float = 0.95, scaled: b
     if scaled and problem.priors:
         raise FitError("A scaled profile would scale the priors too; divide the residuals by their standard deviation instead.")
     if scaled or fit.robust:
-        rise = float(fit.variance * fit.mean_curvature) * scipy.stats.f.ppf(confidence, 1, int(fit.degrees_of_freedom))
+        rise = float(fit.variance * fit.mean_curvature) * scipy.special.fdtri(1, int(fit.degrees_of_freedom), confidence)
     else:
-        rise = scipy.stats.chi2.ppf(confidence, 1)
+        rise = 2.0 * float(scipy.special.gammaincinv(0.5, confidence))
     # A parameter at its bound has a standard error once the bound is lifted; it is only the length of the first step.
     place = np.arange(len(fit.names))
     lifted = dataclasses.replace(fit, at_bound=np.where(place == j, False, fit.at_bound))

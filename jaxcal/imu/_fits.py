@@ -9,9 +9,8 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import scipy.optimize
-import scipy.stats
-from scipy.spatial.transform import Rotation
+import scipy  # loads its parts when they are first used
+import scipy.special
 
 from .._compile import filter_jit
 from .._errors import DataError
@@ -28,12 +27,10 @@ _FIRST_TURN = 0.02  # rad, before the turns have told their own size
 ROUNDS = 3
 _DRIFT_LEVEL = 0.01
 _CLIP = 2.5
-_KEPT = float(scipy.stats.chi2.cdf(_CLIP**2, 3) + _CLIP**2 * scipy.stats.chi2.sf(_CLIP**2, 1))
+_KEPT = float(scipy.special.chdtr(3, _CLIP**2) + _CLIP**2 * scipy.special.chdtrc(1, _CLIP**2))
 _SCALES = 80
 _STEPS = 64
 _RADIANS = {"rad/s": 1.0, "deg/s": np.pi / 180}
-#: the 24 rotations that carry axes into axes
-_AXES = np.round(Rotation.create_group("O").as_matrix())
 
 
 class Options(eqx.Module):
@@ -107,7 +104,7 @@ def turn_costs(matrices: np.ndarray, bias: np.ndarray, vertical: np.ndarray, tur
     valid = np.isfinite(turns.sigma)
     costs = []
     for matrix in matrices:
-        turn = Rotation.from_rotvec((steps @ matrix.T).reshape(-1, 3)).as_matrix().reshape(-1, _STEPS, 3, 3)
+        turn = scipy.spatial.transform.Rotation.from_rotvec((steps @ matrix.T).reshape(-1, 3)).as_matrix().reshape(-1, _STEPS, 3, 3)
         while turn.shape[1] > 1:
             turn = turn[:, ::2] @ turn[:, 1::2]
         predicted = np.einsum("sji,sj->si", turn[:, 0], vertical[:-1])
@@ -125,7 +122,8 @@ def scanned_scale(bias: np.ndarray, vertical: np.ndarray, turns: Turns) -> float
 
 def explanation(bias: np.ndarray, vertical: np.ndarray, turns: Turns, scale: float) -> str | None:
     """Another unit or another order of the gyroscope's axes that would fit at least ten times better than what was taken."""
-    tried = [(unit, factor, turn) for unit, factor in _RADIANS.items() for turn in _AXES]
+    swaps = np.round(scipy.spatial.transform.Rotation.create_group("O").as_matrix())  # the 24 that carry axes into axes
+    tried = [(unit, factor, turn) for unit, factor in _RADIANS.items() for turn in swaps]
     matrices = np.array([scale * factor * turn for _, factor, turn in tried])
     costs = turn_costs(matrices, bias, vertical, turns)
     here = turn_costs(scale * np.eye(3)[None], bias, vertical, turns)[0]
@@ -156,7 +154,7 @@ def rest_start(rests: Rests, force: np.ndarray, with_force: bool, earth: np.ndar
     beta, more = np.linalg.lstsq(x, y)[:2]
     less = np.linalg.lstsq(np.concatenate([x, rests.time[:, None]], axis=1), y)[1].sum()
     freedom = 3 * (len(x) - x.shape[1] - 1)
-    drifts = freedom > 6 and less > 0 and scipy.stats.f.sf((more.sum() - less) / 3 / (less / freedom), 3, freedom) < _DRIFT_LEVEL
+    drifts = freedom > 6 and less > 0 and scipy.special.fdtrc(3, freedom, (more.sum() - less) / 3 / (less / freedom)) < _DRIFT_LEVEL
     return beta[0], beta[1:].T if with_force else np.zeros((3, 3)), bool(drifts)
 
 

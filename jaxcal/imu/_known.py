@@ -5,7 +5,7 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
-import scipy.stats
+import scipy.special
 
 from .._errors import DataError
 from .._precision import host_float64
@@ -74,14 +74,14 @@ def _triad_of(
             )
         # one noise for the three axes of a triad: three times the degrees of freedom
         sigma = np.full(3, np.sqrt(np.sum(residual**2) / (3 * freedom)))
-        quantile = scipy.stats.t.ppf(0.975, 3 * freedom)
+        quantile = scipy.special.stdtrit(3 * freedom, 0.975)
     else:
         sigma = np.broadcast_to(np.asarray(sigma, dtype=float), (3,))
         if not (np.isfinite(sigma).all() and (sigma > 0).all()):
             raise DataError(f"sigma={sigma.tolist()} must be positive, in the unit of the readings")
-        quantile = scipy.stats.norm.ppf(0.975)
+        quantile = scipy.special.ndtri(0.975)
         noise = np.sqrt(np.sum(residual**2, axis=0) / max(freedom, 1))
-        limit = np.sqrt(scipy.stats.chi2.ppf(0.999, max(freedom, 1)) / max(freedom, 1))
+        limit = np.sqrt(2 * scipy.special.gammaincinv(max(freedom, 1) / 2, 0.999) / max(freedom, 1))
         if freedom > 0 and np.any(noise > limit * sigma):
             warnings = (
                 *warnings,

@@ -6,7 +6,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import numpy as np
-import scipy.stats
+import scipy.special
 
 from .._units import STANDARD_GRAVITY
 from ._fits import Joint
@@ -126,7 +126,7 @@ def _best(r: np.ndarray, own: np.ndarray, terms: dict[str, np.ndarray]) -> tuple
     name = min(tried, key=lambda key: np.sum(tried[key][0] ** 2))
     left, solution = tried[name]
     ratio = (np.sum(plain**2) - np.sum(left**2)) / 3 / max(np.sum(left**2) / freedom, 1e-300)
-    level = float(scipy.stats.f.sf(ratio, 3, freedom))
+    level = float(scipy.special.fdtrc(3, freedom, ratio))
     # what is left out of the fit must be predicted better, too
     if level >= _LEVEL or _predicted(left, np.concatenate([own, terms[name]], axis=1)) >= _predicted(plain, own):
         return None

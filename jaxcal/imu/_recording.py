@@ -4,7 +4,7 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
-import scipy.stats
+import scipy.special
 
 from .._errors import DataError
 from ._residuals import Poses, Turns, Weighted
@@ -141,8 +141,8 @@ class Rests(eqx.Module):
     def _shared(self, variance: np.ndarray) -> np.ndarray:
         """The common noise of all rests, since one alone knows its own badly; its own for a rest that beyond doubt has another one."""
         freedom, density = self.pieces - 1, variance * self.duration
-        common = np.median(density / scipy.stats.chi2.ppf(0.5, freedom) * freedom)
-        low, high = (common * scipy.stats.chi2.ppf(part, freedom) / freedom for part in (_UNLIKE, 1 - _UNLIKE))
+        common = np.median(density / (2 * scipy.special.gammaincinv(freedom / 2, 0.5)) * freedom)
+        low, high = (common * 2 * scipy.special.gammaincinv(freedom / 2, part) / freedom for part in (_UNLIKE, 1 - _UNLIKE))
         return np.where((density > high) | (density < low), density, common) / self.duration
 
 

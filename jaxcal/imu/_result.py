@@ -9,7 +9,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import scipy.stats
+import scipy.special
 
 from .._precision import host_float64
 from .._results import Result, Row
@@ -255,7 +255,7 @@ def finished(
 
     `explain` may know another unit or other axes that would mend a refused fit; `missing` are sentences on what the model lacks.
     """
-    half = scipy.stats.t.ppf(0.975, np.maximum(result.degrees_of_freedom, 1)) * result.standard_error
+    half = scipy.special.stdtrit(np.maximum(result.degrees_of_freedom, 1), 0.975) * result.standard_error
     interval = np.stack([result.values - half, result.values + half], axis=1)
     seen: Any = result.observability
     gyro, poses, turns = result.gyro is not None, len(result.residual_norm), len(result.residual_turn)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scipy.stats
+import scipy.special
 
 from .._errors import DataError
 from .._precision import host_float64
@@ -264,7 +264,7 @@ def _covariance(accel: np.ndarray, still: np.ndarray, matrix: np.ndarray) -> np.
 
 def _judged(result: ImuFit, tilt: float, turns: int) -> ImuFit:
     """The result with intervals and verdict."""
-    half = scipy.stats.t.ppf(0.975, result.degrees_of_freedom) * result.standard_error
+    half = scipy.special.stdtrit(result.degrees_of_freedom, 0.975) * result.standard_error
     interval = np.stack([result.values - half, result.values + half], axis=1)
     force, rate = relative_error(result, 0), relative_error(result, 12)
     notes = list(result.warnings)

@@ -3,7 +3,7 @@
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy  # loads its parts when they are first used
 
 from .._errors import DataError
 from .._log import Log
@@ -132,10 +132,10 @@ def simulate(
         body.append(np.broadcast_to(attitude, (samples, 3, 3)))
         rates.append(np.zeros((samples, 3)))
         if i + 1 < poses:
-            vector = Rotation.from_matrix(attitude.T @ held[i + 1]).as_rotvec()
+            vector = scipy.spatial.transform.Rotation.from_matrix(attitude.T @ held[i + 1]).as_rotvec()
             x = (np.arange(moving) + 1) / (moving + 1)
             part, speed = x**3 * (10 - 15 * x + 6 * x**2), 30 * x**2 * (1 - x) ** 2 * rate / (moving + 1)
-            body.append(attitude @ Rotation.from_rotvec(part[:, None] * vector).as_matrix())
+            body.append(attitude @ scipy.spatial.transform.Rotation.from_rotvec(part[:, None] * vector).as_matrix())
             rates.append(speed[:, None] * vector)
     c_nb, w = np.concatenate(body), np.concatenate(rates)
     force = size * c_nb[:, 2, :]
@@ -190,7 +190,9 @@ def simulate_positions(
     directions = SIX if up is None else np.asarray(up, dtype=float)
     directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
     errors = levelling * rng.normal(size=directions.shape)
-    turned = Rotation.from_rotvec(tilt * rng.normal(size=3)).apply(Rotation.from_rotvec(errors).apply(directions))
+    turned = scipy.spatial.transform.Rotation.from_rotvec(tilt * rng.normal(size=3)).apply(
+        scipy.spatial.transform.Rotation.from_rotvec(errors).apply(directions)
+    )
     # in NumPy: simulations call this by the hundred
     readings = float(gravity) * turned @ np.asarray(triad.matrix).T + np.asarray(triad.bias)
     return readings + sigma * rng.normal(size=directions.shape)

@@ -309,18 +309,21 @@ def refuse_restarts(clock: Clock) -> None:
     seconds = clock.seconds
     with np.errstate(invalid="ignore"):
         back = np.flatnonzero(np.diff(seconds) < 0)
-    if not len(back) or not np.isfinite(clock.period):
+    period = clock.period
+    if not len(back) or not np.isfinite(period):
         return
     drops = seconds[back] - seconds[back + 1]
     unit = _SECONDS.get(clock.unit, 1e-4 if clock.unit == "1e-4 s" else 1.0)
     span = float(np.nanmax(seconds) - np.nanmin(seconds))
     wraps = [size * unit for size in _WRAPS] + [size * tick for size in _WRAPS for tick in (1e-9, 1e-6, 1e-3)] + [_DAY]
+    wraps = [wrap for wrap in wraps if wrap > 20 * period]
+    long = drops > max(0.2 * span, 50 * period)
     restarts = []
-    for at, drop in zip(back.tolist(), drops.tolist(), strict=True):
-        wrapped = any(abs(drop - wrap) < max(0.01 * wrap, 20 * clock.period) for wrap in wraps if wrap > 20 * clock.period)
+    for at, drop in zip(back[long].tolist()[:1000], drops[long].tolist(), strict=False):
+        wrapped = any(abs(drop - wrap) < max(0.01 * wrap, 20 * period) for wrap in wraps)
         after = seconds[at + 1 : at + 21]
-        goes_on = len(after) > 3 and np.nanmedian(np.abs(np.diff(after))) < 5 * clock.period and np.nanmax(after) < seconds[at]
-        if not wrapped and goes_on and drop > 0.2 * span and drop > 50 * clock.period:
+        goes_on = len(after) > 3 and np.nanmedian(np.abs(np.diff(after))) < 5 * period and np.nanmax(after) < seconds[at]
+        if not wrapped and goes_on:
             restarts.append(at + 1)
     if restarts:
         rows = ", ".join(str(row + 1) for row in restarts[:6]) + (" ..." if len(restarts) > 6 else "")

@@ -13,6 +13,8 @@ import unicodedata
 from .._units import find_unit
 
 AXES = "xyz"
+#: characters of a name beyond which it names no quantity
+_LONGEST = 120
 #: kinds of which no sensor is made; "linear" holds acceleration without gravity
 OTHERS = ("linear", "gravity", "attitude", "motion", "counter")
 
@@ -133,18 +135,20 @@ def _cut(name: str) -> list[list[str]]:
 
 def plain(name: str) -> str:
     """A name as letters and digits alone, without brackets."""
-    return "".join(_cut(name)[1])
+    return "".join(_cut(name[:_LONGEST])[1])
 
 
 def is_counter(name: str) -> bool:
     """Whether a name is that of a row or packet counter, which is no time; a nameless index counts as one."""
-    words = [word for word in _cut(name)[0] if not word.isdigit() and word not in ("imu", "data")]
+    words = [word for word in _cut(name[:_LONGEST])[0] if not word.isdigit() and word not in ("imu", "data")]
     return bool(_COUNTER.fullmatch("".join(words)))
 
 
 @functools.lru_cache(4096)
 def parse(name: str) -> Name | None:
     """What a name says, or None."""
+    if len(name) > _LONGEST:
+        return None
     inside = bracketed(name)
     index = re.search(r"\[([0-2])\]\s*$", name)
     for words in _cut(name):

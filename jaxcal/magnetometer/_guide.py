@@ -4,7 +4,7 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
-import scipy.stats
+import scipy.special
 
 from .._errors import DataError
 from .._precision import host_float64
@@ -118,7 +118,7 @@ def guide(
     form = weight @ covariance
     mean, spread = float(np.trace(form)), float(np.trace(form @ form))
     freedom = mean**2 / spread  # of the chi-square that the form is nearly
-    quantile = scipy.stats.f.ppf(1.0 - (1.0 - confidence) / _LOOKS, freedom, max(len(m) - _PARAMETERS, 1))
+    quantile = scipy.special.fdtri(freedom, max(len(m) - _PARAMETERS, 1), 1.0 - (1.0 - confidence) / _LOOKS)
     error = float(found.heading_error[0])
     bound = float(error * np.sqrt(quantile))
     stop = bool(bound <= limit and found.verdict != "refused")

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import numpy as np
-import scipy.stats
+import scipy.special
 
 from .._results import Result, Row
 from .._types import AnyArray
@@ -134,7 +134,7 @@ class MagFit(Result):
     def _quantile(self) -> float:
         """Half of a 95 % interval in standard deviations, by Student's t."""
         freedom = self.blocks - 1 if self.blocks else max(self.used - len(self.names), 1)
-        return float(scipy.stats.t.ppf(0.975, freedom))
+        return float(scipy.special.stdtrit(freedom, 0.975))
 
     def _rows(self) -> list[Row]:
         if self.model is None:

@@ -7,7 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import scipy.optimize
+import scipy  # loads its parts when they are first used
 
 from .._errors import DataError
 from .._precision import array_module, host_float64

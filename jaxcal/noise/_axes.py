@@ -64,7 +64,8 @@ class Correlation(Unjudged):
 
     def _rows(self) -> list[Row]:
         pairs = combinations(range(len(self.correlation)), 2)
-        return [Row(f"correlation of axes {i} and {j}", self.correlation[i, j], *self.interval[i, j], "") for i, j in pairs]
+        low, high = self.interval[..., 0], self.interval[..., 1]
+        return [Row(f"correlation of axes {i} and {j}", self.correlation[i, j], low[i, j], high[i, j], "") for i, j in pairs]
 
 
 @host_float64

@@ -8,8 +8,8 @@ import math
 import equinox as eqx
 import jax
 import numpy as np
+import scipy  # loads its parts when they are first used
 import scipy.linalg
-import scipy.optimize
 
 from .._errors import DataError
 from .._precision import is_traced

@@ -8,7 +8,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.special
-import scipy.stats
 
 from .._types import AnyArray, Float
 from ._lanes import namespace
@@ -35,7 +34,7 @@ class Limits(NamedTuple):
 @functools.cache
 def levels_of(confidence: float) -> tuple[float, float]:
     """Likelihood ratios at the ends of an interval and at a one-sided upper limit."""
-    return float(scipy.stats.chi2.ppf(confidence, 1)), float(scipy.stats.norm.ppf(confidence)) ** 2
+    return 2.0 * float(scipy.special.gammaincinv(0.5, confidence)), float(scipy.special.ndtri(confidence)) ** 2
 
 
 def chance(rise, freedom) -> Any:

@@ -3,7 +3,7 @@
 import dataclasses
 
 import numpy as np
-import scipy.optimize
+import scipy  # loads its parts when they are first used
 
 from .._errors import DataError, FitError
 from .._precision import host_float64, is_traced

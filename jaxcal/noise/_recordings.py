@@ -5,7 +5,7 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
-import scipy.stats
+import scipy.special
 
 from .._errors import DataError
 from .._results import Result, Row
@@ -111,7 +111,7 @@ def fit_recordings(
     first, values = fits[0], {}
     interval: dict[str, tuple[float, float]] = {}
     between, verdict = {}, {}
-    reach = float(scipy.stats.t.ppf(0.5 + confidence / 2.0, len(fits) - 1)) * np.sqrt(1.0 + 1.0 / len(fits))
+    reach = float(scipy.special.stdtrit(len(fits) - 1, 0.5 + confidence / 2.0)) * np.sqrt(1.0 + 1.0 / len(fits))
     for i, term in enumerate(first.terms):
         shown = [one.verdict[term] == "present" for one in fits]
         verdict[term] = "present" if all(shown) else "hint" if any(shown) else "not detected"

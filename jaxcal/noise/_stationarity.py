@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.fft
-import scipy.stats
+import scipy.special
 
 ORDINATES, _FOLLOWED = 512, 48  # most that are looked at, and of these for a regressor
 _FEWEST = 32
@@ -172,5 +172,5 @@ def unevenness_of_level(y, share, density, dt: float) -> Unevenness:
     energy = _energies(_white_part(y, share, density, dt))
     stationary = 2.0 * PARTS * np.sum(share**2) / np.sum(share) ** 2  # variance of one part
     total = np.sum((energy - 1.0) ** 2) / stationary
-    chance = float(scipy.stats.chi2.sf(total, PARTS - 1))
+    chance = float(scipy.special.chdtrc(PARTS - 1, total))
     return Unevenness(total / (PARTS - 1), chance, int(np.argmax(energy)), float(energy.max() / PARTS))

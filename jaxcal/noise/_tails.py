@@ -14,8 +14,8 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+import scipy  # loads its parts when they are first used
 import scipy.fft
-import scipy.optimize
 import scipy.special
 
 from .._types import AnyArray

@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import scipy.stats
+import scipy.special
 
 from .._errors import DataError
 from ..alignment import AlignmentFit, Positions, Readings
@@ -20,9 +20,9 @@ _SPAN = 4.0  # half-widths of the interval that are drawn, both sides together
 def north(readings: Any, result: Any, ax: Any = None) -> Any:
     """Draw readings against the table angle with the fitted model, and the azimuth's distribution.
 
-    The line is what the fitted parameters predict at every table angle for mounting "x"; readings with other mountings are marked by
-    their names at the right edge. The last panel is the distribution of the azimuth, 95 % of it shaded: normal where the noise was given,
-    Student's where the residuals gave it.
+    A line is what the fitted parameters predict at every table angle for mounting "x" or "y". Readings with "z" and "-z" are marked by
+    their names at the right edge; a sensor fixed on the z axis, which reads the same at every angle, is left out. The last panel is the
+    distribution of the azimuth, 95 % of it shaded: normal where the noise was given, Student's where the residuals gave it.
 
     Parameters
     ----------
@@ -60,35 +60,47 @@ def north(readings: Any, result: Any, ax: Any = None) -> Any:
     sensors = [entry for entry in _SENSORS if getattr(readings, entry[0]) is not None]
     axes = stacked(ax, len(sensors) + 1, 2.6 * (len(sensors) + 1), "per sensor and one for the azimuth")
     rate, width = (float(np.mean(getattr(readings.positions, name))) for name in ("rate", "width"))
-    moving = Positions(np.linspace(0, 2 * np.pi, 181), start=0.0, rate=rate, width=width)  # one instant: no drift
-    model = Readings(moving, *result.model.measure(moving, lever_arm=readings.lever_arm))
+    turning = np.linspace(0, 2 * np.pi, 181)
+    curves = {}
+    for word in ("x", "y"):
+        if word in readings.positions.mounting:
+            moving = Positions(turning, word, start=0.0, rate=rate, width=width)  # one instant: no drift
+            curves[word] = Readings(moving, *result.model.measure(moving, lever_arm=readings.lever_arm))
     for panel, (name, label, scale) in zip(axes, sensors, strict=False):
-        _readings(panel, readings, name, label, scale, model)
+        _readings(panel, readings, name, label, scale, curves)
     _azimuth(axes[-1], result)
     return axes
 
 
-def _readings(ax: "Axes", readings: Readings, name: str, label: str, scale: float, model: Readings) -> None:
+def _readings(ax: "Axes", readings: Readings, name: str, label: str, scale: float, curves: dict[str, Readings]) -> None:
     positions = readings.positions
     values, variance = np.asarray(getattr(readings, name)) * scale, readings.variance(name)
     bars = None if variance is None else 1.96 * scale * np.sqrt(variance)
-    ax.plot(model.positions.angle / _DEG, getattr(model, name) * scale, color=SERIES[0], linewidth=1.2, label="fitted model")
     angle = np.mod(positions.angle / _DEG, 360.0)
-    words = np.array(positions.mounting)
-    flat = words == "x"
-    mark = {"fmt": "o", "markersize": 5, "color": SERIES[1], "ecolor": SERIES[1], "capsize": 3}
+    words, there = np.array(positions.mounting), np.isfinite(values)
+    mark = {"fmt": "o", "markersize": 5, "capsize": 3}
     pick = lambda kept: None if bars is None else bars[kept]  # noqa: E731
-    ax.errorbar(angle[flat], values[flat], yerr=pick(flat), label="reading, 95 %" if bars is not None else "reading", **mark)
-    for word in dict.fromkeys(words[~flat]):
-        here = words == word
+    for i, (word, model) in enumerate(curves.items()):
+        here, axis = (words == word) & there, "" if len(curves) == 1 else f" {word}"
+        if not here.any():
+            continue
+        line, color = SERIES[2 * i], SERIES[2 * i + 1]
+        ax.plot(model.positions.angle / _DEG, getattr(model, name) * scale, color=line, linewidth=1.2, label=f"fitted model{axis}")
+        said = f"reading{axis}, 95 %" if bars is not None else f"reading{axis}"
+        ax.errorbar(angle[here], values[here], yerr=pick(here), label=said, color=color, ecolor=color, **mark)
+    for word in dict.fromkeys(words):
+        here = (words == word) & there
+        # a sensor of its own on the z axis reads the same at every angle
+        if word in curves or word == "fixed z" or not here.any():
+            continue
         spot = 368 + 0 * angle[here]
-        ax.errorbar(spot, values[here], yerr=pick(here), **{**mark, "color": SERIES[2], "ecolor": SERIES[2], "fmt": "s"})
+        ax.errorbar(spot, values[here], yerr=pick(here), color=SERIES[2], ecolor=SERIES[2], **{**mark, "fmt": "s"})
         ax.annotate(
             word, (368, values[here][0]), (6, 0), textcoords="offset points", va="center", color=INK, fontsize=9, annotation_clip=False
         )
     style_axes(ax, "Table angle (deg)", label)
     ax.set(xlim=(-8, 376), xticks=np.arange(0, 361, 45))
-    ax.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2, frameon=False, fontsize=9, labelcolor=INK, borderaxespad=0.2)
+    ax.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=4, frameon=False, fontsize=9, labelcolor=INK, borderaxespad=0.2)
 
 
 def _azimuth(ax: "Axes", result: AlignmentFit) -> None:
@@ -102,7 +114,7 @@ def _azimuth(ax: "Axes", result: AlignmentFit) -> None:
     low, high = (end / _DEG for end in result.interval["psi"])
     half = (high - low) / 2
     x = centre + _SPAN / 2 * half * np.linspace(-1, 1, 201)
-    density = scipy.stats.t.pdf((x - centre) / sigma, float(result.freedom[2])) / sigma
+    density = _student_density((x - centre) / sigma, float(result.freedom[2])) / sigma
     inner = np.abs(x - centre) <= half
     ax.fill_between(x[inner], density[inner], color=SHADE)
     ax.plot(x, density, color=SERIES[0], linewidth=1.2)
@@ -110,3 +122,11 @@ def _azimuth(ax: "Axes", result: AlignmentFit) -> None:
     ax.set_ylim(0, None)
     digits = max(0, int(np.ceil(1 - np.log10(half / 2))))
     ax.set_title(f"azimuth {centre:.{digits}f} ± {half:.{digits}f} degrees (95 %)", loc="left", fontsize=10, color=INK)
+
+
+def _student_density(t: np.ndarray, freedom: float) -> np.ndarray:
+    """Density of Student's t; of a normal variable for infinitely many degrees of freedom."""
+    if not np.isfinite(freedom):
+        return np.exp(-0.5 * t**2) / np.sqrt(2.0 * np.pi)
+    size = scipy.special.gammaln((freedom + 1) / 2) - scipy.special.gammaln(freedom / 2) - 0.5 * np.log(freedom * np.pi)
+    return np.exp(size - 0.5 * (freedom + 1) * np.log1p(t**2 / freedom))

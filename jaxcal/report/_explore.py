@@ -27,8 +27,10 @@ from ._svg import Axis, Mark, figure, linear_axis, log_axis
 _UNITS: dict[str, dict[str, dict[str, str]]] = {
     "gyro": {"deg/h": {}, "deg/s": {"Q": "deg", "N": "deg/sqrt(s)", "K": "deg/s/sqrt(s)", "R": "deg/h/s"}, "rad/s": {}},
     "accel": {"mg": {}, "ug": {"N": "ug/sqrt(Hz)", "K": "mg/sqrt(s)"}, "m/s^2": {}},
+    "clock": {"": {}},
     "mag": {"nT": {}, "uT": {"Q": "uT s", "N": "uT/sqrt(Hz)", "K": "uT/sqrt(s)", "R": "uT/h"}, "T": {}},
 }
+SENSOR_NAMES = {**SENSORS, "clock": "Clock"}
 _STRETCHES, _COARSER = 360, 3  # of a signal, and how many of them make one of a static figure
 _FINE = 64  # points of a model's curve
 _MOST = 300  # points of a measured curve
@@ -74,7 +76,7 @@ def explorer(sensor: str, channels: Mapping[str, Any], log: Log | None) -> Marku
     deviations += [one.deviation for one in channels.values() if isinstance(one, NoiseFit)]
     spectra = [one for one in channels.values() if isinstance(one, Spectrum)]
     about = {
-        "name": SENSORS[sensor], "level": 100 * level,
+        "name": SENSOR_NAMES[sensor], "level": 100 * level,
         "units": [_unit(sensor, unit, own, channels) for unit, own in _UNITS[sensor].items()],
         "deviation": KINDS.get(deviations[0].kind, deviations[0].kind) if deviations else "",
         "phase": bool(deviations and deviations[0].unit_of_phase), "sided": spectra[0].sided if spectra else 2, "channels": found,
@@ -84,20 +86,25 @@ def explorer(sensor: str, channels: Mapping[str, Any], log: Log | None) -> Marku
     # nothing in the document may end the element
     document = tag("script", Markup(text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")), type="application/json")
     static = tag("div", *_figures(sensor, about), class_="static")
-    return tag("div", tag("h3", SENSORS[sensor]), document, static, class_="explore", data_sensor=sensor)
+    return tag("div", tag("h3", SENSOR_NAMES[sensor]), document, static, class_="explore", data_sensor=sensor)
 
 
 def _unit(sensor: str, unit: str, own: Mapping[str, str], channels: Mapping[str, Any]) -> dict[str, Any]:
     """Label and SI value of a unit, for the readings and for the coefficients."""
-    names = dict.fromkeys(["Q", "N", "B", "K", "R", *(term for one in channels.values() for term in getattr(one, "terms", ()))])
+    names = dict.fromkeys(term for one in channels.values() for term in getattr(one, "terms", ()))
     terms = {}
     for term in names:
         listed = noise_units(term, sensor)
         chosen = own.get(term) or (listed[-1] if unit == si_unit(sensor) else listed[0])
-        if term == "B":
-            chosen = unit
+        chosen = unit if term == "B" else chosen
         terms[term] = [noise_factor(term, sensor, chosen), unit_label(chosen)]
-    return {"name": unit, "label": unit_label(unit), "scale": noise_factor("B", sensor, unit), "terms": terms}
+    return {"label": unit_label(unit), "scale": noise_factor("B", sensor, unit) if unit else 1.0, "terms": terms}
+
+
+def first_unit(sensor: str) -> tuple[float, str]:
+    """SI value and label of the unit in which curves are shown first."""
+    unit = next(iter(_UNITS[sensor]))
+    return (noise_factor("B", sensor, unit), unit_label(unit)) if unit else (1.0, "1")
 
 
 def _duration(channels: Mapping[str, Any], log: Log | None) -> float:
@@ -118,7 +125,7 @@ def _channel(name: str, result: Any, log: Log | None, grids: _Grids, level: floa
         if fitted is not None:
             found["spectrum"] = _spectrum(fitted, fit, deviation.rate, grids, level)
     elif isinstance(result, Spectrum):
-        points = _thinned(len(result.frequency))
+        points = _extremes(np.asarray(result.frequency), np.asarray(result.density))
         found["spectrum"] = {
             "f": grids.place(result.frequency[points]), "value": _short(result.density[points]),
             **{key: grids.place(_ratio(result, key)[points]) for key in ("lower", "upper")},
@@ -135,13 +142,22 @@ def _ratio(result: Spectrum, key: str) -> np.ndarray:
         return np.round(np.asarray(result.density) / np.asarray(other), 9)
 
 
-def _thinned(count: int, most: int = _MOST) -> np.ndarray:
+def _extremes(f: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Indices of all values, or of the lowest and the highest of each stretch of frequencies, so that lines stay to be seen."""
+    if len(f) <= _MOST:
+        return np.arange(len(f))
+    edges = np.searchsorted(f, np.geomspace(f[0], f[-1], _MOST // 2 + 1)[1:-1])
+    parts = [(a, values[a:b]) for a, b in zip([0, *edges], [*edges, len(f)], strict=True) if b > a]
+    return np.unique([0, len(f) - 1, *(a + int(pick) for a, part in parts for pick in (part.argmin(), part.argmax()))])
+
+
+def thinned(count: int, most: int = _MOST) -> np.ndarray:
     """Indices of at most so many values, evenly on a logarithmic scale."""
     return np.arange(count) if count <= most else np.unique(np.round(np.geomspace(1, count, most)).astype(int) - 1)
 
 
 def _allan(deviation: Deviation, fit: NoiseFit | None, grids: _Grids) -> dict[str, Any]:
-    points = _thinned(len(deviation.tau))
+    points = thinned(len(deviation.tau))
     values = {key: np.asarray(getattr(deviation, key))[points] for key in ("tau", "deviation", "lower", "upper")}
     kept = np.isfinite(values["deviation"]) & (values["deviation"] > 0)
     found: dict[str, Any] = {"tau": grids.place(values["tau"][kept])}

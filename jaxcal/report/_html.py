@@ -78,7 +78,7 @@ def definitions(pairs: Iterable[tuple[Any, Any]]) -> Markup:
 def table(columns: Sequence[str], rows: Iterable[Sequence[Any]], caption: str | None = None, class_: str | None = None) -> Markup:
     """A table; the first cell of a row is its name."""
     head = tag("thead", tag("tr", *(tag("th", name, scope="col") for name in columns)))
-    named = [*columns, ""] if class_ == "terms" else [None]  # a phone shows the name of the column in the cell
+    named = [*columns, ""] if class_ in ("terms", "matrix") else [None]  # a phone shows the name of the column in the cell
 
     def cell(i: int, content: Any) -> Markup:
         return tag("td", content, data_axis=named[min(i, len(named) - 1)])

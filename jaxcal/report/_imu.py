@@ -93,7 +93,7 @@ def _numbers(found: ImuFit) -> list[Markup]:
 
 def _table(found: ImuFit, caption: str, columns: tuple[str, ...], entries: Callable[[int], Iterable[int]]) -> Markup:
     rows = [(axis, *(_cell(found, k) for k in entries(i))) for i, axis in enumerate("xyz")]
-    return scroll(table(("", *columns), rows, f"{caption}, with intervals of 95 %", "terms"), caption)
+    return scroll(table(("", *columns), rows, f"{caption}, with intervals of 95 %", "matrix"), caption)
 
 
 def _cell(found: ImuFit, k: int) -> Markup:

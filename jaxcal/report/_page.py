@@ -101,17 +101,17 @@ footer { color: var(--muted); font-size: .875rem; padding-bottom: 2rem; }
 :focus-visible { outline: 2px solid var(--series-0); outline-offset: 2px; }
 @media (max-width: 36rem) {
   th, td { padding: .4rem .3rem; font-size: .875rem; }
-  .terms { min-width: 0; }
+  :is(.terms, .matrix) { min-width: 0; }
   .scroll .exact { white-space: normal; }
-  .terms thead { display: none; }
-  .terms tr { display: grid; grid-template-columns: repeat(auto-fit, minmax(5.6rem, 1fr)); padding: .4rem 0; }
-  .terms tr { border-bottom: 1px solid var(--line); }
-  .terms tbody th { grid-column: 1 / -1; width: auto; border: 0; padding: .1rem 0; }
-  .terms th:first-child { width: auto; }
-  .terms tbody th span { display: inline; }
-  .terms tbody th * + span { margin-left: .5rem; }
-  .terms td { border: 0; padding: .1rem .3rem .1rem 0; overflow-wrap: anywhere; }
-  .terms td::before { content: attr(data-axis); color: var(--muted); }
+  :is(.terms, .matrix) thead { display: none; }
+  :is(.terms, .matrix) tr { display: grid; grid-template-columns: repeat(auto-fit, minmax(5.6rem, 1fr)); padding: .4rem 0; }
+  :is(.terms, .matrix) tr { border-bottom: 1px solid var(--line); }
+  :is(.terms, .matrix) tbody th { grid-column: 1 / -1; width: auto; border: 0; padding: .1rem 0; }
+  :is(.terms, .matrix) th:first-child { width: auto; }
+  :is(.terms, .matrix) tbody th span { display: inline; }
+  :is(.terms, .matrix) tbody th * + span { margin-left: .5rem; }
+  :is(.terms, .matrix) td { border: 0; padding: .1rem .3rem .1rem 0; overflow-wrap: anywhere; }
+  :is(.terms, .matrix) td::before { content: attr(data-axis); color: var(--muted); }
   .numbers table { font-size: .8rem; }
   .verdicts thead { display: none; }
   .verdicts tr { display: grid; grid-template-columns: 1fr auto; border-bottom: 1px solid var(--line); padding: .3rem 0; }

@@ -10,10 +10,12 @@ from .._errors import DataError
 from .._files import write_atomically
 from .._log import Log
 from ..alignment import AlignmentFit, Readings
+from ..allan import Deviation
 from ..imu import ImuFit
 from ..magnetometer import MagFit
+from ..spectrum import Spectrum
 from ..temperature import TemperatureFit
-from . import _imu, _magnetometer, _noise, _north, _thermal
+from . import _curves, _imu, _magnetometer, _noise, _north, _thermal
 from ._html import Markup, inside, join, recorded, recording, section, table, tag
 from ._page import page
 
@@ -32,8 +34,8 @@ def write(results: Any, path: str | os.PathLike[str], *, log: Log | Readings | N
     Parameters
     ----------
     results : channel -> `NoiseFit`, as `jaxcal.noise.characterise` returns them, channel -> `TemperatureFit`, as
-        `jaxcal.temperature.characterise` does, the `ImuFit` of an IMU, the `MagFit` of a magnetometer, or the `AlignmentFit` of a
-        turntable. Or a list of these, or of pairs (result, its log), of one device.
+        `jaxcal.temperature.characterise` does, channel -> `Deviation` or channel -> `Spectrum`, the `ImuFit` of an IMU, the `MagFit` of a
+        magnetometer, or the `AlignmentFit` of a turntable. Or a list of these, or of pairs (result, its log), of one device.
     path : file to write; an existing one is replaced in one step.
     log : the recording, for its summary, notes, warnings and provenance; with an `AlignmentFit` the `Readings` that were fitted, which
         its page shows. With a list it is the log of every result that comes without one, but not of an `AlignmentFit`.
@@ -105,6 +107,7 @@ def document(results: Any, log: Any = None) -> dict[str, Any]:
       every term `value`, `low`, `high`, `upper_limit`, `verdict`, `significance`, `longer_record` (s to reach 10 %), `decides` (s that
       would decide whether it is there) and `unit`; then `method`, `confidence`, `band` (s), `left_out`, `goodness`, `warnings`, `notes`,
       `markov` (strength, correlation time in s) and `sinusoid` (amplitude, Hz).
+    - "jaxcal.allan/1", "jaxcal.psd/1": `provenance`, `notes`, `warnings` and `channels`, each with the fields of its result.
     - "jaxcal.temperature/1": `provenance`, `notes`, `warnings` and `channels`. Each channel holds `kind`, `degree`, `unit`, `minimum`,
       `maximum`, `lag`, `play`, `rms`, `worst`, `worst_at`, `coefficients` (of the powers of T) with `coefficient_error`, `steps`,
       `candidates`, `curve` (temperature, bias, low, high at 101 temperatures), `warnings` and `notes`.
@@ -135,6 +138,8 @@ def _kind(results: Any) -> Any:
     """The module that knows this kind of result; what is none of them is refused as noise."""
     if isinstance(results, dict) and any(isinstance(fit, TemperatureFit) for fit in results.values()):
         return _thermal
+    if isinstance(results, dict) and results and all(isinstance(one, (Deviation, Spectrum)) for one in results.values()):
+        return _curves
     return next((module for kind, module in _KINDS.items() if isinstance(results, kind)), _noise)
 
 

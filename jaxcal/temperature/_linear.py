@@ -3,8 +3,8 @@
 import math
 
 import numpy as np
+import scipy  # loads its parts when they are first used
 from numpy.polynomial import chebyshev, polynomial
-from scipy.interpolate import PchipInterpolator
 
 from .._precision import array_module
 from .._types import AnyArray
@@ -68,4 +68,4 @@ def table_curve(nodes: Bins) -> Piecewise:
 
 def pchip_curve(nodes: Bins) -> Piecewise:
     """Bin means, with monotone cubics between them: F. N. Fritsch and J. Butland, SIAM J. Sci. Stat. Comput. 5 (1984) 300."""
-    return Piecewise(nodes.t, np.ascontiguousarray(PchipInterpolator(nodes.t, nodes.b).c[::-1].T))
+    return Piecewise(nodes.t, np.ascontiguousarray(scipy.interpolate.PchipInterpolator(nodes.t, nodes.b).c[::-1].T))

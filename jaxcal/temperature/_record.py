@@ -7,7 +7,7 @@ import jax
 import jax.core
 import jax.numpy as jnp
 import numpy as np
-from scipy.ndimage import median_filter
+import scipy  # loads its parts when they are first used
 
 from .._errors import DataError
 from .._precision import is_traced
@@ -152,8 +152,8 @@ def _cleaned(t: AnyArray, b: AnyArray, time: AnyArray | None, notes: list[str]) 
     good = np.ones(len(t), dtype=bool)
     if len(t) > _WINDOW:
         for values in (t, b):
-            away = np.abs(values - median_filter(values, _WINDOW, mode="nearest"))
-            spread = 1.4826 * median_filter(away, _WINDOW, mode="nearest")
+            away = np.abs(values - scipy.ndimage.median_filter(values, _WINDOW, mode="nearest"))
+            spread = 1.4826 * scipy.ndimage.median_filter(away, _WINDOW, mode="nearest")
             good &= away <= _OUTLIER * np.maximum(spread, np.median(spread))
     if not good.all():
         notes.append(f"{len(good) - np.count_nonzero(good)} outliers were left out")

@@ -4,7 +4,7 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
-import scipy.stats
+import scipy.special
 
 from .._precision import host_float64
 from .._results import Row, Unjudged
@@ -96,7 +96,7 @@ class TemperatureFit(Unjudged):
     notes: tuple[str, ...] = eqx.field(static=True, default=())
 
     def _rows(self) -> list[Row]:
-        z = scipy.stats.norm.ppf(0.5 + self.confidence / 2)
+        z = scipy.special.ndtri(0.5 + self.confidence / 2)
         known = () if self.coefficients is None else enumerate(zip(self.coefficients, self.coefficient_error, strict=True), 1)
         rows = [Row(f"a{i}", value, value - z * error, value + z * error, f"unit/degC^{i - 1}") for i, (value, error) in known]
         rows += [Row(name, value, value - z * error, value + z * error) for name, (value, error) in self.parameters.items()]
@@ -110,5 +110,5 @@ class TemperatureFit(Unjudged):
         """Ends of the interval of the curve at steady temperatures (n,) or (), degC, at level `confidence`."""
         t = np.clip(np.asarray(temperature, dtype=float), self.model.low, self.model.high)
         value = np.asarray(self.model.curve.value(t))
-        half = scipy.stats.norm.ppf(0.5 + self.confidence / 2) * np.interp(t, self.grid, self.error)
+        half = scipy.special.ndtri(0.5 + self.confidence / 2) * np.interp(t, self.grid, self.error)
         return np.asarray(value - half), np.asarray(value + half)

@@ -8,7 +8,7 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
-from scipy.optimize import minimize, minimize_scalar
+import scipy  # loads its parts when they are first used
 
 from .._types import AnyArray
 from ._curves import AbstractCurve
@@ -77,7 +77,7 @@ def _least(left: Callable[[float], float], grid: AnyArray) -> float:
     if best == 0:
         return 0.0
     around = float(grid[best - 1]), float(grid[min(best + 1, len(grid) - 1)])
-    refined = minimize_scalar(left, bounds=around, method="bounded", options={"xatol": 0.02 * (grid[1] - grid[0])})
+    refined = scipy.optimize.minimize_scalar(left, bounds=around, method="bounded", options={"xatol": 0.02 * (grid[1] - grid[0])})
     return float(refined.x) if refined.fun < values[best] else float(grid[best])
 
 
@@ -87,7 +87,7 @@ def _least_of_both(record: Record) -> tuple[float, float]:
     start = min(pairs, key=lambda pair: _left(record, *pair))
     size = np.array([_LAGS[-1], _PLAYS[-1]])
     simplex = np.clip(np.array(start) / size + np.array([[0, 0], [0.1, 0], [0, 0.1]]), 0, 1.2)
-    found = minimize(
+    found = scipy.optimize.minimize(
         lambda x: _left(record, *np.abs(x * size)), simplex[0], method="Nelder-Mead",
         options={"initial_simplex": simplex, "xatol": 2e-3, "fatol": 0.0, "maxfev": 80},
     )  # fmt: skip

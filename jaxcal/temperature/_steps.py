@@ -3,7 +3,7 @@
 from typing import Any
 
 import numpy as np
-from scipy.optimize import least_squares
+import scipy  # loads its parts when they are first used
 
 from .._types import AnyArray
 from ._curves import Chebyshev, Steps
@@ -116,5 +116,7 @@ def _refined(base: AnyArray, t: AnyArray, weight: AnyArray, y: AnyArray, shape: 
 
     jac: Any = slope  # the stubs of scipy know names alone
     start = np.clip(shape.ravel(), bounds[0] + 1e-6, bounds[1] - 1e-6)
-    found = least_squares(lambda x: projected(x)[1], start, jac, bounds=bounds, x_scale=scale, xtol=1e-6, ftol=1e-8, max_nfev=40)
+    found = scipy.optimize.least_squares(
+        lambda x: projected(x)[1], start, jac, bounds=bounds, x_scale=scale, xtol=1e-6, ftol=1e-8, max_nfev=40
+    )
     return found.x.reshape(2, count)

@@ -39,6 +39,14 @@ def stuck(log):
         time.sleep(1000)
     return {"samples": len(log.time)}
 
+def greedy(log):
+    if "unit1" in log.provenance["file"]:
+        held = []
+        for _ in range(40):
+            held.append(b"1" * 100_000_000)
+            time.sleep(0.1)
+    return {"samples": len(log.time)}
+
 def strange(log):
     raise ZeroDivisionError("seven\\nlines")
 

@@ -107,3 +107,10 @@ def test_a_clock_has_no_unit(call, folder):
     np.testing.assert_allclose(channel["deviation"], expected.deviation, rtol=1e-5)  # six digits in the file
     assert call(*words, "--kind", "tdev").status == 0
     assert json.loads((folder / "clock.json").read_text())["channels"]["clock_x"]["unit"] == "s"
+
+
+def test_a_report_to_explore(call, folder, log):
+    assert call("allan", "imu.csv", "--report", "a.html", "--kind", "mdev").status == 0
+    text = (folder / "a.html").read_text()
+    assert "<title>Modified Allan deviation of imu.csv</title>" in text
+    assert "jaxcal allan" in text

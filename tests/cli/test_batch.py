@@ -59,7 +59,7 @@ def test_a_fleet_is_answered_and_what_failed_is_told(call, folder, logs):
         (["logs", "--out", "out", "--units", "gyro=furlong"], "furlong"),
         (["logs", "--out", "out", "--workers", "0"], "--workers 0"),
         (["logs", "--out", "out", "--timeout", "-1"], "--timeout -1"),
-        (["logs", "--out", "out", "--timeout", "1", "--scheduler", "tcp://a:1"], "exclude one another"),
+        (["logs", "--out", "out", "--timeout", "1", "--scheduler", "tcp://a:1"], "--timeout and --memory exclude --scheduler"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )

@@ -18,7 +18,7 @@ def test_a_simulated_log_is_calibrated(call, folder):
     assert call(*LOG).status == 0
     found = call("imu", "log.csv", "--gravity", "9.80665")
     assert (found.status, found.err) == (0, "")
-    assert listing(folder / "log-imu") == ["calibration.json", "imu.json", "imu.png", "report.html"]
+    assert listing(folder / "log-imu") == ["calibration.json", "imu.json", "report.html"]
     for text in ("accelerometer: 95 % interval below", "gyroscope, sensitivity to specific force", "good: Standard errors"):
         assert text in found.out
     document = json.loads((folder / "log-imu" / "imu.json").read_text())

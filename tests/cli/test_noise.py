@@ -1,6 +1,8 @@
 """`jaxcal noise` from a log to its files."""
 
 import json
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ import jaxcal
 
 from .conftest import HEADER, listing, save, table
 
-FILES = ["allan.png", "calibration.json", "imu.yaml", "noise.json", "report.html"]
+FILES = ["calibration.json", "imu.yaml", "noise.json", "report.html"]
 
 
 def test_without_options_everything_goes_into_a_folder(call, folder, log):
@@ -17,7 +19,7 @@ def test_without_options_everything_goes_into_a_folder(call, folder, log):
     assert (found.status, found.err) == (0, "")
     assert listing(folder) == ["imu-noise", *(f"imu-noise/{name}" for name in FILES), "imu.csv"]
     assert [line for line in found.out.splitlines() if line.startswith("wrote ")] == [
-        f"wrote imu-noise/{name}" for name in ("allan.png", "report.html", "noise.json", "calibration.json", "imu.yaml")
+        f"wrote imu-noise/{name}" for name in ("report.html", "noise.json", "calibration.json", "imu.yaml")
     ]
     document = json.loads((folder / "imu-noise" / "noise.json").read_text())
     assert document["schema"] == "jaxcal.noise/1"
@@ -30,8 +32,32 @@ def test_without_options_everything_goes_into_a_folder(call, folder, log):
         assert channel["K"]["verdict"] == "not detected"
     kept = jaxcal.Calibration.load(folder / "imu-noise" / "calibration.json")
     assert list(kept.noise.gyro.N) == pytest.approx([1e-3] * 3, rel=0.05)
-    assert (folder / "imu-noise" / "allan.png").read_bytes().startswith(b"\x89PNG")
     assert (folder / "imu-noise" / "report.html").read_text().startswith("<!DOCTYPE html>")
+
+
+def test_a_picture_is_drawn_where_it_is_asked_for(call, folder, log):
+    assert call("noise", "imu.csv", "--plot", "allan.png").status == 0
+    assert (folder / "allan.png").read_bytes().startswith(b"\x89PNG")
+    assert listing(folder / "imu-noise") == FILES  # beside all others
+
+
+def test_the_answer_comes_before_the_files(log, folder):
+    """A report that cannot be made leaves the table on the screen; and without a picture matplotlib is not read."""
+    code = """
+import sys
+import jaxcal, jaxcal.report
+from jaxcal.cli import main
+def fail(*args, **options):
+    print("now the report")
+    raise OSError(28, "No space left on device")
+jaxcal.report.write = fail
+status = main(["noise", "imu.csv", "--report", "a.html"])
+print(status, *(name for name in ("matplotlib", "scipy.stats") if name in sys.modules))
+"""
+    found = subprocess.run([sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, check=True)
+    lines = found.stdout.splitlines()
+    assert lines[-1] == "2"
+    assert "gyroscope: coefficient" in found.stdout[: found.stdout.index("now the report")]
 
 
 def test_the_table_is_in_data_sheet_units_with_intervals_and_limits(call, log):

@@ -7,6 +7,8 @@ import pathlib
 import numpy as np
 import pytest
 
+import jaxcal
+
 from .conftest import listing
 
 # the world of another folder of tests, which is no package
@@ -127,6 +129,14 @@ def test_angles_azimuth_and_columns_of_a_raw_log(call, folder):
     parameters = json.loads((folder / "a.json").read_text())["parameters"]
     assert "psi" not in parameters
     assert abs(parameters["s_g"]["value"]) < 4 * parameters["s_g"]["std"]
+    gyro, accel = ({"unit": unit, **dict.fromkeys("QR"), **{t: [x] * 3 for t, x in zip("NBK", c, strict=True)}}
+                   for unit, c in (("rad/s", world.GYRO), ("m/s^2", world.ACCEL)))  # fmt: skip
+    jaxcal.Calibration(noise={"rate": 20.0, "gyro": gyro, "accel": accel}).save(folder / "device.json")
+    wide = []
+    for prior in ([], ["--prior", "phi=0.0175:1e-7"]):
+        assert call("north", "table.csv", "--latitude", "35", "--noise", "device.json", *prior, "--json", "b.json").status == 0
+        wide.append(json.loads((folder / "b.json").read_text())["parameters"]["phi"]["std"])
+    assert wide[1] < 1.1e-7 < wide[0]
     for options, status, match in (
         (["--angles", "0,90"], 1, "2 angles were given for 4 rests"), (["--angles", "0,x"], 2, "degrees with commas"),
         (["--angle-column", "tilt"], 1, "no column 'tilt'"), (["--noise", "none.json"], 2, "does not exist"),

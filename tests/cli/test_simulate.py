@@ -43,7 +43,7 @@ def test_axes_are_independent_of_one_another(call, folder):
 def test_the_demo_runs_from_the_shell_and_its_log_gives_the_same_again(tmp_path, shell):
     found = shell("demo", "--out", "device", cwd=tmp_path, cached=True)
     assert (found.status, found.err) == (0, "")
-    assert listing(tmp_path / "device") == ["allan.png", "calibration.json", "imu.csv", "imu.yaml", "noise.json", "report.html"]
+    assert listing(tmp_path / "device") == ["calibration.json", "imu.csv", "imu.yaml", "noise.json", "report.html"]
     lines = found.out.splitlines()
     assert max(map(len, lines)) <= 80
     rows = [line.split() for line in lines]

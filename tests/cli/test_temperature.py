@@ -9,7 +9,7 @@ import jaxcal
 
 from .conftest import listing
 
-FILES = ["calibration.json", "report.html", "temperature.json", "temperature.png"]
+FILES = ["calibration.json", "report.html", "temperature.json"]
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import sys
 import pytest
 
 SCRIPT = pathlib.Path(__file__).resolve().parents[2] / "benchmarks" / "fuzz.py"
-READERS = "csv,npy,npz,parquet,bag1,sqlite3,mcap,ulog,dataflash,mat5,hdf5,mat73"
+READERS = "csv,headers,zip,npy,npz,parquet,bag1,sqlite3,mcap,ulog,dataflash,mat5,hdf5,mat73"
 
 
 def test_mutated_logs_are_read_or_refused():

@@ -73,7 +73,7 @@ def test_derivatives_with_respect_to_coefficients_and_times():
         return mean_covariance(Noise(N=x[0], B=x[1], K=x[2], markov=((x[3], x[4]),)), x[5:9], x[9:])[0, 2]
 
     at = np.concatenate([[0.3, 0.4, 0.05, 0.02, 35.0], START, DWELL])
-    slope = jax.grad(one)(jnp.asarray(at))
+    slope = jax.jit(jax.grad(one))(jnp.asarray(at))
     for i, step in enumerate(1e-4 * at + 1e-6):
         up, down = (one(at + sign * step * (np.arange(at.size) == i)) for sign in (1, -1))
         assert float(slope[i]) == pytest.approx((up - down) / (2 * step), rel=1e-5, abs=1e-9)

@@ -81,4 +81,17 @@ def north():
     return fit, readings
 
 
-KINDS = {"noise": noise, "thermal": thermal, "imu": imu, "mag": mag, "north": north}
+def allan():
+    """Deviations of two channels, and the log."""
+    log = noise()[1]
+    return {name: jaxcal.allan.deviation(values, log.rate) for name, values in list(log.channels().items())[:2]}, log
+
+
+def psd():
+    """Every ordinate of a spectrum, with a line among them."""
+    log = noise()[1]
+    values = log.gyro[:, 0] + 5 * np.sin(2 * np.pi * 40 * log.time)
+    return {"gyro_x": jaxcal.spectrum.density(np.tile(values, 8), log.rate, average=None)}, log
+
+
+KINDS = {"noise": noise, "allan": allan, "psd": psd, "thermal": thermal, "imu": imu, "mag": mag, "north": north}

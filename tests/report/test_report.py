@@ -17,6 +17,8 @@ from jaxcal import DataError, ExportError, Log
 from jaxcal.noise import NoiseFit
 from jaxcal.report import document, write
 
+from . import made
+
 _MADE = runpy.run_path(str(pathlib.Path(__file__).parents[1] / "made_fit.py"))
 made_fit, made_results = _MADE["made_fit"], _MADE["made_results"]
 EVIL = "<script>alert('x')</script>"
@@ -213,6 +215,28 @@ def test_long_tables_are_thinned(tmp_path):
     dense = _MADE["made_deviation"](noise, clusters=2000, largest=100_000)
     fit = made_fit(deviation=dense, used=np.ones(len(dense.tau), dtype=bool))
     assert Page(written({"gyro_x": fit}, tmp_path / "a.html")).tags.count("tr") < 400
+
+
+def test_curves_without_a_model(tmp_path):
+    curves, log = made.allan()
+    text = written(curves, tmp_path / "a.html", log)
+    page = Page(text)
+    assert "Allan deviation of a_rather_long_name" in page.text
+    assert f" {float(format(np.rad2deg(curves['gyro_y'].deviation[3]) * 3600, '.4g')):.0f} " in page.text
+    (data,) = map(json.loads, documents(text))
+    assert [sorted(channel) for channel in data["channels"]] == [["allan", "axis", "name", "signal"]] * 2
+    assert document(curves, log)["channels"]["gyro_x"]["kind"] == "oadev"
+    mtie = jaxcal.allan.deviation(log.gyro[:, 0], log.rate, kind="mtie", data="phase")
+    assert "Maximum time interval error" in Page(written({"clock_x": mtie}, tmp_path / "b.html")).text
+
+
+def test_lines_of_a_long_spectrum_are_kept(tmp_path):
+    found, log = made.psd()
+    text = written(found, tmp_path / "a.html", log)
+    (data,) = map(json.loads, documents(text))
+    (channel,) = data["channels"]
+    assert len(channel["spectrum"]["value"]) <= 302 < len(found["gyro_x"].density)
+    assert max(channel["spectrum"]["value"]) == pytest.approx(found["gyro_x"].density.max(), rel=1e-3)
 
 
 def test_a_report_of_six_axes_is_small(tmp_path):

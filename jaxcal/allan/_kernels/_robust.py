@@ -10,11 +10,11 @@ Ronchetti, Robust Statistics, 2009, chapter 5; for the variances of inertial sen
 for time series models: a wavelet-based framework", 2016).
 """
 
+import functools
 import itertools
 
 import numpy as np
-import scipy.integrate
-import scipy.stats
+import scipy.special
 
 from ..._errors import DataError
 from ..._types import Float, Int
@@ -32,15 +32,30 @@ def _weight(square):
 
 def _of_normal(function) -> float:
     """Expectation over a standard normal variable of a function that ends at the cut."""
-    return scipy.integrate.quad(lambda z: function(z) * scipy.stats.norm.pdf(z), -_CUT, _CUT)[0]
+    nodes, weights = np.polynomial.legendre.leggauss(128)
+    z = _CUT * nodes
+    return float(_CUT * (weights * np.exp(-0.5 * z**2)) @ function(z) / np.sqrt(2.0 * np.pi))
 
 
-_LEVEL = _of_normal(lambda z: _weight(z**2) * z**2)
-#: E (w z^2 - a)^2, the part beyond the cut included, and the slope of E w(Z/s) (Z/s)^2 in ln s
-_SCATTER = _of_normal(lambda z: (_weight(z**2) * z**2 - _LEVEL) ** 2) + _LEVEL**2 * 2.0 * scipy.stats.norm.sf(_CUT)
-_SLOPE = _of_normal(lambda z: 2.0 * z**2 * _weight(z**2) - 8.0 * (z / _CUT) ** 2 * z**2 * np.maximum(1.0 - (z / _CUT) ** 2, 0.0) ** 3)
-#: degrees of freedom left of those of the mean of squares
-EFFICIENCY = float(0.5 * _SLOPE**2 / _SCATTER)
+@functools.cache
+def _level() -> float:
+    """The constant a."""
+    return _of_normal(lambda z: _weight(z**2) * z**2)
+
+
+@functools.cache
+def _slope() -> float:
+    """Slope of E w(Z/s) (Z/s)^2 in ln s."""
+    return _of_normal(lambda z: 2.0 * z**2 * _weight(z**2) - 8.0 * (z / _CUT) ** 2 * z**2 * np.maximum(1.0 - (z / _CUT) ** 2, 0.0) ** 3)
+
+
+@functools.cache
+def efficiency() -> float:
+    """Degrees of freedom left of those of the mean of squares."""
+    level = _level()
+    # E (w z^2 - a)^2, the part beyond the cut included
+    scatter = _of_normal(lambda z: (_weight(z**2) * z**2 - level) ** 2) + level**2 * 2.0 * float(scipy.special.ndtr(-_CUT))
+    return float(0.5 * _slope() ** 2 / scatter)
 
 
 def refuse_robust(kind: Kind, robust: bool) -> None:
@@ -76,13 +91,13 @@ def robust_squares(theta, missing, m: Int[np.ndarray, " clusters"], kind: Kind, 
 def _square_of_scale(d: Float[np.ndarray, " differences"]) -> float:
     """s^2; where more than half of the differences are zero, the mean square."""
     square = d**2
-    s2 = float(np.median(square)) / scipy.stats.chi2.median(1)
+    s2 = float(np.median(square)) / (2.0 * scipy.special.gammaincinv(0.5, 0.5))
     if s2 == 0.0:
         return float(square.mean())
     for _ in range(_MOST):
-        new = float(np.mean(_weight(square / s2) * square)) / _LEVEL
+        new = float(np.mean(_weight(square / s2) * square)) / _level()
         # the plain iteration shrinks an error to a third; this step, exact for normal differences, ends it
-        step = np.log(new / s2) * _LEVEL / _SLOPE * 2.0
+        step = np.log(new / s2) * _level() / _slope() * 2.0
         s2 *= float(np.exp(np.clip(step, -1.0, 1.0)))
         if abs(step) < _ENOUGH:
             return s2

@@ -4,6 +4,7 @@ import pathlib
 import posixpath
 import re
 import struct
+import zipfile
 import zlib
 from typing import Any
 
@@ -46,6 +47,8 @@ def read_npy(path: pathlib.Path) -> Table:
 
 def read_npz(path: pathlib.Path) -> Table:
     """Arrays of an .npz by name: vectors such as gyro (n, 3), single channels such as gyro_x (n,), and a scalar rate."""
+    with zipfile.ZipFile(path) as archive:
+        check_declared(sum(member.file_size for member in archive.infolist()), path.stat().st_size, "the arrays")
     with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
         arrays = {name: archive[name] for name in archive.files}
     saved = arrays.pop("jaxcal", None)

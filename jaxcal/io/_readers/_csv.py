@@ -64,9 +64,11 @@ def _cut_last(text: Text, layout: Layout, columns: list[np.ndarray]) -> str | No
 
 def _is_whole(field: str, others: list[str]) -> bool:
     """Whether a number at the end of a file is written out like the `others`, so that at most a last digit is lost."""
+    form = re.compile(r"[+-]?(\d*)(?:\.(\d*))?(?:[eE]([+-]?\d+))?")
+    others = [other for other in others if form.fullmatch(other)]  # the header may be among them
     if field in MISSING or not others:
         return True
-    forms = [re.fullmatch(r"[+-]?(\d*)(?:\.(\d*))?(?:[eE]([+-]?\d+))?", other) for other in [*others, field]]
+    forms = [form.fullmatch(other) for other in [*others, field]]
     if forms[-1] is None:
         return False
     exponents = [len(form[3] or "") for form in forms if form]

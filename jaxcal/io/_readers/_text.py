@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator
 from ..._errors import DataError
 from .._columns import SENSORS
 from .._names import parse_name, unit_of
+from ._bounds import check_declared
 
 _HEAD = 1 << 18
 #: two threads with blocks of 4 MiB read as fast as they parse, and hold little
@@ -104,6 +105,7 @@ def open_text(path: pathlib.Path) -> Text:
     encoding = _encoding(first)
     text = first.decode(encoding, errors="replace")
     if not whole:
+        _refuse_wide(text.split("\n"))
         text = text[: text.rfind("\n") + 1] or text
     if not text.strip():
         raise DataError("the file is empty")
@@ -118,10 +120,12 @@ def open_text(path: pathlib.Path) -> Text:
 
 def _unpacked(path: pathlib.Path, start: int) -> Iterator[bytes]:
     """Blocks of whole lines of a gzip file, whose checksum is looked at on the way."""
+    size = path.stat().st_size
     with _gzip_faults(), gzip.open(path) as file:
         file.read(start)
         while block := file.read(_BLOCK):
-            yield block + file.readline()
+            check_declared(file.tell(), size, "the packed text")
+            yield block + file.readline(_BLOCK)
 
 
 @contextlib.contextmanager

@@ -5,7 +5,7 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
-from scipy.spatial import KDTree
+import scipy  # loads its parts when they are first used
 
 from ..._errors import DataError
 from ..._precision import host_float64
@@ -55,8 +55,8 @@ def bins(directions: np.ndarray) -> np.ndarray:
 
 
 @functools.cache
-def _tree() -> KDTree:
-    return KDTree(sphere_grid())
+def _tree() -> Any:
+    return scipy.spatial.KDTree(sphere_grid())
 
 
 def regions(directions: np.ndarray) -> np.ndarray:
@@ -130,7 +130,7 @@ def covered(m: Any) -> Coverage:
     filled = counts > 0
     offset = (sums[filled] / counts[filled, None] - middles()[filled] * norm.mean()).mean(axis=0)
     directions = m / norm[:, None]
-    chord = float(np.max(KDTree(directions).query(sphere_grid())[0]))
+    chord = float(np.max(scipy.spatial.KDTree(directions).query(sphere_grid())[0]))
     return Coverage(
         counts=counts,
         gaps=float(np.sum(np.select([counts == 0, counts == 1, counts == 2], [1.0, 0.2, 0.01], 0.0))),

@@ -8,7 +8,7 @@ Chance is judged by the sums over twenty parts of the log, so that correlated no
 from typing import NamedTuple
 
 import numpy as np
-import scipy.stats
+import scipy.special
 
 from ._kinds import COUNT, PLANAR, basis_of, slopes_of
 from ._residuals import Size
@@ -99,7 +99,7 @@ def _evidence(jacobian: np.ndarray, columns: np.ndarray, residuals: np.ndarray, 
     variance = bread @ (scores.T @ scores) @ bread * _PARTS / (_PARTS - 1)
     statistic = coefficients @ np.linalg.pinv(variance, hermitian=True) @ coefficients
     ratio = (_PARTS - count) / (count * (_PARTS - 1)) * statistic  # Hotelling
-    if not scipy.stats.f.sf(ratio, count, _PARTS - count) < _CHANCE:
+    if not scipy.special.fdtrc(count, _PARTS - count, ratio) < _CHANCE:
         return -np.inf
     return float(worth * np.log(np.sum(residuals**2) / np.sum(left**2)) - count * np.log(worth))
 

@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.special
-import scipy.stats
 
 #: parts of a log; on real logs six were honest, where ten or twenty were too narrow
 BLOCKS = 6
@@ -45,7 +44,7 @@ def white(jacobian: np.ndarray, residuals: np.ndarray) -> bool:
     power = np.abs(np.fft.rfft(residuals, 2 * n)) ** 2
     correlation = np.fft.irfft(power)[: len(lags) + 1]
     statistic = n * (n + 2) * np.sum((correlation[lags] / correlation[0]) ** 2 / (n - lags))
-    if scipy.stats.chi2.sf(statistic, len(lags)) < _CHANCE:
+    if scipy.special.chdtrc(len(lags), statistic) < _CHANCE:
         return False
     parts = min(BLOCKS, n // (2 * free))
     if parts < 2:
@@ -59,7 +58,7 @@ def white(jacobian: np.ndarray, residuals: np.ndarray) -> bool:
     if used <= free or used >= n:
         return True
     ratio = (np.sum(residuals**2) - left) / (used - free) / (left / (n - used))
-    return bool(scipy.stats.f.sf(ratio, used - free, n - used) >= _CHANCE)
+    return bool(scipy.special.fdtrc(used - free, n - used, ratio) >= _CHANCE)
 
 
 def leave_out(jacobian: np.ndarray, residuals: np.ndarray, known: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy  # loads its parts when they are first used
 
 from ..._compile import jit
 from ..._errors import DataError
@@ -154,7 +154,7 @@ class Gyroscope(eqx.Module):
             data["weight"] = data["weight"] / max(noise, _EXACT)
             fit = solve(turn_residuals, begin, data, priors=Gaussian("delay", -lag[3], DELAY))
             found, last = fit.model, noise
-            base = base @ Rotation.from_rotvec(np.array(found["rho"])).as_matrix()
+            base = base @ scipy.spatial.transform.Rotation.from_rotvec(np.array(found["rho"])).as_matrix()
             lag = lag + np.append(np.asarray(found["bias"]), np.asarray(found["delay"]))
             noise = max(noise, _EXACT) * np.sqrt(np.sum(np.square(fit.residuals)) / (3 * free))
             if turn and abs(float(found["delay"])) < _SETTLED and abs(noise - last) < 0.01 * last:
@@ -271,7 +271,7 @@ def _turned(
     start, fits = {"rho": np.zeros(3), **start}, []
     for _ in range(2):
         fits.append(solve(function, start, data, free=free))
-        turn = Rotation.from_rotvec(np.array(fits[-1].model["rho"])).as_matrix()
+        turn = scipy.spatial.transform.Rotation.from_rotvec(np.array(fits[-1].model["rho"])).as_matrix()
         start, data = {**fits[-1].model, "rho": np.zeros(3)}, {**data, "base": data["base"] @ turn}
     order = [i for i, name in enumerate(fits[-1].names) if name.startswith("rho")]
     return data["base"], start, _spread_of(fits[-1])[np.ix_(order, order)], fits
@@ -298,7 +298,7 @@ def still(accel: np.ndarray) -> np.ndarray:
 
 
 def alignment_of(model, rotation, base, matrix, spread, used, source, fit, dip=float("nan"), bias=None, delay=None) -> Alignment:
-    rho = Rotation.from_matrix(base.T @ rotation).as_rotvec()
+    rho = scipy.spatial.transform.Rotation.from_matrix(base.T @ rotation).as_rotvec()
     angle = float(np.linalg.norm(rho))
     along = rho / angle if angle > 1e-12 else np.full(3, 3**-0.5)
     known = bool(fit.usable) and np.isfinite(matrix).all()

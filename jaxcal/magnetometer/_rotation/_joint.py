@@ -8,7 +8,7 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy  # loads its parts when they are first used
 
 from ..._compile import jit
 from ..._errors import DataError
@@ -179,7 +179,7 @@ def _solved(u, pairs: Pairs, begin, base, noise: float, dip: float | None) -> So
         priors = () if accel else (Gaussian(_delay, -bias[3], PRIOR),)
         fit = _attempt(pairs.function, parameters, data, (low, high), priors)
         parameters = np.array(fit.parameters)
-        base = base @ Rotation.from_rotvec(parameters[TURN]).as_matrix()
+        base = base @ scipy.spatial.transform.Rotation.from_rotvec(parameters[TURN]).as_matrix()
         parameters[TURN] = 0.0
         if not accel:
             bias = bias + parameters[EXTRA]

@@ -4,7 +4,7 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy  # loads its parts when they are first used
 
 from ..._errors import DataError
 from ..._precision import host_float64
@@ -31,7 +31,7 @@ def like(values: Any, y: np.ndarray, name: str) -> np.ndarray:
 
 def permutations() -> np.ndarray:
     """The 24 rotations that take axes to axes, (24, 3, 3), the unit matrix first."""
-    found = Rotation.create_group("O").as_matrix().round()
+    found = scipy.spatial.transform.Rotation.create_group("O").as_matrix().round()
     return found[np.argsort(-np.trace(found, axis1=1, axis2=2), kind="stable")]
 
 
@@ -65,7 +65,7 @@ def attitudes_in_segments(gyro: np.ndarray, rate: float, most: float, delay: flo
     start = np.flatnonzero(np.concatenate([[True], (np.diff(label) != 0) | long]))
     segment = np.repeat(np.arange(len(start)), np.diff(np.append(start, n)))
     place = np.arange(n) - start[segment]
-    small = Rotation.from_rotvec(step).as_matrix() if n > 1 else np.zeros((0, 3, 3))
+    small = scipy.spatial.transform.Rotation.from_rotvec(step).as_matrix() if n > 1 else np.zeros((0, 3, 3))
     attitude, slope = np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3, 3))
     # one step of all segments at a time
     order = np.argsort(place, kind="stable")

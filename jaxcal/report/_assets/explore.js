@@ -54,7 +54,7 @@
   // the views: what they show, of which channel which curve
   const VIEWS = {
     allan: {
-      kind: "tau", logX: true, logY: true, x: (d) => "Cluster time τ (s)", y: (e) => `${e.data.deviation} (${e.unit.label}${e.data.phase ? " s" : ""})`,
+      kind: "tau", logX: true, logY: true, x: (d) => "Cluster time τ (s)", y: (e) => `${e.data.deviation} (${[e.unit.label, e.data.phase ? "s" : ""].filter(Boolean).join(" ") || "1"})`,
       title: (d) => d.deviation, scale: (e) => e.unit.scale, at: (c, e) => e.grid(c.allan.tau), values: (c) => c.allan.value,
       about: (d) => `Points: measured, with ${d.level} % intervals.`, name: (x) => `τ = ${number(x)} s`,
       limits: (c, i) => [c.allan.low[i], c.allan.high[i]],
@@ -122,7 +122,7 @@
       const bar = make("div", { class: "bar" });
       bar.append(group("Axes", ...this.channels.map((c) => this.toggle(c.axis, this.shown, c.index, `c${c.index % 6}`))));
       if (this.fitted) bar.append(group("Lines", this.toggle("fit", this.lines, "fit", ""), ...this.terms.map((t) => this.toggle(t, this.lines, t, ""))));
-      const units = make("select", { "aria-label": `Unit of the ${this.data.name.toLowerCase()}` }, ...this.data.units.map((u, i) => make("option", { value: i }, u.label)));
+      const units = make("select", { "aria-label": `Unit of the ${this.data.name.toLowerCase()}` }, ...this.data.units.map((u, i) => make("option", { value: i }, u.label || "1")));
       units.addEventListener("change", () => { this.unit = this.data.units[units.value]; this.cells(); this.draw(); });
       bar.append(group("Unit", units));
       const what = make("select", { "aria-label": "What to copy" }, ...this.tables().map((name) => make("option", {}, name)));

@@ -1,0 +1,152 @@
+"""Files that ask for too much, and files that are not what they seem."""
+
+import gzip
+import json
+import pathlib
+import zipfile
+
+import numpy as np
+import pytest
+
+import jaxcal
+from jaxcal import DataError, read
+
+HEADER = "time_s,gx_dps,gy_dps,gz_dps\n"
+
+
+def rows(n, digits=4):
+    noise = np.random.default_rng(0)
+    return "".join(f"{i / 100:.2f},{x:.{digits}f},{y:.{digits}f},{z:.{digits}f}\n" for i, (x, y, z) in enumerate(noise.normal(size=(n, 3))))
+
+
+@pytest.mark.parametrize("mark", [",", ";", "\t", " "])
+@pytest.mark.parametrize("above", ["", HEADER])
+def test_a_line_of_many_thousand_fields_is_no_log(mark, above, tmp_path):
+    (tmp_path / "log.csv").write_text(above + (f"1.0{mark}" * 200_000)[:-1] + "\n")
+    with pytest.raises(DataError, match=r"line \d has \d+ fields, and a log at most 5000 columns: .* transposed"):
+        read(tmp_path / "log.csv", quiet=True)
+
+
+def test_bombs_are_not_unpacked(tmp_path):
+    with gzip.open(tmp_path / "log.csv.gz", "wb") as file:
+        file.write(HEADER.encode())
+        for _ in range(160):
+            file.write(b"0,0,0,0\n" * 131_072)
+    np.savez_compressed(tmp_path / "log.npz", gyro=np.zeros((4_000_000, 3)), rate=100.0)
+    with zipfile.ZipFile(tmp_path / "log.zip", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("log.csv", b"0,0,0,0\n" * 20_000_000)
+    for name in ("log.csv.gz", "log.npz", "log.zip"):
+        with pytest.raises(DataError, match="packed beyond what a log can be"):
+            read(tmp_path / name, quiet=True)
+
+
+@pytest.mark.parametrize(("end", "kept"), [("0.12", False), ("0.1234", True), ("0", False), ("-", False), ("0.123", True)])
+def test_a_last_number_that_may_be_cut_off_is_no_number(end, kept, tmp_path):
+    text = HEADER + rows(100)
+    text = text[: text.rindex(",") + 1] + end
+    (tmp_path / "log.csv").write_text(text)
+    log = read(tmp_path / "log.csv", quiet=True)
+    assert (len(log.time) == 100 and np.isfinite(log.gyro[-1]).all()) == kept
+    if not kept and end != "-":
+        assert any("does not end with a line feed: its last row" in sentence for sentence in log.warnings)
+
+
+@pytest.mark.parametrize("end", ["371", "58"])
+def test_a_last_whole_number_that_is_short_is_left_out(end, tmp_path):
+    body = "".join(f"{10 * i},{100 + i % 7},{200 + i % 5},{500 + i % 11}\n" for i in range(60))
+    (tmp_path / "log.csv").write_text("ms,gx [deg/s],gy [deg/s],gz [deg/s]\n" + body + f"600,101,201,{end}")
+    assert len(read(tmp_path / "log.csv", quiet=True).time) == (61 if end == "371" else 60)
+
+
+def test_recordings_one_below_the_other_are_not_one(tmp_path):
+    (tmp_path / "log.csv").write_text(HEADER + 2 * rows(120))
+    with pytest.raises(DataError, match=r"time begins again 1 time, at row 121 .*keep the rows of one of them, such as the first 120"):
+        read(tmp_path / "log.csv", quiet=True)
+
+
+def test_a_pointer_of_git_lfs_is_named(tmp_path):
+    (tmp_path / "log.mcap").write_text("version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 990\n")
+    with pytest.raises(DataError, match=r"this is a Git LFS pointer, not the recording of 990 bytes .* `git lfs pull`"):
+        read(tmp_path / "log.mcap", quiet=True)
+
+
+def test_a_workbook_is_named_with_its_sheets(tmp_path):
+    with zipfile.ZipFile(tmp_path / "log.xlsx", "w") as archive:
+        archive.writestr(
+            "xl/workbook.xml", '<workbook><sheets><sheet name="imu" sheetId="1"/><sheet name="gps" sheetId="2"/></sheets></workbook>'
+        )
+    with pytest.raises(DataError, match=r"a workbook \(XLSX\) with the sheets imu, gps, which is not read: save the sheet .* as CSV"):
+        read(tmp_path / "log.xlsx", quiet=True)
+
+
+def test_a_zip_file_of_one_log_and_of_one_sensor_in_each_file(still, tmp_path):
+    def text(names, values):
+        table = "".join(f"{t:.3f}," + ",".join(f"{v:.9g}" for v in row) + "\n" for t, row in zip(still.time, values, strict=True))
+        return f"seconds_elapsed,{names}\n{table}"
+
+    with zipfile.ZipFile(tmp_path / "one.zip", "w") as archive:
+        archive.writestr("deep/log.csv", text("gx [rad/s],gy [rad/s],gz [rad/s]", still.gyro))
+        archive.writestr("__MACOSX/._log.csv", "junk")
+    one = read(tmp_path / "one.zip", quiet=True)
+    np.testing.assert_allclose(one.gyro, still.gyro, rtol=1e-8)
+    assert (one.provenance["file"], one.provenance["inside"]) == ("one.zip", "log.csv")
+    with zipfile.ZipFile(tmp_path / "app.zip", "w") as archive:
+        archive.writestr("Gyroscope.csv", text("x [rad/s],y [rad/s],z [rad/s]", still.gyro))
+        archive.writestr("Accelerometer.csv", text("x [m/s^2],y [m/s^2],z [m/s^2]", still.accel))
+        archive.writestr("Orientation.csv", text("roll,pitch,yaw", still.gyro))
+    both = read(tmp_path / "app.zip", quiet=True)
+    np.testing.assert_allclose(both.gyro, still.gyro, rtol=1e-8)
+    np.testing.assert_allclose(both.accel, still.accel, rtol=1e-8)
+    assert both.provenance["columns"]["accel"] == ["Accelerometer.csv", 1, 2, 3]
+
+
+def test_a_kitti_folder(tmp_path):
+    noise = np.random.default_rng(0)
+    (tmp_path / "oxts" / "data").mkdir(parents=True)
+    values = noise.normal(size=(40, 30)) * 0.01
+    values[:, 13] += 9.81
+    for i, row in enumerate(values):
+        (tmp_path / "oxts" / "data" / f"{i:010d}.txt").write_text(" ".join(f"{v:.12g}" for v in row))
+    stamps = "".join(f"2011-09-26 13:02:{25 + i // 10}.{i % 10}00000000\n" for i in range(40))
+    (tmp_path / "oxts" / "timestamps.txt").write_text(stamps)
+    log = read(tmp_path / "oxts", quiet=True)
+    assert log.rate == pytest.approx(10.0)
+    np.testing.assert_allclose(log.accel, values[:, 11:14], rtol=1e-11)
+    np.testing.assert_allclose(log.gyro, values[:, 17:20], rtol=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ('{"schema": "jaxcal.calibration/1", "schema": "jaxcal.calibration/1"}', "the key 'schema' stands twice"),
+        ('{"schema": "jaxcal.calibration/1", "provenance": {"a": 1e999}}', "1e999 is larger than any number"),
+        ("[" * 200_000, "lists within lists without end"),
+        ('{"a":' * 200_000, "lists within lists without end"),
+        ('{"schema": "jaxcal.calibration/1", "provenance": NaN}', "NaN is no number in JSON"),
+    ],
+)
+def test_json_that_means_nothing_is_refused(text, said, tmp_path):
+    (tmp_path / "unit.json").write_text(text)
+    with pytest.raises(DataError, match=said):
+        jaxcal.Calibration.load(tmp_path / "unit.json")
+
+
+def test_a_name_that_is_no_text_costs_no_log(tmp_path):
+    import os
+    from concurrent.futures import ThreadPoolExecutor
+
+    (tmp_path / "logs").mkdir()
+    names = [b"good.csv", b"caf\xe9.csv", b"line\nfeed.csv", b"bad\xff.csv"]
+    try:
+        for name in names:
+            pathlib.Path(os.fsdecode(os.fsencode(tmp_path / "logs") + b"/" + name)).write_text(
+                HEADER + rows(400) if b"bad" not in name else "no log"
+            )
+    except OSError:
+        pytest.skip("the file system takes no such names")
+    with ThreadPoolExecutor(1) as pool:
+        fleet = jaxcal.batch.run(tmp_path / "logs", "allan", executor=pool, out=tmp_path / "out", options={"m": "octave"})
+    assert sorted(entry.status for entry in fleet) == ["done", "done", "done", "failed"]
+    assert fleet.failed[0].reason.startswith("bad\\xff.csv: there are no rows of numbers")
+    manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
+    assert manifest["count"] == {"logs": 4, "done": 3, "failed": 1, "left": 0}
