@@ -65,7 +65,7 @@ def errors(fleets):
         "| record | spread B, K | rmse alone B, K | pooled | population known | 95 % intervals hold N, B, K | spread of B, K hold | CPU s |"
     )
     print("|---|---|---|---|---|---|---|---|")
-    for minutes in (5.5,):
+    for minutes in (5.5, 22.0):
         for spread in ((0.2, 0.3), (0.1, 0.15)):
             alone, pooled, best, inside, around, spent = [], [], [], [], [], []
             for seed in range(fleets):

@@ -74,7 +74,7 @@ def _sweep(
     groups = state.group.shape[0]
     keys = jax.random.split(key, 6)
     mean = design @ state.beta + (state.group[member] if nested else 0.0)
-    variance = jnp.broadcast_to(state.within, (n, p)) if nested else state.between / state.weight[member]
+    variance = jnp.broadcast_to(state.within, (n, p)) if nested else state.between[None, :] / state.weight[member]
 
     def move(carry, key):
         x, ll = carry
@@ -92,19 +92,21 @@ def _sweep(
     precision = jnp.einsum("nc,np,nd->pcd", design, inverse, design)
     pull = jnp.einsum("nc,np->pc", design, inverse * rest)
     ridge = 1e-6 * jnp.eye(design.shape[1], dtype=x.dtype)  # a flat prior that stays proper
-    beta = _normal(keys[1], precision + ridge, pull).T
+    beta = _normal(keys[1], precision + ridge[None], pull).T
     rest = x - design @ beta
     group, within = state.group, state.within
     if nested:
-        held = jax.ops.segment_sum(rest / state.within, member, groups)
-        many = jax.ops.segment_sum(jnp.ones(n, x.dtype), member, groups)[:, None] / state.within
-        exact = many + state.weight / state.between
+        held = jax.ops.segment_sum(rest / state.within[None, :], member, groups)
+        many = jax.ops.segment_sum(jnp.ones(n, x.dtype), member, groups)[:, None] / state.within[None, :]
+        exact = many + state.weight / state.between[None, :]
         group = held / exact + jax.random.normal(keys[2], held.shape, x.dtype) / jnp.sqrt(exact)
         within = _variance(keys[3], jnp.sum((rest - group[member]) ** 2, axis=0), n, state.within)
         effects = group
     else:
         effects = rest
-    weight = jax.random.gamma(keys[4], (FREEDOM + 1.0) / 2.0, (groups, p), x.dtype) / ((FREEDOM + effects**2 / state.between) / 2.0)
+    weight = jax.random.gamma(keys[4], (FREEDOM + 1.0) / 2.0, (groups, p), x.dtype) / (
+        (FREEDOM + effects**2 / state.between[None, :]) / 2.0
+    )
     between = _variance(keys[5], jnp.sum(weight * effects**2, axis=0), groups, state.between)
     return state._replace(x=x, ll=ll, group=group, beta=beta, weight=weight, between=between, within=within), jnp.mean(accepted)
 
