@@ -274,7 +274,8 @@ def _core() -> float:
         mean = scipy.integrate.quad(lambda z: (FREEDOM + 1) * z**2 / (FREEDOM * scale**2 + z**2) * scipy.stats.norm.pdf(z), -9, 9)[0]
         return mean - 1.0
 
-    return 1.0 / float(scipy.optimize.brentq(excess, 0.3, 1.5))
+    scale: Any = scipy.optimize.brentq(excess, 0.3, 1.5)
+    return 1.0 / float(scale)
 
 
 def _chance(
