@@ -9,4 +9,5 @@ from ._fleet import (
     Spread as Spread,
     Trend as Trend,
 )
+from ._population import Population as Population, population as population
 from ._run import run as run

@@ -19,6 +19,7 @@ class Screen:
         # sentences hold brackets and numbers of their own: no markup, no colouring by guess
         self._console = Console(markup=False, highlight=False, emoji=False)
         self._quiet = quiet
+        self._gone: BrokenPipeError | None = None
 
     def line(self, text: str = "") -> None:
         """One sentence, wrapped."""
@@ -50,18 +51,29 @@ class Screen:
         self._print(table)
 
     def flush(self) -> None:
-        """Hand on what was printed, so that it is read while the command goes on."""
-        self._console.file.flush()
+        """Hand on what was printed, so that it is read while the command goes on; who reads may have gone: the files still come."""
+        try:
+            self._console.file.flush()
+        except BrokenPipeError as error:
+            self._gone = error
+
+    def end(self) -> None:
+        """Complain at last that nobody read on, as `jaxcal noise LOG | head` does."""
+        if self._gone is not None:
+            raise self._gone
 
     def _print(self, *what: Any, **how: Any) -> None:
-        if self._quiet:
+        if self._quiet or self._gone is not None:
             return
         with self._console.capture() as captured:
             self._console.print(*what, **how)
         text = captured.get()
         if not self._console.is_terminal:  # what fills a column is of no use in a file
             text = "\n".join(line.rstrip() for line in text.split("\n"))
-        self._console.file.write(text)
+        try:
+            self._console.file.write(text)
+        except BrokenPipeError as error:
+            self._gone = error
 
 
 @contextlib.contextmanager

@@ -24,6 +24,7 @@ class Done(NamedTuple):
         self.screen.sentences("Warnings", [*self.log.warnings, *warnings, *self.said])
         self.screen.sentences("Notes", notes)
         show_written(self.screen, self.written)
+        self.screen.end()
 
     def tell_by_channel(self) -> None:
         """The same for results by channel, with their own warnings and notes."""

@@ -31,6 +31,7 @@ class FittedSpectrum(eqx.Module):
     model : (bins,) mean of the fitted density over the same ordinates, same unit.
     edf : (bins,) number of ordinates, which are the degrees of freedom: edf * density / model is chi-square where the model holds.
     used : (bins,) True where the fit used the bin.
+    columns : term -> (bins,) what `model` has for a squared coefficient of one.
     """
 
     frequency: AnyArray
@@ -38,6 +39,7 @@ class FittedSpectrum(eqx.Module):
     model: AnyArray
     edf: AnyArray
     used: AnyArray
+    columns: dict[str, AnyArray]
 
 
 class NoiseFit(Result):

@@ -184,7 +184,8 @@ def _fitted_spectrum(solved: Solved) -> FittedSpectrum:
     frequency, level, model, edf, used = (
         np.asarray(values)[kept] for values in (bins.frequency, bins.density * bins.unit, model * bins.unit, bins.weight, used)
     )
-    return FittedSpectrum(frequency=frequency, density=level, model=model, edf=edf, used=used)
+    columns = {name: np.asarray(bins.columns)[kept, i] for i, name in enumerate(solved.names) if name != FILTER}
+    return FittedSpectrum(frequency=frequency, density=level, model=model, edf=edf, used=used, columns=columns)
 
 
 def fit_traced(y, rate: float, terms: tuple[Term, ...], band: tuple[float, float] | None, confidence: float) -> NoiseFit:

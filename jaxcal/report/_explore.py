@@ -199,7 +199,7 @@ def _of_record(fit: NoiseFit, values: Any, rate: float) -> FittedSpectrum | None
     f = np.asarray(found.frequency)
     model = np.asarray(fit.noise.psd(f, dt=1.0 / rate))
     used = (f <= 0.5 / fit.band[0] * (1 + 1e-9)) & (f >= 0.5 / fit.band[1] * (1 - 1e-9))
-    return FittedSpectrum(frequency=f, density=np.asarray(found.density), model=model, edf=np.asarray(found.edf), used=used)
+    return FittedSpectrum(frequency=f, density=np.asarray(found.density), model=model, edf=np.asarray(found.edf), used=used, columns={})
 
 
 def _spectrum(fitted: FittedSpectrum, fit: NoiseFit, rate: float, grids: _Grids, level: float) -> dict[str, Any]:

@@ -175,6 +175,13 @@ def test_output_that_goes_away_ends_the_command_quietly(log, shell):
     assert found.stderr.split() == ["status", "141"]
 
 
+def test_files_are_written_where_nobody_reads_on(log, shell, folder):
+    command = f"({sys.executable} -m jaxcal.cli noise {log} --json {folder}/noise.json; echo status $? >&2) | head -n 1"
+    found = subprocess.run(["bash", "-c", command], env=shell.environment, capture_output=True, text=True, check=False)
+    assert found.stderr.split()[-2:] == ["status", "141"]
+    assert json.loads((folder / "noise.json").read_text())["channels"]
+
+
 @pytest.mark.parametrize(
     ("terminal", "quiet", "wait", "shown"),
     [(True, False, 0.0, True), (False, False, 0.0, False), (True, True, 0.0, False), (True, False, 60.0, False)],
