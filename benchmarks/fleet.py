@@ -2,7 +2,7 @@
 
     python benchmarks/fleet.py                                  everything, 1,000 logs (half an hour on two cores, 2.5 GB of disk)
     python benchmarks/fleet.py --logs 100 --kill-logs 40        reduced
-    python benchmarks/fleet.py --only speed                     one part: speed, kill, workers, dask
+    python benchmarks/fleet.py --only speed                     one part: speed, kill, workers, dask, bad
     python benchmarks/fleet.py --folder /scratch/fleet          where logs and results go; by default a temporary folder
 
 The task is "noise": the Whittle fit of Q, N, B and K with intervals, six channels of 10^5 samples a log. All logs differ. Programs come
@@ -258,6 +258,69 @@ def dask(paths, folder, arguments):
         assert same
 
 
+#: bad logs by kind: what ends in a sentence, and in nothing else
+BAD = {
+    "empty.csv": b"",
+    "text.csv": b"these are my notes\n" * 50,
+    "zeros.bin": bytes(5000),
+    "cut.npz": b"PK\x03\x04" + bytes(range(200)),
+    "pointer.mcap": b"version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 990\n",
+    "counter.csv": b"sample_idx,gx [deg/s],gy [deg/s],gz [deg/s]\n" + b"".join(b"%d,0.1,0.2,%d.5\n" % (i, i % 7) for i in range(500)),
+    "wrong_unit.csv": b"time_s,ax [g],ay [g],az [g]\n"
+    + b"".join(b"%d.%02d,0.1,0.2,9.%d\n" % (i // 100, i % 100, 7 + i % 3) for i in range(500)),
+    "wide.csv": b"1.0," * 200_000 + b"1\n",
+    "damaged.ulg": b"ULog\x01\x12\x35\x01" + bytes(range(256)) * 8,
+    "damaged.parquet": b"PAR1" + bytes(range(256)) * 8 + b"PAR1",
+    "damaged.h5": b"\x89HDF\r\n\x1a\n" + bytes(range(256)) * 8,
+    "damaged.mat": b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + bytes(range(256)) * 4,
+    "caf\udce9.csv": b"no text, in a file whose name is none",
+    "twice.csv": b"t,gx,gy,gz\n" + 2 * b"".join(b"0.%03d,0.1,0.2,%d.5\n" % (i, i % 7) for i in range(500)),
+}  # fmt: skip
+
+
+def bad(paths, folder, arguments):
+    """The command on many small logs, a tenth of which are bad in every way."""
+    logs = folder / "bad"
+    logs.mkdir()
+    rng, number = np.random.default_rng(0), arguments.logs
+    for i in range(number):
+        if i % 10 == 9:
+            name, content = list(BAD.items())[i // 10 % len(BAD)]
+            (logs / f"unit{i:04d}_{name}").write_bytes(content)
+            continue
+        rows = 0.001 * rng.standard_normal((1000, 3))
+        text = "".join(f"{t / 100:.2f},{x:.6f},{y:.6f},{z:.6f}\n" for t, (x, y, z) in enumerate(rows))
+        (logs / f"unit{i:04d}.csv").write_text("time_s,gx [rad/s],gy [rad/s],gz [rad/s]\n" + text)
+    (logs / "unit9999_bomb.npz").write_bytes(b"")
+    np.savez_compressed(logs / "unit9999_bomb.npz", gyro=np.zeros((5_000_000, 3)), rate=100.0)
+    words = [
+        sys.executable,
+        "-m",
+        "jaxcal.cli",
+        "batch",
+        str(logs),
+        "--task",
+        "allan",
+        "--out",
+        str(folder / "bad-out"),
+        "--set",
+        "m=octave",
+    ]
+    begin = time.perf_counter()
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    manifest = json.loads((folder / "bad-out" / "manifest.json").read_text())
+    sentences = [row["reason"] for row in manifest["logs"] if row["status"] == "failed"]
+    count = manifest["count"]
+    lost = [name for name, text in results(folder / "bad-out").items() if b'"trace"' in text or b"its worker process died" in text]
+    print(f"\n{count['logs']} logs, of which {count['logs'] - 9 * number // 10} are bad: {count['done']} results, "
+        f"{len(sentences)} sentences, "
+          f"status {done.returncode}, {len(lost)} by a worker that was lost or a fault, {time.perf_counter() - begin:.0f} s")  # fmt: skip
+    for reason in sorted({reason.partition(": ")[2][:110] for reason in sentences}):
+        print(f"    {reason}")
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert (count["done"], len(sentences), len(lost)) == (9 * number // 10, number // 10 + 1, 0)
+
+
 def keep():
     from jaxcal.cli._cache import keep_compiled
 
@@ -266,7 +329,7 @@ def keep():
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--only", choices=("speed", "kill", "workers", "dask"))
+    parser.add_argument("--only", choices=("speed", "kill", "workers", "dask", "bad"))
     parser.add_argument("--logs", type=int, default=1000)
     parser.add_argument("--samples", type=int, default=100_000)
     parser.add_argument("--kills", type=int, default=20)
@@ -279,9 +342,10 @@ def main():
         os.environ["XDG_CACHE_HOME"] = str(folder / "cache")
         keep()
         needed = arguments.logs if arguments.only in (None, "speed") else arguments.kill_logs
-        paths = make_logs((arguments.folder or folder) / "logs", needed, arguments.samples)
-        warm(paths, folder)
-        for part in (speed, kill, workers, dask):
+        paths = [] if arguments.only == "bad" else make_logs((arguments.folder or folder) / "logs", needed, arguments.samples)
+        if paths:
+            warm(paths, folder)
+        for part in (speed, kill, workers, dask, bad):
             if arguments.only in (None, part.__name__):
                 part(paths, folder, arguments)
 

@@ -24,8 +24,12 @@ def keep_compiled() -> None:
     A folder of the user's own (JAX_COMPILATION_CACHE_DIR) is left in force. Where the cache folder cannot be written the
     command goes on without it and without a word: it costs seconds, never a result.
     """
+    import warnings
+
     import jax
 
+    # a disk that is full, or an entry that another process is just writing, costs seconds and no result
+    warnings.filterwarnings("ignore", message="Error (writing|reading) persistent compilation cache entry")
     if jax.config.values["jax_compilation_cache_dir"] is None:
         try:
             folder = cache_folder()

@@ -38,7 +38,6 @@ class Selection:
     guessed: set[str]
     profile: str = ""
     gravity_free: list[int] = dataclasses.field(default_factory=list)  # columns of acceleration without gravity
-    doubtful: set[str] = dataclasses.field(default_factory=set)  # "accel" where a name may mean either
     notes: list[str] = dataclasses.field(default_factory=list)
     warnings: list[str] = dataclasses.field(default_factory=list)
 
@@ -58,12 +57,10 @@ def select(table, columns: Columns) -> Selection:
     if any(names):
         _by_name(table, columns, found)
         _by_file(table, columns, found)
-    chosen_by_name = dict(found.columns)
     if set(explicit) - {"time"}:
-        found.columns, found.doubtful = {}, set()
+        found.columns = {}
     for quantity, indices in explicit.items():
         found.columns[quantity] = indices
-        found.doubtful.discard(quantity)
         meaning = meanings[indices[0]]
         found.units.pop(quantity, None)
         inside = bracketed(names[indices[0]])
@@ -76,7 +73,7 @@ def select(table, columns: Columns) -> Selection:
         _refuse_or_position(table, columns, found)
     found.guessed = set(found.columns) - set(explicit)
     if not set(explicit) - {"time"}:
-        _tell_unused(table, found, chosen_by_name)
+        _tell_unused(table, found)
     return found
 
 
@@ -133,7 +130,6 @@ def _by_name(table, columns: Columns, found: Selection) -> None:
         groups = _groups(table, found.names, sensor)
         if sensor == "accel" and not groups:
             groups = _groups(table, found.names, "accel or linear")
-            found.doubtful |= {"accel"} if groups else set()
         if not groups:
             continue
         whole = [key for key, axes in groups.items() if len(axes) == 3]
@@ -197,7 +193,6 @@ def _by_file(table, columns: Columns, found: Selection) -> None:
         unit = unit_of(inside, kind) if inside else None
         if unit:
             found.units[kind] = unit
-        found.doubtful |= {"accel"} & {kind}
         found.notes.append(
             f"{kind}: the columns {', '.join(table.names[i] for i in axes)} are those of the {kind}, as the name of the file says"
         )
@@ -278,7 +273,7 @@ def increasing(values: np.ndarray) -> bool:
     return bool(len(steps) and np.count_nonzero(np.greater(steps, steps.dtype.type(0))) >= 0.95 * len(steps))
 
 
-def _tell_unused(table, found: Selection, named: dict[str, list[int]]) -> None:
+def _tell_unused(table, found: Selection) -> None:
     """Name the columns that look like those of a sensor and are not read."""
     used = {i for indices in found.columns.values() for i in indices}
     strange = [

@@ -123,7 +123,7 @@ def _candidates(table, found: Selection, wanted: list[int] | None) -> list[list[
     fraction = [i for i, one in enumerate(found.names) if one is not None and one.kind == "time" and one.axis == "nsec"]
     dates = [i for i, column in enumerate(table.columns) if column.dtype.kind == "M" and i not in table.days]
     sets = [[i] for i in dict.fromkeys([*named, *dates, *sorted(table.clocks)]) if _varies(table, i)]
-    whole = next((i for i in named if found.names[i] is not None and found.names[i].unit == "s" and i not in table.clocks), None)
+    whole = next((i for i in named if (one := found.names[i]) is not None and one.unit == "s" and i not in table.clocks), None)
     if fraction and whole is not None:
         sets = [[whole, fraction[0]], *(one for one in sets if one != [whole])]
     elif fraction:
@@ -187,7 +187,9 @@ def _read(table, indices: list[int], stated: str | None, rate: float | int | Non
     if column.dtype.kind == "M":
         return Clock(indices, column, "date", "dates")
     if index in table.clocks:
-        seconds = column + _DAY * np.cumsum(np.concatenate([[0], np.diff(column) < -_DAY / 2]))
+        # at midnight it begins again, and after an hour where the hours are missing
+        turn = _DAY if np.nanmax(column) >= 3600 else 3600.0
+        seconds = column + turn * np.cumsum(np.concatenate([[0], np.diff(column) < -turn / 2]))
         return Clock(indices, seconds, "time of day", "times of day", epoch_ns=0)
     if stated == "sampletimefine":
         steps = np.diff(column)

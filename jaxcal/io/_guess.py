@@ -48,8 +48,8 @@ class Guess:
     sure: bool = True
 
 
-def accel_unit(values: np.ndarray, stated: str | None, where: str, period: float | None, *, doubtful: bool = False) -> Guess:
-    """Unit of an accelerometer; `doubtful` where its name may mean acceleration without gravity."""
+def accel_unit(values: np.ndarray, stated: str | None, where: str, period: float | None) -> Guess:
+    """Unit of an accelerometer, in whose values gravity must be."""
     norm, whole = median_norm(values), values.shape[1] == 3
     seen = f"median norm {norm:.4g}"
     if stated is None:
@@ -231,6 +231,8 @@ def roles(triples: list[np.ndarray]) -> list[str]:
         found = {rest[0]: "gyro"}
     else:
         fields = [k for k in rest if _field_like(triples[k])]
+        if len(fields) == 2 and 3 * spread(triples[min(rest, key=lambda k: spread(triples[k]))]) < max(spread(triples[k]) for k in rest):
+            fields = [min(rest, key=lambda k: spread(triples[k]))]  # a field keeps its size, and rates do not
         if len(fields) != 1:
             raise DataError("of the two triples besides the accelerometer's, not one alone is like the Earth's field")
         found = {k: "mag" if k in fields else "gyro" for k in rest}

@@ -243,7 +243,7 @@ def _blocks(log: Log) -> tuple[np.ndarray, np.ndarray] | None:
     count = len(log.accel) // width
     if count < 2:
         return None
-    blocks = log.accel[: count * width].reshape(count, width, 3)
+    blocks = np.asarray(log.accel)[: count * width].reshape(count, width, 3)
     whole = np.isfinite(blocks).all(axis=(1, 2))
     if not whole.any():
         return None

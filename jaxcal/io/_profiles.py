@@ -85,8 +85,9 @@ PROFILES = (
         ((rf"oxts_a{_XYZ}", "accel", "m/s^2"), (rf"oxts_w{_XYZ}", "gyro", "rad/s"), ("timestamp", "time", None)),
     ),
     Profile(
-        "x-IMU", ("packet number",),
-        ((rf"gyroscope {_XYZ} .*", "gyro", "deg/s"), (rf"accelerometer {_XYZ} .*", "accel", "g"), (rf"magnetometer {_XYZ} .*", "mag", "G")),
+        "x-IMU", ("packet number", rf"gyroscope {_XYZ} \(deg/s\)"),
+        ((rf"gyroscope {_XYZ} \(deg/s\)", "gyro", "deg/s"), (rf"accelerometer {_XYZ} \(g\)", "accel", "g"),
+         (rf"magnetometer {_XYZ} \(g\)", "mag", "G")),
     ),
     Profile(
         "eSense", ("timestamp", rf"gyro_{_XYZ}_deg_per_s"),

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .._errors import DataError
+from .._errors import DataError, ExportError
 from .._log import Log
 from .._results import plain
 from .._units import si_unit
@@ -24,6 +24,19 @@ _LONGEST = 1 << 20
 
 def save(log: Log, place: pathlib.Path) -> None:
     """Write a log to a .npz or .parquet file."""
+    try:
+        _write(log, place)
+    except Exception as error:
+        # polars has errors of its own for a disk that is full
+        if not isinstance(error, OSError) and "os error" not in str(error):
+            raise
+        reason = getattr(error, "strerror", None) or str(error)
+        raise ExportError(
+            f"cannot write a file {place.suffix} into {place.parent}: {reason.lower()}; give a name in another folder"
+        ) from error
+
+
+def _write(log: Log, place: pathlib.Path) -> None:
     sensors = {name: value for name in (*SENSORS, "temperature") if (value := getattr(log, name)) is not None}
     about = json.dumps({"schema": _SCHEMA} | {name: plain(getattr(log, name)) for name in ("rate", "notes", "warnings", "provenance")})
     if place.suffix == ".npz":

@@ -208,9 +208,15 @@ def _units(
         try:
             if stated is None:
                 _refuse_unknown_unit(name, first)
-            guesses[name] = _unit(name, values[name], stated, where, period, turns, name in units, name in found.doubtful, signals.warnings)
+            guesses[name] = _unit(name, values[name], stated, where, period, turns, name in units, signals.warnings)
         except DataError as error:
-            problems.append(str(error))
+            if name == "mag" and name in found.guessed and stated is None and len(raw) > 1:
+                # the other sensors need no field
+                signals.warnings.append(f"mag is left out: {error}")
+            else:
+                problems.append(str(error))
+    for name in set(raw) - set(guesses):
+        raw.pop(name)
     _check_turns(guesses, turns, clock, signals.warnings, problems)
     return guesses
 
@@ -225,14 +231,14 @@ def _turns(values: dict[str, np.ndarray], period: float | None) -> Turning | Non
 
 def _unit(
     name: str, values: np.ndarray, stated: str | None, where: str, period: float | None, turns: Turning | None, given: bool,
-    doubtful: bool, warnings: list[str],
+    warnings: list[str],
 ) -> _guess.Guess:  # fmt: skip
     if not np.isfinite(values).all(axis=1).any():
         # `Log` refuses it by name
         return _guess.Guess(stated or si_unit(name), "there is nothing to tell it from", "")
     judge = {
         "gyro": lambda unit: _guess.gyro_unit(values, unit, where, turns),
-        "accel": lambda unit: _guess.accel_unit(values, unit, where, period, doubtful=doubtful),
+        "accel": lambda unit: _guess.accel_unit(values, unit, where, period),
         "mag": lambda unit: _guess.mag_unit(values, unit, where),
         "temperature": lambda unit: _guess.temperature_unit(values, unit, where),
     }[name]

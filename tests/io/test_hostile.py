@@ -2,6 +2,7 @@
 
 import gzip
 import json
+import os
 import pathlib
 import zipfile
 
@@ -132,7 +133,6 @@ def test_json_that_means_nothing_is_refused(text, said, tmp_path):
 
 
 def test_a_name_that_is_no_text_costs_no_log(tmp_path):
-    import os
     from concurrent.futures import ThreadPoolExecutor
 
     (tmp_path / "logs").mkdir()
@@ -150,3 +150,19 @@ def test_a_name_that_is_no_text_costs_no_log(tmp_path):
     assert fleet.failed[0].reason.startswith("bad\\xff.csv: there are no rows of numbers")
     manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
     assert manifest["count"] == {"logs": 4, "done": 3, "failed": 1, "left": 0}
+
+
+@pytest.mark.skipif(os.name != "posix", reason="files are not limited in size here")
+@pytest.mark.parametrize("suffix", [".npz", ".parquet"])
+def test_a_full_disk_is_a_sentence_and_leaves_nothing(suffix, still, tmp_path):
+    import resource
+
+    np.savez(tmp_path / "log.npz", time=still.time, gyro=np.random.default_rng(0).normal(size=(400, 3)), units="SI")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (2000, limits[1]))
+        with pytest.raises(jaxcal.ExportError, match=r"file too large.*; give a name in another folder"):
+            jaxcal.io.convert(tmp_path / "log.npz", tmp_path / f"out{suffix}", quiet=True)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert [path.name for path in tmp_path.iterdir()] == ["log.npz"]

@@ -287,7 +287,9 @@ def _days(column: Any) -> np.ndarray:
 
 def _clocks(column: Any) -> np.ndarray:
     """Times of day in s."""
-    fields = column.str.strip_chars().str.extract_groups(r"^(\d\d?):(\d\d):(\d\d)(?:[.,:](\d+))?\s*([AaPp])?").struct.unnest()
+    # minutes and seconds alone are those of hour 0
+    text = column.str.strip_chars().str.replace(r"^(\d\d?:\d\d[.,])", "0:$1")
+    fields = text.str.extract_groups(r"^(\d\d?):(\d\d?):(\d\d)(?:[.,:](\d+))?\s*([AaPp])?").struct.unnest()
     hours, minutes, seconds, fraction = (fields.to_series(k).cast(float, strict=False).to_numpy() for k in range(4))
     digits = fields.to_series(3).str.len_chars().fill_null(0).to_numpy()
     half = fields.to_series(4).str.to_lowercase().fill_null("").to_numpy()

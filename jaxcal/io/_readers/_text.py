@@ -25,7 +25,8 @@ COMMENTS = ("#", "%", "//")
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?(?:inf(?:inity)?)", re.IGNORECASE)
 _COMMA_NUMBER = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
 _DAY = r"(?:\d{4}[-/.]\d\d?[-/.]\d\d?|\d\d?[-/.]\d\d?[-/.]\d{4})"
-_TIME_OF_DAY = r"\d\d?:\d\d:\d\d(?:[.,:]\d+)?(?:\s*[AaPp][Mm])?"
+#: also minutes and seconds alone, which is what is left of a time in a table that passed through a spreadsheet
+_TIME_OF_DAY = r"(?:\d\d?:\d\d:\d\d(?:[.,:]\d+)?(?:\s*[AaPp][Mm])?|\d\d?:\d\d[.,]\d+)"
 _DATE = re.compile(rf"{_DAY}(?:[T_]|,? +){_TIME_OF_DAY}\s*(?:Z|UTC|[+-]\d\d:?\d\d)?")
 _DAY_ALONE, _CLOCK = re.compile(_DAY), re.compile(_TIME_OF_DAY)
 #: kinds of columns that hold text to be turned into stamps
@@ -275,8 +276,9 @@ def _names(head: list[str], delimiter: str, width: int) -> list[str] | None:
     names = _fields(head[-1], delimiter, width) if head else None
     if names and len(head) > 1 and all(map(_is_unit, names)) and any(names):
         above = _fields(head[-2], delimiter, width)
-        if above and any(map(parse_name, above)):
-            return [f"{name} [{unit.strip('[]()')}]" if unit.strip("[]()- ") else name for name, unit in zip(above, names, strict=True)]
+        if above and not all(map(_is_unit, above)):
+            units = [_bare(unit) for unit in names]
+            return [f"{name} [{unit}]" if unit.strip("- ") else name for name, unit in zip(above, units, strict=True)]
     # a comment may happen to have as many words as there are columns
     return None if names and _is_comment(head[-1]) and not any(map(parse_name, names)) else names
 
@@ -293,5 +295,11 @@ def _fields(line: str, delimiter: str, width: int) -> list[str] | None:
 
 
 def _is_unit(field: str) -> bool:
-    text = field.strip("[]() ")
+    text = _bare(field)
     return not text or text == "-" or any(unit_of(text, quantity) for quantity in ("time", *SENSORS, "temperature"))
+
+
+def _bare(field: str) -> str:
+    """A field without the brackets around it."""
+    text = field.strip()
+    return text[1:-1].strip() if text[:1] in ("[", "(") and text[-1:] in ("]", ")") else text
