@@ -118,7 +118,7 @@ def _channel(name: str, result: Any, log: Log | None, grids: _Grids, level: floa
     values = None if log is None else log.channels().get(name)
     if deviation is not None:
         found["allan"] = _allan(deviation, fit, grids)
-    if fit is not None:
+    if fit is not None and deviation is not None:
         found["terms"] = {term: _term(fit, term) for term in fit.terms if term in fit.verdict}
         found["events"] = [[float(f"{start:.5g}"), float(f"{stop:.5g}"), words] for start, stop, words in fit.events]
         fitted = fit.spectrum if fit.spectrum is not None else _of_record(fit, values, deviation.rate)

@@ -146,7 +146,7 @@ def _drawn(x: Axis, y: Axis, mark: Mark) -> Markup:
     return tag("path", d="".join(_path(run) for run in runs if len(run) > 1), class_=f"line {mark.look} {color}".replace("  ", " "))
 
 
-def _path(points: Sequence[tuple[float, float]]) -> str:
+def _path(points: Sequence[tuple[Any, Any]]) -> str:
     return "M" + "L".join(f"{_brief(a)} {_brief(b)}" for a, b in points)
 
 

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 else:
     Readings = Any  # a page does not read the parts of the package that it is not about
 
+_PACKAGE = __name__.partition(".")[0]
 #: kind of result -> module of the package with its `document`, its `page` and its `summary`; and of a dictionary channel -> result
 _KINDS = {("alignment", "AlignmentFit"): "_north", ("imu", "ImuFit"): "_imu", ("magnetometer", "MagFit"): "_magnetometer"}
 _BY_CHANNEL = {("temperature", "TemperatureFit"): "_thermal", ("allan", "Deviation"): "_curves", ("spectrum", "Spectrum"): "_curves"}
@@ -137,7 +138,7 @@ def document(results: Any, log: Any = None) -> dict[str, Any]:
 
 def _is(result: Any, home: str, name: str) -> bool:
     """Whether it is of a class of the package; a class whose module was never read has no results."""
-    module = sys.modules.get(f"{__package__.partition('.')[0]}.{home}")
+    module = sys.modules.get(f"{_PACKAGE}.{home}")
     return module is not None and isinstance(result, getattr(module, name))
 
 
