@@ -103,7 +103,7 @@ def coverage(found: Any, ax: Any = None) -> Any:
     _checked(found)
     ax = new_figure().subplots() if ax is None else ax
     counts = np.asarray(found.coverage.counts, dtype=float)
-    cells = PolyCollection(_regions(), array=np.ma.masked_equal(counts, 0), cmap="viridis", edgecolors="white", linewidths=0.4)
+    cells = PolyCollection(region_corners(), array=np.ma.masked_equal(counts, 0), cmap="viridis", edgecolors="white", linewidths=0.4)
     cells.set_facecolor(SHADE)
     ax.set_facecolor(SHADE)
     ax.add_collection(cells)
@@ -226,7 +226,7 @@ def unit_of(found: MagFit) -> tuple[float, str]:
     return (1e-6, "µT") if 1e-6 < found.field < 1e-3 else (1.0, "unit of the readings")
 
 
-def _regions() -> list[np.ndarray]:
+def region_corners() -> list[np.ndarray]:
     """Corners of the 100 regions of equal area in longitude (degrees) and sine of latitude."""
     edges = np.sin([1.37046, 0.74776, 0.0, -0.74776, -1.37046])
     rows = [(1, 1.0, edges[0])] + [(n, edges[k], edges[k + 1]) for k, n in enumerate((15, 34, 34, 15))] + [(1, edges[-1], -1.0)]

@@ -51,11 +51,11 @@ class _Grids:
         key = array.tobytes()
         if key not in self._places:
             self._places[key] = len(self.kept)
-            self.kept.append(_short(array, 6))
+            self.kept.append(short(array, 6))
         return self._places[key]
 
 
-def _short(values: Any, digits: int = 4) -> list[float | None]:
+def short(values: Any, digits: int = 4) -> list[float | None]:
     """Numbers with few digits; None where there is none."""
     return [float(f"{value:.{digits}g}") if math.isfinite(value) else None for value in np.asarray(values, dtype=float).tolist()]
 
@@ -118,7 +118,7 @@ def _channel(name: str, result: Any, log: Log | None, grids: _Grids, level: floa
     values = None if log is None else log.channels().get(name)
     if deviation is not None:
         found["allan"] = _allan(deviation, fit, grids)
-    if fit is not None:
+    if fit is not None and deviation is not None:
         found["terms"] = {term: _term(fit, term) for term in fit.terms if term in fit.verdict}
         found["events"] = [[float(f"{start:.5g}"), float(f"{stop:.5g}"), words] for start, stop, words in fit.events]
         fitted = fit.spectrum if fit.spectrum is not None else _of_record(fit, values, deviation.rate)
@@ -127,7 +127,7 @@ def _channel(name: str, result: Any, log: Log | None, grids: _Grids, level: floa
     elif isinstance(result, Spectrum):
         points = _extremes(np.asarray(result.frequency), np.asarray(result.density))
         found["spectrum"] = {
-            "f": grids.place(result.frequency[points]), "value": _short(result.density[points]),
+            "f": grids.place(result.frequency[points]), "value": short(result.density[points]),
             **{key: grids.place(_ratio(result, key)[points]) for key in ("lower", "upper")},
         }  # fmt: skip
     if values is not None:
@@ -161,7 +161,7 @@ def _allan(deviation: Deviation, fit: NoiseFit | None, grids: _Grids) -> dict[st
     values = {key: np.asarray(getattr(deviation, key))[points] for key in ("tau", "deviation", "lower", "upper")}
     kept = np.isfinite(values["deviation"]) & (values["deviation"] > 0)
     found: dict[str, Any] = {"tau": grids.place(values["tau"][kept])}
-    found |= {name: _short(values[key][kept]) for name, key in (("value", "deviation"), ("low", "lower"), ("high", "upper"))}
+    found |= {name: short(values[key][kept]) for name, key in (("value", "deviation"), ("low", "lower"), ("high", "upper"))}
     if fit is not None:
         found["used"] = grids.place(np.asarray(fit.used, dtype=float)[points][kept])
         m = np.unique(np.round(np.geomspace(deviation.m.min(), deviation.m.max(), _FINE)))
@@ -177,14 +177,14 @@ def _curves(fit: NoiseFit, curve: Any) -> dict[str, Any]:
         detected = fit.verdict.get(term) != "not detected"
         value = float(fit.noise.coefficient(term) if detected else fit.upper_limit[term])
         if 0 < value < math.inf:
-            terms[term] = [int(detected), _short(curve(fit.noise.only(term, value)))]
-    return {"total": _short(curve(fit.noise)), "terms": terms}
+            terms[term] = [int(detected), short(curve(fit.noise.only(term, value)))]
+    return {"total": short(curve(fit.noise)), "terms": terms}
 
 
 def _term(fit: NoiseFit, term: str) -> dict[str, Any]:
     low, high = fit.interval[term]
     values = (fit.noise.coefficient(term), low, high, fit.upper_limit[term])
-    named = zip(("value", "low", "high", "limit"), _short([float(value) for value in values], 6), strict=True)
+    named = zip(("value", "low", "high", "limit"), short([float(value) for value in values], 6), strict=True)
     return {**dict(named), "verdict": str(fit.verdict[term])}
 
 
@@ -221,7 +221,7 @@ def _spectrum(fitted: FittedSpectrum, fit: NoiseFit, rate: float, grids: _Grids,
     fine = np.geomspace(f[0], min(f[-1], 0.5 * rate), _FINE)
     curves = _curves(fit, lambda noise: np.asarray(noise.psd(fine, dt=1.0 / rate)))
     return {
-        "f": grids.place(mean(f)), "value": _short(mean(measured)), "fit": _short(mean(model)), "ratio": _short(mean(measured / model)),
+        "f": grids.place(mean(f)), "value": short(mean(measured)), "fit": short(mean(model)), "ratio": short(mean(measured / model)),
         **{key: grids.place(np.round(end, 6)) for key, end in zip(("lower", "upper"), ends, strict=True)},
         "used": grids.place(np.minimum.reduceat(used.astype(float), starts)), "model": {"x": grids.place(fine), "terms": curves["terms"]},
     }  # fmt: skip

@@ -119,14 +119,14 @@ def recording(log: Any) -> Markup:
     return section("Recording", "recording", summary, *notes)
 
 
-def provenance(known: dict[str, str], log: Any) -> Markup:
+def provenance(known: dict[str, Any], log: Any) -> Markup:
     """Where the numbers come from: what is `known`, then what the log says, in words."""
     for key, value in plain(log.provenance if log is not None else {}).items():
         if key == "epoch_ns":
             if (when := recorded(log)) is not None:
                 known["First sample"] = when
         elif (text := _words(value)) != "":
-            known[_LABELS.get(key, key.replace("_", " ").capitalize())] = text
+            known[str(_LABELS.get(key, key.replace("_", " ").capitalize()))] = text
     return section("Provenance", "provenance", definitions(known.items()))
 
 

@@ -11,7 +11,7 @@ from .._results import plain
 from ..magnetometer import MagFit, heading_uncertainty
 from ..plot import _magnetometer as pictures
 from ._html import Markup, definitions, join, numbers, provenance, recording, scroll, section, table, tag, warnings_of
-from ._page import picture
+from ._sphere import sphere
 
 _ROWS = 200  # readings that the table behind the figures lists
 _METHODS = {"ml": "maximum likelihood (orthogonal distance)", "consistent": "adjusted least squares"}
@@ -91,29 +91,12 @@ def _verdict(found: MagFit) -> Markup:
 
 
 def _pictures(found: MagFit, m: np.ndarray | None) -> Markup:
-    """Every figure with its numbers below it; those of the readings only where they are at hand."""
+    """The sphere, and the numbers behind it; those of the readings only where they are at hand."""
     alone = len(inspect.signature(found.model.correct).parameters) == 1  # a model of your own may need conditions  # type: ignore[union-attr]
     fitted = m is not None and len(m) == len(found.residual) and alone
-    figures: list[tuple[Any, str, str, Markup]] = []
-    if fitted:
-        about = "Readings before and after correction on three planes and in space."
-        *planes, space = pictures.sphere(m, found)
-        space.figure.set_size_inches(8.0, 7.4)  # three panels of four are square,
-        space.set_box_aspect(None, zoom=0.85)  # and the layout does not see the labels of the fourth
-        space.zaxis.labelpad = -4
-        figures.append((planes[0], "Readings", about, _readings(found, m)))
-    about = "Directions of the corrected field: readings per region of equal area."
-    figures.append((pictures.coverage(found), "Coverage", about, _regions(found)))
-    if fitted:
-        about = "Distance of each reading to the ellipsoid, by direction. Its numbers are those of the readings."
-        figures.append((pictures.residual(m, found), "Residuals", about, Markup("")))
+    parts = [sphere(found, m if fitted else None), *([_readings(found, m)] if fitted else []), _regions(found)]
     if np.isfinite(found.covariance).all():
-        about = "Standard deviation of the heading against heading."
-        figures.append((pictures.heading_error(found), "Heading error", about, _headings(found)))
-    parts = [
-        join((tag("h3", title), picture(ax, f"mag-{i}", title, about, about), behind))
-        for i, (ax, title, about, behind) in enumerate(figures)
-    ]
+        parts.append(_headings(found))
     return section("Pictures", "plots", *parts)
 
 

@@ -91,9 +91,13 @@ dd { margin: 0; }
 .c3 { --c: var(--series-3); } .c4 { --c: var(--series-4); } .c5 { --c: var(--series-5); }
 .ink { --c: var(--ink); } .shade { --c: var(--shade); }
 .drawn path { fill: none; stroke: var(--c); stroke-linejoin: round; stroke-width: 2; }
-.drawn text { font-size: 13px; }
+.drawn text { font-size: 12px; }
+.drawn .scroll svg { min-width: 0; max-width: 42rem; }
 .drawn .grid { stroke: var(--grid); stroke-width: 1; } .drawn .frame { stroke: var(--muted); stroke-width: 1; }
 .drawn .dots { stroke-width: 5.5; stroke-linecap: round; } .drawn .faint { stroke-opacity: .45; }
+.drawn .small { stroke-width: 3; } .drawn .large { stroke-width: 11; }
+.drawn .q0 { fill-opacity: 0; } .drawn .q1 { fill-opacity: .12; } .drawn .q2 { fill-opacity: .3; } .drawn .q3 { fill-opacity: .55; }
+.drawn .q4 { fill-opacity: .85; }
 .drawn .thin { stroke-width: 1; } .drawn .dashed { stroke-dasharray: 5 4; stroke-width: 1.3; }
 .drawn .band { fill: var(--c); fill-opacity: .2; stroke: none; } .drawn .band.shade { fill-opacity: 1; }
 .key i { display: inline-block; width: .7rem; height: .7rem; border-radius: 50%; background: var(--c); margin-left: .6rem; }
@@ -128,7 +132,7 @@ footer { color: var(--muted); font-size: .875rem; padding-bottom: 2rem; }
   .scroll svg, .terms { min-width: 0; }
   .numbers { max-height: none; }
   .numbers table { font-size: 7pt; white-space: normal; overflow-wrap: anywhere; }
-  .explore.live > .static { display: block; }
+  .live > .static { display: block; }
   .live-part { display: none; }
   details::details-content { content-visibility: visible; height: auto; }
   .scroll .exact { white-space: normal; }
@@ -141,10 +145,14 @@ footer { color: var(--muted); font-size: .875rem; padding-bottom: 2rem; }
 def page(title: str, lead: str, body: Markup, footer: str, facts: Iterable[tuple[str, str]] = ()) -> str:
     """A whole document; the facts stand below its title."""
     style, scripts = _STYLE, []
+    if 'class="sphere"' in body:
+        scripts = [_asset("sphere.js")]
     if 'class="explore"' in body:
-        style = _asset("uPlot.min.css") + _asset("explore.css") + style
-        scripts = [f"/*\n{_asset('uPlot.LICENSE')}\n*/\n{_asset('uPlot.iife.min.js')}", _asset("explore.js")]
+        style = _asset("uPlot.min.css") + style
+        scripts += [f"/*\n{_asset('uPlot.LICENSE')}\n*/\n{_asset('uPlot.iife.min.js')}", _asset("explore.js")]
         footer = f"{footer}. Charts: {_LIBRARY}."
+    if scripts:
+        style = _asset("explore.css") + style
     allowed = " ".join(f"'{_hash(script)}'" for script in scripts) or "'none'"
     policy = f"default-src 'none'; script-src {allowed}; style-src '{_hash(style)}'; img-src data:; base-uri 'none'; form-action 'none'"
     head = join(

@@ -9,8 +9,10 @@ import numpy as np
 from ..plot._style import number_label
 from ._html import Markup, join, tag
 
-_WIDTH, _HEIGHT = 640, 360
-_LEFT, _RIGHT, _TOP, _BOTTOM = 78, 12, 14, 46
+_WIDTH, _HEIGHT = 480, 310  # small, so that letters can be read on a phone
+_LEFT, _RIGHT, _TOP, _BOTTOM = 76, 14, 12, 44
+#: width over height of what the axes enclose
+ASPECT = (_WIDTH - _LEFT - _RIGHT) / (_HEIGHT - _TOP - _BOTTOM)
 
 
 class Axis(NamedTuple):
@@ -38,8 +40,8 @@ class Axis(NamedTuple):
             step = next(size * k for k in (1, 2, 5, 10) if size * k >= raw)
             return [k * step for k in range(math.ceil(self.low / step), math.floor(self.high / step) + 1)]
         first, last = math.floor(math.log10(self.low)), math.ceil(math.log10(self.high))
-        parts = (1, 2, 5) if last - first < 4 else (1,)
-        every = max((last - first) // 8, 1)
+        parts = (1, 2, 5) if self.high / self.low < 300 else (1,)
+        every = max((last - first) // 7, 1)
         found = [part * 10.0**power for power in range(first, last + 1, every) for part in parts]
         return [value for value in found if self.low * (1 - 1e-9) <= value <= self.high * (1 + 1e-9)]
 
@@ -136,13 +138,15 @@ def _drawn(x: Axis, y: Axis, mark: Mark) -> Markup:
         top = _up(y, mark.top)
         known &= np.isfinite(top)
         there, back = (list(zip(across[known], edge[known], strict=True)) for edge in (up, top))
-        return tag("path", d=_path([*there, *back[::-1]]) + "Z", class_=f"band {color}") if there else Markup("")
+        if not there:
+            return Markup("")
+        return tag("path", d=_path([*there, *back[::-1]]) + "Z", class_=f"band {mark.look} {color}".replace("  ", " "))
     pieces = np.split(np.arange(len(across)), np.flatnonzero(~known))
     runs = [[(across[i], up[i]) for i in piece if known[i]] for piece in pieces]
     return tag("path", d="".join(_path(run) for run in runs if len(run) > 1), class_=f"line {mark.look} {color}".replace("  ", " "))
 
 
-def _path(points: Sequence[tuple[float, float]]) -> str:
+def _path(points: Sequence[tuple[Any, Any]]) -> str:
     return "M" + "L".join(f"{_brief(a)} {_brief(b)}" for a, b in points)
 
 

@@ -1,26 +1,28 @@
 """`write`: results as one HTML page; `document`: as JSON can say them."""
 
 import datetime
+import importlib
 import importlib.metadata
 import os
 import pathlib
-from typing import Any
+import sys
+from typing import TYPE_CHECKING, Any
 
 from .._errors import DataError
 from .._files import write_atomically
 from .._log import Log
-from ..alignment import AlignmentFit, Readings
-from ..allan import Deviation
-from ..imu import ImuFit
-from ..magnetometer import MagFit
-from ..spectrum import Spectrum
-from ..temperature import TemperatureFit
-from . import _curves, _imu, _magnetometer, _noise, _north, _thermal
 from ._html import Markup, inside, join, recorded, recording, section, table, tag
 from ._page import page
 
-#: kind of result -> module with its `document`, its `page` and its `summary`
-_KINDS: dict[type, Any] = {AlignmentFit: _north, ImuFit: _imu, MagFit: _magnetometer}
+if TYPE_CHECKING:
+    from ..alignment import Readings
+else:
+    Readings = Any  # a page does not read the parts of the package that it is not about
+
+_PACKAGE = __name__.partition(".")[0]
+#: kind of result -> module of the package with its `document`, its `page` and its `summary`; and of a dictionary channel -> result
+_KINDS = {("alignment", "AlignmentFit"): "_north", ("imu", "ImuFit"): "_imu", ("magnetometer", "MagFit"): "_magnetometer"}
+_BY_CHANNEL = {("temperature", "TemperatureFit"): "_thermal", ("allan", "Deviation"): "_curves", ("spectrum", "Spectrum"): "_curves"}
 _TITLES = {"Noise": "Sensor noise", "Alignment": "Alignment on a turntable"}  # where neither device nor file is known
 _BADGES = {"good": " present", "ok": " present", "fitted": " present"}
 
@@ -73,7 +75,7 @@ def write(results: Any, path: str | os.PathLike[str], *, log: Log | Readings | N
     version = importlib.metadata.version("jaxcal")
     if isinstance(results, (list, tuple)):
         title, lead, body = _device(_pairs(results, log), device, version)
-    elif isinstance(results, ImuFit) and results.accel is None:
+    elif _is(results, "imu", "ImuFit") and results.accel is None:
         raise DataError(f"there is nothing to report: the calibration was refused. {results.reason}")
     else:
         title, lead, body = _content(results, log, version, device)
@@ -134,18 +136,24 @@ def document(results: Any, log: Any = None) -> dict[str, Any]:
     return _kind(results).document(results, log)
 
 
+def _is(result: Any, home: str, name: str) -> bool:
+    """Whether it is of a class of the package; a class whose module was never read has no results."""
+    module = sys.modules.get(f"{_PACKAGE}.{home}")
+    return module is not None and isinstance(result, getattr(module, name))
+
+
 def _kind(results: Any) -> Any:
     """The module that knows this kind of result; what is none of them is refused as noise."""
-    if isinstance(results, dict) and any(isinstance(fit, TemperatureFit) for fit in results.values()):
-        return _thermal
-    if isinstance(results, dict) and results and all(isinstance(one, (Deviation, Spectrum)) for one in results.values()):
-        return _curves
-    return next((module for kind, module in _KINDS.items() if isinstance(results, kind)), _noise)
+    many = isinstance(results, dict)
+    first = next(iter(results.values()), None) if many else results
+    kinds = _BY_CHANNEL if many else _KINDS
+    name = next((module for (home, one), module in kinds.items() if _is(first, home, one)), "_noise")
+    return importlib.import_module(f".{name}", __package__)
 
 
 def _content(results: Any, log: Any, version: str, device: str | None) -> tuple[str, str, Markup]:
     """Title, line below it, and the sections of a page."""
-    if not (log is None or isinstance(log, Log) or isinstance(results, AlignmentFit)):
+    if not (log is None or isinstance(log, Log) or _is(results, "alignment", "AlignmentFit")):
         raise DataError(f"log is {type(log).__name__}; give the Log that was read, or leave it out")
     what, lead, body = _kind(results).page(results, log, version)
     file = log.provenance.get("file") if isinstance(log, Log) else None
@@ -160,8 +168,8 @@ def _pairs(results: Any, log: Any) -> list[tuple[Any, Any]]:
     found = []
     for item in results:
         own = isinstance(item, (list, tuple)) and len(item) == 2
-        result, its = item if own else (item, None if isinstance(item, AlignmentFit) else log)
-        if isinstance(result, (Log, Readings, list, tuple)):
+        result, its = item if own else (item, None if _is(item, "alignment", "AlignmentFit") else log)
+        if isinstance(result, (Log, list, tuple)) or _is(result, "alignment", "Readings"):
             raise DataError(f"{type(result).__name__} is not a result; give a list of results, or of pairs (result, log)")
         found.append((result, its))
     if not found:
