@@ -96,8 +96,8 @@ def odd(fleets):
         error = (np.log(found.raw_interval[0, 1, 1]) - np.log(found.raw_interval[0, 1, 0])) / (2 * 1.96)
         drawn_in.append((np.log(found.raw[0, 1]) - np.log(found.pooled[0, 1])) / error)
     print(
-        f"a device three spreads away: named in {100 * np.mean(flagged):.0f} % of {fleets} fleets, others in {100 * np.mean(false):.1f} % of "
-        f"cases; drawn in by {np.median(drawn_in):.2f} of its own standard error in the median"
+        f"a device three spreads away: named in {100 * np.mean(flagged):.0f} % of {fleets} fleets, others in {100 * np.mean(false):.1f} % "
+        f"of cases; drawn in by {np.median(drawn_in):.2f} of its own standard error in the median"
     )
 
 

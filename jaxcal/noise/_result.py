@@ -1,7 +1,7 @@
 """`NoiseFit`: noise coefficients with their uncertainty; and how every estimator makes one from squared coefficients."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -39,7 +39,7 @@ class FittedSpectrum(eqx.Module):
     model: AnyArray
     edf: AnyArray
     used: AnyArray
-    columns: dict[str, AnyArray]
+    columns: Mapping[str, AnyArray]
 
 
 class NoiseFit(Result):
