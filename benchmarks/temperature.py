@@ -1,28 +1,25 @@
-"""The tables of thermal models: jumps, hysteresis, intervals and time of a fit, with fixed seeds.
+"""The tables of thermal models, with fixed seeds: jumps, noise, rate of change, hysteresis, and time of a fit.
 
-    python benchmarks/temperature.py                  everything (minutes)
-    python benchmarks/temperature.py --only jump      one part: jump, hysteresis, intervals, speed
-    python benchmarks/temperature.py --runs 48        more runs per cell of the tables
+    python benchmarks/temperature.py                  everything (an hour)
+    python benchmarks/temperature.py --only phantoms  one part: phantoms, noise, rate, lag, curves, hysteresis, speed
+    python benchmarks/temperature.py --runs 20        fewer runs of each
 
-Errors are those of the curve against the truth, in mdeg/s.
+`_thermal.py` makes the records of the first four parts without the package. Errors of the others are those of the curve against the truth,
+in mdeg/s.
 """
 
 import argparse
 import time
 import warnings
 
+import _thermal
 import numpy as np
 
-from jaxcal.temperature import Chebyshev, binned, fit, reference_bias, simulate
-from jaxcal.temperature._linear import table_curve
-from jaxcal.temperature._smoothing import spline_curve
+from jaxcal.temperature import Chebyshev, fit, reference_bias, simulate
 
 MDEG = np.deg2rad(1e-3)
 JUMPS = (0.3, 0.1, 0.02, 0.0)
-MODELS = (
-    "polynomial 1", "polynomial 3", "polynomial 5", "polynomial 9", "polynomial 15", "polynomial", "table", "table 1 degC",
-    "pchip", "spline", "steps", "auto",
-)  # fmt: skip
+MODELS = ("polynomial 1", "polynomial 3", "polynomial 5", "polynomial 9", "polynomial 15", "table", "auto")
 
 
 def errors(value, low, high, test, jump):
@@ -34,96 +31,82 @@ def errors(value, low, high, test, jump):
     return np.sqrt(np.mean(off**2)), np.sqrt(np.mean(off[near] ** 2)), np.abs(off).max()
 
 
-def jump_table(runs):
+def phantoms(runs):
+    print(f"\n{runs} records each: jumps found beyond those there, missed, and heights inside their intervals of 95 %\n")
+    for case in _thermal.JUMPS:
+        excess, inside = zip(*(_thermal.counted(case, run) for run in range(runs)), strict=True)
+        held = [one for run in inside for one in run]
+        share = f", heights inside {100 * np.mean(held):.1f} % of {len(held)}" if held else ""
+        print(f"{case}: phantoms in {np.mean(np.array(excess) > 0):.1%}, missed in {np.mean(np.array(excess) < 0):.1%}{share}", flush=True)
+
+
+def noise(runs):
+    print(f"\nN, B, K = {_thermal.LOUD}: rms error on the next cycle of {runs} records, less its mean; intervals of 95 %\n")
+    for random in (False, True):
+        found = [_thermal.compared(run, random) for run in range(runs)]
+        rms = {name: np.sqrt(np.mean([one[0][name] ** 2 for one in found])) for name in found[0][0]}
+        print("random curves:" if random else "one curve:", ", ".join(f"{name} {value:.4f}" for name, value in rms.items()))
+        truth, following = (100 * np.mean([one[i] for one in found]) for i in (1, 2))
+        print(f"  intervals hold the curve in {truth:.1f} %, the readings of the next cycle in {following:.1f} %", flush=True)
+
+
+def rate(runs):
+    static, found = np.mean([_thermal.rate(run) for run in range(runs)], axis=0)
+    print(f"\neffect of dT/dt, {runs} records: polynomial 5 leaves {static:.2f}, auto {found:.3f} on the next cycle", flush=True)
+
+
+def lag(runs):
+    left, found = np.array([_thermal.lagging(run) for run in range(runs)]).T
+    print(
+        f"\nlag 60 s, thermometer noise 0.02 degC, {runs} records: {left.mean():.2f} mdeg/s on the second cycle, at most {left.max():.2f}, "
+        f"lag {found.mean():.2f} +- {found.std():.2f} s", flush=True,
+    )  # fmt: skip
+
+
+def curves(runs):
+    runs = min(runs, 12)
     for thermometer in (0.02, 0.0):
         print(f"\nrms / rms in 24-25 degC / maximum, mdeg/s, mean of {runs} runs; thermometer noise {thermometer} degC\n")
         print("| model | " + " | ".join(f"J = {jump:g}" for jump in JUMPS) + " |\n|" + "---|" * 5)
-        rows = {model: [] for model in MODELS}
-        for jump in JUMPS:
-            cells, said = {model: [] for model in MODELS}, {model: [] for model in MODELS}
-            for run in range(runs):
-                random = np.random.default_rng(run)
-                train, test = (simulate(jump=np.deg2rad(jump), thermometer=thermometer, seed=random) for _ in range(2))
-                for model in MODELS:
-                    kind, _, degree = model.partition(" ")
-                    if model == "table 1 degC":
-                        curve = table_curve(binned(train.temperature, train.bias, 1.0))
-                        cells[model].append(errors(curve.value, -99, 99, test, jump))
-                        continue
-                    found = fit(train.temperature, train.bias, model=kind, degree=int(degree) if degree else None)
-                    cells[model].append(errors(found.model.curve.value, found.model.low, found.model.high, test, jump))
-                    alarm = any("is not a polynomial" in sentence for sentence in found.warnings)
-                    said[model].append((found.degree or 0, len(found.steps), alarm, found.kind == "steps"))
-            for model in MODELS:
-                text = "/".join(f"{value:.3g}" for value in np.mean(cells[model], axis=0))
-                if said[model]:
-                    degree, steps, alarm, chosen = np.mean(said[model], axis=0)
-                    text += {"polynomial": f" (degree {degree:.1f}, alarm {alarm:.0%})", "steps": f" ({steps:.1f} steps)",
-                             "auto": f" (steps {chosen:.0%}, alarm {alarm:.0%})"}.get(model, "")  # fmt: skip
-                rows[model].append(text)
         for model in MODELS:
-            print(f"| {model} | " + " | ".join(rows[model]) + " |", flush=True)
+            kind, _, degree = model.partition(" ")
+            cells = []
+            for jump in JUMPS:
+                found = []
+                for run in range(runs):
+                    random = np.random.default_rng(run)
+                    train, test = (simulate(jump=np.deg2rad(jump), thermometer=thermometer, seed=random) for _ in range(2))
+                    one = fit(train.temperature, train.bias, time=train.time, model=kind, degree=int(degree) if degree else None).model
+                    found.append(errors(one.curve.value, one.low, one.high, test, jump))
+                cells.append("/".join(f"{value:.3g}" for value in np.mean(found, axis=0)))
+            print(f"| {model} | " + " | ".join(cells) + " |", flush=True)
 
 
-def hysteresis(runs):
-    print("\ntrained on the first cycle, rms error on the second, mdeg/s: static / with what was found (lag s, play degC)\n")
-    print("| truth | thermometer noise | polynomial 5 | table | steps | found |\n|---|---|---|---|---|---|")
+def hysteresis(_):
+    print(
+        "\ntrained on the first cycle, rms error on the second, mdeg/s\n\n| truth | thermometer noise | error | found |\n|---|---|---|---|"
+    )
     n = 4500
     for name, truth in (("none", {}), ("lag 60 s", {"lag": 60.0}), ("play 0.6 degC", {"play": 0.6}), ("both", {"lag": 40.0, "play": 0.4})):
         for thermometer in (0.0, 0.02):
             made = simulate(profile="cycle", duration=9000.0, walk=0.0, thermometer=thermometer, seed=3, **truth)
-            t, b, s = made.temperature[:n], made.bias[:n], made.time[:n]
-            chosen = fit(t, b, time=s)
-            given = {"lag": chosen.model.lag, "play": chosen.model.play}
-            cells = []
-            for model, degree in (("polynomial", 5), ("table", None), ("steps", None)):
-                pair = []
-                for options in ({}, given):
-                    found = fit(t, b, time=s, model=model, degree=degree, **options).model
-                    left = made.bias - found.correct(made.bias, made.temperature, time=made.time) - made.truth
-                    pair.append(np.sqrt(np.mean(left[n:] ** 2)) / MDEG)
-                cells.append("{:.3g} / {:.3g}".format(*pair))
-            what = f"{chosen.kind}, lag {given['lag']:.1f} s, play {given['play']:.2f} degC"
-            print(f"| {name} | {thermometer} | " + " | ".join(cells) + f" | {what} |", flush=True)
+            found = fit(made.temperature[:n], made.bias[:n], time=made.time[:n]).model
+            left = made.bias - found.correct(made.bias, made.temperature, time=made.time) - made.truth
+            error = np.sqrt(np.mean(left[n:] ** 2)) / MDEG
+            print(f"| {name} | {thermometer} | {error:.3g} | lag {found.lag:.1f} s, play {found.play:.2f} degC |", flush=True)
 
 
-def intervals(runs):
-    print("\nshare of the curve inside its intervals of 95 %, and of step parameters (centre, width, height) inside theirs\n")
-    for walk in (0.0, 2e-5):
-        for model, degree, jump in (("polynomial", 3, 0.0), ("steps", None, 0.3), ("spline", None, 0.0), ("table", None, 0.0)):
-            inside, steps = [], []
-            for run in range(5 * runs):
-                made = simulate(jump=np.deg2rad(jump), seed=run, walk=np.deg2rad(walk))
-                found = fit(made.temperature, made.bias, model=model, degree=degree)
-                t = np.linspace(20.2, 44.8, 100)
-                low, high = found.interval_at(t)
-                truth = reference_bias(t, np.deg2rad(jump)) + np.mean(made.bias - made.truth)
-                inside.append((low <= truth) & (truth <= high))
-                if found.steps:
-                    step = max(found.steps, key=lambda one: abs(one.height))
-                    off = step.centre - 24.5, step.width - 0.08, step.height - np.deg2rad(jump)
-                    steps.append(np.abs(off) < 1.96 * np.array([step.centre_error, step.width_error, step.height_error]))
-            text = "" if not steps else "; steps " + " ".join(f"{100 * share:.0f} %" for share in np.mean(steps, axis=0))
-            print(f"random walk {walk:g} deg/s: {model}, J = {jump}: {100 * np.mean(inside):.1f} %{text}", flush=True)
-
-
-def speed(runs):
+def speed(_):
     print()
     for n in (5400, 54_000, 540_000):
         made = simulate(duration=5400.0, rate=n / 5400.0, seed=1)
-        for model in ("polynomial", "table", "pchip", "spline", "steps", "auto"):
+        for model, degree in (("polynomial", 3), ("table", None), ("auto", None)):
             times = []
             for _ in range(3):
                 start = time.perf_counter()
-                fit(made.temperature, made.bias, time=made.time, model=model)
+                fit(made.temperature, made.bias, time=made.time, model=model, degree=degree)
                 times.append(time.perf_counter() - start)
             print(f"{n} samples, {model}: {1e3 * min(times):.0f} ms", flush=True)
-    for size in (250, 2500, 25_000):
-        t = np.linspace(0, size / 10, 10 * size)
-        bins = binned(t, np.sin(t) + np.random.default_rng(0).normal(size=len(t)))
-        start = time.perf_counter()
-        spline_curve(bins)
-        print(f"spline of {len(bins.t)} bins: {1e3 * (time.perf_counter() - start):.0f} ms", flush=True)
     model = Chebyshev(np.ones(6), 20.0, 45.0)
     t = np.linspace(20, 45, 1_000_000)
     start = time.perf_counter()
@@ -131,12 +114,12 @@ def speed(runs):
     print(f"polynomial 5 at 10^6 temperatures: {1e3 * (time.perf_counter() - start):.0f} ms")
 
 
-PARTS = {"jump": jump_table, "hysteresis": hysteresis, "intervals": intervals, "speed": speed}
+PARTS = {"phantoms": phantoms, "noise": noise, "rate": rate, "lag": lag, "curves": curves, "hysteresis": hysteresis, "speed": speed}
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", choices=PARTS)
-    parser.add_argument("--runs", type=int, default=12)
+    parser.add_argument("--runs", type=int, default=100)
     options = parser.parse_args()
     warnings.simplefilter("ignore")  # of temperatures a hair outside the range
     for name, part in PARTS.items():

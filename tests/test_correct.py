@@ -26,9 +26,8 @@ def log(made):
 @pytest.fixture(scope="module")
 def device(log):
     fits = {}
-    for model in ("steps", "spline", "polynomial"):
-        part = characterise(Log(None, gyro=log.gyro, temperature=log.temperature, rate=1.0), model=model)
-        name = {"steps": "gyro_x", "spline": "gyro_y", "polynomial": "gyro_z"}[model]
+    for model, degree, name in (("auto", None, "gyro_x"), ("table", None, "gyro_y"), ("polynomial", 25, "gyro_z")):
+        part = characterise(Log(None, gyro=log.gyro, temperature=log.temperature, rate=1.0), model=model, degree=degree)
         fits[name] = part[name]
     return Calibration(temperature=fits, device="unit 7", provenance={"sha256": "a"})
 

@@ -142,7 +142,7 @@ def test_the_covariance_of_a_magnetometer_is_carried():
 
 def test_thermal_models_that_do_not_add_up(golden):
     made = jaxcal.temperature.simulate(seed=1)
-    fit = jaxcal.temperature.characterise(Log(None, gyro=made.bias[:, None], temperature=made.temperature, rate=1.0), model="steps")
+    fit = jaxcal.temperature.characterise(Log(None, gyro=made.bias[:, None], temperature=made.temperature, rate=1.0))
     jump = Calibration(temperature=fit)
     with pytest.raises(DataError, match="jumps, splines or hysteresis are of single axes"):
         jump.compose(golden)

@@ -105,7 +105,7 @@ class Calibration(eqx.Module):
         >>> import jaxcal
         >>> made = jaxcal.temperature.simulate(seed=1)
         >>> log = jaxcal.Log(made.time, gyro=made.bias, temperature=made.temperature)
-        >>> device = jaxcal.Calibration(temperature=jaxcal.temperature.characterise(log, model="steps"))
+        >>> device = jaxcal.Calibration(temperature=jaxcal.temperature.characterise(log))
         >>> bool(device.correct(log).gyro.std() < log.gyro.std() / 20)
         True
         """

@@ -75,9 +75,9 @@ def _thermal(
             warnings.append(f"{name} is not corrected for temperature; the calibration does not have it")
             continue
         model, constant = models[axis], thermal.constant(name)
-        felt = np.asarray(model.effective(t, rate=log.rate)[0])
+        felt, change, _ = model.effective(t, rate=log.rate)
         _outside(name, felt, float(model.low), float(model.high), warnings)
-        offset[:, i] = np.asarray(model.curve.value(np.clip(felt, model.low, model.high)))
+        offset[:, i] = np.asarray(model.curve.value(np.clip(felt, model.low, model.high))) + change
         if constant == 0 or has_bias or sensor != "gyro":
             offset[:, i] -= constant
             kept = True

@@ -67,11 +67,12 @@ class Thermal(eqx.Module):
     def powers(self, sensor: str) -> AnyArray | None:
         """(3, degree) coefficients of a sensor whose axes are all plain polynomials over the range; None of any other."""
         models = self.of(sensor)
-        limits = (self.reference, self.minimum, self.maximum, 0, 0)
+        limits = (self.reference, self.minimum, self.maximum, 0, 0, 0)
         plain = [
             np.asarray(model.curve.coefficients)
             for model in models.values()
-            if isinstance(model.curve, Powers) and (model.curve.reference, model.low, model.high, model.lag, model.play) == limits
+            if isinstance(model.curve, Powers)
+            and (model.curve.reference, model.low, model.high, model.lag, model.play, model.rate) == limits
         ]
         same = len(plain) == len(AXES) and len({len(row) for row in plain}) == 1
         return np.stack(plain) if same else None
@@ -115,6 +116,7 @@ _CURVES = {
     "powers": ("coefficients",),
 }  # fmt: skip
 _RANGE = ("minimum", "maximum", "lag", "play")
+_RATE = ("rate", "rate_lag")  # stored where there is one
 
 
 def thermal_of(value: Any) -> Thermal | None:
@@ -167,18 +169,20 @@ def _model(value: Any, reference: float, path: str) -> ThermalModel:
     if not isinstance(value, dict):
         raise wrong(value, f"a dictionary with curve, {', '.join(_RANGE)}", path)
     name = structured(required(value, "curve", path, ("curve", *_RANGE)), str, f"{path}.curve")
-    low, high, lag, play = (structured(required(value, key, path, ("curve", *_RANGE)), float, f"{path}.{key}") for key in _RANGE)
+    low, high, *filters = (structured(required(value, key, path, ("curve", *_RANGE)), float, f"{path}.{key}") for key in _RANGE)
+    filters += [structured(value.get(key, 0.0), float, f"{path}.{key}") for key in _RATE]
     if name not in _CURVES:
-        return ThermalModel(structured({**value, "class": name}, AbstractCurve, path), low, high, lag, play)
+        own = {key: stored for key, stored in value.items() if key not in _RATE}
+        return ThermalModel(structured({**own, "class": name}, AbstractCurve, path), low, high, *filters)
     held = {}
     for key in _CURVES[name]:
         if value.get(key) is None:
             raise DataError(f"{path}.{key} is missing; curve {name!r} needs it")
         held[key] = numbers(value[key], (None, None) if key == "pieces" else (None,), f"{path}.{key}")
     if name == "piecewise":
-        return ThermalModel(Piecewise(held["nodes"], held["pieces"]), low, high, lag, play)
+        return ThermalModel(Piecewise(held["nodes"], held["pieces"]), low, high, *filters)
     curve: Any = Powers(reference, held["coefficients"]) if name == "powers" else Chebyshev(held.pop("coefficients"), low, high)
-    return ThermalModel(Steps(curve, **held) if name == "steps" else curve, low, high, lag, play)
+    return ThermalModel(Steps(curve, **held) if name == "steps" else curve, low, high, *filters)
 
 
 def _document(model: ThermalModel, path: str) -> dict[str, Any]:
@@ -189,13 +193,16 @@ def _document(model: ThermalModel, path: str) -> dict[str, Any]:
         fields |= {"pieces": fields["coefficients"]} if name == "piecewise" else {}
         fields = {key: fields[key] for key in _CURVES[name]}
     limits = zip(_RANGE, (model.low, model.high, model.lag, model.play), strict=True)
-    return {"curve": name, **{key: float(number) for key, number in limits}, **fields}
+    rate = {key: float(getattr(model, key)) for key in _RATE if model.rate != 0}
+    return {"curve": name, **{key: float(number) for key, number in limits}, **rate, **fields}
 
 
 def _check_model(model: ThermalModel, path: str) -> None:
     curve: Any = model.curve
     _check_range(Thermal(0.0, float(model.low), float(model.high), {}), path)
-    for key in ("lag", "play"):
+    if not np.isfinite(model.rate):
+        raise wrong(model.rate, "a finite number", f"{path}.rate")
+    for key in ("lag", "play", "rate_lag"):
         if not 0 <= getattr(model, key) < _LONGEST:
             raise wrong(getattr(model, key), "a number from 0", f"{path}.{key}")
     held = _document(model, path)

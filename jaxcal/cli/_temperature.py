@@ -37,10 +37,10 @@ def temperature(
     /,
     *,
     model: Annotated[
-        Literal["auto", "polynomial", "table", "pchip", "spline", "steps"],
-        Parameter(help="auto compares polynomials, jumps and a spline on held-out data."),
+        Literal["auto", "polynomial", "table"],
+        Parameter(help="auto is as smooth as the data ask for, with jumps, hysteresis and rate of change where they are."),
     ] = "auto",
-    degree: Annotated[int | None, Parameter(help="Degree with --model polynomial; by default chosen.")] = None,
+    degree: Annotated[int | None, Parameter(help="Degree of --model polynomial.")] = None,
     lag: Annotated[str | None, Parameter(help="Seconds by which the sensor follows the thermometer, or auto.")] = None,
     play: Annotated[str | None, Parameter(help="Half-width of the backlash between them in degC, or auto.")] = None,
     confidence: Level = 0.95,
@@ -53,6 +53,8 @@ def temperature(
     Jumps of the bias at a temperature and hysteresis are followed; what a
     polynomial leaves of them is said.
     """
+    if degree is None and model == "polynomial":
+        raise CallError("--model polynomial needs --degree; --model auto has as much freedom as the data ask for")
     if degree is not None and model != "polynomial":
         raise CallError(f"--degree {degree} goes with --model polynomial")
     options: dict[str, Any] = {
@@ -103,6 +105,8 @@ def _table(screen: Screen, sensor: str, name: str, axes: dict[str, Any]) -> None
             height = number(step.height / scale, step.height_error / scale)
             model.append(f"jump {height} at {step.centre:.2f} +- {1.96 * step.centre_error:.2g} degC")
         model += [f"lag {fit.model.lag:.0f} s"] * (fit.model.lag > 0) + [f"play {fit.model.play:.2f} degC"] * (fit.model.play > 0)
+        if fit.model.rate != 0:
+            model.append(f"{fit.model.rate / scale / 60:.3g} {unit} per degC/min")
         worst = f"{fit.worst / scale:.3g} at {fit.worst_at:.1f} degC"
         span = f"{fit.model.low:.1f} to {fit.model.high:.1f}"
         rows.append([channel.removeprefix(f"{sensor}_"), "\n".join(model), f"{fit.rms / scale:.3g}", worst, span])

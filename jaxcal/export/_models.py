@@ -169,8 +169,10 @@ def cubics(calibration: Calibration, sensor: str, reference: float | None, warni
             warnings.append(
                 f"{name} {axis}: the cubic that the format knows departs from the model by up to {departure:.3g} {si_unit(sensor)}{what}"
             )
-        if axis in models and (models[axis].lag > 0 or models[axis].play > 0):
-            warnings.append(f"{name} {axis}: lag and play not written, for there is no place for them; heating and cooling will differ")
+        if axis in models and (models[axis].lag > 0 or models[axis].play > 0 or models[axis].rate != 0):
+            warnings.append(
+                f"{name} {axis}: lag, play and rate of change not written, for there is no place for them; heating and cooling will differ"
+            )
     width = section.maximum - section.minimum
     if width < _NARROW:
         warnings.append(f"{name}: the thermal model covers {width:.3g} degC; outside it the flight controller keeps the value at the end")

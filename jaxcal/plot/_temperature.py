@@ -52,7 +52,7 @@ def temperature(result: Any, ax: Any = None) -> Any:
     --------
     >>> import jaxcal
     >>> made = jaxcal.temperature.simulate(seed=1)
-    >>> found = jaxcal.temperature.fit(made.temperature, made.bias, model="steps")
+    >>> found = jaxcal.temperature.fit(made.temperature, made.bias, time=made.time)
     >>> jaxcal.plot.temperature({"gyro_x": found}).get_ylabel()
     'Change of bias (°/h)'
     """
@@ -88,7 +88,7 @@ def _curve(ax: "Axes", channel: _Channel, color: str) -> Any:
 
 
 def _described(fit: TemperatureFit, scale: float, unit: str) -> str:
-    """What the key says about a model: "steps, 300 at 24.50 °C; lag 60 s"."""
+    """What the key says about a model: "smooth; 300 at 24.50 °C; lag 60 s"."""
     words = [fit.kind if fit.degree is None or fit.steps else f"{fit.kind} {fit.degree}"]
     for step in fit.steps:
         value, half = abs(step.height) / scale, 1.96 * step.height_error / scale
@@ -99,4 +99,6 @@ def _described(fit: TemperatureFit, scale: float, unit: str) -> str:
         words.append(f"lag {number_label(float(fit.model.lag), 3)} s")
     if fit.model.play > 0:
         words.append(f"play {number_label(float(fit.model.play), 2)} °C")
+    if fit.model.rate != 0:
+        words.append(f"{number_label(float(fit.model.rate) / scale / 60, 3)} {unit} per °C/min".replace("  ", " "))
     return "; ".join(words)

@@ -23,7 +23,10 @@ _MEANING = (
         "lag, play",
         "Heating and cooling give different biases: the sensor follows the thermometer late, or after a backlash.",
     ),
-    ("interval", "It holds for the bias in this record. From one turn-on to the next the whole curve moves by a constant."),
+    (
+        "interval",
+        "It holds for the curve. The prediction holds for mean readings over 0.1 °C in the next cycle, in which the sensor wanders on.",
+    ),
 )
 
 
@@ -45,19 +48,22 @@ def _check(results: Any) -> None:
 def _channel(fit: TemperatureFit, sensor: str) -> dict[str, Any]:
     t = np.linspace(float(fit.model.low), float(fit.model.high), 101)
     low, high = fit.interval_at(t)
-    fields = ("centre", "width", "height", "centre_error", "width_error", "height_error")
+    bottom, top = fit.prediction_at(t) if fit.next_error is not None else (low, high)
+    fields = ("centre", "width", "height", "centre_error", "width_error", "height_error", "chance")
     listed = lambda values: None if values is None else [number(value) for value in values]  # noqa: E731
     return {
         "kind": fit.kind, "degree": None if fit.degree is None else int(fit.degree), "unit": si_unit(sensor),
         "minimum": number(fit.model.low), "maximum": number(fit.model.high), "lag": number(fit.model.lag), "play": number(fit.model.play),
+        "rate": number(fit.model.rate), "rate_lag": number(fit.model.rate_lag),
+        "parameters": {name: {"value": number(value), "error": number(error)} for name, (value, error) in fit.parameters.items()},
+        "noise": None if fit.noise is None else {name: number(getattr(fit.noise, name)) for name in ("N", "B", "K")},
         "rms": number(fit.rms), "worst": number(fit.worst), "worst_at": number(fit.worst_at),
         "coefficients": listed(fit.coefficients), "coefficient_error": listed(fit.coefficient_error),
         "steps": [{name: number(getattr(step, name)) for name in fields} for step in fit.steps],
-        "candidates": [
-            {"name": one.name, "rms": number(np.sqrt(one.score)), "chosen": bool(one.chosen)} for one in fit.candidates
-        ],
-        "held_out": fit.held_out, "confidence": fit.confidence, "thermometer_noise": number(fit.thermometer),
-        "curve": {"temperature": listed(t), "bias": listed(np.asarray(fit.model.curve.value(t))), "low": listed(low), "high": listed(high)},
+        "candidates": [{"name": one.name, "score": number(one.score), "chosen": bool(one.chosen)} for one in fit.candidates],
+        "confidence": fit.confidence, "thermometer_noise": number(fit.thermometer),
+        "curve": {"temperature": listed(t), "bias": listed(np.asarray(fit.model.curve.value(t))), "low": listed(low), "high": listed(high),
+                  "prediction_low": listed(bottom), "prediction_high": listed(top)},
         "warnings": list(fit.warnings), "notes": list(fit.notes),
     }  # fmt: skip
 
@@ -111,6 +117,8 @@ def _sentence(fit: TemperatureFit, scale: float, unit: str) -> str:
         words.append(f"lag {float(fit.model.lag):.0f} s")
     if fit.model.play > 0:
         words.append(f"play {float(fit.model.play):.2f} °C")
+    if fit.model.rate != 0:
+        words.append(f"{number_label(float(fit.model.rate) / scale / 60)} {unit} per °C/min")
     return "; ".join(words)
 
 
@@ -141,8 +149,7 @@ def _choice(results: dict[str, TemperatureFit]) -> Markup:
         return Markup("")
     tables = []
     for name, fit in chosen.items():
-        scale, unit = display_unit("B", sensor_of(name))
-        rows = [(one.name, number_label(float(np.sqrt(one.score)) / scale), "chosen" if one.chosen else "") for one in fit.candidates]
-        compared = table(("Model", f"Error on held-out {fit.held_out} ({unit})", ""), rows)
+        rows = [(one.name, number_label(one.score, 3), "chosen" if one.chosen else "") for one in fit.candidates]
+        compared = table(("Beside the curve", "-2 ln likelihood above the best, with the price of parameters", ""), rows)
         tables.append(tag("details", tag("summary", name), scroll(compared, name)))
     return section("How the model was chosen", "choice", *tables)

@@ -1,4 +1,4 @@
-"""Thermal models of sensor biases: polynomials, tables, splines, jumps, hysteresis."""
+"""Thermal models of sensor biases: smooth curves, jumps, hysteresis, polynomials, tables."""
 
 from ._curves import AbstractCurve as AbstractCurve, Chebyshev as Chebyshev, Piecewise as Piecewise, Steps as Steps
 from ._estimate import residuals as residuals, scale_factor as scale_factor

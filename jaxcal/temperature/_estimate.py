@@ -15,7 +15,6 @@ from ._linear import basis, bic, monomial_errors, monomials, table_curve
 from ._model import ThermalModel
 from ._record import COARSE, FINE, Bins, binned, numbers
 from ._result import Candidate, TemperatureFit
-from ._uncertainty import standard_error
 
 #: leaves that are not fitted: where a curve is scaled or joined
 _HELD = ("low", "high", "nodes")
@@ -154,12 +153,15 @@ def scale_factor(temperature: Any, scale: Any, *, error: Any = None, degree: int
     spread = rss / max(len(s) - chosen - 1, 1) if sigma is None else 1.0
     covariance = spread * np.linalg.inv(design[:, : chosen + 1].T @ design[:, : chosen + 1])
     grid = np.linspace(low, high, 101)
+    rows = basis(grid, low, high, chosen)
     residual = s - np.asarray(curve.value(t))
     worst = int(np.argmax(np.abs(residual)))
     return TemperatureFit(
         ThermalModel(curve, low, high, scale=True), Bins(t, s, np.ones(len(s))), residual, float(np.sqrt(np.mean(residual**2))),
         kind="polynomial", degree=chosen, coefficients=monomials(curve), coefficient_error=monomial_errors(curve, covariance),
         worst=float(np.abs(residual[worst])), worst_at=float(t[worst]), grid=grid, thermometer=0.0, confidence=float(confidence),
-        error=standard_error(basis(grid, low, high, chosen), covariance),
-        candidates=tuple(Candidate(f"polynomial {one}", value, 0.0, one == chosen) for value, one, _, _ in fits) if degree is None else (),
+        error=np.sqrt(np.einsum("ij,jk,ik->i", rows, covariance, rows)),
+        candidates=() if degree is not None else tuple(
+            Candidate(f"polynomial {one}", value - fits[chosen][0], one == chosen) for value, one, _, _ in fits
+        ),
     )  # fmt: skip

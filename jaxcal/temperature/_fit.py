@@ -1,5 +1,6 @@
 """`fit`: a thermal model of one channel."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import jax
@@ -9,18 +10,17 @@ from .._errors import DataError
 from .._precision import host_float64, is_traced
 from .._types import AnyArray
 from ..fitting import Fit
-from ._curves import AbstractCurve, Chebyshev, Steps
+from ._auto import choose, curves, design_of, next_variance
+from ._curves import AbstractCurve, Chebyshev
+from ._design import Design, Form
 from ._estimate import fitted, traced
-from ._linear import ALARM, CAP, degree_by_bic, monomial_errors, monomials, pchip_curve, polynomial_curve, table_curve
+from ._linear import CAP, basis, monomial_errors, monomials, polynomial_curve, table_curve
 from ._model import ThermalModel
-from ._record import COARSE, Bins, Record, binned, record
-from ._result import Candidate, Step, TemperatureFit
-from ._search import Fitter, Score, effective, score, search
-from ._smoothing import spline_curve
-from ._steps import DEGREE, steps_curve
-from ._uncertainty import steepness, uncertainty
+from ._record import COARSE, FINE, Bins, Record, binned, number, record
+from ._result import TemperatureFit
+from ._structure import settled
 
-MODELS = ("auto", "polynomial", "table", "pchip", "spline", "steps")
+MODELS = ("auto", "polynomial", "table")
 _WINDOW = 1.0  # degC: the window whose worst residual is reported
 _STANDS_OUT = 3.0  # times the rms of the rest above which the worst window is told
 
@@ -35,32 +35,37 @@ def fit(
     time: Any = None,
     lag: Any = None,
     play: Any = None,
+    device: Sequence[Any] | None = None,
     confidence: float = 0.95,
-) -> TemperatureFit:
-    r"""Bias of a sensor at rest against its temperature, jumps and hysteresis included.
+) -> Any:
+    r"""Bias of a sensor at rest against its temperature: a smooth curve, jumps, hysteresis, and the noise about it.
 
-    .. math:: b(T) = \sum_{i=0}^{3} q_i C_i(u) + \sum_{j=1}^{J} \frac{p_j}{1 + e^{-(T - t_j)/w_j}}
+    .. math:: b = \sum_m q_m C_m(u) + \sum_j \frac{p_j}{1 + e^{-(T_e - t_j)/w_j}} + c\,L_{\tau'}(\dot T) + n(t),\qquad
+        q_m \sim N(0, \sigma^2 \rho^{m-2}\,2/m!)
 
-    is the model "steps", C_i a Chebyshev polynomial of the temperature scaled to -1 .. 1; a polynomial alone cannot follow a jump.
+    C_m is a Chebyshev polynomial of the temperature that the sensor feels, scaled to -1 .. 1, and n the noise with N, B and K. The
+    restricted likelihood estimates N, B, K, sigma and rho together: the curve has as much freedom as the data ask for. Curve and
+    intervals are averages over what it leaves open. It also decides on lag, play, the term in dT/dt and the jumps. Of records without a
+    jump less than one in 300 shows one.
 
     Parameters
     ----------
-    temperature : (n,) degC, in time order.
-    bias : (n,) readings at rest, any unit; rows that are not numbers are left out, and told.
-    model : "polynomial"; "table", means over 0.25 degC with lines between; "pchip", the same with monotone cubics; "spline", cubic
-        smoothing spline by generalised cross-validation; "steps"; or "auto", which compares polynomials of degree 1, 3 and 5, steps and
-        the spline on held-out data, and takes the simplest within a standard error of the best. Or a curve, or a `ThermalModel` with
-        one: its numbers are where the search begins, all but the `low`, `high` and `nodes` of curves are fitted.
-    degree : of the polynomial; None chooses by BIC up to 25 (model="polynomial").
-    time : (n,) s. With it the record is averaged to seconds, and a lag can be found.
+    temperature : (n,) degC, in time order; or a list of these, one for each record (cycle).
+    bias : (n,) readings at rest, any unit, or a list of these; rows that are not numbers are left out, and told.
+    model : "auto", the model above; "polynomial" of a given degree; "table", means over 0.25 degC with lines between. Or a curve, or a
+        `ThermalModel` with one: its numbers are where the search begins, all but the `low`, `high` and `nodes` of curves are fitted.
+    degree : of the polynomial.
+    time : (n,) s, or a list of these. With it the record is averaged to seconds, and a lag and a term in dT/dt can be found.
     lag : time constant in s with which the sensor follows the thermometer: a number, "auto" to search it, None for "auto" with
         model="auto" and 0 with the others. A search needs heating and cooling.
     play : half-width in degC of the backlash between thermometer and sensor, likewise.
+    device : with a list of records, the label of the device of each; None for one device. Devices share noise, lag and the spread of their
+        curves about a common one; each has jumps of its own.
     confidence : level of the intervals.
 
     Returns
     -------
-    TemperatureFit
+    TemperatureFit, or with `device` a dictionary of these by label.
         Traced, for a polynomial of given degree, a table or a curve, with lag and play as numbers: the model, bins and residuals alone,
         of a record that is taken as it is, neither averaged nor cleaned.
 
@@ -77,42 +82,29 @@ def fit(
     >>> made = jaxcal.temperature.simulate(seed=1)
     >>> found = jaxcal.temperature.fit(made.temperature, made.bias, time=made.time)
     >>> found.kind, round(found.steps[0].centre, 1), round(float(np.rad2deg(found.steps[0].height)), 2)
-    ('steps', 24.5, 0.3)
+    ('smooth', 24.5, 0.3)
 
     References
     ----------
-    The thesis, equation (5.3) and section 7.1 (polynomials); G. Schwarz, Ann. Stat. 6 (1978) 461 (BIC); P. Craven and G. Wahba, Numer.
-    Math. 31 (1979) 377 (spline); L. Breiman et al., Classification and Regression Trees, 1984, section 3.4.3 (one standard error).
+    The thesis, equation (5.3) and section 7.1 (polynomials); H. D. Patterson and R. Thompson, Biometrika 58 (1971) 545 (restricted
+    likelihood); R. B. Davies, Biometrika 64 (1977) 247 (chance of a jump).
     """
     if isinstance(model, ThermalModel):
         lag, play, model = model.lag if lag is None else lag, model.play if play is None else play, model.curve
-    if is_traced(temperature, bias, time, model, lag, play):
+    several = isinstance(temperature, (list, tuple)) and len(temperature) > 0 and np.ndim(temperature[0]) == 1
+    if not several and is_traced(temperature, bias, time, model, lag, play):
         return traced(temperature, bias, model, degree, time, 0.0 if lag is None else lag, 0.0 if play is None else play)
     lag, play = _check(model, degree, lag, play, confidence, time)
-    given = record(temperature, bias, time)
-    found = search(given, lag, play)
-    t = effective(given, found.lag, found.play)
-    low, high = float(t.min()), float(t.max())
-    warnings = list(given.warnings)
-    if found.unsure:
-        warnings.append(
-            "heating and cooling differ, but the temperature changed too evenly to tell a lag from a play; record ramps of different speed"
-        )
-    elif lag == "auto" and given.time is None and len(np.unique(given.ramp)) > 1:
-        warnings.append("a lag was not looked for, because the times are not known; give time=")
-    candidates: tuple[Candidate, ...] = ()
-    held_out, by_bic = "", degree_by_bic(binned(t, given.b), low, high)
-    own = None
-    if isinstance(model, AbstractCurve):
-        own, kind = fitted(model, binned(t, given.b, low=low)).checked(), type(model).__name__
-    elif model == "auto":
-        kind, degree, candidates, held_out = _chosen(t, given, low, high)
-    else:
-        kind, degree = model, by_bic if model == "polynomial" and degree is None else degree
-    if own is None and by_bic >= min(ALARM, CAP) and model in ("auto", "polynomial"):
-        end = f"; {kind} was taken" if kind != "polynomial" else "; take model='auto'"
-        warnings.append(f"BIC asks for a polynomial of degree {by_bic} of at most {CAP}: this curve is not a polynomial{end}")
-    return _described(kind, degree, t, given, low, high, found, candidates, held_out, confidence, warnings, own)
+    records, labels = _records(temperature, bias, time, device, several)
+    names = list(dict.fromkeys(labels))
+    if model != "auto" and several:
+        raise DataError(f"model={model!r} is of one record, and {len(records)} were given; join them, or take model='auto'")
+    design = design_of(records, [names.index(label) for label in labels], smooth=isinstance(model, str) and model == "auto")
+    given = Form(lag=0.0 if lag == "auto" else float(lag), play=0.0 if play == "auto" else float(play))
+    if isinstance(model, str) and model == "auto":
+        found = _smooth(design, records, labels, names, given, (lag, play), float(confidence))
+        return found if device is not None else found[names[0]]
+    return _given(model, degree, design, records[0], given, float(confidence))
 
 
 def _check(model: Any, degree: Any, lag: Any, play: Any, confidence: float, time: Any) -> tuple[Any, Any]:
@@ -120,6 +112,8 @@ def _check(model: Any, degree: Any, lag: Any, play: Any, confidence: float, time
         raise DataError(f"unknown model {model!r}; expected one of {', '.join(MODELS)}")
     if degree is not None and (isinstance(model, AbstractCurve) or model != "polynomial"):
         raise DataError(f"degree={degree} goes with model='polynomial', not with {model!r}")
+    if isinstance(model, str) and model == "polynomial" and degree is None:
+        raise DataError("model='polynomial' needs degree=; model='auto' has as much freedom as the data ask for")
     if degree is not None and (not isinstance(degree, (int, np.integer)) or isinstance(degree, bool) or not 0 <= degree <= CAP):
         raise DataError(f"degree={degree!r}; expected a whole number from 0 to {CAP}")
     if not 0 < confidence < 1:
@@ -127,53 +121,86 @@ def _check(model: Any, degree: Any, lag: Any, play: Any, confidence: float, time
     checked = []
     for name, value in (("lag", lag), ("play", play)):
         if value is None:
-            value = "auto" if model == "auto" else 0.0
+            value = "auto" if isinstance(model, str) and model == "auto" else 0.0
         number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
         if value != "auto" and not (number and np.isfinite(value) and value >= 0):
             raise DataError(f'{name}={value!r}; expected "auto", None, or a number from 0')
+        if value == "auto" and not (isinstance(model, str) and model == "auto"):
+            raise DataError(f"{name}='auto' goes with model='auto'; give a number, or fit with model='auto' first and take its {name}")
         checked.append(value)
     if checked[0] != "auto" and checked[0] > 0 and time is None:
         raise DataError("a lag needs the times of the samples: give time= (s)")
     return checked[0], checked[1]
 
 
-def _fitter(kind: str, degree: int | None) -> Fitter:
-    return {
-        "polynomial": lambda t, b, low, high: polynomial_curve(binned(t, b, low=low), low, high, degree or 0),
-        "table": lambda t, b, low, high: table_curve(binned(t, b, COARSE)),
-        "pchip": lambda t, b, low, high: pchip_curve(binned(t, b, COARSE)),
-        "spline": lambda t, b, low, high: spline_curve(binned(t, b, low=low)),
-        "steps": steps_curve,
-    }[kind]
+def _records(temperature: Any, bias: Any, time: Any, device: Any, several: bool) -> tuple[list[Record], list[Any]]:
+    """The records, checked, and the label of the device of each."""
+    if not several:
+        if device is not None:
+            raise DataError("device= goes with a list of records; give temperature, bias and time as lists")
+        return [record(temperature, bias, time)], [None]
+    count = len(temperature)
+    for name, values in (("bias", bias), ("time", time), ("device", device)):
+        if values is not None and (not isinstance(values, (list, tuple)) or len(values) != count):
+            raise DataError(f"temperature is a list of {count} records; expected {name} to be a list of as many")
+    records = []
+    for i in range(count):
+        try:
+            records.append(record(temperature[i], bias[i], None if time is None else time[i]))
+        except DataError as error:
+            raise DataError(f"record {i}: {error}") from error
+    return records, [None] * count if device is None else list(device)
 
 
-def _chosen(t: AnyArray, given: Record, low: float, high: float) -> tuple[str, int | None, tuple[Candidate, ...], str]:
-    """Kind and degree: the simplest within one standard error of the best; the spline only where it is better by more than that."""
-    scores: dict[tuple[str, int | None], Score] = {}
-    tried: list[tuple[str, int | None]] = [("polynomial", 1), ("polynomial", 3), ("polynomial", 5)]
-    if len(steps_curve(t, given.b, low, high).centre):
-        tried.append(("steps", None))  # without a step it is the polynomial of degree 3
-    for one in (*tried, ("spline", None)):
-        scores[one] = score(_fitter(*one), t, given.b, given.ramp, given.whole)
-    best = min(tried, key=lambda one: scores[one].mean)
-    reach = scores[best].mean + scores[best].error
-    chosen = next(one for one in tried if scores[one].mean <= reach)
-    spline = scores["spline", None]
-    if spline.mean + spline.error < scores[best].mean:
-        chosen = ("spline", None)
-    names = [kind if degree is None else f"{kind} {degree}" for kind, degree in scores]
-    table = tuple(Candidate(name, s.mean, s.error, one == chosen) for name, (one, s) in zip(names, scores.items(), strict=True))
-    return chosen[0], chosen[1], table, spline.held_out
+def _smooth(
+    design: Design, records: list[Record], labels: list[Any], names: list[Any], given: Form, asked: tuple[Any, Any], confidence: float
+) -> dict[Any, TemperatureFit]:  # fmt: skip
+    """Every device's fit by the restricted likelihood."""
+    timed = all(one.time is not None for one in records)
+    both = any(len(np.unique(one.ramp)) > 1 for one in records) or len({bool(one.t[-1] > one.t[0]) for one in records}) > 1
+    # one ramp cannot tell temperature from time
+    searched = [name for name, value in zip(("lag", "play"), asked, strict=True) if value == "auto" and (timed or name == "play")]
+    searched = [*searched, *(["rate"] if timed else [])] if both else []
+    thermometer = float(np.median([one.noise for one in records]))
+    chosen = choose(design, given, tuple(searched), thermometer)
+    warnings = list(dict.fromkeys(sentence for one in records for sentence in one.warnings if not both or "only" not in sentence))
+    if chosen.unsure:
+        warnings.append(
+            "heating and cooling differ, but the temperature changed too evenly to tell a lag from a play; record ramps of different speed"
+        )
+    elif asked[0] == "auto" and both and not timed:
+        warnings.append("a lag was not looked for, because the times are not known; give time=")
+    found = {}
+    for name, one in zip(names, curves(design, chosen.found, thermometer, confidence), strict=True):
+        bins = binned(one.t, one.b)
+        residual = bins.b - np.asarray(one.model.curve.value(bins.t))
+        rms, worst, worst_at = _windows(bins, residual)
+        notes = [note for label, given_record in zip(labels, records, strict=True) if label == name for note in given_record.notes]
+        found[name] = TemperatureFit(
+            one.model, bins, residual, rms, "smooth", steps=one.steps, parameters=one.parameters, worst=worst, worst_at=worst_at,
+            grid=one.grid, error=one.error, next_error=one.next_error, level=one.level, noise=one.noise if timed else None,
+            thermometer=thermometer, candidates=chosen.tried, confidence=confidence, warnings=tuple(warnings),
+            notes=(*notes, _thermometer(one.model.curve, bins, thermometer)),
+        )  # fmt: skip
+    return found
 
 
-def _described(
-    kind: str, degree: int | None, t: AnyArray, given: Record, low: float, high: float, hysteresis: Any,
-    candidates: tuple[Candidate, ...], held_out: str, confidence: float, warnings: list[str], own: Fit | None,
+def _given(
+    model: Any, degree: int | None, design: Design, one: Record, given: Form, confidence: float
 ) -> TemperatureFit:  # fmt: skip
-    bins = binned(t, given.b, low=low)
+    """The fit of a form that is given, by least squares over bins; its errors from the noise about a smooth curve."""
+    t, b = design.filtered(given.lag, given.play), design.b
+    low, high = float(t.min()), float(t.max())
+    bins, warnings, own = binned(t, b, low=low), list(one.warnings), None
     if degree is not None and degree >= len(bins.t):
         raise DataError(f"degree={degree} needs more than the {len(bins.t)} bins of 0.1 degC that the record fills; take a lower one")
-    curve = _fitter(kind, degree)(t, given.b, low, high) if own is None else jax.tree.map(np.asarray, own.model)
+    curve: Any
+    if isinstance(model, AbstractCurve):
+        own, kind = fitted(model, bins).checked(), type(model).__name__
+        curve = jax.tree.map(np.asarray, own.model)
+    else:
+        kind = model
+        curve = polynomial_curve(bins, low, high, degree) if degree is not None else table_curve(binned(t, b, COARSE))
     residual = bins.b - np.asarray(curve.value(bins.t))
     rms, worst, worst_at = _windows(bins, residual)
     if kind == "polynomial" and worst > _STANDS_OUT * _elsewhere(bins, residual, worst_at):
@@ -181,26 +208,58 @@ def _described(
             f"the polynomial of degree {degree} leaves {worst:.3g} (unit of the bias) in the degree around {worst_at:.1f} degC, "
             f"{worst / rms:.1f} times its rms: a jump there? model='auto' follows it"
         )
-    grid, error, covariance = uncertainty(kind, curve, t, given.b, bins, given.noise, own)
-    found: dict[str, Any] = {"degree": degree}
+    grid, rows, gain = _gain(curve, own, bins, t, b, degree, low, high)
+    found = settled(design, given)
+    restricted = design.restricted(found.form)
+    averaged = restricted.averaged(found.phi)
+    place = np.unique(number(t, FINE, low), return_inverse=True)[1]
+    samples = (gain / bins.count)[:, place]
+    white = (np.abs(steepness(curve, bins.t)) * one.noise)[place]
+    # the mean of the noise is no error: nothing can tell it from the bias
+    samples_free = samples - samples.sum(axis=1, keepdims=True) / len(t)
+    covariance = design.bands.spread(samples_free, averaged.weight @ averaged.theta) + (samples * white**2) @ samples.T
+    error = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", rows, covariance, rows), 0))
+    further: dict[str, Any] = {"degree": degree}
     if own is not None:
-        found["parameters"] = dict(
-            zip(own.names, zip(own.parameters.tolist(), np.sqrt(np.diag(covariance)).tolist(), strict=True), strict=True)
-        )
+        spread = np.sqrt(np.diag(covariance))
+        further["parameters"] = dict(zip(own.names, zip(own.parameters.tolist(), spread.tolist(), strict=True), strict=True))
     elif isinstance(curve, Chebyshev):
-        found |= {"coefficients": monomials(curve), "coefficient_error": monomial_errors(curve, covariance)}
-    elif isinstance(curve, Steps):
-        found = {"degree": DEGREE, "steps": _steps(curve, covariance)}
+        further |= {"coefficients": monomials(curve), "coefficient_error": monomial_errors(curve, covariance)}
+    wander = averaged.theta @ next_variance(place, np.zeros(len(t)), design.dt)
+    after = averaged.quantile(wander + np.interp(bins.t, grid, error) ** 2, confidence)
+    return TemperatureFit(
+        ThermalModel(curve, low, high, given.lag, given.play), bins, residual, rms, kind, **further, worst=worst, worst_at=worst_at,
+        grid=grid, error=error, next_error=np.interp(grid, bins.t, after), noise=None if one.time is None else averaged.noise,
+        thermometer=one.noise, confidence=confidence, warnings=tuple(warnings),
+        notes=(*one.notes, _thermometer(curve, bins, one.noise)),
+    )  # fmt: skip
+
+
+def _gain(
+    curve: Any, own: Fit | None, bins: Bins, t: AnyArray, b: AnyArray, degree: int | None, low: float, high: float
+) -> tuple[AnyArray, AnyArray, AnyArray]:  # fmt: skip
+    """Temperatures, the derivative of the curve there by its parameters, and that of the parameters by the bins."""
+    root = np.sqrt(bins.count)
+    if own is None and degree is None:
+        # a node is the mean of the bins that it joins
+        nodes = binned(t, b, COARSE)
+        share = (np.abs(bins.t[:, None] - nodes.t).argmin(axis=1)[:, None] == np.arange(len(nodes.t))) * bins.count[:, None]
+        return nodes.t, np.eye(len(nodes.t)), (share / np.maximum(share.sum(axis=0), 1)).T
+    rows = basis(bins.t, low, high, degree or 0) if own is None else own.jacobian / root[:, None]
+    return bins.t, rows, np.linalg.pinv(rows * root[:, None]) * root
+
+
+def steepness(curve: AbstractCurve, t: AnyArray, step: float = 1e-3) -> AnyArray:
+    """df/dT, by central differences."""
+    return (np.asarray(curve.value(t + step)) - np.asarray(curve.value(t - step))) / (2 * step)
+
+
+def _thermometer(curve: AbstractCurve, bins: Bins, noise: float) -> str:
     slope = np.abs(steepness(curve, bins.t))
-    note = (
-        f"the thermometer's noise of {given.noise:.2g} degC adds up to {float(np.max(slope)) * given.noise:.2g} to a corrected reading, at "
+    return (
+        f"the thermometer's noise of {noise:.2g} degC adds up to {float(np.max(slope)) * noise:.2g} to a corrected reading, at "
         f"{bins.t[np.argmax(slope)]:.1f} degC"
     )
-    return TemperatureFit(
-        ThermalModel(curve, low, high, float(hysteresis.lag), float(hysteresis.play)), bins, residual, rms, kind, **found,
-        worst=worst, worst_at=worst_at, grid=grid, error=error, thermometer=given.noise, candidates=candidates, held_out=held_out,
-        confidence=float(confidence), warnings=tuple(warnings), notes=(*given.notes, note),
-    )  # fmt: skip
 
 
 def _windows(bins: Bins, residual: AnyArray) -> tuple[float, float, float]:
@@ -218,10 +277,3 @@ def _windows(bins: Bins, residual: AnyArray) -> tuple[float, float, float]:
 def _elsewhere(bins: Bins, residual: AnyArray, centre: float) -> float:
     away = np.abs(bins.t - centre) > _WINDOW
     return float(np.sqrt(np.average(residual[away] ** 2, weights=bins.count[away]))) if away.any() else np.inf
-
-
-def _steps(curve: Steps, covariance: AnyArray) -> tuple[Step, ...]:
-    first, count = len(curve.base.coefficients), len(curve.centre)
-    heights, shapes = np.split(np.sqrt(np.diag(covariance))[first:], [count])
-    columns = (curve.centre, curve.width, curve.height, shapes[::2], shapes[1::2], heights)
-    return tuple(Step(*map(float, row)) for row in zip(*columns, strict=True))

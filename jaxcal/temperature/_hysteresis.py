@@ -15,6 +15,7 @@ from .._types import AnyArray
 from ._curves import common
 
 _Maps = tuple[Any, Any]
+_SMOOTH, _BEGIN = 45.0, 60.0  # s: time constant that a rate of change is smoothed with, and the line on which it begins
 
 
 def lagged(temperature: Any, dt: Any, tau: Any, start: Any = None) -> AnyArray:
@@ -80,6 +81,38 @@ def felt(temperature: Any, lag: Any, play: Any, steps: Any = None, state: tuple[
     """Temperature behind the lag, and behind lag and play; `steps` as dt of `lagged`, `state` what both were before the first sample."""
     behind = lagged(temperature, steps, lag, state[0]) if is_traced(lag) or lag > 0 else temperature
     return behind, played(behind, play, state[1]) if is_traced(play) or play > 0 else behind
+
+
+def rate_of(temperature: Any, dt: Any, behind: Any = 0.0, state: Any = None) -> tuple[AnyArray, Any]:
+    r"""dT/dt in degC/s, behind a lag of its own, and the state of the filters after it.
+
+    .. math:: \dot T \approx (3 - 2 L)\,L\,\frac{T - L T}{\tau_0}\quad\text{with L the filter of `lagged` for } \tau_0 = 45\,\text{s}
+
+    takes the noise of a thermometer out without a delay: the first error is of the order of :math:`(\tau_0\,d/dt)^2`. Behind a lag
+    tau it is :math:`(T - L_\tau T)/\tau`, the difference between two thermometers of which one follows the other.
+
+    Parameters
+    ----------
+    temperature : (n,) degC. dt : as for `lagged`. behind : tau in s.
+    state : that of an earlier part; None begins on a line through the first minute.
+    """
+    xp = array_module(temperature, dt, behind)
+    t, dt, behind = common(xp, temperature, dt, behind)
+    if state is None:
+        along = xp.cumsum(xp.broadcast_to(dt, t.shape))
+        inside = (along - along[0] <= _BEGIN).astype(t.dtype)
+        centred = (along - xp.sum(inside * along) / xp.sum(inside)) * inside
+        square = xp.sum(centred**2)
+        slope = xp.sum(centred * t) / xp.where(square > 0, square, 1)
+        first = xp.sum(inside * t) / xp.sum(inside) - slope * (xp.sum(inside * along) / xp.sum(inside) - along[0] + dt.ravel()[0])
+        state = first - slope * _SMOOTH, slope, slope, slope
+    a = lagged(t, dt, _SMOOTH, state[0])
+    r = lagged((t - a) / _SMOOTH, dt, _SMOOTH, state[1])
+    second = lagged(r, dt, _SMOOTH, state[2])
+    # a filter L delays by tau_0, the difference too: 3 - 2 L takes both off
+    sharp = 3 * r - 2 * second
+    slow = lagged(sharp, dt, behind, state[3])
+    return slow, (a[-1], r[-1], second[-1], slow[-1])
 
 
 def steps_of(time: Any) -> AnyArray:

@@ -1,4 +1,4 @@
-"""Curves that are linear in the data: polynomial, table, monotone interpolation."""
+"""Curves that are linear in the data: polynomial and table."""
 
 import math
 
@@ -11,8 +11,7 @@ from .._types import AnyArray
 from ._curves import Chebyshev, Piecewise
 from ._record import Bins
 
-#: highest degree that the choice by BIC tries, and the degree from which its answer means that this is no polynomial
-CAP, ALARM = 25, 20
+CAP = 25  # highest degree of a polynomial
 
 
 def basis(t: AnyArray, low: float, high: float, degree: int) -> AnyArray:
@@ -29,18 +28,6 @@ def polynomial_curve(bins: Bins, low: float, high: float, degree: int) -> Chebys
 def bic(rss: float, n: int, parameters: int) -> float:
     """Schwarz's criterion, Ann. Stat. 6 (1978) 461; bins, not samples, are counted, for these are correlated."""
     return n * math.log(max(rss, 1e-300) / n) + parameters * math.log(n)
-
-
-def degree_by_bic(bins: Bins, low: float, high: float) -> int:
-    """Degree of the lowest BIC up to `CAP`; one orthogonal basis serves all degrees."""
-    weight = np.sqrt(bins.count)
-    cap = min(CAP, len(bins.t) - 3)
-    orthogonal = np.linalg.qr(basis(bins.t, low, high, cap) * weight[:, None])[0]
-    y = bins.b * weight
-    left = np.sum(y**2) - np.cumsum((orthogonal.T @ y) ** 2)
-    # the sums cancel: what is left of a polynomial without noise is rounding
-    left = np.maximum(left, 1e-15 * np.sum(y**2))
-    return int(np.argmin([bic(rss, len(y), degree + 1) for degree, rss in enumerate(left)]))
 
 
 def monomials(curve: Chebyshev) -> AnyArray:
@@ -64,8 +51,3 @@ def table_curve(nodes: Bins) -> Piecewise:
     step = xp.diff(nodes.t)  # zero between the copies of a last node
     slope = xp.where(step > 0, xp.diff(nodes.b) / xp.where(step > 0, step, 1), 0)
     return Piecewise(nodes.t, xp.stack([nodes.b[:-1], slope], axis=1))
-
-
-def pchip_curve(nodes: Bins) -> Piecewise:
-    """Bin means, with monotone cubics between them: F. N. Fritsch and J. Butland, SIAM J. Sci. Stat. Comput. 5 (1984) 300."""
-    return Piecewise(nodes.t, np.ascontiguousarray(scipy.interpolate.PchipInterpolator(nodes.t, nodes.b).c[::-1].T))

@@ -10,7 +10,7 @@ from .._errors import DataError
 from .._precision import array_module, host_float64, is_traced
 from .._types import AnyArray
 from ._curves import AbstractCurve, common
-from ._hysteresis import felt, steps_of
+from ._hysteresis import felt, rate_of, steps_of
 
 #: degC outside the range that a thermometer's noise brings about
 _MARGIN = 0.1
@@ -23,7 +23,7 @@ class ClampWarning(UserWarning):
 class ThermalModel(eqx.Module):
     r"""Bias of one channel against temperature, with the hysteresis of the sensor.
 
-    .. math:: b = f(T_e),\qquad T_e = \mathrm{clip}(P_h(L_\tau(T)), T_{lo}, T_{hi})
+    .. math:: b = f(T_e) + c\,L_{\tau'}(\dot T),\qquad T_e = \mathrm{clip}(P_h(L_\tau(T)), T_{lo}, T_{hi})
 
     Outside the range of its data the model keeps the value at the end of the range, and says so; it never extrapolates.
 
@@ -33,6 +33,9 @@ class ThermalModel(eqx.Module):
     low, high : ends of the range, degC.
     lag : tau, time constant in s with which the sensor follows the thermometer; 0 for none.
     play : h, half-width in degC of the backlash; 0 for none.
+    rate : c, bias per rate of change of the temperature, in the unit of the bias per degC/s; 0 for none.
+    rate_lag : tau', time constant in s behind which the rate acts. :math:`L_{\tau'}(\dot T) = (T - L_{\tau'} T)/\tau'` is the difference to
+        a second thermometer that lags; 0 is the rate itself.
     scale : whether the curve is a scale factor, by which readings are divided, and not a bias.
 
     Examples
@@ -55,11 +58,13 @@ class ThermalModel(eqx.Module):
     high: Any
     lag: Any = 0.0
     play: Any = 0.0
+    rate: Any = 0.0
+    rate_lag: Any = 0.0
     scale: bool = eqx.field(static=True, default=False)
 
     @host_float64
     def bias_at(self, temperature: Any, rate_of_change: Any = None) -> AnyArray:
-        """Bias at temperatures; with `rate_of_change`, on a steady ramp: T - tau dT/dt - h sign(dT/dt).
+        """Bias at temperatures; with `rate_of_change`, on a steady ramp: f(T - tau dT/dt - h sign(dT/dt)) + c dT/dt.
 
         Parameters
         ----------
@@ -71,11 +76,11 @@ class ThermalModel(eqx.Module):
         (n,) or (), in the unit of the channel. A `ClampWarning` tells of temperatures outside the range.
         """
         xp = array_module(self, temperature, rate_of_change)
-        t, lag, play = common(xp, temperature, self.lag, self.play)
-        if rate_of_change is not None:
-            rate = common(xp, rate_of_change, t)[0]
-            t = t - lag * rate - play * xp.sign(rate)
-        return self._value(t)
+        t, lag, play, own = common(xp, temperature, self.lag, self.play, self.rate)
+        if rate_of_change is None:
+            return self._value(t)
+        rate = common(xp, rate_of_change, t)[0]
+        return self._value(t - lag * rate - play * xp.sign(rate)) + own * rate
 
     @host_float64
     def measure(self, x: Any, temperature: Any, *, time: Any = None, rate: Any = None) -> AnyArray:
@@ -91,7 +96,7 @@ class ThermalModel(eqx.Module):
         ----------
         y : (n,) readings in time order.
         temperature : (n,) degC.
-        time : (n,) s, or `rate` in Hz: needed by a model with a lag.
+        time : (n,) s, or `rate` in Hz: needed by a model with a lag or a rate.
 
         Returns
         -------
@@ -100,7 +105,7 @@ class ThermalModel(eqx.Module):
         Raises
         ------
         DataError
-            If the lengths differ, or the model has a lag and the times are not known.
+            If the lengths differ, or the model has a lag or a rate and the times are not known.
         """
         return self.correct_chunk(y, temperature, time=time, rate=rate)[0]
 
@@ -108,6 +113,7 @@ class ThermalModel(eqx.Module):
     def correct_chunk(self, y: Any, temperature: Any, *, time: Any = None, rate: Any = None, state: Any = None) -> tuple[AnyArray, Any]:
         """As `correct` for one part of a stream, with the state to give to the next part.
 
+        The first part should hold a minute if the model has a rate, which begins on a line through it.
         With `state` and `time`, the first time must be followed at the same step as within the part; parts of one sample need `rate`.
         """
         y, value, state = self._at(y, temperature, time, rate, state)
@@ -123,14 +129,16 @@ class ThermalModel(eqx.Module):
         t, y = common(xp, temperature, y)
         if not is_traced(t) and not np.isfinite(t).all():
             raise DataError(f"{np.count_nonzero(~np.isfinite(t))} temperatures are not finite; interpolate the thermometer first")
-        t, state = self.effective(t, time=time, rate=rate, state=state)
-        return y, self._value(t), state
+        t, further, state = self.effective(t, time=time, rate=rate, state=state)
+        return y, self._value(t) + further, state
 
-    def effective(self, temperature: Any, *, time: Any = None, rate: Any = None, state: Any = None) -> tuple[Any, Any]:
-        """Temperature that the sensor feels, not yet clipped, and the state (of lag and of play) after it."""
-        steps = _steps(temperature, time, rate) if is_traced(self.lag) or self.lag > 0 else None
-        behind, both = felt(temperature, self.lag, self.play, steps, (None, None) if state is None else state)
-        return both, (behind[-1], both[-1])
+    def effective(self, temperature: Any, *, time: Any = None, rate: Any = None, state: Any = None) -> tuple[Any, Any, Any]:
+        """Temperature that the sensor feels, not yet clipped, the bias by the rate of change, and the state of all filters after it."""
+        moves = is_traced(self.rate) or self.rate != 0
+        steps = _steps(temperature, time, rate) if moves or is_traced(self.lag) or self.lag > 0 else None
+        behind, both = felt(temperature, self.lag, self.play, steps, (None, None) if state is None else state[:2])
+        change, slow = rate_of(temperature, steps, self.rate_lag, None if state is None else state[2]) if moves else (0.0, None)
+        return both, self.rate * change, (behind[-1], both[-1], slow)
 
     def _value(self, t: Any) -> Any:
         xp = array_module(self, t)
@@ -152,7 +160,7 @@ def _steps(t: Any, time: Any, rate: Any) -> Any:
     if rate is not None:
         return 1.0 / rate
     if time is None:
-        raise DataError("the model has a lag, for which the times count: give time= (s) or rate= (Hz)")
+        raise DataError("the model has a lag or a rate, for which the times count: give time= (s) or rate= (Hz)")
     if np.shape(time) != np.shape(t) or np.shape(time)[0] < 2:
         raise DataError(f"time has shape {np.shape(time)}; expected {np.shape(t)}, at least 2; for single samples give rate= (Hz)")
     steps = steps_of(time)

@@ -7,18 +7,16 @@ import jax
 import jax.core
 import jax.numpy as jnp
 import numpy as np
-import scipy  # loads its parts when they are first used
 
 from .._errors import DataError
 from .._precision import is_traced
 from .._types import AnyArray
 
-FINE, COARSE, BLOCK = 0.1, 0.25, 0.5  # degC: bins of curves and choices, bins of tables, blocks of cross-validation
+FINE, COARSE = 0.1, 0.25  # degC: bins of curves, bins of tables
 _SECOND = 1.0  # s over which readings are averaged
 _WINDOW, _OUTLIER = 21, 6.0  # Hampel's filter: samples, and robust standard deviations beyond which one is left out
 _LEAST_RANGE, _LEAST_BINS, _LEAST_SAMPLES = 2.0, 10, 3
 _TURN = 0.1  # part of the range by which a temperature must come back to end a ramp
-_WHOLE = 0.8  # part of the range that a whole ramp covers
 
 
 class Bins(eqx.Module):
@@ -76,7 +74,6 @@ class Record(eqx.Module):
     b: AnyArray
     time: AnyArray | None
     ramp: AnyArray
-    whole: tuple[int, ...] = eqx.field(static=True)
     warnings: tuple[str, ...] = eqx.field(static=True)
     notes: tuple[str, ...] = eqx.field(static=True)
 
@@ -114,14 +111,14 @@ def record(temperature: Any, bias: Any, time: Any) -> Record:
         t, b, stamps = _averaged(t, b, stamps, notes)
     t, b, stamps = _cleaned(t, b, stamps, notes)
     _check(t, stamps, warnings)
-    ramp, whole = ramps(t)
+    ramp = ramps(t)
     if len(np.unique(ramp)) == 1:
         word = "rose" if t[-1] > t[0] else "fell"
         warnings.append(
             f"the temperature only {word}, so that an effect of time (warm-up, drift) counts as one of temperature, and hysteresis cannot "
             "be seen; record a second ramp, or the way back to the first temperature"
         )
-    return Record(t, b, stamps, ramp, whole, tuple(warnings), tuple(notes))
+    return Record(t, b, stamps, ramp, tuple(warnings), tuple(notes))
 
 
 def numbers(values: Any, name: str) -> AnyArray:
@@ -152,8 +149,11 @@ def _cleaned(t: AnyArray, b: AnyArray, time: AnyArray | None, notes: list[str]) 
     good = np.ones(len(t), dtype=bool)
     if len(t) > _WINDOW:
         for values in (t, b):
-            away = np.abs(values - scipy.ndimage.median_filter(values, _WINDOW, mode="nearest"))
-            spread = 1.4826 * scipy.ndimage.median_filter(away, _WINDOW, mode="nearest")
+            window = np.lib.stride_tricks.sliding_window_view(np.pad(values, _WINDOW // 2, mode="edge"), _WINDOW)
+            middle = np.median(window, axis=1)
+            away = np.abs(values - middle)
+            # about the median of the window: what a ramp changes within it is no outlier
+            spread = 1.4826 * np.median(np.abs(window - middle[:, None]), axis=1)
             good &= away <= _OUTLIER * np.maximum(spread, np.median(spread))
     if not good.all():
         notes.append(f"{len(good) - np.count_nonzero(good)} outliers were left out")
@@ -183,8 +183,8 @@ def _check(t: AnyArray, time: AnyArray | None, warnings: list[str]) -> None:
         )
 
 
-def ramps(t: AnyArray) -> tuple[AnyArray, tuple[int, ...]]:
-    """Number of the ramp of each sample, between turning points that a tenth of the range tells, and which ramps are whole."""
+def ramps(t: AnyArray) -> AnyArray:
+    """Number of the ramp of each sample, between turning points that a tenth of the range tells."""
     least = max(_TURN * np.ptp(t), 0.5)
     turns, up, extreme = [], None, 0
     low = high = 0
@@ -200,6 +200,4 @@ def ramps(t: AnyArray) -> tuple[AnyArray, tuple[int, ...]]:
         elif abs(value - t[extreme]) >= least:
             turns.append(extreme)
             up, extreme = not up, k
-    label = np.searchsorted(turns, np.arange(len(t)), side="right")
-    parts = [t[label == k] for k in range(len(turns) + 1)]
-    return label, tuple(k for k, part in enumerate(parts) if len(part) and np.ptp(part) >= _WHOLE * np.ptp(t))
+    return np.searchsorted(turns, np.arange(len(t)), side="right")

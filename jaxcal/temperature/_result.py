@@ -6,6 +6,7 @@ import equinox as eqx
 import numpy as np
 import scipy.special
 
+from .._errors import DataError
 from .._precision import host_float64
 from .._results import Row, Unjudged
 from .._types import AnyArray
@@ -22,6 +23,7 @@ class Step(eqx.Module):
     width : the logistic function's own width, degC: four of them hold three quarters of the jump.
     height : in the unit of the bias.
     centre_error, width_error, height_error : standard errors of the three.
+    chance : probability that a record without this jump shows one as clear, anywhere.
     """
 
     centre: float
@@ -30,47 +32,49 @@ class Step(eqx.Module):
     centre_error: float
     width_error: float
     height_error: float
+    chance: float
 
 
 class Candidate(eqx.Module):
-    """A model that was compared.
+    """A structure that was compared.
 
     Attributes
     ----------
-    name : of the model.
-    score : mean squared error on held-out data, in the unit of the bias squared.
-    error : standard error of the score.
+    name : "none", "lag", "play", "rate" or several of them; of a scale factor the polynomial.
+    score : -2 log likelihood with the price of its parameters (of a scale factor BIC), above that of the one that was taken.
     chosen : whether it was taken.
     """
 
     name: str = eqx.field(static=True)
     score: float
-    error: float
     chosen: bool = eqx.field(static=True, default=False)
 
 
 class TemperatureFit(Unjudged):
     """Bias of one channel against temperature, with its uncertainty.
 
-    The intervals hold for the bias of this record. What the sensor wanders between two records, as by its rate random walk or from
-    one turn-on to the next, comes on top, nearly as a constant.
+    `interval_at` holds for the curve, about the mean of the noise in the record; `prediction_at` for readings of the next cycle, with what
+    the sensor wanders until then.
 
     Attributes
     ----------
     model : `ThermalModel` with `bias_at` and `correct`.
-    kind : "polynomial", "table", "pchip", "spline" or "steps".
-    degree : of the polynomial, or of that under the steps; None for the others.
+    kind : "smooth", "polynomial", "table", or the class of a curve of one's own.
+    degree : of a polynomial; None for the others.
     coefficients, coefficient_error : (degree + 1,) a1, a2, ... of the powers of T in degC, equation (5.3) of the thesis, and their
         standard errors; None for other models. Above degree 5 they are numbers of alternating sign that nearly cancel: use `model`.
-    steps : tuple of `Step`.
-    parameters : numbers of a curve that was given to `fit`, by name, with their standard errors.
+    steps : tuple of `Step`, by temperature.
+    parameters : name -> (value, standard error): of a curve that was given to `fit`, or of lag, play and rate that were found.
+    noise : `jaxcal.noise.Noise` with the N, B and K that were estimated together with the curve; None where the times are not known.
     rms, worst, worst_at : rms residual of the means over 0.1 degC: over all the range, and in the worst window of 1 degC, whose centre
         is `worst_at` (degC). The first alone hides a failure at a jump.
     grid, error : (bins,) temperatures, degC, and the standard error of the curve there.
     bins : `Bins` that were fitted, over the effective temperature; `residual` (bins,) what is left of them.
+    next_error : (bins,) standard deviation of what the mean reading over 0.1 degC departs from the curve by in the next cycle.
+    level : standard deviation of the level of the next cycle, and its degrees of freedom, from the levels of several records.
     thermometer : standard deviation of the thermometer's noise, degC.
-    candidates : tuple of `Candidate`, the choice by held-out data; empty where nothing was chosen. `held_out`: "blocks" or "ramps".
-    confidence : level of `interval_at`.
+    candidates : tuple of `Candidate`, the choice by likelihood; empty where nothing was chosen.
+    confidence : level of `interval_at` and `prediction_at`.
     warnings, notes : sentences.
     """
 
@@ -88,9 +92,11 @@ class TemperatureFit(Unjudged):
     worst_at: Any = None
     grid: Any = None
     error: Any = None
+    next_error: Any = None
+    level: tuple[float, int] = eqx.field(static=True, default=(0.0, 0))
+    noise: Any = None
     thermometer: Any = None
     candidates: tuple[Candidate, ...] = ()
-    held_out: str = eqx.field(static=True, default="")
     confidence: float = eqx.field(static=True, default=0.95)
     warnings: tuple[str, ...] = eqx.field(static=True, default=())
     notes: tuple[str, ...] = eqx.field(static=True, default=())
@@ -111,4 +117,34 @@ class TemperatureFit(Unjudged):
         t = np.clip(np.asarray(temperature, dtype=float), self.model.low, self.model.high)
         value = np.asarray(self.model.curve.value(t))
         half = scipy.special.ndtri(0.5 + self.confidence / 2) * np.interp(t, self.grid, self.error)
+        return np.asarray(value - half), np.asarray(value + half)
+
+    @host_float64
+    def prediction_at(self, temperature: Any) -> tuple[AnyArray, AnyArray]:
+        """Ends of the interval of mean readings over 0.1 degC in the next cycle at temperatures (n,) or (), degC, at level `confidence`.
+
+        After one record the next cycle is the same one again without a pause, so that B and K go on wandering. After several records it is
+        another one like them; its level is as uncertain as theirs differ, with a Student quantile.
+
+        Raises
+        ------
+        DataError
+            For a scale factor, which has no next cycle.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import jaxcal
+        >>> made = jaxcal.temperature.simulate(jump=0.0)
+        >>> low, high = jaxcal.temperature.fit(made.temperature, made.bias, time=made.time).prediction_at(np.array([30.0]))
+        >>> bool(low < jaxcal.temperature.reference_bias(np.array([30.0]), jump=0.0) < high)
+        True
+        """
+        if self.next_error is None:
+            raise DataError("a scale factor has no prediction of the next cycle; use interval_at")
+        t = np.clip(np.asarray(temperature, dtype=float), self.model.low, self.model.high)
+        value, tail = np.asarray(self.model.curve.value(t)), 0.5 + self.confidence / 2
+        half = scipy.stats.norm.ppf(tail) * np.interp(t, self.grid, self.next_error)
+        spread, freedom = self.level
+        half = np.hypot(half, scipy.stats.t.ppf(tail, freedom) * spread) if freedom else half
         return np.asarray(value - half), np.asarray(value + half)

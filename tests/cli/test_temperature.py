@@ -21,7 +21,7 @@ def ramp(call, folder):
 
 
 def test_a_jump_is_found_stored_and_taken_off_another_recording(call, folder, ramp):
-    found = call("temperature", ramp, "--model", "steps")
+    found = call("temperature", ramp)
     assert (found.status, found.err) == (0, "")
     assert sorted(p.name for p in (folder / "ramp-temperature").iterdir()) == FILES
     assert "gyroscope: bias against temperature, deg/h" in found.out
@@ -65,6 +65,7 @@ def test_files_for_flight_controllers(call, folder, ramp):
     [
         (["temperature", "missing.csv"], 2, "missing.csv does not exist"),
         (["temperature", "ramp.csv", "--degree", "3"], 2, "--degree 3 goes with --model polynomial"),
+        (["temperature", "ramp.csv", "--model", "polynomial"], 2, "--model polynomial needs --degree"),
         (["temperature", "ramp.csv", "--lag", "x"], 2, "--lag x: expected auto, or a number from 0"),
         (["temperature", "ramp.csv", "--export", "kalibr"], 2, "unknown format 'kalibr'"),
         (["temperature", "ramp.csv", "--ids", "mag=1", "--export", "px4"], 2, "--ids mag=1"),

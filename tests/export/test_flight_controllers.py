@@ -25,7 +25,7 @@ def fitted():
     """Gyroscope with a jump, fitted."""
     made = simulate(seed=1)
     log = Log(made.time, gyro=np.stack([made.bias, 0.5 * made.bias, -made.bias], axis=1), temperature=made.temperature)
-    return characterise(log, model="steps")
+    return characterise(log)
 
 
 def parameters(path, separator):
@@ -104,4 +104,4 @@ def test_hysteresis_has_no_place(fitted, tmp_path):
     model = ThermalModel(Steps(Chebyshev(np.zeros(4), 20.0, 45.0), np.zeros(1), np.array([24.5]), np.array([0.1])), 20.0, 45.0, lag=30.0)
     fits = {name: eqx.tree_at(lambda fit: fit.model, fit, model) for name, fit in fitted.items()}
     said = write(Calibration(temperature=fits, device={"px4": {"gyro_id": 5}}), tmp_path / "a", format="px4")
-    assert sum("lag and play not written" in sentence for sentence in said) == 3
+    assert sum("lag, play and rate of change not written" in sentence for sentence in said) == 3

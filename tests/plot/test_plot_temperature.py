@@ -13,7 +13,7 @@ from jaxcal.temperature import fit, scale_factor, simulate
 @pytest.fixture(scope="module")
 def fits():
     made = simulate(profile="cycle", duration=4500.0, lag=60.0, walk=0.0, seed=1)
-    found = fit(made.temperature, made.bias, time=made.time, model="steps", lag="auto")
+    found = fit(made.temperature, made.bias, time=made.time)
     return {"gyro_x": found, "gyro_y": found, "accel_z": fit(made.temperature, made.bias, model="polynomial", degree=3)}
 
 
@@ -27,10 +27,10 @@ def test_one_panel_for_each_sensor_in_its_unit(fits):
     axes[0].figure.draw_without_rendering()
     assert key(axes[0])[:2] == ["x", "y"]
     # 0.3 deg/s is 1080 deg/h
-    assert key(axes[0])[2].startswith("steps; 10")
+    assert key(axes[0])[2].startswith("smooth; 10")
     assert "°/h at 24.50 °C; lag 59.9 s" in key(axes[0])[2]
     assert key(axes[1]) == ["z", "polynomial 3"]
-    curve = next(line for line in axes[0].lines if line.get_label().startswith("steps"))
+    curve = next(line for line in axes[0].lines if line.get_label().startswith("smooth"))
     t, y = curve.get_data()
     model = fits["gyro_x"].model
     expected = (model.curve.value(t) - model.curve.value((model.low + model.high) / 2)) / np.deg2rad(1 / 3600)

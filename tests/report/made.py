@@ -29,7 +29,7 @@ def noise():
 def thermal():
     """A jump, as the fit finds it, on two sensors."""
     made = jaxcal.temperature.simulate(seed=1)
-    found = jaxcal.temperature.fit(made.temperature, made.bias, model="steps")
+    found = jaxcal.temperature.fit(made.temperature, made.bias)
     return {"gyro_x": found, "gyro_y": found, "accel_x": found}, None
 
 

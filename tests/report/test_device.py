@@ -47,7 +47,7 @@ def test_verdicts_come_first_and_lead_to_their_parts(text):
     ]  # fmt: skip
     assert table[1::3] == ["warnings", "fitted", "warnings", "warnings", "good", "ok"]
     assert "N (angle random walk): found on every axis." in table[2]
-    assert re.search(r"x: steps; jump of 108\d °/h up at 24\.\d+ ± [\d.]+ °C, rms [\d.]+ °/h, worst degree [\d.]+ °/h", table[8])
+    assert re.search(r"x: smooth; jump of 108\d °/h up at 24\.\d+ ± [\d.]+ °C, rms [\d.]+ °/h, worst degree [\d.]+ °/h", table[8])
     assert re.findall('href="#(part-[0-9])"', head) == ["part-1", "part-1", "part-2", "part-2", "part-3", "part-4"]
 
 

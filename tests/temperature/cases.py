@@ -5,7 +5,6 @@ import numpy as np
 from jaxcal.temperature import reference_bias, simulate
 
 MDEG = np.deg2rad(1e-3)
-RUNS = 12
 
 
 def pair(jump, seed, thermometer=0.02):

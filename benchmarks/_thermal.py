@@ -1,0 +1,137 @@
+"""Records of a sensor whose bias depends on temperature, made without the package, and what `jaxcal.temperature.fit` says of them.
+
+Units are free: a curve of about 15, and noise at a sample a second. Steps are error functions, which the estimator does not know, and
+flicker is a sum of first-order processes.
+"""
+
+import math
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.linalg import cho_factor, cho_solve
+from scipy.signal import lfilter
+from scipy.special import erf
+
+from jaxcal.temperature import fit
+
+LOW, HIGH, PERIOD = 20.0, 45.0, 4500
+JUMPS = {"none": (), "one": ((3.0, 24.0, 0.12),), "two": ((3.0, 24.0, 0.12), (-2.0, 36.0, 0.25))}
+#: N, B and K of the cases with jumps, and of the comparison of models, unit/sqrt(Hz) and so on
+QUIET, LOUD = (0.3, 0.1, 0.003), (1.0, 0.3, 0.01)
+TAUS = 10 ** np.arange(-0.5, 6.5, 0.25)
+LENGTH, SPREAD = 8.0, 4.0  # degC and unit: the kernel of random curves
+
+
+def temperature(count, period=PERIOD):
+    """A sine between LOW and HIGH."""
+    return (LOW + HIGH) / 2 + (HIGH - LOW) / 2 * np.sin(2 * np.pi * np.arange(count) / period)
+
+
+def flicker_variance(b):
+    """Variance of each first-order process, so that their density together is B^2/(2 pi f)."""
+    return b**2 * 0.25 * math.log(10) / math.pi
+
+
+def noise(count, level, rng):
+    """White noise, flicker and a random walk."""
+    n, b, k = level
+    total = n * rng.standard_normal(count) + np.cumsum(k * rng.standard_normal(count))
+    for tau in TAUS if b else ():
+        keep = math.exp(-1 / tau)
+        steps = rng.standard_normal(count) * math.sqrt(flicker_variance(b) * (1 - keep**2))
+        steps[0] = rng.standard_normal() * math.sqrt(flicker_variance(b))
+        total += lfilter([1.0], [1.0, -keep], steps)
+    return total
+
+
+def kernel(a, b):
+    """Covariance of random curves."""
+    return SPREAD**2 * np.exp(-0.5 * ((a[:, None] - b) / LENGTH) ** 2)
+
+
+def smooth(rng=None):
+    """A curve of about 15 between LOW and HIGH: a fixed one, or a random one of `kernel`."""
+    if rng is None:
+        return lambda t: (
+            5 * (t - 32.5) / 12.5 - 2.5 * ((t - 32.5) / 12.5) ** 2 + 1.5 * ((t - 32.5) / 12.5) ** 3 + 0.8 * np.exp((t - 32.5) / 12.5)
+        )
+    grid = np.linspace(LOW - 1, HIGH + 1, 200)
+    size, axes = np.linalg.eigh(kernel(grid, grid))
+    return CubicSpline(grid, axes @ (np.sqrt(np.maximum(size, 0)) * rng.standard_normal(len(grid))))
+
+
+def steps(t, jumps):
+    """The sum of the jumps (height, centre, width)."""
+    return sum((0.5 * h * (1 + erf((t - c) / (w * math.sqrt(2)))) for h, c, w in jumps), np.zeros(len(t)))
+
+
+def counted(case, run, *, thermometer=0.01, random=True):
+    """Jumps found less jumps there, and whether the height of each true one is in its interval of 95 %."""
+    rng = np.random.default_rng([11, run])
+    curve, true = smooth(rng if random else None), temperature(PERIOD)
+    bias = curve(true) + steps(true, JUMPS[case]) + noise(PERIOD, QUIET, rng)
+    found = fit(true + thermometer * rng.standard_normal(PERIOD), bias, time=np.arange(PERIOD))
+    inside = []
+    for height, centre, _ in JUMPS[case]:
+        near = [step for step in found.steps if abs(step.centre - centre) < 0.5]
+        if len(near) == 1:
+            inside.append(abs(near[0].height - height) < 1.96 * near[0].height_error)
+    return len(found.steps) - len(JUMPS[case]), inside
+
+
+def rate(run, thermometer=0.02):
+    """Effect of dT/dt, rms, and rms of what the model leaves of it and of the curve on the next cycle, less its mean."""
+    rng, count = np.random.default_rng([12, run]), 2 * PERIOD
+    true = temperature(count)
+    change = np.gradient(true)
+    truth = smooth()(true) + 4.2 / np.std(change) * change
+    measured = true + thermometer * rng.standard_normal(count)
+    bias, time = truth + noise(count, QUIET, rng), np.arange(count)
+    first, last = slice(0, PERIOD), slice(PERIOD, count)
+    found = fit(measured[first], bias[first], time=time[first])
+    static = fit(measured[first], bias[first], time=time[first], model="polynomial", degree=5)
+    return tuple(np.std((bias - one.model.correct(bias, measured, time=time) - truth)[last]) for one in (static, found))
+
+
+def compared(run, random, level=LOUD, block=5):
+    """Rms error of each model on the next cycle, less its mean, and how much of truth and readings the intervals hold."""
+    rng, count = np.random.default_rng([13, run]), 2 * PERIOD
+    curve, true = smooth(rng if random else None), temperature(count)
+    wander = noise(count, level, rng)
+    measured, bias, time = true + 0.01 * rng.standard_normal(count), curve(true) + wander, np.arange(count)
+    t, b, test = measured[:PERIOD], bias[:PERIOD], true[PERIOD::10]
+    found = fit(t, b, time=time[:PERIOD])
+    values = {"auto": found.model.curve.value(np.clip(test, found.model.low, found.model.high))}
+    for name, degree in (("polynomial 3", 3), ("polynomial 5", 5), ("table", None)):
+        values[name] = fit(t, b, time=time[:PERIOD], model=name.split()[0], degree=degree).model.curve.value(test)
+    # the Gaussian process that knows the kernels of the curve and of the noise
+    size = PERIOD // block
+    middle = (np.arange(size) + 0.5) * block
+    covariance = np.eye(size) * level[0] ** 2 / block + level[2] ** 2 * np.minimum(middle[:, None], middle) + 1e4
+    for tau in TAUS if level[1] else ():
+        each = np.exp(-np.abs(middle[:, None] - middle) / tau) if tau > 1 else np.eye(size) * 2 * tau / block
+        covariance += flicker_variance(level[1]) * each
+    means_t, means_b = (x.reshape(size, block).mean(axis=1) for x in (t, b))
+    values["true kernel"] = kernel(test, means_t) @ cho_solve(cho_factor(covariance + kernel(means_t, means_t)), means_b)
+    errors = {name: float(np.std(value - curve(test))) for name, value in values.items()}
+    grid = np.linspace(LOW + 0.2, HIGH - 0.2, 99)
+    low, high = found.interval_at(grid)
+    truth = curve(grid) + wander[:PERIOD].mean()
+    place = np.floor((true[PERIOD:] - true.min()) / 0.1 + 1e-9).astype(int)
+    readings = np.bincount(place, bias[PERIOD:]) / np.bincount(place)
+    bottom, top = found.prediction_at(np.bincount(place, true[PERIOD:]) / np.bincount(place))
+    return errors, float(np.mean((low <= truth) & (truth <= high))), float(np.mean((bottom <= readings) & (readings <= top)))
+
+
+def lagging(run, thermometer=0.02, tau=60.0):
+    """Rms error on the second cycle, mdeg/s, of the case "lag": jump of 300 mdeg/s, noise of 4, lag of 60 s; and the lag found."""
+    rng, count = np.random.default_rng([14, run]), 2 * PERIOD
+    true = temperature(count)
+    felt = lfilter([1 - math.exp(-1 / tau)], [1.0, -math.exp(-1 / tau)], true - true[0]) + true[0]
+    x = (felt - 32.5) / 12.5
+    truth = 50 + 120 * x - 60 * x**2 + 40 * x**3 + 300 / (1 + np.exp(-(felt - 24.5) / 0.08))
+    bias, time = truth + 4 * rng.standard_normal(count), np.arange(count)
+    measured = true + thermometer * rng.standard_normal(count)
+    found = fit(measured[:PERIOD], bias[:PERIOD], time=time[:PERIOD])
+    left = (bias - found.model.correct(bias, measured, time=time) - truth)[PERIOD:]
+    return float(np.sqrt(np.mean(left**2))), float(found.model.lag)

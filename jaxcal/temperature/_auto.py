@@ -1,0 +1,216 @@
+"""The curve that the data ask for: its structure, its coefficients, and how well they are known."""
+
+import dataclasses
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .._types import AnyArray
+from ..noise import Noise
+from ._curves import Chebyshev, Steps
+from ._design import Design, Form, part_of, shape_slopes
+from ._model import ThermalModel
+from ._record import FINE, Record, number
+from ._restricted import Averaged, bands
+from ._result import Candidate, Step
+from ._structure import Found, settled, structures, with_jumps
+
+_MANY = 2**15  # samples of all records, above which they are averaged
+_FEWEST = 16  # samples of a record
+_FILLED, _SHARE = 10, 0.01  # samples, or part of a record, over which a gap is filled by a line
+_NOTHING = 1e-12  # part of the range of a curve below which its last coefficients are left out
+_CLOSE = 12.0  # -2 log likelihood between lag and play below which they are not told apart
+_CHUNK = 2**24  # numbers held at once
+
+
+def design_of(records: list[Record], devices: list[int], *, smooth: bool) -> Design:
+    """Records on one grid of time. Short gaps are filled by lines, longer ones begin a new record with a level of its own."""
+    steps = [float(np.median(np.diff(one.time))) for one in records if one.time is not None]
+    dt = min(steps) if steps else 1.0
+    dt *= max(-(-sum(len(one.t) for one in records) // _MANY), 1)
+    parts = []
+    for one, device in zip(records, devices, strict=True):
+        time = np.arange(len(one.t)) * dt if one.time is None else one.time
+        place = np.floor((time - time[0]) / dt + 0.5).astype(np.int64)
+        place, first = np.unique(place, return_inverse=True)
+        t, b = (np.bincount(first, values) / np.bincount(first) for values in (one.t, one.b))
+        longest = max(_FILLED, _SHARE * len(t))
+        for piece in np.split(np.arange(len(place)), np.flatnonzero(np.diff(place) > longest) + 1):
+            grid = np.arange(place[piece[0]], place[piece[-1]] + 1)
+            if len(grid) >= _FEWEST:
+                filled = [np.interp(grid, place[piece], values[piece]) for values in (t, b)]
+                parts.append(part_of(*filled, dt, device, smooth=smooth))
+    return Design(parts, dt)
+
+
+class Chosen(NamedTuple):
+    """The structure that was found, what else was tried, and whether lag and play could not be told apart."""
+
+    found: Found
+    tried: tuple[Candidate, ...]
+    unsure: bool
+
+
+def choose(design: Design, given: Form, searched: tuple[str, ...], thermometer: float) -> Chosen:
+    """The structure of the lowest price-laden likelihood; a hysteresis within the noise of the thermometer is none."""
+    if not searched:
+        return Chosen(with_jumps(design, settled(design, given)), (), False)
+    tried = structures(design, given, searched)
+    seen = [one for one in tried if one is tried[0] or one.found.form.rate or _moved(design, one.found.form, given) > thermometer]
+    best = min(seen, key=lambda one: one.score)
+    alone = {one.name: one.score for one in tried if one.name in ("lag", "play")}
+    unsure = len(alone) == 2 and best.name in alone and abs(alone["lag"] - alone["play"]) < _CLOSE
+    found = settled(design, best.found.form, best.found.phi)
+    found = with_jumps(design, dataclasses.replace(found, chances=best.found.chances))
+    return Chosen(found, tuple(Candidate(one.name, one.score - best.score, one is best) for one in tried), unsure)
+
+
+def _moved(design: Design, form: Form, given: Form) -> float:
+    away = design.filtered(form.lag, form.play) - design.filtered(given.lag, given.play)
+    return float(np.sqrt(np.mean(away**2)))
+
+
+class Curve(NamedTuple):
+    """A device's model with its uncertainty, over the temperatures `grid`.
+
+    error : standard error of the curve. next_error : standard deviation of what the mean reading over a bin of 0.1 degC departs from the
+        curve by in the next cycle. level : that of the level between cycles, and its degrees of freedom, where several were recorded.
+    """
+
+    model: ThermalModel
+    steps: tuple[Step, ...]
+    parameters: dict[str, tuple[float, float]]
+    noise: Noise
+    grid: AnyArray
+    error: AnyArray
+    next_error: AnyArray
+    level: tuple[float, int]
+    t: AnyArray
+    b: AnyArray
+
+
+def curves(design: Design, found: Found, thermometer: float, confidence: float) -> list[Curve]:
+    """The curve of every device, averaged over the hyperparameters."""
+    form = found.form
+    slopes = design.slopes(form, design.restricted(form).solved(found.phi).beta)
+    restricted = design.restricted(form, slopes=slopes)
+    averaged = restricted.averaged(found.phi)
+    beta, covariance = averaged.beta, averaged.covariance
+    count = len(form.vector)
+    linear = beta[: len(beta) - count]
+    form = form.at(_inside(design, form, beta[len(beta) - count :]))
+    # thermometer: its white noise moves a reading by as much as the curve is steep
+    at = restricted.solved(found.phi)
+    whole = np.concatenate([design.columns(found.form), slopes], axis=1) / at.density[design.bands.index, None]
+    gain = design.bands.restore(whole @ at.covariance)
+    steep = _steepness(design, form, linear)
+    covariance = covariance + (gain * (steep * thermometer)[:, None] ** 2).T @ gain
+    averaged = averaged._replace(beta=linear, covariance=covariance)
+    return [_curve(design, form, averaged, k, found.chances, confidence) for k in range(design.devices)]
+
+
+def _inside(design: Design, form: Form, step: AnyArray) -> AnyArray:
+    """Numbers of the form moved by what the averages say, no further than a linear model holds."""
+    first = len(form.free)
+    reach = np.concatenate([0.1 * form.vector[:first], *([0.3 * np.exp(jump.log_width), 0.2] for jump in form.jumps)])
+    return form.vector + np.clip(step, -reach, reach)
+
+
+def _steepness(design: Design, form: Form, linear: AnyArray) -> AnyArray:
+    """db/dT of every sample."""
+    t, step, size = design.filtered(form.lag, form.play), 1e-3, len(design.order)
+    total = np.zeros(len(t))
+    for sign in (1, -1):
+        series = design.chebyshev(t + sign * step, design.device) @ linear[:size]
+        jumps = [design.jump(jump, t + sign * step, design.device) for jump in form.jumps]
+        total += sign * (series + sum((h * column for h, column in zip(linear[len(linear) - len(jumps) :], jumps, strict=True)), 0.0))
+    return total / (2 * step)
+
+
+def _curve(design: Design, form: Form, averaged: Averaged, k: int, chances: tuple[float, ...], confidence: float) -> Curve:
+    linear, covariance = averaged.beta, averaged.covariance
+    own, size = design.device == k, len(design.order)
+    t = design.filtered(form.lag, form.play)
+    low, high = float(t[own].min()), float(t[own].max())
+    heights = linear[len(linear) - len(form.jumps) :]
+    mine = [i for i, jump in enumerate(form.jumps) if jump.device == k]
+    further = design.further(form)
+    change = design.chebyshev(t, design.device) @ linear[:size] + further @ linear[size:]
+    rest = design.b - change
+    # every record has a level of its own
+    records = np.unique(design.record[own])
+    levels = np.array([np.mean(rest[design.record == r]) for r in records])
+    b = np.where(own, design.b, np.nan)
+    for r, level in zip(records, levels, strict=True):
+        b = np.where(design.record == r, b - level + levels.mean(), b)
+    series = linear[: design.degree].copy()
+    if design.devices > 1:
+        series += linear[design.degree * (k + 1) : design.degree * (k + 2)]
+    curve: Any = Chebyshev(_shortened(np.concatenate([[levels.mean()], series])), design.low, design.high)
+    order = sorted(mine, key=lambda i: form.jumps[i].centre)
+    if order:
+        shape = [(heights[i], form.jumps[i].centre, np.exp(form.jumps[i].log_width)) for i in order]
+        curve = Steps(curve, *(np.array(values) for values in zip(*shape, strict=True)))
+    error = np.sqrt(np.maximum(np.diag(covariance), 0))
+    first, after = size + form.rate, size + form.rate + len(form.jumps)
+    place = {i: after + len(form.free) + 2 * i for i in order}
+    steps = tuple(
+        Step(
+            form.jumps[i].centre, float(np.exp(form.jumps[i].log_width)), float(heights[i]), float(error[place[i]]),
+            float(np.exp(form.jumps[i].log_width) * error[place[i] + 1]), float(error[first + i]), float(chances[i]),
+        )
+        for i in order
+    )  # fmt: skip
+    names = {"lag": "lag", "play": "play", "slow": "rate_lag"}
+    parameters = {names[name]: (float(getattr(form, name)), float(error[after + i])) for i, name in enumerate(form.free)}
+    if form.rate:
+        parameters["rate"] = float(linear[size]), float(error[size])
+    model = ThermalModel(curve, low, high, form.lag, form.play, float(linear[size]) if form.rate else 0.0, form.slow)
+    bin_of = number(t[own], FINE, low)
+    grid = np.bincount(bin_of, t[own])[np.unique(bin_of)] / np.bincount(bin_of)[np.unique(bin_of)]
+    rows, mean = _rows(design, form, linear, grid, k), _rows(design, form, linear, t[own], k).mean(axis=0)
+    mean[size:first] = further[own, : form.rate].mean(axis=0)
+    standard = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", rows - mean, covariance, rows - mean), 0))
+    level = (float(np.std(levels, ddof=1) * np.sqrt(1 + 1 / len(levels))), len(levels) - 1) if len(levels) > 1 else (0.0, 0)
+    wander = next_variance(np.unique(bin_of, return_inverse=True)[1], design.record[own], design.dt)
+    after = averaged.quantile(averaged.theta @ wander + standard**2, confidence)
+    return Curve(model, steps, parameters, averaged.noise, grid, standard, after, level, t[own], b[own])
+
+
+def _rows(design: Design, form: Form, linear: AnyArray, t: AnyArray, k: int) -> AnyArray:
+    """Derivative of the curve of a device at temperatures by every coefficient and every number of the form."""
+    device = np.full(len(t), k)
+    heights = linear[len(linear) - len(form.jumps) :]
+    columns = [np.zeros(len(t))] * form.rate + [design.jump(jump, t, device) for jump in form.jumps] + [np.zeros(len(t))] * len(form.free)
+    for jump, height in zip(form.jumps, heights, strict=True):
+        columns += shape_slopes(jump, height, t, device)
+    series = design.chebyshev(t, device)
+    return np.column_stack([series, *columns])
+
+
+def next_variance(place: AnyArray, record: AnyArray, dt: float) -> AnyArray:
+    """(3, bins) variance per N^2, B^2 and K^2 of the mean of the noise over each bin in the next cycle, about its mean over this one.
+
+    After a single record the next cycle is the same one run again without a pause. Where several were recorded, it is about its own mean:
+    the level has its own spread.
+    """
+    several = record[-1] != record[0]
+    last = place[record == record[-1]] if several else place
+    n, bins = len(last), int(place.max()) + 1
+    after = 0 if several else n
+    held = bands((n + after,), dt)
+    share = np.bincount(last, minlength=bins)
+    variance = np.zeros((3, bins))
+    for part in np.array_split(np.arange(bins), max(bins * (n + after) // _CHUNK, 1)):
+        gain = np.zeros((n + after, len(part)))
+        gain[after:] = (last[:, None] == part) / np.maximum(share[part], 1)
+        gain[:n] -= 1 / n
+        variance[:, part] = held.columns.T[:, held.index] @ held.transform(gain) ** 2
+    # a bin that the last record does not reach is as uncertain as the worst of those that it does
+    return np.where(share > 0, variance, variance[:, share > 0].max(axis=1, keepdims=True))
+
+
+def _shortened(coefficients: AnyArray) -> AnyArray:
+    """Without last coefficients that are nothing."""
+    tail = np.cumsum(np.abs(coefficients[::-1]))[::-1]
+    return coefficients[: max(int(np.sum(tail > _NOTHING * max(np.abs(coefficients[1:]).max(), 1e-300))), 2)]

@@ -1,0 +1,165 @@
+"""The columns of a thermal curve over one or several records, for a given structure, and how they change with it."""
+
+import dataclasses
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy.signal
+from numpy.polynomial import chebyshev
+
+from .._types import AnyArray
+from ._hysteresis import felt, lagged, rate_of
+from ._restricted import Bands, Restricted, bands
+
+DEGREE, DEGREE_OF_MANY = 40, 20  # of the Chebyshev series; lower where several devices each have one
+_STEP = {"lag": 0.5, "play": 0.01, "slow": 0.5}  # s, degC, s: of central differences
+
+_FLAT = 50.0
+_LOCAL, _LOCAL_RATE = 31.0, 121.0  # s over which a thermometer is smoothed, and its rate of change
+
+
+class Jump(NamedTuple):
+    """A jump of one device: its centre, degC, and the logarithm of its width."""
+
+    device: int
+    centre: float
+    log_width: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Form:
+    """What a curve consists of beside the series: lag, play, a term in dT/dt behind a lag of its own, jumps. `free` are fitted."""
+
+    lag: float = 0.0
+    play: float = 0.0
+    rate: bool = False
+    slow: float = 0.0
+    free: tuple[str, ...] = ()
+    jumps: tuple[Jump, ...] = ()
+
+    @property
+    def vector(self) -> AnyArray:
+        """The numbers that enter not linearly: those that are free, then centre and log width of every jump."""
+        return np.array([*(getattr(self, name) for name in self.free), *(x for jump in self.jumps for x in jump[1:])], dtype=float)
+
+    def at(self, vector: AnyArray) -> "Form":
+        """The same form with other numbers."""
+        first = len(self.free)
+        pairs = np.asarray(vector[first:], dtype=float).reshape(-1, 2)
+        jumps = tuple(jump._replace(centre=float(c), log_width=float(w)) for jump, (c, w) in zip(self.jumps, pairs, strict=True))
+        held: dict[str, Any] = {name: max(float(x), 0.0) for name, x in zip(self.free, vector[:first], strict=True)}
+        return dataclasses.replace(self, jumps=jumps, **held)
+
+
+class Part(NamedTuple):
+    """One record without gaps, at even intervals: temperature, dT/dt, bias, and the number of its device."""
+
+    t: AnyArray
+    rate: AnyArray
+    b: AnyArray
+    device: int
+
+
+def part_of(t: AnyArray, b: AnyArray, dt: float, device: int = 0, *, smooth: bool = True) -> Part:
+    """A record with its thermometer smoothed by local parabolas, which delay nothing: A. Savitzky and M. Golay, Anal. Chem. 36 (1964) 1627.
+
+    The noise of a thermometer is no movement of the sensor; where the bias is steep it would pass for one.
+    """
+
+    def local(seconds: float) -> AnyArray:
+        window = min(2 * int(seconds / dt / 2) + 1, 2 * ((len(t) - 1) // 2) + 1)
+        return t if window < 5 else np.asarray(scipy.signal.savgol_filter(t, window, 2))
+
+    # the rate is the one that a model will see, for its filter changes the size of a quick one
+    return Part(local(_LOCAL) if smooth else t, rate_of(local(_LOCAL_RATE), dt)[0], b, device)
+
+
+def sigmoid(t: AnyArray, centre: Any, width: Any) -> AnyArray:
+    """The logistic step."""
+    return 1 / (1 + np.exp(np.clip((centre - t) / width, -_FLAT, _FLAT)))
+
+
+class Design:
+    """Records on one grid of time, and the columns of a form over them."""
+
+    def __init__(self, parts: list[Part], dt: float):
+        self.parts, self.dt = parts, dt
+        self.t = np.concatenate([part.t for part in parts])
+        self.b = np.concatenate([part.b for part in parts])
+        self.device = np.repeat([part.device for part in parts], [len(part.t) for part in parts])
+        self.record = np.repeat(np.arange(len(parts)), [len(part.t) for part in parts])
+        self.devices = int(self.device.max()) + 1
+        self.bands: Bands = bands(tuple(len(part.t) for part in parts), dt)
+        self.y = self.bands.transform(self.b - self.b.mean())
+        self.least = max(1e-12 * float(np.abs(self.b).max()), 1e-150)
+        self.degree = DEGREE if self.devices == 1 else DEGREE_OF_MANY
+        low, high = self.t.min(), self.t.max()
+        self.low, self.high = float(low), float(high)
+        order = np.arange(1, self.degree + 1)
+        sets = 1 if self.devices == 1 else self.devices + 1
+        self.order = np.tile(order, sets)
+        self.group = np.repeat(np.arange(sets) > 0, self.degree).astype(float)
+        self._kept: dict[tuple[float, float], AnyArray] = {}
+
+    def filtered(self, lag: float, play: float) -> AnyArray:
+        """Temperature that the sensor feels."""
+        return np.concatenate([felt(part.t, lag, play, self.dt)[1] for part in self.parts])
+
+    def rate(self, slow: float) -> AnyArray:
+        """dT/dt behind a lag, degC/s."""
+        return np.concatenate([lagged(part.rate, self.dt, slow) for part in self.parts])
+
+    def chebyshev(self, t: AnyArray, device: AnyArray) -> AnyArray:
+        """Columns of the curves at temperatures of devices, without the constant."""
+        values = chebyshev.chebvander(2 * (np.clip(t, self.low, self.high) - self.low) / (self.high - self.low) - 1, self.degree)[:, 1:]
+        own = [values * (device == k)[:, None] for k in range(self.devices)] if self.devices > 1 else []
+        return np.concatenate([values, *own], axis=1)
+
+    def jump(self, jump: Jump, t: AnyArray, device: AnyArray) -> AnyArray:
+        """Column of a jump."""
+        return sigmoid(t, jump.centre, np.exp(jump.log_width)) * (device == jump.device)
+
+    def base(self, form: Form) -> AnyArray:
+        """Transformed columns of the series; those of the last lag and play are kept."""
+        key = form.lag, form.play
+        if key not in self._kept:
+            self._kept = {key: self.bands.transform(self.chebyshev(self.filtered(*key), self.device))}
+        return self._kept[key]
+
+    def further(self, form: Form) -> AnyArray:
+        """(samples, k) columns beside the series: dT/dt, and the jumps."""
+        t = self.filtered(form.lag, form.play)
+        columns = [self.rate(form.slow)] * form.rate + [self.jump(jump, t, self.device) for jump in form.jumps]
+        return np.stack(columns, axis=1) if columns else np.zeros((len(t), 0))
+
+    def columns(self, form: Form) -> AnyArray:
+        """Transformed columns of the series and beside it."""
+        return np.concatenate([self.base(form), self.bands.transform(self.further(form))], axis=1)
+
+    def restricted(self, form: Form, *, slopes: AnyArray | None = None) -> Restricted:
+        """Restricted likelihood of a form, with columns for changes of its numbers if they are given."""
+        columns = self.columns(form)
+        columns = columns if slopes is None else np.concatenate([columns, slopes], axis=1)
+        further = columns.shape[1] - len(self.order)
+        return Restricted(self.bands, columns, self.y, self.order, self.group, further, least=self.least, doubtful=slopes is not None)
+
+    def slopes(self, form: Form, beta: AnyArray) -> AnyArray:
+        """Transformed derivative of the curve by `form.vector`."""
+        columns, vector = [], form.vector
+        for i, name in enumerate(form.free):
+            step = _STEP[name] * np.eye(len(vector))[i]
+            up, down = form.at(vector + step), form.at(vector - step)
+            change = self.columns(up) @ beta - self.columns(down) @ beta
+            columns.append(change / (getattr(up, name) - getattr(down, name)))
+        t, heights = self.filtered(form.lag, form.play), beta[len(beta) - len(form.jumps) :]
+        for jump, height in zip(form.jumps, heights, strict=True):
+            columns += [*self.bands.transform(np.stack(shape_slopes(jump, height, t, self.device), axis=1)).T]
+        return np.stack(columns, axis=1) if columns else np.zeros((len(self.y), 0))
+
+
+def shape_slopes(jump: Jump, height: float, t: AnyArray, device: AnyArray) -> tuple[AnyArray, AnyArray]:
+    """Derivative of a jump by its centre and by its log width."""
+    width = np.exp(jump.log_width)
+    step = sigmoid(t, jump.centre, width)
+    bell = height * step * (1 - step) / width * (device == jump.device)
+    return -bell, -bell * (t - jump.centre)

@@ -1,0 +1,276 @@
+r"""The restricted likelihood of a curve with the noise N, B, K of the sensor, and averages over what it leaves open.
+
+The orthonormal DCT-II of each record makes the noise independent: ordinate k has the variance
+:math:`S_k = N^2 a_k + B^2 b_k + K^2 c_k`, and the mean of the record, which no curve can tell from the noise, drops out. The curve is
+linear in its coefficients,
+
+.. math:: b = X \beta + n,\qquad \beta_m \sim N(0, \lambda_m)
+
+with a flat prior where no variance is given. Integrating the coefficients out leaves the restricted likelihood of the noise and of the
+variances, which knows what the curve has taken from the noise (H. D. Patterson and R. Thompson, Biometrika 58 (1971) 545). Ordinates
+of nearly one frequency share S, so that products of columns are summed once in bands of frequency and a likelihood costs no pass over the
+record.
+"""
+
+import functools
+import itertools
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy.fft
+import scipy.linalg
+import scipy.optimize
+import scipy.special
+import scipy.stats
+
+from .._types import AnyArray
+from ..noise import Noise
+
+TERMS = ("N", "B", "K")
+_BANDS_PER_OCTAVE = 8
+#: standard deviation of the prior of log rho; its mean of 0 is a curve whose coefficients fall as those of exp(u)
+_DECAY = 1.0
+_FLAT = 0.2  # power of a variance in its prior, by its logarithm
+_STARTS = ((1.0, 0.1, 0.01, 0.1, 0.5), (1.0, 1e-3, 1e-5, 0.01, -0.5))
+_DRAWS, _FREEDOM, _FLATTEST = 128, 6, 0.08  # of the importance sampling: number, degrees of freedom, least curvature
+_SEED = 20_260  # the same record always gives the same numbers
+_DEEP, _HIGH, _ROUGHEST = 25.0, 15.0, 4.0  # logarithms: how far variances may be from their start, and of rho
+
+
+class Bands(NamedTuple):
+    """Bands of frequency of one or several records.
+
+    sizes : samples of each record. index : (ordinates,) band of each ordinate, records one after the other. count : (bands,) ordinates.
+    columns : (bands, 3) variance of an ordinate per N^2, B^2, K^2.
+    """
+
+    sizes: tuple[int, ...]
+    dt: float
+    index: AnyArray
+    count: AnyArray
+    columns: AnyArray
+
+    def transform(self, x: AnyArray) -> AnyArray:
+        """Ordinates (ordinates, ...) of columns (samples, ...), without the means of the records."""
+        edges = np.cumsum((0, *self.sizes))
+        return np.concatenate([scipy.fft.dct(x[a:b], norm="ortho", axis=0)[1:] for a, b in itertools.pairwise(edges)])
+
+    def restore(self, ordinates: AnyArray) -> AnyArray:
+        """Columns (samples, ...) of ordinates (ordinates, ...): the transpose of `transform`."""
+        edges = np.cumsum((0, *(n - 1 for n in self.sizes)))
+        padded = [np.concatenate([np.zeros((1, *ordinates.shape[1:])), ordinates[a:b]]) for a, b in itertools.pairwise(edges)]
+        return np.concatenate([scipy.fft.idct(x, norm="ortho", axis=0) for x in padded])
+
+    def density(self, theta: AnyArray) -> AnyArray:
+        """S of the bands, for squared coefficients."""
+        return self.columns @ theta
+
+    def spread(self, gain: AnyArray, theta: AnyArray) -> AnyArray:
+        """Covariance of `gain` (m, samples) times the noise; each row must take no notice of the means of the records."""
+        ordinates = self.transform(np.asarray(gain).T) * np.sqrt(self.density(theta))[self.index, None]
+        return np.asarray(ordinates.T @ ordinates)
+
+
+@functools.lru_cache(maxsize=64)
+def bands(sizes: tuple[int, ...], dt: float) -> Bands:
+    """The bands of records of the given numbers of samples."""
+    index, count, columns, last = [], [], [], 0
+    terms = [Noise(**{name: 1.0}).part(name)[2] for name in TERMS]
+    for n in sizes:
+        k = np.arange(1, n)
+        label = np.unique(np.floor(_BANDS_PER_OCTAVE * np.log2(k)), return_inverse=True)[1]
+        held = np.bincount(label)
+        expected = np.stack([np.asarray(term.ordinates(k, n, dt)) for term in terms], axis=1) / dt
+        columns.append(np.stack([np.bincount(label, column) / held for column in expected.T], axis=1))
+        index.append(label + last)
+        count.append(held)
+        last += len(held)
+    return Bands(sizes, dt, np.concatenate(index), np.concatenate(count).astype(float), np.concatenate(columns))
+
+
+class Solved(NamedTuple):
+    """Coefficients (p,), their covariance (p, p), and what the likelihood needs of them."""
+
+    beta: AnyArray
+    covariance: AnyArray
+    scaled: AnyArray
+    scale: AnyArray
+    density: AnyArray
+    misfit: float
+
+
+class Averaged(NamedTuple):
+    """Coefficients (p,) and their covariance (p, p), and draws (m, 3) of N^2, B^2, K^2 with their weights (m,)."""
+
+    beta: AnyArray
+    covariance: AnyArray
+    theta: AnyArray
+    weight: AnyArray
+
+    @property
+    def noise(self) -> Noise:
+        """The mean of every coefficient of the noise."""
+        return Noise(**dict(zip(TERMS, (self.weight @ np.sqrt(self.theta)).tolist(), strict=True)))
+
+    def quantile(self, variance: AnyArray, confidence: float) -> AnyArray:
+        """Standard deviation with which a normal interval of that level holds what has the variances (m, ...) in the draws.
+
+        A normal of the mean variance would be too wide: K has a long tail.
+        """
+        tail = scipy.stats.norm.ppf(0.5 + confidence / 2)
+        spread = np.sqrt(np.maximum(variance, np.finfo(float).tiny))
+        low, high = spread.min(axis=0), spread.max(axis=0)
+        for _ in range(40):
+            middle = (low + high) / 2
+            inside = np.tensordot(self.weight, 2 * scipy.special.ndtr(tail * middle / spread) - 1, 1)
+            low, high = np.where(inside < confidence, middle, low), np.where(inside < confidence, high, middle)
+        return np.asarray(high)
+
+
+class Restricted:
+    """The restricted likelihood of one design.
+
+    Parameters
+    ----------
+    held : the bands.
+    design : (ordinates, p) transformed columns; the last `further` of them have no prior and no part in the determinant: they are
+        parameters that are profiled, so that designs with different numbers of them can be compared.
+    y : (ordinates,) transformed readings.
+    order : (p - further,) order m of each column of the curve.
+    group : (p - further,) 0 for the curve that is common, 1 for what a device adds to it.
+    least : noise of a reading by rounding.
+    doubtful : whether some columns may say the same as others.
+
+    The hyperparameters phi are the logarithms of N^2, B^2, K^2, sigma^2, rho, and with a group 1 of its share of sigma^2.
+    """
+
+    def __init__(
+        self,
+        held: Bands,
+        design: AnyArray,
+        y: AnyArray,
+        order: AnyArray,
+        group: AnyArray,
+        further: int,
+        *,
+        least: float = 1e-150,
+        doubtful: bool = False,
+    ):
+        self.held, self.order, self.group, self.further, self.doubtful = held, order, group, further, doubtful
+        self.size, self.least = design.shape[1], least
+        whole = np.column_stack([design, y])
+        edges = np.concatenate([[0], np.flatnonzero(np.diff(held.index)) + 1, [len(held.index)]])
+        products = np.stack([whole[a:b].T @ whole[a:b] for a, b in itertools.pairwise(edges)])
+        self.products = products.reshape(len(products), -1)
+        self.total = products[:, -1, -1]
+        # without a prior: the slope of the common curve, and what is profiled
+        self.random = np.concatenate([(order > 1) | (group > 0), np.zeros(further, dtype=bool)])
+        self.hyper = 6 if group.any() else 5
+        self._slope = np.stack([np.ones(len(order)), order - 2.0, group], axis=1)[:, : self.hyper - 3]
+        self._offset = np.log(2.0) - scipy.special.gammaln(order + 1.0)
+
+    def variances(self, phi: AnyArray) -> AnyArray:
+        r"""Logarithm of the prior variance of every column of the curve.
+
+        .. math:: \lambda_m = \sigma^2 \rho^{m-2}\, 2/m!
+
+        falls in the end as the coefficients of an entire function do; sigma says how far from a line the curve may be, rho how rough.
+        """
+        return self._slope @ phi[3:] + self._offset
+
+    def solved(self, phi: AnyArray) -> Solved:
+        """Coefficients given the hyperparameters."""
+        density = self.held.density(np.exp(phi[:3]))
+        gram = ((1 / density) @ self.products).reshape(self.size + 1, -1)
+        scale = 1 / np.sqrt(np.maximum(np.diag(gram)[:-1], np.finfo(float).tiny))
+        logs = np.concatenate([self.variances(phi), np.zeros(self.further)])
+        scale = np.where(self.random, np.exp(0.5 * np.maximum(logs, -600.0)), scale)
+        scaled = gram[:-1, :-1] * scale * scale[:, None] + np.diag(self.random.astype(float))
+        inverse = np.linalg.pinv(scaled, rcond=1e-13, hermitian=True) if self.doubtful else np.linalg.inv(scaled)
+        right = scale * gram[:-1, -1]
+        z = inverse @ right
+        return Solved(scale * z, inverse * scale * scale[:, None], scaled, scale, density, float(gram[-1, -1] - right @ z))
+
+    def cost(self, phi: AnyArray) -> tuple[float, AnyArray]:
+        """-2 log restricted likelihood, and its gradient."""
+        at, curve = self.solved(phi), self.size - self.further
+        random = self.random[:curve]
+        root = np.linalg.cholesky(at.scaled[:curve, :curve])
+        half = scipy.linalg.solve_triangular(root, np.eye(curve), lower=True)
+        inverse = half.T @ half
+        value = np.sum(self.held.count * np.log(at.density)) + 2 * np.sum(np.log(np.diag(root))) + at.misfit
+        value -= 2 * np.sum(np.log(at.scale[:curve][~random]))
+        rest = np.append(-at.beta, 1.0)
+        share = np.outer(rest, rest)
+        share[:curve, :curve] += inverse * at.scale[:curve] * at.scale[:curve, None]
+        slope = self.held.count / at.density - self.products @ share.ravel() / at.density**2
+        own = np.where(random, 1 - np.diag(inverse) - (at.beta[:curve] / at.scale[:curve]) ** 2, 0.0)
+        return value, np.concatenate([(self.held.columns.T @ slope) * np.exp(phi[:3]), self._slope.T @ own])
+
+    def posterior(self, phi: AnyArray) -> tuple[float, AnyArray]:
+        r"""-log density of the hyperparameters, and its gradient.
+
+        The prior of every standard deviation s is :math:`s^{-0.6}`: flat in s lets K be too large, flat in log s has no end towards 0. That
+        of log rho is normal.
+        """
+        value, gradient = self.cost(phi)
+        slope = np.full(len(phi), -_FLAT)
+        slope[4] = 0.0
+        pull = np.eye(len(phi))[4] * phi[4] / _DECAY**2
+        return 0.5 * value + slope @ phi + 0.5 * pull @ phi, 0.5 * gradient + slope + pull
+
+    def bounds(self) -> tuple[AnyArray, AnyArray, AnyArray]:
+        """Logarithms of the unit of the variances, and the least and the most of every hyperparameter."""
+        level = np.maximum(self.total / self.held.count, self.least**2)
+        quick = np.argsort(self.held.columns[:, 2])[: max(len(level) // 4, 1)]
+        white = float(np.median(level[quick] / self.held.columns[quick, 0]))
+        last = self.held.columns[np.argmin(self.held.columns[:, 2])]
+        unit = np.log(
+            np.array([white, *(white * last[0] / last[1:]), float(np.sum(level * self.held.count) / np.sum(self.held.count)), 1.0, 1.0])
+        )
+        low = unit - np.array([_DEEP, _DEEP, _DEEP, 35.0, 4.5, _DEEP])
+        high = unit + np.array([_HIGH, _HIGH, _HIGH, 10.0, _ROUGHEST, 5.0])
+        return unit[: self.hyper], low[: self.hyper], high[: self.hyper]
+
+    def fitted(self, start: AnyArray | None = None, *, near: bool = False) -> tuple[AnyArray, float]:
+        """The most probable hyperparameters, and -log density there; from several starts, for there are local minima, unless `near`."""
+        unit, low, high = self.bounds()
+        starts = [unit + np.array([*np.log(one[:4]), one[4], np.log(0.1)])[: self.hyper] for one in _STARTS]
+        best: Any = None
+        for begin in starts if start is None else [start] if near else [*starts, start]:
+            found = scipy.optimize.minimize(
+                self.posterior, np.clip(begin, low, high), jac=True, method="L-BFGS-B", bounds=list(zip(low, high, strict=True)),
+                options={"maxiter": 200, "ftol": 1e-9, "gtol": 1e-3},
+            )  # fmt: skip
+            best = found if best is None or found.fun < best.fun else best
+        return best.x, float(best.fun)
+
+    def averaged(self, phi: AnyArray) -> Averaged:
+        """Coefficients and noise, averaged over the hyperparameters.
+
+        One record leaves B, K and the roughness of the curve wide open; intervals at their most probable values are too narrow.
+        Importance sampling from a multivariate t about `phi`, at points of a Sobol sequence.
+        """
+        size, step = len(phi), 0.05
+        hessian = np.stack([(self.posterior(phi + e)[1] - self.posterior(phi - e)[1]) / (2 * step) for e in step * np.eye(size)])
+        curvature, axes = np.linalg.eigh((hessian + hessian.T) / 2)
+        uniform = scipy.stats.qmc.Sobol(size + 1, seed=_SEED).random(_DRAWS)
+        chi = scipy.stats.chi2.ppf(uniform[:, -1], _FREEDOM) / _FREEDOM
+        t = scipy.special.ndtri(uniform[:, :-1]) / np.sqrt(chi)[:, None]
+        t[0] = 0.0  # at least the most probable ones are possible
+        _, low, high = self.bounds()
+        draws = phi + t @ (axes / np.sqrt(np.maximum(curvature, _FLATTEST))).T
+        logs = np.full(_DRAWS, -np.inf)
+        for i in np.flatnonzero(((draws >= low) & (draws <= high)).all(axis=1)):
+            logs[i] = -self.posterior(draws[i])[0] + 0.5 * (_FREEDOM + size) * np.log1p(np.sum(t[i] ** 2) / _FREEDOM)
+        weight = np.exp(logs - logs.max())
+        weight /= weight.sum()
+        kept = np.flatnonzero(weight > 1e-4 * weight.max())
+        weight = weight[kept] / weight[kept].sum()
+        each = [self.solved(draws[i]) for i in kept]
+        beta = np.stack([one.beta for one in each])
+        mean = weight @ beta
+        covariance = sum(w * one.covariance for w, one in zip(weight, each, strict=True)) + (beta - mean).T @ (
+            (beta - mean) * weight[:, None]
+        )
+        return Averaged(mean, np.asarray(covariance), np.exp(draws[kept, :3]), weight)

@@ -1,0 +1,196 @@
+r"""What a curve consists of: lag, play, a term in dT/dt and jumps, as the restricted likelihood decides.
+
+A jump is looked for as the largest score of a logistic step over centres and widths under the curve without it, whose series takes all that
+is smooth. The score of a step that is not there is normal, and the chance that the largest of all is above u is at most
+
+.. math:: 2\,\Phi(-u) + \frac{1}{\pi} \sum_i \arccos(\rho_{i,i+1})\, e^{-u^2/2}
+
+for each chain of neighbouring steps with correlations rho (R. B. Davies, Biometrika 64 (1977) 247). A jump stays where the chance of
+its likelihood ratio is below `CHANCE`.
+"""
+
+import dataclasses
+
+import numpy as np
+import scipy.special
+
+from .._types import AnyArray
+from ._design import Design, Form, Jump, Part
+from ._restricted import Restricted
+
+CHANCE = 0.003
+MOST = 4  # jumps of a device
+PRICE = 12.0  # -2 log likelihood that lag, play or the term in dT/dt must gain: chance gives it to one record in 500
+_WIDTHS = (0.04, 0.12, 0.36)  # degC of steps that are looked for
+_NARROW, _WIDE, _PART = 0.01, 0.5, 1 / 40  # degC, degC and part of the range: what is wider is a curve, not a jump
+_EDGE, _GRID = 0.5, 0.05  # degC
+_APART = 3.0  # widths between two jumps: nearer ones are the shape of one
+_ROUNDS, _STEPS, _HALVINGS = 4, 12, 6
+_COARSE = 2000  # samples on which structures are compared
+#: s, degC, s: where searches begin
+_STARTS = {"lag": (5.0, 15.0, 40.0, 100.0, 250.0), "play": (0.1, 0.3, 0.7, 1.2), "slow": (30.0, 200.0, 1000.0)}
+PRICE_OF_JUMP = 20.0  # likewise of a jump, beside what its search demands
+
+
+@dataclasses.dataclass(frozen=True)
+class Found:
+    """A form with its hyperparameters, -log posterior density, and the chance of every jump."""
+
+    form: Form
+    phi: AnyArray
+    value: float
+    chances: tuple[float, ...] = ()
+
+
+def settled(design: Design, form: Form, phi: AnyArray | None = None, *, near: bool = False) -> Found:
+    """Numbers of the form and hyperparameters in turn, until nothing changes; `near` as of `Restricted.fitted`."""
+    restricted = design.restricted(form)
+    phi, value = restricted.fitted(phi, near=near)
+    for _ in range(_ROUNDS if len(form.vector) else 0):
+        form = _refined(design, form, phi)
+        before = value
+        restricted = design.restricted(form)
+        phi, value = restricted.fitted(phi, near=True)
+        if abs(before - value) < 0.01:
+            break
+    return Found(form, phi, value)
+
+
+def _limits(design: Design, form: Form) -> tuple[AnyArray, AnyArray]:
+    wide = min(_WIDE, _PART * (design.high - design.low))
+    low = [0.0] * len(form.free) + [design.low + _EDGE / 2, np.log(_NARROW)] * len(form.jumps)
+    high = [{"play": (design.high - design.low) / 4}.get(name, 3600.0) for name in form.free]
+    return np.array(low), np.array([*high, *[design.high - _EDGE / 2, np.log(wide)] * len(form.jumps)])
+
+
+def _refined(design: Design, form: Form, phi: AnyArray) -> Form:
+    """Gauss-Newton steps of the numbers that enter not linearly, with the coefficients eliminated."""
+    low, high = _limits(design, form)
+    at = design.restricted(form).solved(phi)
+    for _ in range(_STEPS):
+        vector = form.vector
+        joint = design.restricted(form, slopes=design.slopes(form, at.beta)).solved(phi)
+        longest = np.concatenate([np.maximum(0.5 * vector[: len(form.free)], 0.05), *([2 * np.exp(j.log_width), 0.7] for j in form.jumps)])
+        step = np.clip(joint.beta[len(joint.beta) - len(vector) :], -longest, longest)
+        error = np.sqrt(np.diag(joint.covariance))[len(joint.beta) - len(vector) :]
+        for halving in range(_HALVINGS):
+            tried = form.at(np.clip(vector + step * 0.5**halving, low, high))
+            new = design.restricted(tried).solved(phi)
+            if new.misfit < at.misfit:
+                break
+        else:
+            return form
+        gain, form, at = at.misfit - new.misfit, tried, new
+        if gain < 1e-3 or np.all(np.abs(form.vector - vector) < 0.02 * error):
+            return form
+    return form
+
+
+def with_jumps(design: Design, found: Found) -> Found:
+    """Jumps one by one, each where it helps most, as long as chance does not explain it."""
+    while len(found.form.jumps) < MOST * design.devices:
+        best = max((_candidate(design, found, k) for k in range(design.devices)), key=lambda one: one[0])
+        score, jump, chains = best
+        if jump is None or chance(score, chains) * design.devices > CHANCE:
+            return found
+        tried = settled(design, dataclasses.replace(found.form, jumps=(*found.form.jumps, jump)), found.phi)
+        p = chance(np.sqrt(max(2 * (found.value - tried.value), 0.0)), chains) * design.devices
+        if p > CHANCE:
+            return found
+        found = dataclasses.replace(tried, chances=(*found.chances, min(p, 1.0)))
+    return found
+
+
+def chance(score: float, chains: list[AnyArray]) -> float:
+    """Davies' bound of the chance that the largest of several chains of normal scores is above `score`."""
+    return sum(2 * scipy.special.ndtr(-score) + np.sum(np.arccos(np.clip(one, -1, 1))) / np.pi * np.exp(-(score**2) / 2) for one in chains)
+
+
+def _candidate(design: Design, found: Found, device: int) -> tuple[float, Jump | None, list[AnyArray]]:
+    """The step with the largest score, and the correlations of neighbours in each chain."""
+    restricted: Restricted = design.restricted(found.form)
+    at = restricted.solved(found.phi)
+    weight = 1 / np.sqrt(at.density)[design.bands.index]
+    columns = design.columns(found.form)
+    rest = (design.y - columns @ at.beta) * weight
+    columns = columns * weight[:, None]
+    t = design.filtered(found.form.lag, found.form.play)
+    best: tuple[float, Jump | None] = 0.0, None
+    chains: list[AnyArray] = []
+    own = t[design.device == device]
+    for width in _WIDTHS:
+        centres = np.arange(float(own.min()) + _EDGE, float(own.max()) - _EDGE, max(width, _GRID))
+        for jump in found.form.jumps:
+            reach = _APART * (np.exp(jump.log_width) + width)
+            centres = centres[(jump.device != device) | (np.abs(centres - jump.centre) > reach)]
+        if not len(centres):
+            continue
+        steps = np.stack([design.jump(Jump(device, c, np.log(width)), t, design.device) for c in centres], axis=1)
+        steps = design.bands.transform(steps) * weight[:, None]
+        inside = columns.T @ steps
+        taken = at.covariance @ inside
+        variance = np.sum(steps**2, axis=0) - np.sum(inside * taken, axis=0)
+        neighbours = np.sum(steps[:, 1:] * steps[:, :-1], axis=0) - np.sum(inside[:, 1:] * taken[:, :-1], axis=0)
+        # a step that the series follows to rounding cannot be seen
+        seen = variance > 1e-9 * np.sum(steps**2, axis=0)
+        variance = np.where(seen, variance, np.inf)
+        score = np.abs(steps.T @ rest) / np.sqrt(variance)
+        chains.append(neighbours / np.sqrt(np.where(seen, variance, 1)[1:] * np.where(seen, variance, 1)[:-1]))
+        i = int(np.argmax(score))
+        if score[i] > best[0]:
+            best = float(score[i]), Jump(device, float(centres[i]), float(np.log(width)))
+    return best[0], best[1], chains
+
+
+@dataclasses.dataclass(frozen=True)
+class Tried:
+    """A structure that was compared: its name, what was found, and its price-laden -2 log posterior density."""
+
+    name: str
+    found: Found
+    score: float
+
+
+def structures(design: Design, given: Form, searched: tuple[str, ...]) -> list[Tried]:
+    """What is given, and with each of `searched`, "lag", "play" and "rate", or two of them; on means over blocks, which is quick."""
+    coarse = _coarser(design)
+    plain = with_jumps(coarse, settled(coarse, given))
+    tried = [_tried("none", plain)]
+    for name in searched:
+        tried.append(_one_more(coarse, tried[0].found, given, name))
+    if "rate" in searched and tried[-1].score < tried[0].score - PRICE / 2:
+        tried.append(_one_more(coarse, tried[-1].found, tried[-1].found.form, "slow", "rate behind a lag"))
+    for first, second in (("lag", "play"), ("lag", "rate")):
+        best = next((one for one in tried if one.name == first), None)
+        if best is not None and second in searched and min(one.score for one in tried[1:]) < tried[0].score:
+            tried.append(_one_more(coarse, best.found, best.found.form, second, f"{first} and {second}"))
+    return tried
+
+
+def _tried(name: str, found: Found) -> Tried:
+    form = found.form
+    return Tried(name, found, 2 * found.value + PRICE * (len(form.free) + form.rate) + PRICE_OF_JUMP * len(form.jumps))
+
+
+def _one_more(design: Design, begin: Found, form: Form, name: str, label: str = "") -> Tried:
+    """The structure with one more, from the start with the least misfit; jumps are looked for anew."""
+    form = dataclasses.replace(form, jumps=())
+    if name == "rate":
+        best = dataclasses.replace(form, rate=True)
+    else:
+        tried = [dataclasses.replace(form, **{name: x}, free=(*form.free, name)) for x in _STARTS[name]]
+        best = min(tried, key=lambda one: design.restricted(one).posterior(begin.phi)[0])
+    found = settled(design, best, begin.phi, near=True)
+    return _tried(label or name, with_jumps(design, found) if begin.form.jumps else found)
+
+
+def _coarser(design: Design) -> Design:
+    size = max(len(design.t) // _COARSE, 1)
+    if size == 1:
+        return design
+
+    def means(x: AnyArray) -> AnyArray:
+        count = len(x) // size
+        return x[: count * size].reshape(count, size).mean(axis=1)
+
+    return Design([Part(means(part.t), means(part.rate), means(part.b), part.device) for part in design.parts], design.dt * size)
