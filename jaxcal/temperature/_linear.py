@@ -3,7 +3,6 @@
 import math
 
 import numpy as np
-import scipy  # loads its parts when they are first used
 from numpy.polynomial import chebyshev, polynomial
 
 from .._precision import array_module
