@@ -13,7 +13,7 @@ import pytest
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
 COMMANDS = (
-    "demo", "noise", "allan", "psd", "temperature", "imu", "mag", "north", "apply", "convert", "export", "diff", "batch", "simulate",
+    "demo", "noise", "allan", "psd", "temperature", "imu", "mag", "north", "apply", "convert", "export", "diff", "batch", "simulate", "info",
 )  # fmt: skip
 
 

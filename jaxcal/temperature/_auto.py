@@ -36,10 +36,10 @@ def design_of(records: list[Record], devices: list[int], *, smooth: bool) -> Des
         t, b = (np.bincount(first, values) / np.bincount(first) for values in (one.t, one.b))
         longest = max(_FILLED, _SHARE * len(t))
         for piece in np.split(np.arange(len(place)), np.flatnonzero(np.diff(place) > longest) + 1):
-            grid = np.arange(place[piece[0]], place[piece[-1]] + 1)
+            grid = np.arange(int(place[piece[0]]), int(place[piece[-1]]) + 1)
             if len(grid) >= _FEWEST:
-                filled = [np.interp(grid, place[piece], values[piece]) for values in (t, b)]
-                parts.append(part_of(*filled, dt, device, smooth=smooth))
+                warmth, bias = (np.interp(grid, place[piece], values[piece]) for values in (t, b))
+                parts.append(part_of(warmth, bias, dt, device, smooth=smooth))
     return Design(parts, dt)
 
 

@@ -53,13 +53,13 @@ class Bands(NamedTuple):
     def transform(self, x: AnyArray) -> AnyArray:
         """Ordinates (ordinates, ...) of columns (samples, ...), without the means of the records."""
         edges = np.cumsum((0, *self.sizes))
-        return np.concatenate([scipy.fft.dct(x[a:b], norm="ortho", axis=0)[1:] for a, b in itertools.pairwise(edges)])
+        return np.concatenate([np.asarray(scipy.fft.dct(x[a:b], norm="ortho", axis=0))[1:] for a, b in itertools.pairwise(edges)])
 
     def restore(self, ordinates: AnyArray) -> AnyArray:
         """Columns (samples, ...) of ordinates (ordinates, ...): the transpose of `transform`."""
         edges = np.cumsum((0, *(n - 1 for n in self.sizes)))
         padded = [np.concatenate([np.zeros((1, *ordinates.shape[1:])), ordinates[a:b]]) for a, b in itertools.pairwise(edges)]
-        return np.concatenate([scipy.fft.idct(x, norm="ortho", axis=0) for x in padded])
+        return np.concatenate([np.asarray(scipy.fft.idct(x, norm="ortho", axis=0)) for x in padded])
 
     def density(self, theta: AnyArray) -> AnyArray:
         """S of the bands, for squared coefficients."""
@@ -254,7 +254,7 @@ class Restricted:
         size, step = len(phi), 0.05
         hessian = np.stack([(self.posterior(phi + e)[1] - self.posterior(phi - e)[1]) / (2 * step) for e in step * np.eye(size)])
         curvature, axes = np.linalg.eigh((hessian + hessian.T) / 2)
-        uniform = scipy.stats.qmc.Sobol(size + 1, seed=_SEED).random(_DRAWS)
+        uniform = scipy.stats.qmc.Sobol(size + 1, rng=np.random.default_rng(_SEED)).random(_DRAWS)
         chi = scipy.stats.chi2.ppf(uniform[:, -1], _FREEDOM) / _FREEDOM
         t = scipy.special.ndtri(uniform[:, :-1]) / np.sqrt(chi)[:, None]
         t[0] = 0.0  # at least the most probable ones are possible

@@ -33,15 +33,25 @@ def test_polynomials_leave_what_the_table_of_the_specification_says(degree, row)
 
 @pytest.mark.parametrize("jump", [0.3, 0.02, 0.0])
 def test_a_ramp_with_a_jump_is_followed(jump):
-    """Rms, rms in the degree of the jump and largest error, mdeg/s; the walks of the two ramps are about 0.6 of it."""
+    """Rms, rms in the degree of the jump and largest error, mdeg/s, of one record; the walks of the two ramps are about 0.6 of it."""
     train, test = pair(jump, 4)
     found = fit(train.temperature, train.bias, time=train.time)
-    assert (errors(found.model, test, jump) < [1.5, 2.0, 4.0]).all()
+    assert (errors(found.model, test, jump) < [1.5, 3.0, 6.0]).all()
     assert len(found.steps) == (jump > 0)
     for step in found.steps:
         assert abs(step.centre - 24.5) < 4 * step.centre_error < 0.1
         assert step.height == pytest.approx(np.deg2rad(jump), abs=4 * step.height_error)
         assert step.chance < 0.003
+
+
+@pytest.mark.long
+def test_ramps_with_a_jump_of_300_mdeg_s_are_followed():
+    """In the mean of 12 records below 0.7 and 2, where the thermometer's noise of 0.02 degC costs 19 mdeg/s a sample on the jump."""
+    found = []
+    for seed in range(12):
+        train, test = pair(0.3, seed)
+        found.append(errors(fit(train.temperature, train.bias, time=train.time).model, test, 0.3))
+    assert (np.mean(found, axis=0) < [0.7, 2.0, 4.0]).all()
 
 
 @pytest.mark.parametrize(("case", "count"), [("none", 0), ("one", 1), ("two", 2)])
