@@ -13,7 +13,8 @@ import pytest
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
 COMMANDS = (
-    "demo", "noise", "allan", "psd", "temperature", "imu", "mag", "north", "apply", "convert", "export", "diff", "batch", "simulate", "info",
+    "demo", "noise", "allan", "psd", "temperature", "imu", "mag", "north", "apply", "convert", "export", "diff", "info", "batch",
+    "simulate",
 )  # fmt: skip
 
 
