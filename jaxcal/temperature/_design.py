@@ -4,7 +4,7 @@ import dataclasses
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy.signal
+import scipy  # loads its parts when they are first used
 from numpy.polynomial import chebyshev
 
 from .._types import AnyArray

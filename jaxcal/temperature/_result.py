@@ -144,7 +144,7 @@ class TemperatureFit(Unjudged):
             raise DataError("a scale factor has no prediction of the next cycle; use interval_at")
         t = np.clip(np.asarray(temperature, dtype=float), self.model.low, self.model.high)
         value, tail = np.asarray(self.model.curve.value(t)), 0.5 + self.confidence / 2
-        half = scipy.stats.norm.ppf(tail) * np.interp(t, self.grid, self.next_error)
+        half = scipy.special.ndtri(tail) * np.interp(t, self.grid, self.next_error)
         spread, freedom = self.level
-        half = np.hypot(half, scipy.stats.t.ppf(tail, freedom) * spread) if freedom else half
+        half = np.hypot(half, scipy.special.stdtrit(freedom, tail) * spread) if freedom else half
         return np.asarray(value - half), np.asarray(value + half)
