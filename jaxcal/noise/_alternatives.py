@@ -26,7 +26,7 @@ _SLOW = 5.41  # twice the gain of B and K over none below which there is nothing
 _OWN = 1e-9  # part of a term's squares that the terms of the fit must leave for it to be another term
 _TINY = np.finfo(float).tiny ** 0.5
 #: family -> shape parameters and coefficients beyond those of B and K, and twice the gain in log likelihood that admits it
-_FAMILIES = {"power law": (0, 6.0), "one process": (0, 8.0), "two processes": (2, 13.0), "process beside": (2, 13.0)}
+_FAMILIES = {"power law": (0, 9.0), "one process": (0, 8.0), "two processes": (2, 13.0), "process beside": (2, 13.0)}
 _PARAMETER = 2.0  # what one parameter more must gain for a family to be preferred to another
 
 

@@ -64,10 +64,10 @@ def test_one_jump_is_one_jump(made, case, count):
 @pytest.mark.long
 @pytest.mark.parametrize("case", ["none", "one", "two"])
 def test_jumps_of_many_records(made, case):
-    """Probability of more than 2 phantoms of 30 below 0.002 at one in 300, of less than 50 of 60 (25 of 30) heights inside below 0.01."""
-    excess, inside = zip(*(made.counted(case, run) for run in range(30)), strict=True)
+    """At one in 300 the probability of 2 phantoms or more of 8 is 0.0003; of less than 6 of 8 heights inside at 95 %, 0.006."""
+    excess, inside = zip(*(made.counted(case, run) for run in range(8)), strict=True)
     assert sum(one > 0 for one in excess) <= 1
-    assert case == "none" or np.mean([one for run in inside for one in run]) > 0.83
+    assert case == "none" or np.mean([one for run in inside for one in run]) >= 0.75
 
 
 def test_an_effect_of_the_rate_of_change_is_found(made):
@@ -97,9 +97,9 @@ def test_the_true_hysteresis_is_found(lag, play):
 @pytest.mark.long
 @pytest.mark.parametrize("random", [False, True])
 def test_flicker_and_walk_of_the_sensor(made, random):
-    """No worse than the best of the others by more than chance lets 30 records show; intervals hold truth and next cycle."""
-    runs = [made.compared(run, random) for run in range(30)]
+    """No worse than the best of the others by more than chance lets 8 records show; intervals hold truth and next cycle."""
+    runs = [made.compared(run, random) for run in range(8)]
     rms = {name: np.sqrt(np.mean([errors[name] ** 2 for errors, _, _ in runs])) for name in runs[0][0]}
-    assert rms["auto"] < 1.1 * min(rms.values())
-    assert np.mean([curve for _, curve, _ in runs]) > 0.88
-    assert np.mean([following for _, _, following in runs]) > 0.88
+    assert rms["auto"] < 1.2 * min(rms.values())
+    assert np.mean([curve for _, curve, _ in runs]) > 0.8
+    assert np.mean([following for _, _, following in runs]) > 0.8
