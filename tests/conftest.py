@@ -16,6 +16,8 @@ os.environ.setdefault(
     "--xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true "
     "--xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1",
 )
+# Two processes whose linear algebra takes two threads each wait for one another: thermal fits take four times as long.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 import beartype
 import jax
 import jaxtyping
