@@ -60,8 +60,8 @@ def guide(
     C the covariance of the nine parameters, W the mean outer product of the heading's slopes, :math:`\sigma` the noise of a reading.
     With fewer than twelve readings the direction farthest from those seen is next. The error of one calibration is a quadratic form of
     nine normal parameters. Its upper limit is a quantile of Fisher's law: the degrees of freedom above come from the mean and the
-    variance of the form (Satterthwaite), those below from the noise. The limit is looked at after every reading, and the luckiest look would stop too
-    early. So the chance of an error is divided by five, as for five independent looks (Bonferroni).
+    variance of the form (Satterthwaite), those below from the noise. The limit is looked at after every reading, and the luckiest look
+    would stop too early. So the chance of an error is divided by five, as for five independent looks (Bonferroni).
 
     Parameters
     ----------
