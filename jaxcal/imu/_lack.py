@@ -6,7 +6,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import numpy as np
-import scipy.special
+import scipy  # loads its parts when they are first used
 
 from .._units import STANDARD_GRAVITY
 from ._fits import Joint

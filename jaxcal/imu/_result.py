@@ -9,7 +9,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import scipy.special
+import scipy  # loads its parts when they are first used
 
 from .._precision import host_float64
 from .._results import Result, Row

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scipy.special
+import scipy  # loads its parts when they are first used
 
 from .._errors import DataError
 from .._precision import host_float64

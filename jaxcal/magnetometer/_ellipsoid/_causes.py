@@ -8,7 +8,7 @@ Chance is judged by the sums over twenty parts of the log, so that correlated no
 from typing import NamedTuple
 
 import numpy as np
-import scipy.special
+import scipy  # loads its parts when they are first used
 
 from ._kinds import COUNT, PLANAR, basis_of, slopes_of
 from ._residuals import Size

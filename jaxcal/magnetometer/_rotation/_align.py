@@ -1,6 +1,5 @@
 """`align`: the rotation that a fit of norms cannot see, from the vertical, from rates, or from known headings."""
 
-import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -9,7 +8,7 @@ import jax
 import numpy as np
 import scipy  # loads its parts when they are first used
 
-from ..._compile import jit
+from ..._compile import filter_jit
 from ..._errors import DataError
 from ..._precision import host_float64
 from ..._types import AnyArray
@@ -259,7 +258,7 @@ def _enough(count: int, what: str) -> None:
         raise DataError(f"{count} {what} are left to align with; at least {_FEWEST} are needed, in attitudes that differ.")
 
 
-@functools.partial(jit, static_argnums=0)
+@filter_jit
 def _values(function: Callable, parameters: dict[str, Any], data: Any) -> jax.Array:
     return function(parameters, data)
 

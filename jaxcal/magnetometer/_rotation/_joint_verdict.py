@@ -1,13 +1,12 @@
 """What a joint fit knows: covariance of ellipsoid and rotation together, heading error, what stays open, verdict."""
 
-import functools
 from typing import Any
 
 import equinox as eqx
 import jax
 import numpy as np
 
-from ..._compile import jit
+from ..._compile import filter_jit
 from ...fitting import information
 from .._design._heading_error import WORDS, rms_heading
 from .._ellipsoid._algebraic import triangle
@@ -75,7 +74,7 @@ def _serial(found: Any, covariance: np.ndarray) -> tuple[np.ndarray, int]:
     return (matrix, BLOCKS) if np.isfinite(matrix).all() else (covariance, 0)
 
 
-@functools.partial(jit, static_argnums=0)
+@filter_jit
 def _along(function, parameters, data, ways):
     return jax.vmap(lambda way: jax.jvp(lambda p: function(p, data), (parameters,), (way,))[1])(ways)
 
