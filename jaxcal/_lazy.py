@@ -7,12 +7,12 @@ from typing import Any
 
 
 def on_first_use(package: str, homes: dict[str, str]) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
-    """`__getattr__` and `__dir__` of a package, given the module in which each public name has its home.
+    """`__getattr__` and `__dir__` of a package whose modules are the homes of these public names, separated by spaces.
 
     Examples
     --------
     >>> from jaxcal._lazy import on_first_use
-    >>> get, names = on_first_use("jaxcal", {"DataError": "_errors"})
+    >>> get, names = on_first_use("jaxcal", {"_errors": "DataError UnitError"})
     >>> get("DataError").__name__
     'DataError'
     """
