@@ -44,6 +44,15 @@ class DynamicDeviation(eqx.Module):
     window : length of a window in s.
     confidence : level of the intervals.
     warnings : sentences on what gaps left out.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> y = np.random.default_rng(0).standard_normal(1000)
+    >>> found = jaxcal.allan.dynamic(y, 1.0, window=250.0, m=[1, 10])
+    >>> found.deviation.shape, found.time[:2].tolist()
+    ((7, 2), [125.0, 250.0])
     """
 
     time: AnyArray

@@ -53,8 +53,9 @@ def carry_out(
     screen, (targets, folder) = Screen(running.quiet), plan
     with staged(targets, inputs=[path], folder=folder) as places:
         with progress(f"reading {path.name}", running.quiet):
-            log = read_log(path, reading)
+            log = read_log(path, reading, command.removeprefix("jaxcal "))
             log = log if change is None else change(log)
+            check_suited(command, log, path, options or {})
             log = log if options is None or not targets else _signed(log, command, reading, options)
         show_log(screen, log)
         with progress(doing, running.quiet) as move:
@@ -67,6 +68,16 @@ def carry_out(
             said = [sentence for target, make in targets.items() for sentence in make(places[target], found, log) or ()]
         written = [target for target, place in places.items() if place.exists()]
     return Done(screen, log, found, said, written)
+
+
+def check_suited(command: str, log: Any, path: Path, options: Mapping[str, Any]) -> None:
+    """Refuse a log that cannot be what the command needs, before any fit."""
+    from .._errors import DataError
+    from ..io._suited import unsuited
+
+    # counts have no unit that gravity could contradict
+    if not options.get("raw") and (wrong := unsuited(command.removeprefix("jaxcal "), log, str(path))):
+        raise DataError(f"{path.name}: {wrong}")
 
 
 def _signed(log: Any, command: str, reading: Reading, options: Mapping[str, Any]) -> Any:

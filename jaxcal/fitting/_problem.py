@@ -46,7 +46,15 @@ def common_dtype(*trees: Any) -> Any:
 
 
 def names_of(model: Any) -> list[str]:
-    """One name per entry of every floating leaf, e.g. `bias[2]` or `matrix[0,1]`."""
+    """One name per entry of every floating leaf, e.g. `bias[2]` or `matrix[0,1]`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.fitting import names_of
+    >>> names_of({"bias": np.zeros(2), "scale": 1.0})
+    ['bias[0]', 'bias[1]']
+    """
     names = []
     for path, leaf in jax.tree_util.tree_leaves_with_path(model):
         if not eqx.is_inexact_array(leaf):

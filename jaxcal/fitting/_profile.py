@@ -18,7 +18,14 @@ _DOUBLINGS = 12
 
 
 class Interval(eqx.Module):
-    """Interval of one parameter: `low` and `high` at level `confidence`; infinite where the data set no limit."""
+    """Interval of one parameter: `low` and `high` at level `confidence`; infinite where the data set no limit.
+
+    Examples
+    --------
+    >>> from jaxcal.fitting import Interval
+    >>> Interval(low=0.9, high=1.1, confidence=0.95).high
+    1.1
+    """
 
     low: float
     high: float

@@ -18,7 +18,14 @@ M = TypeVar("M")
 
 
 class Outcome(eqx.Enumeration):
-    """How a fit ended; `Outcome[item]` is the sentence."""
+    """How a fit ended; `Outcome[item]` is the sentence.
+
+    Examples
+    --------
+    >>> from jaxcal.fitting import Outcome
+    >>> Outcome[Outcome.converged]
+    'The fit converged.'
+    """
 
     converged = "The fit converged."
     at_bound = "The fit converged with a parameter at its bound, where its interval is one-sided; widen the bound unless it is a fact."
@@ -57,6 +64,14 @@ class Fit(eqx.Module, Generic[M]):
     names : one name per free parameter.
     robust : whether there was a loss.
     problem : what was solved, for `profile_interval`; None for one of many.
+
+    Examples
+    --------
+    >>> import jax.numpy as jnp
+    >>> from jaxcal.fitting import covariance, solve
+    >>> fit = solve(lambda model, y: (model["mean"] - y) / 2, {"mean": 0.0}, jnp.array([1.0, 5.0, 3.0, 3.0]))
+    >>> print(fit.parameters.round(2), round(float(fit.cost), 2), covariance(fit).round(2))
+    [3.] 1.0 [[1.]]
     """
 
     model: M

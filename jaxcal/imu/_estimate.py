@@ -29,6 +29,15 @@ class Estimate(eqx.Module):
     fit : `jaxcal.fitting.Fit`, in the frame of the fit.
     data : `Weighted`, as it was fitted.
     names : the parameters of both sensors, the fields of `Triad` first, those of a subclass after them.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.imu import Poses, estimate, simulate_positions
+    >>> up = np.random.default_rng(0).normal(size=(18, 3))
+    >>> found = estimate(Poses(simulate_positions(up=up, sigma=2e-3), np.full(18, 2e-3)), gravity=9.81)
+    >>> found.names[:2], found.values.shape
+    (('accel.matrix[0,0]', 'accel.matrix[0,1]'), (12,))
     """
 
     model: Imu

@@ -68,6 +68,13 @@ class StateSpace(eqx.Module):
     clusters : (shortest, longest) cluster times in s that this band serves: 0.5/high and 0.1/low.
     psd_error : largest relative error of the density of the chain in `band`.
     deviation_error : largest relative error of the Allan deviation of the chain in `clusters`.
+
+    Examples
+    --------
+    >>> import jaxcal
+    >>> model = jaxcal.noise.discrete(jaxcal.noise.Noise(N=0.01, K=1e-4), rate=100.0)
+    >>> model.names, model.transition.tolist(), round(float(model.white), 6)
+    (('walk',), [[1.0]], 0.01)
     """
 
     transition: Float[np.ndarray, "states states"]

@@ -19,6 +19,14 @@ class Block(eqx.Module):
     transition, process, initial : (states, states) matrices F, P per step, and the covariance at the first sample.
     output : (states,) H.
     white : variance of white noise added to every sample.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.noise import Block
+    >>> walk = Block(np.eye(1), np.ones((1, 1)), np.ones(1), np.zeros((1, 1)), 0.0, ("walk",))
+    >>> walk.names
+    ('walk',)
     """
 
     transition: Any = ()
