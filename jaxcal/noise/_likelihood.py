@@ -31,7 +31,7 @@ _FAINT = 0.01  # share of its even part with which a column begins in one of the
 #: rows of the compiled program, which hold the bins of 7 million samples, and coefficients; larger problems take multiples
 _ROWS, _WIDTH = 256, 6
 #: step to go, in standard errors, at which a search for coefficients ends, and one for a likelihood, whose error is the square of it
-FINE, ROUGH = 1.5e-8, 1e-5
+FINE, ROUGH = 1.5e-8, 1e-3
 
 
 class Minima(NamedTuple):
