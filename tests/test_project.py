@@ -2,8 +2,11 @@
 
 import importlib
 import inspect
+import json
 import pathlib
 import pkgutil
+import re
+import subprocess
 import tomllib
 
 import pytest
@@ -59,3 +62,27 @@ def test_forms_ask_for_a_log_and_for_what_info_says():
         wanted = {item["id"]: item for item in form["body"] if item.get("validations", {}).get("required")}
         assert {"info", "log"} <= set(wanted)
         assert "jaxcal info LOG" in wanted["info"]["attributes"]["label"]
+
+
+def pyright(*words, cwd):
+    """What pyright says, as JSON."""
+    found = subprocess.run(["pyright", "--outputjson", *words], cwd=cwd, capture_output=True, text=True, check=False)
+    return json.loads(found.stdout)
+
+
+@pytest.mark.long
+def test_types_of_the_interface_are_known(tmp_path):
+    found = pyright("--verifytypes", "jaxcal", "--ignoreexternal", cwd=tmp_path)["typeCompleteness"]
+    unknown = [symbol["name"] for symbol in found["symbols"] if symbol["isExported"] and not symbol["isTypeKnown"]]
+    assert found["completenessScore"] >= 0.95, unknown
+
+
+@pytest.mark.long
+def test_a_strict_checker_finds_nothing_in_a_script_of_the_readme(tmp_path):
+    for page in ("README.md", "docs/quickstart.md"):
+        code = re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(encoding="utf-8"), re.DOTALL)
+        (tmp_path / f"{pathlib.Path(page).stem.lower()}_script.py").write_text("\n".join(code))
+    (tmp_path / "pyrightconfig.json").write_text('{"typeCheckingMode": "strict", "pythonVersion": "3.11"}')
+    found = pyright(cwd=tmp_path)
+    assert found["summary"]["filesAnalyzed"] == 2
+    assert [one["message"] for one in found["generalDiagnostics"]] == []

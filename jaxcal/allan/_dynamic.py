@@ -76,7 +76,9 @@ class DynamicDeviation(eqx.Module):
 
 
 @host_float64
-def dynamic(y, rate, *, window, step: Any = None, m: Any = "log", kind="oadev", confidence=0.95) -> DynamicDeviation:
+def dynamic(
+    y: Any, rate: Any, *, window: Any, step: Any = None, m: Any = "log", kind: str = "oadev", confidence: float = 0.95
+) -> DynamicDeviation:
     r"""Dynamic Allan deviation: how the deviation at each cluster time changes along the record.
 
     With :math:`E_m(k) = \sum_{j<k} D_m(j)^2` over all overlapped differences of the record, the window of W samples that begins at p has

@@ -66,7 +66,7 @@ class Deviation(Unjudged):
     warnings: tuple[str, ...] = eqx.field(static=True, default=())
     bias: AnyArray = None  # type: ignore[assignment]  # ones, once made
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if self.bias is None:
             self.bias = (np if isinstance(self.deviation, np.ndarray) else jnp).ones_like(self.deviation)
 

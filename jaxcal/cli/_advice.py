@@ -8,6 +8,8 @@ from typing import Any
 
 #: commands that take a log, and what else they are called
 LOGS = ("info", "noise", "allan", "psd", "temperature", "imu", "mag", "north")
+#: options of every command that reads a log
+READING_OPTIONS = {"--columns", "--units", "--rate", "--topics", "--raw", "--data", "--missing", "--format"}
 #: commands that `jaxcal batch --task` can do
 TASKS = ("noise", "mag", "imu", "temperature", "allan")
 _OTHER_NAMES = {

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from ._advice import READING_OPTIONS, as_typed
 from ._cache import keep_compiled
 from ._options import Reading, Running, read_log
 from ._outputs import Outputs, staged
@@ -21,8 +22,8 @@ class Done(NamedTuple):
 
     def tell(self, warnings: Iterable[str] = (), notes: Iterable[str] = ()) -> None:
         """The last lines: all warnings, the notes, and the files."""
-        self.screen.sentences("Warnings", [*self.log.warnings, *warnings, *self.said])
-        self.screen.sentences("Notes", notes)
+        self.screen.sentences("Warnings", [as_typed(text, READING_OPTIONS) for text in (*self.log.warnings, *warnings, *self.said)])
+        self.screen.sentences("Notes", [as_typed(text, READING_OPTIONS) for text in notes])
         show_written(self.screen, self.written)
         self.screen.end()
 

@@ -29,7 +29,7 @@ def solve(
     bounds: tuple[Any, Any] | None = None,
     loss: AbstractLoss | None = None,
     priors: AbstractPrior | Sequence[AbstractPrior] = (),
-    solver: optx.AbstractLeastSquaresSolver | None = None,
+    solver: optx.AbstractLeastSquaresSolver[Any, Any, Any, Any] | None = None,
     starts: Any = None,
     max_steps: int = 128,
     rtol: float | Array | None = None,

@@ -111,7 +111,7 @@ class Problem:
     keep: Any
     rtol: Any
     residuals: Callable = dataclasses.field(metadata=_STATIC)
-    solver: optx.AbstractLeastSquaresSolver | None = dataclasses.field(metadata=_STATIC)
+    solver: optx.AbstractLeastSquaresSolver[Any, Any, Any, Any] | None = dataclasses.field(metadata=_STATIC)
     free: tuple[int, ...] = dataclasses.field(metadata=_STATIC)
     names: tuple[str, ...] = dataclasses.field(metadata=_STATIC)
     max_steps: int = dataclasses.field(metadata=_STATIC)

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -32,7 +33,7 @@ class Interval(eqx.Module):
     confidence: float = eqx.field(static=True)
 
 
-def profile_interval(fit: Fit, name: str, *, confidence: float = 0.95, scaled: bool = False) -> Interval:
+def profile_interval(fit: Fit[Any], name: str, *, confidence: float = 0.95, scaled: bool = False) -> Interval:
     """Interval of a parameter by refitting all others with it held fixed.
 
     The ends are where the sum of squares exceeds its minimum by the chi-square quantile of one degree of freedom; with

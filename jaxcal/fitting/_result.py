@@ -158,12 +158,12 @@ class Fit(eqx.Module, Generic[M]):
     _known = functools.cached_property(_informed)
 
 
-def known_of(fit: Fit) -> Information:
+def known_of(fit: Fit[Any]) -> Information:
     """Information of data and priors at the solution."""
     return _informed(fit) if is_traced(fit.residuals) else fit._known
 
 
-def ended(fit: Fit, item: Any) -> Any:
+def ended(fit: Fit[Any], item: Any) -> Any:
     """Whether the outcome of a fit is an item of `Outcome`, without the operation of JAX that `==` of Equinox takes."""
     return fit.outcome._value == item._value
 
@@ -173,7 +173,7 @@ def to_numpy(tree: Any) -> Any:
     return tree if is_traced(tree) else jax.tree.map(lambda leaf: np.asarray(leaf) if eqx.is_array(leaf) else leaf, tree)
 
 
-def leverage(fit: Fit) -> AnyArray:
+def leverage(fit: Fit[Any]) -> AnyArray:
     """Share of each residual in its own prediction, the diagonal of the hat matrix W^1/2 J (J'WJ + K'K)^-1 J' W^1/2.
 
     A residual of leverage one is fitted exactly, whatever was measured. W are the weights of a robust loss, K the Jacobian of the priors.
@@ -198,7 +198,7 @@ def leverage(fit: Fit) -> AnyArray:
     return known_of(fit).leverage(weighted_rows(fit)[0])
 
 
-def identifiability(fit: Fit) -> Information:
+def identifiability(fit: Fit[Any]) -> Information:
     """Which parameters of a fit the data determine, and which combination they determine least.
 
     Parameters

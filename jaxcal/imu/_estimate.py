@@ -42,7 +42,7 @@ class Estimate(eqx.Module):
 
     model: Imu
     covariance: AnyArray
-    fit: Fit
+    fit: Fit[Any]
     data: Weighted
     names: tuple[str, ...] = eqx.field(static=True)
 
@@ -135,7 +135,7 @@ def solved(
     return solve(residuals, start, data, free=free, loss=loss, rtol=rtol)
 
 
-def described(fit: Fit, data: Weighted, convention: str) -> Estimate:
+def described(fit: Fit[Any], data: Weighted, convention: str) -> Estimate:
     """A fit as models and covariance in the frame of a convention."""
     names = entries(fit.model)[0]
     found, (matrix,) = framed(fit.model, convention, placed(fit.names, covariance(fit, scaled=True), names))
@@ -157,7 +157,7 @@ def placed(fitted: tuple[str, ...], matrix: AnyArray, names: tuple[str, ...]) ->
     return xp.pad(xp.asarray(matrix), ((0, 1), (0, 1)))[place][:, place]
 
 
-def sandwich(fit: Fit, blocks: np.ndarray) -> np.ndarray:
+def sandwich(fit: Fit[Any], blocks: np.ndarray) -> np.ndarray:
     """Covariance over blocks of residuals (host); infinite where the blocks are too few or the parameters not determined."""
     if len(np.unique(blocks[np.asarray(fit.counted)])) <= len(fit.names) or not bool(fit.usable):
         return np.full((len(fit.names),) * 2, np.inf)

@@ -130,7 +130,8 @@ def motion(log: Log) -> Motion | None:
     if not moved:
         return None
     share = float(np.mean(np.logical_or.reduce(list(moved.values()))))
-    shown = " and ".join(name for name, gone in moved.items() if gone.any()) + " changes" if share else ""
+    what = [name for name, gone in moved.items() if gone.any()]
+    shown = f"{' and '.join(what)} change{'s' * (len(what) == 1)}"
     return Motion(share, shown, _longest(~np.logical_or.reduce(steady), width / log.rate))
 
 

@@ -91,7 +91,7 @@ class StateSpace(eqx.Module):
     deviation_error: float | None
     names: tuple[str, ...] = eqx.field(static=True)
 
-    def avar(self, tau):
+    def avar(self, tau: Any) -> Any:
         """Allan variance of y at cluster time tau in s (multiples of 1/rate), as `Noise.avar` with `dt`.
 
         Examples
@@ -103,7 +103,7 @@ class StateSpace(eqx.Module):
         """
         return self.noise.avar(tau, dt=1.0 / self.rate)
 
-    def psd(self, f):
+    def psd(self, f: Any) -> Any:
         """Two-sided power spectral density of y at frequency f in Hz, as `Noise.psd` with `dt`.
 
         Examples
@@ -116,7 +116,7 @@ class StateSpace(eqx.Module):
         return self.noise.psd(f, dt=1.0 / self.rate)
 
 
-def discrete(noise, rate, *, states=None, band=None) -> StateSpace:
+def discrete(noise: Any, rate: Any, *, states: Any = None, band: Any = None) -> StateSpace:
     r"""Noise as a state-space model at a sampling rate: the process and measurement noise of a Kalman filter.
 
     Every term but flicker is exact. Flicker has no finite state: between the frequencies of `band` a sum of first-order

@@ -163,12 +163,12 @@ def characterise(
     log: Any,
     *,
     rate: float | None = None,
-    method="whittle",
-    terms=("Q", "N", "B", "K"),
-    confidence=0.95,
-    band=None,
-    conservative=False,
-    robust=False,
+    method: str = "whittle",
+    terms: Sequence[str | Term] = ("Q", "N", "B", "K"),
+    confidence: float = 0.95,
+    band: Any = None,
+    conservative: bool = False,
+    robust: bool = False,
     progress: Callable[[int, int, str], None] | None = None,
 ) -> dict[str, NoiseFit]:
     """Noise coefficients of every gyroscope, accelerometer and magnetometer channel of a static log.
