@@ -77,7 +77,7 @@ class DynamicDeviation(eqx.Module):
 
 @host_float64
 def dynamic(
-    y: Any, rate: Any, *, window: Any, step: Any = None, m: Any = "log", kind: str = "oadev", confidence: float = 0.95
+    y: Any, rate: Any, *, window: Any, step: Any = None, m: Any = "log", kind: str = "oadev", confidence: float | int = 0.95
 ) -> DynamicDeviation:
     r"""Dynamic Allan deviation: how the deviation at each cluster time changes along the record.
 

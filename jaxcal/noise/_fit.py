@@ -165,7 +165,7 @@ def characterise(
     rate: float | None = None,
     method: str = "whittle",
     terms: Sequence[str | Term] = ("Q", "N", "B", "K"),
-    confidence: float = 0.95,
+    confidence: float | int = 0.95,
     band: Any = None,
     conservative: bool = False,
     robust: bool = False,

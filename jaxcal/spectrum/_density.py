@@ -22,10 +22,10 @@ def density(
     *,
     method: str = "periodogram",
     sided: int = 2,
-    average: str | None = "octave",
-    confidence: float = 0.95,
+    average: Any = "octave",
+    confidence: float | int = 0.95,
     segment: Any = None,
-    overlap: float = 0.5,
+    overlap: float | int = 0.5,
     keep_tail: bool = False,
 ) -> Spectrum:
     r"""Power spectral density with its chi-square interval: periodogram, Welch's method or DCT-II spectrum.

@@ -53,7 +53,7 @@ def phase_covariance(alpha: int, lag: Any) -> Float[np.ndarray, "..."]:
     return np.asarray({0: -t, -1: t**2 * np.log(held), -2: t**3, -3: -(t**4) * np.log(held), -4: -(t**5)}[alpha])
 
 
-def bias_factors(m: Any, alpha: Any, kind: str | Kind, samples: int, published: bool = False) -> Float[np.ndarray, "..."]:
+def bias_factors(m: Any, alpha: Any, kind: str | Kind, samples: Any, published: bool = False) -> Float[np.ndarray, "..."]:
     """Expectation of the variance of a total statistic or Theo1 over that of the plain one; `deviation` divides by it.
 
     Parameters

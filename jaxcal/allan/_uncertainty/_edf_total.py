@@ -42,7 +42,7 @@ _CHANGES = np.array(
 _OVER_OHDEV = 1.4
 
 
-def degrees_of_freedom(m: Any, alpha: Any, kind: str | Kind, samples: int) -> Float[np.ndarray, "..."]:
+def degrees_of_freedom(m: Any, alpha: Any, kind: str | Kind, samples: Any) -> Float[np.ndarray, "..."]:
     """Equivalent degrees of freedom of a variance, of a record without gaps.
 
     Plain statistics by the "combined" algorithm of Greenhall and Riley (PTTI 2003), the total statistics by their quadratic forms,
