@@ -1,4 +1,4 @@
-"""Strict JAX settings for every test, checked types where asked for, one cache of compiled programs, and numbers of others."""
+"""Strict JAX settings for every test, checked types where asked for, one cache of compiled programs, and numbers recorded by others."""
 
 import dataclasses
 import functools

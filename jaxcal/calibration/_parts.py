@@ -23,7 +23,16 @@ SENSORS = ("accel", "gyro")
 
 
 class Covariance(eqx.Module):
-    """Covariance of named parameters, in their order."""
+    """Covariance of named parameters, in their order.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> found = jaxcal.magnetometer.fit(jaxcal.magnetometer.body_field(jaxcal.magnetometer.scenario("all"), 50e-6))
+    >>> jaxcal.Calibration(magnetometer=found).magnetometer.covariance.parameters[-3:]
+    ('b_x', 'b_y', 'b_z')
+    """
 
     parameters: tuple[str, ...]
     values: Float[np.ndarray, "rows columns"]
@@ -37,7 +46,15 @@ class Covariance(eqx.Module):
 
 
 class Interval(eqx.Module):
-    """Limits of the intervals of 95 % of the parameters of a covariance."""
+    """Limits of the intervals of 95 % of the parameters of a covariance.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> found = jaxcal.magnetometer.fit(jaxcal.magnetometer.body_field(jaxcal.magnetometer.scenario("all"), 50e-6))
+    >>> jaxcal.Calibration(magnetometer=found).magnetometer.interval
+    """
 
     low: Float[np.ndarray, " parameters"]
     high: Float[np.ndarray, " parameters"]
@@ -53,6 +70,14 @@ class Part(eqx.Module, Generic[M]):
     covariance, interval : of its parameters, or None.
     field : of a magnetometer the norm of the corrected field in tesla; None where it is not known.
     verdict, verdict_reason : of the fit; None where there was none. Those of an IMU are with both sensors.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> device = jaxcal.Calibration(magnetometer=jaxcal.magnetometer.MagModel(np.eye(3), np.array([1e-5, 0.0, 0.0])))
+    >>> device.magnetometer.unit, device.magnetometer.model.hard_iron.tolist()
+    ('T', [1e-05, 0.0, 0.0])
     """
 
     model: M
@@ -117,7 +142,16 @@ class Part(eqx.Module, Generic[M]):
 
 
 class Imu(eqx.Module):
-    """Accelerometer and gyroscope, and the verdict on the fit of both."""
+    """Accelerometer and gyroscope, and the verdict on the fit of both.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> device = jaxcal.Calibration(imu={"gyro": jaxcal.imu.Triad(np.eye(3), np.array([0.01, 0.0, 0.0]))})
+    >>> device.imu.accel, device.imu.gyro.model.bias.tolist()
+    (None, [0.01, 0.0, 0.0])
+    """
 
     accel: Part[Triad] | None = None
     gyro: Part[Triad] | None = None

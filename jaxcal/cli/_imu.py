@@ -12,7 +12,7 @@ import jaxcal
 
 from .._units import STANDARD_GRAVITY, number
 from ._export import FILES
-from ._options import CallError, Files, Latitude, Log, Reading, Running, stem
+from ._options import CallError, Files, Gravity, Latitude, Log, Reading, Running, checked, stem
 from ._outputs import File, figure, outputs, save_calibration, save_export, save_json, save_report
 from ._screen import Screen
 from ._work import carry_out
@@ -37,10 +37,12 @@ def imu(
     /,
     *,
     gravity: Annotated[
-        float | None, Parameter(help="Gravity at the place, in m/s^2; else from --latitude and --height, else standard gravity.")
+        Gravity | None, Parameter(help="Gravity at the place, in m/s^2; else from --latitude and --height, else standard gravity.")
     ] = None,
     latitude: Annotated[Latitude | None, Parameter(help="Latitude of the place, in degrees.")] = None,
-    height: Annotated[float, Parameter(help="Height of the place above sea level, in m.")] = 0.0,
+    height: Annotated[
+        float, checked("--height", lambda height: -500 <= height <= 9000, "m above sea level, -500 to 9000", "Height of the place in m.")
+    ] = 0.0,
     convention: Annotated[Literal["upper", "lower", "full"], Parameter(help="Frame of the result: upper, lower or full.")] = "upper",
     method: Annotated[Literal["joint", "imu_tk"], Parameter(help="joint, or imu_tk: the two steps of that program.")] = "joint",
     initial: Annotated[float | None, Parameter(help="Length of a rest at the beginning, in s; else rests are found anywhere.")] = None,

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from ._advice import READING_OPTIONS, as_typed
 from ._cache import keep_compiled
 from ._options import Reading, Running, read_log
 from ._outputs import Outputs, staged
@@ -21,8 +22,8 @@ class Done(NamedTuple):
 
     def tell(self, warnings: Iterable[str] = (), notes: Iterable[str] = ()) -> None:
         """The last lines: all warnings, the notes, and the files."""
-        self.screen.sentences("Warnings", [*self.log.warnings, *warnings, *self.said])
-        self.screen.sentences("Notes", notes)
+        self.screen.sentences("Warnings", [as_typed(text, READING_OPTIONS) for text in (*self.log.warnings, *warnings, *self.said)])
+        self.screen.sentences("Notes", [as_typed(text, READING_OPTIONS) for text in notes])
         show_written(self.screen, self.written)
         self.screen.end()
 
@@ -53,8 +54,9 @@ def carry_out(
     screen, (targets, folder) = Screen(running.quiet), plan
     with staged(targets, inputs=[path], folder=folder) as places:
         with progress(f"reading {path.name}", running.quiet):
-            log = read_log(path, reading)
+            log = read_log(path, reading, command.removeprefix("jaxcal "))
             log = log if change is None else change(log)
+            check_suited(command, log, path, options or {})
             log = log if options is None or not targets else _signed(log, command, reading, options)
         show_log(screen, log)
         with progress(doing, running.quiet) as move:
@@ -67,6 +69,16 @@ def carry_out(
             said = [sentence for target, make in targets.items() for sentence in make(places[target], found, log) or ()]
         written = [target for target, place in places.items() if place.exists()]
     return Done(screen, log, found, said, written)
+
+
+def check_suited(command: str, log: Any, path: Path, options: Mapping[str, Any]) -> None:
+    """Refuse a log that cannot be what the command needs, before any fit."""
+    from .._errors import DataError
+    from ..io._suited import unsuited
+
+    # counts have no unit that gravity could contradict
+    if not options.get("raw") and (wrong := unsuited(command.removeprefix("jaxcal "), log, str(path))):
+        raise DataError(f"{path.name}: {wrong}")
 
 
 def _signed(log: Any, command: str, reading: Reading, options: Mapping[str, Any]) -> Any:

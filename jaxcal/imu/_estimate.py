@@ -29,11 +29,20 @@ class Estimate(eqx.Module):
     fit : `jaxcal.fitting.Fit`, in the frame of the fit.
     data : `Weighted`, as it was fitted.
     names : the parameters of both sensors, the fields of `Triad` first, those of a subclass after them.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.imu import Poses, estimate, simulate_positions
+    >>> up = np.random.default_rng(0).normal(size=(18, 3))
+    >>> found = estimate(Poses(simulate_positions(up=up, sigma=2e-3), np.full(18, 2e-3)), gravity=9.81)
+    >>> found.names[:2], found.values.shape
+    (('accel.matrix[0,0]', 'accel.matrix[0,1]'), (12,))
     """
 
     model: Imu
     covariance: AnyArray
-    fit: Fit
+    fit: Fit[Any]
     data: Weighted
     names: tuple[str, ...] = eqx.field(static=True)
 
@@ -126,7 +135,7 @@ def solved(
     return solve(residuals, start, data, free=free, loss=loss, rtol=rtol)
 
 
-def described(fit: Fit, data: Weighted, convention: str) -> Estimate:
+def described(fit: Fit[Any], data: Weighted, convention: str) -> Estimate:
     """A fit as models and covariance in the frame of a convention."""
     names = entries(fit.model)[0]
     found, (matrix,) = framed(fit.model, convention, placed(fit.names, covariance(fit, scaled=True), names))
@@ -148,7 +157,7 @@ def placed(fitted: tuple[str, ...], matrix: AnyArray, names: tuple[str, ...]) ->
     return xp.pad(xp.asarray(matrix), ((0, 1), (0, 1)))[place][:, place]
 
 
-def sandwich(fit: Fit, blocks: np.ndarray) -> np.ndarray:
+def sandwich(fit: Fit[Any], blocks: np.ndarray) -> np.ndarray:
     """Covariance over blocks of residuals (host); infinite where the blocks are too few or the parameters not determined."""
     if len(np.unique(blocks[np.asarray(fit.counted)])) <= len(fit.names) or not bool(fit.usable):
         return np.full((len(fit.names),) * 2, np.inf)

@@ -7,6 +7,7 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .._errors import DataError
+from .._log import as_log
 from ._residuals import Poses, Turns, Weighted
 
 _RUN = 3  # samples in a row at the end of the range
@@ -40,7 +41,8 @@ class Recording(eqx.Module):
 
 def recording(log: Any, time: Any) -> Recording:
     """Arrays of a log, with stamps of the user's own where the log's even grid is not what they want."""
-    accel = getattr(log, "accel", None)
+    log = as_log(log)
+    accel = log.accel
     if accel is None:
         raise DataError("The log has no accelerometer, on which this calibration rests.")
     accel = np.ascontiguousarray(np.asarray(accel, dtype=float))

@@ -45,6 +45,14 @@ class Observability(eqx.Module):
     condition : ratio of the largest to the smallest singular value for errors of natural size.
     missing : (m, 3) directions that should point up in further poses, in body axes, the most useful first.
     sentence : what the poses determine, and which are missing.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> found = jaxcal.imu.observability(np.concatenate([np.eye(3), -np.eye(3)]))
+    >>> found.condition, found.sentence[:52]
+    (inf, 'The 6 poses do not determine misalignment of x and y')
     """
 
     condition: float
@@ -167,6 +175,14 @@ class ImuFit(Result):
     reason : one sentence or more.
     warnings : sentences.
     convention, method : as asked for.
+
+    Examples
+    --------
+    >>> import jaxcal
+    >>> log = jaxcal.imu.simulate(poses=4, rate=50, still=3, turn=2, seed=0)
+    >>> found = jaxcal.imu.multi_position(log, gravity=9.81)
+    >>> found.verdict, found.reason[:28]
+    ('refused', 'There are 4 still intervals;')
     """
 
     rate: float
@@ -214,6 +230,8 @@ class ImuFit(Result):
     def values(self) -> np.ndarray:
         """(p,) parameters in the order of `names`; NaN for those of a sensor that is missing."""
         return values(self.model)
+
+    _figure = ("imu", False)
 
     def _rows(self) -> list[Row]:
         fields = [name.split("[")[0].split(".") for name in self.names]

@@ -125,7 +125,7 @@ def several_starts(bins: Bins) -> Any:
 
 
 @host_float64
-def log_likelihood(noise: Noise, y, rate):
+def log_likelihood(noise: Noise, y: Any, rate: Any) -> Any:
     r"""Whittle log-likelihood of a record under a noise model, up to a constant.
 
     .. math:: \ell = -\frac12 \sum_b \nu_b\,\Big[\ln S_b + \frac{P_b}{S_b}\Big]
