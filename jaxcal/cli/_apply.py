@@ -12,22 +12,31 @@ from ._options import CallError, Reading, Running, log_file, must_exist, read_lo
 from ._outputs import staged
 from ._screen import Screen, progress, show_log, show_written
 from ._simulate import save_log
+from ._work import date_of
 
 
 def apply(
-    calibration: Annotated[Path, Parameter(help="Calibration as JSON, as the other commands write it.")],
+    calibration: Annotated[
+        Path, Parameter(help="Calibration as JSON, as the other commands write it; or a folder of them, with --device.")
+    ],
     log: Annotated[Path, Parameter(help="The log of the same device.")],
     /,
     *,
     out: Annotated[Path, log_file(help="File to write: FILE.csv or FILE.npz, in SI units; missing samples stay missing.")],
+    device: Annotated[
+        str | None, Parameter(help="Device whose latest calibration, not younger than the log, is taken from the folder.")
+    ] = None,
     reading: Reading = Reading(),
     running: Running = Running(),
 ) -> None:
     """Correct a log with a calibration: temperature first, then bias, scale factor, misalignment, iron."""
     must_exist(calibration)
+    if calibration.is_dir() != (device is not None):
+        raise CallError("--device goes with a folder of calibrations, and a folder with --device")
 
     def write(recording: Any, place: Path) -> Any:
-        found = corrected(calibration, recording)
+        chosen = calibration if device is None else jaxcal.calibration.find(calibration, device, date_of(recording, log))
+        found = corrected(chosen, recording)
         save_sensors(found, place)
         return found
 
