@@ -51,7 +51,8 @@ class Rectification(Result):
 def vibration_rectification(log: Any, *, window: float | int = 2.0) -> Rectification:
     r"""Vibration rectification of accelerometer and gyroscope, from a log on a shaker that runs at several levels.
 
-    The log is cut into windows. Their means are fitted, by least squares, with the mean square of the vibration in them and a drift,
+    The log is cut into windows. Their means, tapered by Hann's window, are fitted by least squares with a drift and the mean square of
+    the vibration,
 
     .. math:: \bar y_k = b + d\,t_k + c\,P_k,\qquad P_k = \mathrm{tr}\,\mathrm{cov}(a)_k .
 
@@ -101,9 +102,11 @@ def vibration_rectification(log: Any, *, window: float | int = 2.0) -> Rectifica
     there = np.isfinite(cut[..., 3:]).all(axis=2)
     cut = cut[there.sum(axis=1) * 2 > size]
     there = np.isfinite(cut)
-    number = np.maximum(there.sum(axis=1), 1)
-    mean = np.where(there.any(axis=1), np.where(there, cut, 0).sum(axis=1) / number, np.nan)
-    power = np.sum((np.where(there, cut - mean[:, None], 0) ** 2).sum(axis=1)[:, 3:] / np.maximum(number[:, 3:] - 1, 1), axis=1)
+    # tapered, so that a cycle of the vibration that is cut off at the end of a window hardly moves its mean
+    weight = np.hanning(size + 2)[1:-1, None] * there
+    total = np.maximum(weight.sum(axis=1), 1e-12)
+    mean = np.where(there.any(axis=1), (weight * np.where(there, cut, 0)).sum(axis=1) / total, np.nan)
+    power = np.sum((weight * np.where(there, cut - mean[:, None], 0) ** 2).sum(axis=1)[:, 3:] / total[:, 3:], axis=1)
     if len(power) < _LEAST:
         raise DataError(f"{len(power)} of {count} windows of {window:g} s have samples enough, {_LEAST} are needed; record without gaps")
     if not power.max() > _RANGE * power.min():
