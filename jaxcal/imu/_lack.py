@@ -16,6 +16,7 @@ from ._residuals import pieces
 _LEVEL = 1e-3  # of each F test; a recording without such a term fails about one of eight tests in 125 recordings
 _LEAST = 3  # residuals that must be left to judge a term
 _ENOUGH = 8  # residuals of the norms that must be left to judge a term of the accelerometer without the turns
+_TWICE = 2.0  # flicker alone can make norms scatter more than the white noise of a rest says
 _ALIKE = 1.5  # terms whose sums of squares differ by less cannot be told apart
 _APART = 0.05  # share of a term, in length, that the parameters must not be able to stand for
 _SENSORS = {"accel": "accelerometer", "gyro": "gyroscope"}
@@ -70,7 +71,7 @@ def lacks(joint: Joint, rests: Rests) -> list[Lack]:
         return f"of {1e3 * np.abs(coefficient).max() / STANDARD_GRAVITY:.2g} mg at 1 g"
 
     norms, own = slice(0, slots), np.char.startswith(names, "accel.")
-    left = np.sum(np.any(slope[norms] != 0, axis=1)) - np.linalg.matrix_rank(slope[norms][:, own]) - 3
+    left = int(np.sum(np.any(slope[norms] != 0, axis=1)) - np.linalg.matrix_rank(slope[norms][:, own])) - 3
     shapes = _shapes(force, rests, duration)
     terms, what = _norm_terms(joint, shapes), "poses"
     if left < _ENOUGH and joint.data.turns is not None:
@@ -80,7 +81,7 @@ def lacks(joint: Joint, rests: Rests) -> list[Lack]:
         what = "poses and turns"
     judged(norms, own, terms, norm_size, what, "accel")
     if joint.data.turns is None:
-        return found
+        return found or _scattered(joint, rests, len(rests.accel) - int(np.sum(own)), left)
     fast = float(np.quantile(np.abs(joint.data.turns.gyro - np.asarray(fit.model.gyro.bias)) / _scale(fit.model.gyro), 0.999))
     judged(
         slice(slots, 3 * slots - 2), np.char.startswith(names, "gyro.matrix"), _turn_terms(joint, fast),
@@ -88,6 +89,23 @@ def lacks(joint: Joint, rests: Rests) -> list[Lack]:
         "turns", "gyro",
     )  # fmt: skip
     return found
+
+
+def _scattered(joint: Joint, rests: Rests, freedom: int, left: int) -> list[Lack]:
+    """Norms that scatter more than the noise inside the rests explains, where they are too few to be tested for terms."""
+    if freedom < 1 or left >= _LEAST:
+        return []
+    count = len(rests.accel)
+    known = rests.norm_variance(joint.found.vertical[:count] @ np.linalg.inv(np.asarray(joint.fit.model.accel.matrix)))
+    square = float(np.sum(joint.found.norm[:count] ** 2 / known))
+    ratio = np.sqrt(square / freedom)
+    if ratio < _TWICE or scipy.special.chdtrc(freedom, square) > _LEVEL:
+        return []
+    said = (
+        f"The norms scatter {ratio:.2g} times as much as the noise inside the rests explains: the sensor drifts, moves or is not linear. "
+        f"{count} poses cannot tell which; hold it in 18 to 24."
+    )
+    return [Lack(np.zeros(len(joint.fit.names)), said)]
 
 
 def _scale(triad: Any) -> np.ndarray:

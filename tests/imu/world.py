@@ -22,6 +22,8 @@ CASES = {
     "vibration": {"vibration": 0.15},
     "quadratic": {"quadratic": 3e-3 / 9.81},
     "asymmetry": {"asymmetry": 2e-3},
+    "quadratic, 12": {"quadratic": 3e-3 / 9.81, "poses": 12},
+    "asymmetry, 12": {"asymmetry": 2e-3, "poses": 12},
     "gyro cubic": {"cubic": 0.005 / (250 * DEGREE) ** 2},
     "lever arm": {"lever": 0.05},
     "offset 20 ms": {"offset": 0.02},
