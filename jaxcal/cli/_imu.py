@@ -20,6 +20,8 @@ from ._screen import Screen
 from ._work import carry_out
 
 _AXES = "xyz"
+_TURNS = 14  # from which on a delay can be told
+_LATE = 1e-3  # s, a delay that is worth a word
 #: format of --export -> name of the file where none is given
 _EXPORTS = {name: FILES[name] for name in ("c", "csv")}
 _OTHER = "File for another tool: c, csv, or such as c=FILE. Repeatable; jaxcal export writes the other formats."
@@ -114,6 +116,10 @@ def imu(
         )  # fmt: skip
         if found.verdict == "refused":
             raise jaxcal.DataError(found.reason)
+        if found.method == "joint" and found.gyro is not None and len(found.residual_turn) >= _TURNS:
+            moved = jaxcal.imu.motion(data, found)
+            if moved.delay_interval[0] > _LATE or moved.delay_interval[1] < -_LATE:
+                notes.append(f"{moved.reason} The calibration does not depend on it; a filter that uses both sensors does.")
         return found
 
     def show(screen: Screen, found: Any) -> None:

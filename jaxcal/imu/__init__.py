@@ -5,6 +5,7 @@ from ._estimate import Estimate as Estimate, estimate as estimate
 from ._integrate import attitude as attitude
 from ._known import TriadFit as TriadFit, rate_table as rate_table, six_position as six_position
 from ._model import Imu as Imu, Triad as Triad, gravity as gravity, in_convention as in_convention, turned_to as turned_to
+from ._motion import Motion as Motion, motion as motion
 from ._multi import multi_position as multi_position
 from ._nonlinear import TERMS as TERMS, Nonlinear as Nonlinear, with_terms as with_terms
 from ._prior import Prior as Prior

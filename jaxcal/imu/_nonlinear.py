@@ -69,11 +69,11 @@ class Nonlinear(Triad):
         total = xp.zeros_like(x)
         for coefficient, power in ((self.quadratic, x**2), (self.cubic, x**3), (self.asymmetry, xp.abs(x))):
             if coefficient is not None:
-                total = total + coefficient * power
+                total = total + xp.broadcast_to(xp.asarray(coefficient), x.shape) * power
         if self.g_squared is not None:
             if accel is None:
                 raise DataError("This triad has a term of the squared specific force: give the specific force with accel=.")
-            total = total + self.g_squared * xp.asarray(accel) ** 2
+            total = total + xp.broadcast_to(xp.asarray(self.g_squared), x.shape) * xp.asarray(accel) ** 2
         return total
 
 
