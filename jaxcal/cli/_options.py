@@ -134,6 +134,13 @@ class Running:
     ] = None
 
 
+def must_exist(*paths: Path | None) -> None:
+    """Raise a `CallError` for a file that is not there."""
+    for path in paths:
+        if path is not None and not path.exists():
+            raise CallError(f"{path} does not exist")
+
+
 def must_be_log(path: Path, command: str) -> None:
     """Raise a `CallError`, with the call that was meant, for what is no file or folder, and for files of jaxcal's own."""
     if wrong := not_a_log(path, command):
