@@ -24,7 +24,7 @@ def tries():
 
 def test_what_is_called_good_is_good(tries):
     good, true, *_ = np.concatenate(list(tries.values())).T
-    assert np.sum(good) > 8
+    assert np.sum(good) > 3
     # five in a hundred, and what chance adds in so few runs
     assert np.sum(true[good > 0] > 1.0) <= 3
 
