@@ -179,7 +179,9 @@ def _compare(screen: Screen, path: Path | None, present: Any, found: Any) -> Non
     """What the new calibration would change."""
     import numpy as np
 
-    turns = np.rad2deg(jaxcal.magnetometer.heading_change(present, found.model, inclination=float(found.inclination), down=found.down))
+    down = np.asarray(found.down) if found.alignment is None else np.asarray(found.alignment.rotation).T @ found.down
+    turns = jaxcal.magnetometer.heading_change(present, found.model, float(found.field), inclination=float(found.inclination), down=down)
+    turns = np.rad2deg(turns)
     rms, moved = np.sqrt(np.mean(turns**2)), np.linalg.norm(np.asarray(found.model.hard_iron) - np.asarray(present.hard_iron)) / _MICRO
     known = np.rad2deg(found.heading_error[0])
     said = "more than the new one is uncertain by" if rms > 2 * known else "no more than the new one is uncertain by"

@@ -177,6 +177,13 @@ def test_what_a_new_calibration_would_change(simulated, folder):
     jaxcal.Calibration(magnetometer=old).save(folder / "old.json")
     other = call("mag", "tumble.csv", "--json", "new.json", "--against", "old.json")
     assert "more than the new one is uncertain by" in " ".join(other.out.split())
+    # a hard iron off by 10 uT, of 25.6 uT of horizontal field
+    known = jaxcal.Calibration.load(folder / "device.json").magnetometer.model
+    moved = jaxcal.magnetometer.MagModel(known.soft_iron, np.add(known.hard_iron, [10e-6, 0.0, 0.0]))
+    jaxcal.Calibration(magnetometer=moved).save(folder / "old.json")
+    found = " ".join(call("mag", "tumble.csv", "--json", "new.json", "--against", "old.json", "--inclination", "57").out.split())
+    degrees = float(found.split("level headings turn by ")[1].split()[0])
+    assert degrees == pytest.approx(np.rad2deg(10 / 25.6 / np.sqrt(2)), rel=0.15)
     assert call("mag", "tumble.csv", "--json", "new.json", "--against", "missing.json").status == 2
 
 
