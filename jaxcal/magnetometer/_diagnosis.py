@@ -43,10 +43,14 @@ def at_end(m: np.ndarray) -> np.ndarray:
 
     Chance is a Poisson law. Its mean comes from the density of the readings next to the end, times the step between values.
     """
-    out = np.zeros(len(m), dtype=bool)
-    distinct, size = np.unique(m, axis=0), float(np.std(m, axis=0).max())
+    out, distinct = np.zeros(len(m), dtype=bool), None
     for axis in range(3):
         for sign in (1.0, -1.0):
+            column = sign * m[:, axis]
+            if np.sum(column == column.max()) < _FEWEST_AT_END:
+                continue
+            if distinct is None:
+                distinct, size = np.unique(m, axis=0), float(np.std(m, axis=0).max())
             values = np.sort(sign * distinct[:, axis])[::-1]
             count = int(np.sum(values == values[0]))
             if count < _FEWEST_AT_END or count + _NEAR > len(values):
@@ -56,7 +60,7 @@ def at_end(m: np.ndarray) -> np.ndarray:
             chance = _NEAR * steps[steps > 0].min() / (below[0] - below[-1])
             pile = distinct[sign * distinct[:, axis] == values[0]]
             if scipy.special.pdtrc(count - 1, 2 * chance + 0.05) < _BY_CHANCE and np.std(pile, axis=0).max() > _APART * size:
-                out |= sign * m[:, axis] == values[0]
+                out |= column == values[0]
     return out
 
 

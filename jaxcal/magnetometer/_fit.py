@@ -235,7 +235,7 @@ def fit(
     )  # fmt: skip
     if turn is None:
         return result
-    after = with_rotation(result, turn, field)
+    after = with_rotation(result, turn, field, limits)
     return after if aid is None or not joint else jointly(after, whole, aid, limits=limits, rows=used)
 
 
