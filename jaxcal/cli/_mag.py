@@ -1,5 +1,6 @@
 """`jaxcal mag`: hard and soft iron of a magnetometer from a log of it in many attitudes."""
 
+import contextlib
 import dataclasses
 import datetime
 import math
@@ -26,6 +27,8 @@ _NO_MAG = "the log has no magnetometer of three axes; name its columns with --co
 _STRONGEST = 1e-3  # T: a larger field is one in counts
 #: format of --export -> name of the file where none is given
 _EXPORTS = {name: FILES[name] for name in ("motioncal", "c", "csv")}
+#: formats that --against reads
+_PARAMETERS = ("ardupilot", "px4", "motioncal", "csv")
 _OTHER = "File for another tool: motioncal, c, csv, or such as c=FILE. Repeatable; jaxcal export writes the other formats."
 Norm = Annotated[float, checked("--field", lambda norm: 0 < norm < 1000, "the norm of the field in uT, 22 to 67 on Earth")]
 Dip = Annotated[float, checked("--inclination", lambda dip: abs(dip) < 90, "degrees between -90 and 90, positive downwards")]
@@ -87,7 +90,7 @@ def mag(
         bool, Parameter(help="Fit norms and the sensor of --align together; with little tilt far better than one after the other.")
     ] = False,
     against: Annotated[
-        Path | None, Parameter(help="Calibration that the device has now, as JSON: by how much headings would turn with the new one.")
+        Path | None, Parameter(help="What the device has now, as JSON or parameters of ArduPilot or PX4: by how much headings would turn.")
     ] = None,
     next: Annotated[
         bool, Parameter(help="Only say which attitude to take next, or to stop; nothing is written. --limit sets the heading error.")
@@ -169,10 +172,18 @@ def _advise(path: Path, reading: Reading, running: Running, limit: float, inclin
 
 
 def _present(path: Path) -> Any:
-    part = jaxcal.Calibration.load(path).magnetometer
-    if part is None:
-        raise CallError(f"--against {path}: the calibration has no magnetometer")
-    return part.model
+    """The magnetometer's model in a calibration as JSON, or in a file of another tool."""
+    if path.suffix.lower() == ".json":
+        part = jaxcal.Calibration.load(path).magnetometer
+        if part is None:
+            raise CallError(f"--against {path}: the calibration has no magnetometer")
+        return part.model
+    for format in _PARAMETERS:
+        with contextlib.suppress(jaxcal.DataError):
+            part = jaxcal.export.read(path, format=format).magnetometer
+            if part is not None:
+                return part.model
+    raise CallError(f"--against {path}: expected a calibration as JSON, or a file of {', '.join(_PARAMETERS)} with a magnetometer")
 
 
 def _compare(screen: Screen, path: Path | None, present: Any, found: Any) -> None:

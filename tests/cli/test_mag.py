@@ -184,6 +184,12 @@ def test_what_a_new_calibration_would_change(simulated, folder):
     found = " ".join(call("mag", "tumble.csv", "--json", "new.json", "--against", "old.json", "--inclination", "57").out.split())
     degrees = float(found.split("level headings turn by ")[1].split()[0])
     assert degrees == pytest.approx(np.rad2deg(10 / 25.6 / np.sqrt(2)), rel=0.15)
+    device = {"name": "quad", "ardupilot": {"compass_id": 97539}}
+    jaxcal.export.write(jaxcal.Calibration(magnetometer=moved, device=device), folder / "old.param", format="ardupilot")
+    found = " ".join(call("mag", "tumble.csv", "--json", "new.json", "--against", "old.param", "--inclination", "57").out.split())
+    assert float(found.split("level headings turn by ")[1].split()[0]) == pytest.approx(degrees, rel=0.05)
+    (folder / "old.txt").write_text("nothing")
+    assert call("mag", "tumble.csv", "--json", "new.json", "--against", "old.txt").status == 2
     assert call("mag", "tumble.csv", "--json", "new.json", "--against", "missing.json").status == 2
 
 
