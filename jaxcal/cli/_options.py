@@ -98,7 +98,8 @@ class Reading:
     missing
         Number that stands for a missing value in a table, such as 0 or -999.
     format
-        Format of the file, where its content does not tell: csv, npy, npz, parquet, rosbag1, rosbag2, mat, hdf5, ulog, dataflash, zip.
+        Format of the file, where its content does not tell: csv, json, npy, npz, parquet, rosbag1, rosbag2, mat, hdf5, ulog, dataflash,
+        zip.
     start
         Leave out what comes before this time, in s after the first sample.
     stop

@@ -184,7 +184,7 @@ class Gyroscope(eqx.Module):
             noise = max(noise, _EXACT) * np.sqrt(np.sum(np.square(fit.residuals)) / (3 * free))
             if turn and abs(float(found["delay"])) < _SETTLED and abs(noise - last) < 0.01 * last:
                 break
-        matrix = _spread_of(fit)
+        matrix = spread_of(fit)
         # each segment's field was estimated too
         left = np.asarray(fit.degrees_of_freedom)
         matrix = matrix * left / max(left - 3 * len(number), 1)
@@ -307,10 +307,10 @@ def _turned(
         turn = scipy.spatial.transform.Rotation.from_rotvec(np.array(fits[-1].model["rho"])).as_matrix()
         start, data = {**fits[-1].model, "rho": np.zeros(3)}, {**data, "base": data["base"] @ turn}
     order = [i for i, name in enumerate(fits[-1].names) if name.startswith("rho")]
-    return data["base"], start, _spread_of(fits[-1])[np.ix_(order, order)], fits
+    return data["base"], start, spread_of(fits[-1])[np.ix_(order, order)], fits
 
 
-def _spread_of(fit: Fit) -> np.ndarray:
+def spread_of(fit: Fit) -> np.ndarray:
     """Covariance of the parameters: of white residuals, or where they are not, from fits without parts of the log."""
     matrix, counted = np.asarray(covariance(fit, scaled=True)), np.asarray(fit.counted)
     jacobian, residuals = np.asarray(fit.jacobian)[counted], np.asarray(fit.residuals)[counted]
