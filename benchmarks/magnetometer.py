@@ -2,13 +2,14 @@
 
     python benchmarks/magnetometer.py                  everything (minutes)
     python benchmarks/magnetometer.py --only speed     one part: speed, partial, scenarios, coverage, penalty, known, chosen, joint, faults,
-                                                       random, guided
+                                                       random, guided, halves
     python benchmarks/magnetometer.py --runs 300       more runs per cell of the tables
 
 Times are the best of several after compilation; compilation is timed on its own. Ratios above 1 favour jaxcal.
 """
 
 import argparse
+import contextlib
 import itertools
 import json
 import os
@@ -20,7 +21,20 @@ import numpy as np
 import scipy.optimize
 from scipy.spatial.transform import Rotation
 
-from jaxcal.magnetometer import Accelerometer, Gyroscope, MagModel, body_field, bootstrap, fit, guide, scenario
+from jaxcal.magnetometer import (
+    Accelerometer,
+    Gyroscope,
+    Headings,
+    MagModel,
+    aligned,
+    body_field,
+    bootstrap,
+    check,
+    fit,
+    guide,
+    heading_change,
+    scenario,
+)
 from jaxcal.magnetometer._design._heading_error import angle, grids, heading_error
 
 MILD = MagModel(np.array([[1.10, 0.06, -0.04], [0.06, 0.92, 0.05], [-0.04, 0.05, 1.0]]), np.array([0.8, -0.5, 0.3]))
@@ -385,29 +399,36 @@ def replayed(m, limit):
 
 
 def guided(runs):
-    """Readings in the order of a log and in that of `guide`, until one degree is expected; whether the error is within it at stop."""
+    """Readings in the order of a log and in that of `guide`, until one degree is expected; the error at the word stop.
+
+    That of a real log is the difference from the fit of the whole log.
+    """
     limit = np.deg2rad(1.0)
-    print("\n| log | in its order | guided | ratio | at stop | within the limit at stop |\n|---|---|---|---|---|---|")
-    for noise in (0.005, 0.01, 0.02):
+    print("\n| log | in its order | guided | ratio | at stop | error at stop, degrees | within the limit |\n|---|---|---|---|---|---|---|")
+    for noise, share in ((0.01, 1.0), (0.005, 0.3), (0.02, 0.3)):
         rows = []
-        for seed in range(runs):
+        for seed in range(int(share * runs)):
             plain, reached, stopped, found = replayed(_faults.simulate(("white", noise), seed)[0], limit)
-            rows.append((plain, reached, reached / plain, stopped, _faults.heading_error(found.model) <= limit))
-        plain, reached, ratio, stopped, inside = np.array(rows, dtype=float).T
-        middle = (np.median(values) for values in (plain, reached, ratio, stopped))
+            rows.append((plain, reached, reached / plain, stopped, _faults.heading_error(found.model)))
+        *counts, off = np.array(rows, dtype=float).T
+        middle = " | ".join(f"{np.median(values):.3g}" for values in counts)
         print(
-            f"| simulated, noise {100 * noise:g} % | " + " | ".join(f"{v:.3g}" for v in middle) + f" | {100 * inside.mean():.0f} % |",
+            f"| simulated, noise {100 * noise:g} %, {len(off)} runs | {middle} | {np.rad2deg(np.median(off)):.2f} | "
+            f"{100 * np.mean(off <= limit):.0f} % |",
             flush=True,
         )
     folder = pathlib.Path(os.environ.get("JAXCAL_REFERENCE", "../shared")) / "data" / "magnetometer"
     for name, m in _real(folder).items():
-        plain, reached, stopped, _ = replayed(m[np.unique(np.linspace(0, len(m) - 1, 600).astype(int))], limit)
-        ratio = f"{reached / plain:.2g}" if plain and reached else ""
-        print(f"| {name} | {plain} | {reached} | {ratio} | {stopped} | |", flush=True)
+        m = m[np.unique(np.linspace(0, len(m) - 1, 600).astype(int))]
+        whole = fit(m, model="symmetric")
+        plain, reached, stopped, found = replayed(m, limit)
+        off = np.nan if found is None else np.sqrt(np.mean(heading_change(found.model, whole.model, whole.field) ** 2))
+        ratio = f"{reached / plain:.2f}" if plain and reached else ""
+        print(f"| {name} | {plain} | {reached} | {ratio} | {stopped} | {np.rad2deg(off):.2f} | |", flush=True)
 
 
 def _real(folder):
-    """Tumbles recorded by others, in counts or any unit."""
+    """Tumbles recorded by others, in counts."""
     if not folder.is_dir():
         return {}
     found = {
@@ -415,14 +436,63 @@ def _real(folder):
         "jremington": np.loadtxt(folder / "jremington" / "mag3_raw.csv", delimiter=",")[:, -3:],
         "ellipsoid_fit_python": np.loadtxt(folder / "ellipsoid_fit_python" / "mag_out.txt"),
     }
-    for path in sorted((folder / "furbrain").glob("*.json")):
-        found[path.stem] = np.array(json.loads(path.read_text())["mag"])
+    with contextlib.suppress(ImportError):
+        import h5py
+
+        with h5py.File(folder / "sunsided" / "hmc5883l_compass.mat") as file:
+            rows = np.array(file["compassBuffer"])
+        found["sunsided"] = (rows if rows.shape[1] == 4 else rows.T)[:, 1:]
+    for path in sorted((folder / "betaflight").glob("*_tumble.json")):
+        samples = json.loads(path.read_text())["samples"]
+        found["betaflight " + path.stem.split("-")[2]] = np.array([[one[axis] for axis in "xyz"] for one in samples], dtype=float)
     return found
+
+
+def halves(_):
+    """Halves of real logs against each other; and poses with known headings, calibrated by a tumble, aligned on half of the poses."""
+    folder = pathlib.Path(os.environ.get("JAXCAL_REFERENCE", "../shared")) / "data" / "magnetometer"
+    ratios, standard = [], []
+    print("\n| log | halves differ, degrees | predicted | ratio | hard iron, standard errors rms |\n|---|---|---|---|---|")
+    for name, m in _real(folder).items():
+        one, two = (fit(half, model="symmetric") for half in np.array_split(m, 2))
+        off = np.sqrt(np.mean(heading_change(two.model, one.model, one.field, inclination=one.inclination) ** 2))
+        told = np.hypot(one.heading_error[0], two.heading_error[0])
+        moved = (one.model.hard_iron - two.model.hard_iron) / np.hypot(one.hard_iron_error, two.hard_iron_error)
+        ratios.append(off / told)
+        standard.append(moved)
+        print(f"| {name} | {np.rad2deg(off):.2f} | {np.rad2deg(told):.2f} | {off / told:.2f} | {np.sqrt(np.mean(moved**2)):.2f} |")
+    if ratios:
+        print(
+            f"median ratio {np.median(ratios):.2f}; hard iron {np.sqrt(np.mean(np.square(standard))):.2f} standard errors rms", flush=True
+        )
+    print("\n| poses | measured heading error, degrees | predicted | rotation spread |\n|---|---|---|---|")
+    for path in sorted((folder / "betaflight").glob("*_poses.json")):
+        tumble, poses = (json.loads(path.with_name(path.name.replace("poses", kind)).read_text()) for kind in ("tumble", "poses"))
+        found = fit(_down([[one[axis] for axis in "xyz"] for one in tumble["samples"]]), model="symmetric", inclination=np.deg2rad(70.85))
+        means = [
+            (np.mean(_down([s["mag"] for s in pose["samples"]]), axis=0), way["heading"],
+             *(np.deg2rad(np.mean([s[name] for s in pose["samples"]])) for name in ("pitch", "roll")))
+            for way in poses["directions"] for pose in way["poses"]
+        ]  # fmt: skip
+        m, heading, pitch, roll = (np.array(part) for part in zip(*means, strict=True))
+        up = -9.81 * body_field(np.stack([heading, -pitch, roll], axis=1), 1.0, np.pi / 2)
+        for first in (0, 1):
+            some = np.arange(len(m)) % 2 == first
+            turned = aligned(found, m[some], Headings(heading[some], up[some]))
+            seen = check(turned, m[~some], accel=up[~some], headings=heading[~some])
+            print(f"| {path.stem.split('-')[2]} {first + 1} | {np.rad2deg(seen.heading):.2f} | {np.rad2deg(seen.expected_heading):.2f} | "
+                  f"{np.rad2deg(turned.alignment.spread[1]):.2f} |", flush=True)  # fmt: skip
+
+
+def _down(m):
+    """Axes of the flight controller, x forward, y left, z up, to x forward, y right, z down."""
+    return np.array(m, dtype=float) * [1.0, -1.0, -1.0]
 
 
 PARTS = {
     "speed": speed, "partial": partial, "scenarios": scenarios, "coverage": covered, "penalty": penalties, "known": known, "chosen": chosen,
     "joint": jointly, "faults": faults, "random": random, "guided": guided,
+    "halves": halves,
 }  # fmt: skip
 
 if __name__ == "__main__":

@@ -10,7 +10,6 @@ import jax.numpy as jnp
 import jax.scipy.linalg
 import numpy as np
 import scipy  # loads its parts when they are first used
-import scipy.special
 
 from .._compile import filter_jit
 from .._errors import DataError

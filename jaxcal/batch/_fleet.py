@@ -10,8 +10,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
-import scipy.special
-import scipy.stats
+import scipy  # loads its parts when they are first used
 
 from .._files import shown
 

@@ -7,9 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import scipy.integrate
-import scipy.optimize
-import scipy.stats
+import scipy  # loads its parts when they are first used
 
 from .._errors import DataError
 from .._precision import host_float64

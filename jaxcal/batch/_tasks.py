@@ -59,8 +59,11 @@ def mag(log: Log, **options: Any) -> Answer:
         f"hard_iron_{axis}": _coefficient(b, b - s, b + s, "T")
         for axis, b, s in zip("xyz", np.asarray(result.model.hard_iron), half, strict=True)
     }
-    matrix = np.asarray(result.model.soft_iron)
-    found |= {f"soft_iron_{a}{b}": _coefficient(matrix[i, j]) for i, a in enumerate("xyz") for j, b in enumerate("xyz")}
+    matrix, spread = np.asarray(result.model.soft_iron), 1.96 * np.asarray(result.soft_iron_error)
+    low, high = matrix - spread, matrix + spread
+    found |= {
+        f"soft_iron_{a}{b}": _coefficient(matrix[i, j], low[i, j], high[i, j]) for i, a in enumerate("xyz") for j, b in enumerate("xyz")
+    }
     found |= {"field": _coefficient(result.field, unit="T"), "noise": _coefficient(result.noise, unit="T")}
     found["heading_error"] = _coefficient(result.heading_error[0], unit="rad")
     return document(result, log), found, list(result.warnings)

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from .._errors import DataError
 from .._types import AnyArray
 from .._units import si_unit
-from ..imu import ImuFit, Triad
+from ..imu import ImuFit, RateTest, Triad
 from ..magnetometer import MagFit, MagModel
 from ._codec import check_finite, checked_unit, document_of, numbers, required, structured, wrong
 
@@ -165,11 +165,13 @@ class Imu(eqx.Module):
 
 
 def imu_of(value: Any) -> Imu | None:
-    """The inertial part of a calibration, checked: an `ImuFit`, the stored form, or sensor -> `Triad` or `Part`."""
+    """The inertial part of a calibration, checked: an `ImuFit`, a `RateTest`, the stored form, or sensor -> `Triad` or `Part`."""
     if value is None or isinstance(value, Imu):
         return value
     if isinstance(value, ImuFit):
         return _from_imu_fit(value)
+    if isinstance(value, RateTest):
+        return _from_rate_test(value)
     if not isinstance(value, dict):
         raise wrong(value, "a dictionary with accel, gyro, verdict, verdict_reason", "imu")
     texts = {name: structured(value.get(name), str | None, f"imu.{name}") for name in ("verdict", "verdict_reason")}
@@ -207,6 +209,15 @@ def _from_imu_fit(fit: ImuFit) -> Imu:
             covariance = Covariance(names, values) if np.isfinite(values).all() else None
             parts[sensor] = _part(Part(triad, si_unit(sensor), None, covariance, Interval(low, high)), Triad, sensor, f"imu.{sensor}")
     return Imu(**parts, verdict=fit.verdict, verdict_reason=fit.reason)
+
+
+def _from_rate_test(test: RateTest) -> Imu:
+    if test.fit is None:
+        raise DataError(f"the rate test gives no gyroscope: {test.reason}")
+    low, high = np.asarray(test.fit.interval).T
+    known = Covariance(test.fit.names, np.asarray(test.fit.covariance)), Interval(low, high)
+    return Imu(gyro=_part(Part(test.fit.triad, si_unit("gyro"), None, *known), Triad, "gyro", "imu.gyro"), verdict=test.verdict,
+               verdict_reason=test.reason)  # fmt: skip
 
 
 def _part(value: Any, base: type, sensor: str, path: str) -> Part[Any]:

@@ -29,8 +29,11 @@ from ._north import north
 from ._options import CallError
 from ._simulate import simulate_imu, simulate_mag, simulate_noise, simulate_north, simulate_temperature
 from ._temperature import temperature
+from ._turntable import rate_table, vibration
 
-_COMMANDS = (demo, info, noise, allan, psd, temperature, imu, mag, north, apply, convert, export, diff, batch, cache)
+_COMMANDS = (
+    demo, info, noise, allan, psd, temperature, imu, rate_table, vibration, mag, north, apply, convert, export, diff, batch, cache,
+)  # fmt: skip
 _SIMULATE = (simulate_noise, simulate_temperature, simulate_imu, simulate_mag, simulate_north)
 DONE, DATA, CALL, FAULT, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 3, 130, 141
 
@@ -128,7 +131,7 @@ def _complain(text: str) -> None:
 
 
 def _help_command(argv: list[str]) -> str:
-    known = {command.__name__ for command in _COMMANDS} | {"simulate"}
+    known = {command.__name__.replace("_", "-") for command in _COMMANDS} | {"simulate"}
     words = [word for word in argv[:1] if word in known]
     words += [word for word in argv[1:2] if words == ["simulate"] and word in KINDS]
     return " ".join(["jaxcal", *words, "--help"])

@@ -13,24 +13,34 @@ from ._options import CallError, Reading, Running, log_file, must_be_calibration
 from ._outputs import staged
 from ._screen import Screen, progress, show_log, show_written
 from ._simulate import save_log
+from ._work import date_of
 
 
 def apply(
-    calibration: Annotated[Path, Parameter(help="Calibration as JSON, as the other commands write it.")],
+    calibration: Annotated[
+        Path, Parameter(help="Calibration as JSON, as the other commands write it; or a folder of them, with --device.")
+    ],
     log: Annotated[Path, Parameter(help="The log of the same device.")],
     /,
     *,
     out: Annotated[Path, log_file(help="File to write: FILE.csv or FILE.npz, in SI units; missing samples stay missing.")],
+    device: Annotated[
+        str | None, Parameter(help="Device whose latest calibration, not younger than the log, is taken from the folder.")
+    ] = None,
     reading: Reading = Reading(),
     running: Running = Running(),
 ) -> None:
     """Correct a log with a calibration: temperature first, then bias, scale factor, misalignment, iron."""
     if kind_of(log) == "calibration" and kind_of(calibration) != "calibration":
         raise CallError(f"the calibration comes first: jaxcal apply {log} {calibration} --out {out}")
-    must_be_calibration(calibration)
+    if calibration.is_dir() != (device is not None):
+        raise CallError("--device goes with a folder of calibrations, and a folder with --device")
+    if device is None:
+        must_be_calibration(calibration)
 
     def write(recording: Any, place: Path) -> Any:
-        found = corrected(calibration, recording)
+        chosen = calibration if device is None else jaxcal.calibration.find(calibration, device, date_of(recording, log))
+        found = corrected(chosen, recording)
         save_sensors(found, place)
         return found
 

@@ -103,6 +103,8 @@ def keep_compiled() -> None:
 
     import jax
 
+    from .._compile import keep_programs
+
     # a disk that is full, or an entry that another process is just writing, costs seconds and no result
     warnings.filterwarnings("ignore", message="Error (writing|reading) persistent compilation cache entry")
     if jax.config.values["jax_compilation_cache_dir"] is None:
@@ -115,6 +117,7 @@ def keep_compiled() -> None:
             return
         bound(folder)
         jax.config.update("jax_compilation_cache_dir", str(folder))
+        keep_programs(folder)
     # the kernels are many and small: with JAX's own limits most of them would be compiled anew in every run
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)

@@ -1,5 +1,6 @@
 """`jaxcal mag`: hard and soft iron of a magnetometer from a log of it in many attitudes."""
 
+import contextlib
 import dataclasses
 import math
 from dataclasses import dataclass
@@ -14,17 +15,19 @@ import jaxcal
 from ._apply import save_sensors
 from ._cache import keep_compiled
 from ._export import FILES
-from ._options import CallError, Files, Log, Reading, Running, checked, day, log_file, must_be_calibration, read_log, stem
+from ._options import CallError, Files, Log, Reading, Running, checked, day, log_file, must_exist, read_log, stem
 from ._outputs import File, figure, outputs, save_calibration, save_export, save_json, save_report, tried
 from ._screen import Screen
+from ._shots import Shots, ready, shots
 from ._work import carry_out
 
 _MICRO = 1e-6
-_PEEK = 20_000  # bytes
 _NO_MAG = "the log has no magnetometer of three axes; name its columns with --columns mag=mx,my,mz"
 _STRONGEST = 1e-3  # T: a larger field is one in counts
 #: format of --export -> name of the file where none is given
 _EXPORTS = {name: FILES[name] for name in ("motioncal", "c", "csv")}
+#: formats that --against reads
+_PARAMETERS = ("ardupilot", "px4", "motioncal", "csv")
 _OTHER = "File for another tool: motioncal, c, csv, or such as c=FILE. Repeatable; jaxcal export writes the other formats."
 _FIELDS = (20.0, 70.0)  # uT, everywhere on Earth
 
@@ -82,11 +85,24 @@ def mag(
         Literal["none", "accel", "gyro"],
         Parameter(help="Find the rotation that norms cannot see, from poses at rest (accel) or from rates (gyro)."),
     ] = "none",
+    headings: Annotated[
+        str | None,
+        Parameter(help="Column of known magnetic headings, or heading,roll,pitch, in degrees: they give the rotation, and are a check."),
+    ] = None,
+    currents: Annotated[
+        str | None, Parameter(help="Columns of motor currents or throttles, such as I1,I2: fits the field of each.")
+    ] = None,
+    check: Annotated[
+        int | None,
+        checked(
+            "--check", lambda n: n >= 2, "a number from 2 on", "Hold every Nth reading (or known heading) back, and check the fit on them."
+        ),
+    ] = None,
     joint: Annotated[
         bool, Parameter(help="Fit norms and the sensor of --align together; with little tilt far better than one after the other.")
     ] = False,
     against: Annotated[
-        Path | None, Parameter(help="Calibration that the device has now, as JSON: by how much headings would turn with the new one.")
+        Path | None, Parameter(help="What the device has now, as JSON or parameters of ArduPilot or PX4: by how much headings would turn.")
     ] = None,
     next: Annotated[
         bool, Parameter(help="Only say which attitude to take next, or to stop; nothing is written. --limit sets the heading error.")
@@ -106,14 +122,19 @@ def mag(
     """
     if joint and (align == "none" or method != "ml" or model not in ("auto", "symmetric") or loss != "none"):
         raise CallError("--joint goes with --align accel or gyro, and with the full soft iron by --method ml without --loss")
-    must_be_calibration(against, option="--against")
+    if headings is not None and (align != "none" or joint):
+        raise CallError("--headings gives the rotation itself: leave out --align and --joint")
+    if currents is not None and (joint or model == "planar"):
+        raise CallError("--currents goes with fits of norms in all attitudes: leave out --joint and --model planar")
+    must_exist(against)
     if next:
         _advise(log, reading, running, limit, inclination)
         return
     present = None if against is None else _present(against)
     options = {
         "method": method, "model": model, "field": field, "inclination": inclination, "place": place, "date": date, "loss": loss,
-        "penalty": penalty, "align": align, "field_error": field_error, "joint": joint,
+        "penalty": penalty, "align": align, "field_error": field_error, "joint": joint, "headings": headings, "currents": currents,
+        "check": check,
     }  # fmt: skip
     chosen = {
         "method": method, "model": model, "field": _earth(field, place, date), "field_error": field_error, "penalty": penalty,
@@ -122,7 +143,9 @@ def mag(
     screen = Screen(running.quiet)
 
     def compute(recording: Any, _: Any) -> Any:
-        found = _fit(recording, align, joint, chosen)
+        if recording.mag is None or recording.mag.shape[1] != 3:
+            raise jaxcal.DataError(_NO_MAG)
+        found = _fit(recording, align, joint, chosen, shots(log, reading, recording, headings, currents, check))
         _show(screen, found)
         screen.flush()
         if found.verdict == "refused" and not force:
@@ -136,7 +159,7 @@ def mag(
     ]  # fmt: skip
     default = "" if writing.corrected else f"{stem(log)}-mag"
     plan = outputs(writing, files, default, formats=_EXPORTS, export=partial(save_export, part="magnetometer"))
-    reading, said = _ready(log, reading, align)
+    reading, said = ready(log, reading, align == "gyro")
     done = carry_out(log, reading, running, plan, compute, command="jaxcal mag", options=options)
     if present is not None and done.found.model is not None:
         _compare(done.screen, against, present, done.found)
@@ -147,7 +170,7 @@ def _advise(path: Path, reading: Reading, running: Running, limit: float, inclin
     """The next attitude, on the screen."""
     import numpy as np
 
-    reading, _ = _ready(path, reading, "none")
+    reading, _ = ready(path, reading, False)
     log = read_log(path, reading, "mag")
     if log.mag is None or log.mag.shape[1] != 3:
         raise jaxcal.DataError(_NO_MAG)
@@ -161,17 +184,27 @@ def _advise(path: Path, reading: Reading, running: Running, limit: float, inclin
 
 
 def _present(path: Path) -> Any:
-    part = jaxcal.Calibration.load(path).magnetometer
-    if part is None:
-        raise CallError(f"--against {path}: the calibration has no magnetometer")
-    return part.model
+    """The magnetometer's model in a calibration as JSON, or in a file of another tool."""
+    if path.suffix.lower() == ".json":
+        part = jaxcal.Calibration.load(path).magnetometer
+        if part is None:
+            raise CallError(f"--against {path}: the calibration has no magnetometer")
+        return part.model
+    for format in _PARAMETERS:
+        with contextlib.suppress(jaxcal.DataError):
+            part = jaxcal.export.read(path, format=format).magnetometer
+            if part is not None:
+                return part.model
+    raise CallError(f"--against {path}: expected a calibration as JSON, or a file of {', '.join(_PARAMETERS)} with a magnetometer")
 
 
 def _compare(screen: Screen, path: Path | None, present: Any, found: Any) -> None:
     """What the new calibration would change."""
     import numpy as np
 
-    turns = np.rad2deg(jaxcal.magnetometer.heading_change(present, found.model, inclination=float(found.inclination), down=found.down))
+    down = np.asarray(found.down) if found.alignment is None else np.asarray(found.alignment.rotation).T @ found.down
+    turns = jaxcal.magnetometer.heading_change(present, found.model, float(found.field), inclination=float(found.inclination), down=down)
+    turns = np.rad2deg(turns)
     rms, moved = np.sqrt(np.mean(turns**2)), np.linalg.norm(np.asarray(found.model.hard_iron) - np.asarray(present.hard_iron)) / _MICRO
     known = np.rad2deg(found.heading_error[0])
     said = "more than the new one is uncertain by" if rms > 2 * known else "no more than the new one is uncertain by"
@@ -182,32 +215,6 @@ def _compare(screen: Screen, path: Path | None, present: Any, found: Any) -> Non
             f"the hard iron moves by {moved:.3g} uT",
         ],
     )
-
-
-def _ready(path: Path, reading: Reading, align: str) -> tuple[Reading, list[str]]:
-    """How to read a table of three columns and nothing else: a fit of norms needs neither times nor a unit; and the notes on that."""
-    import numpy as np
-
-    if align != "none" or reading.columns or reading.format not in (None, "csv") or not path.is_file():
-        return reading, []
-    with path.open("rb") as file:
-        lines = file.read(_PEEK).decode("utf-8", errors="replace").splitlines()[:-1]
-    cells = [line.replace(",", " ").replace(";", " ").split() for line in lines if line.strip()]
-    try:
-        values = np.array(cells, dtype=float)
-    except ValueError:
-        return reading, []
-    if values.ndim != 2 or values.shape[1] != 3:
-        return reading, []
-    said = ["three columns of numbers are readings of the magnetometer"]
-    chosen: dict[str, Any] = {"columns": ("mag=0:2",)}
-    if reading.rate is None:
-        chosen["rate"] = 1.0
-        said.append("there are no times, and a fit of norms needs none: the rows stand 1 s apart; give them with --rate")
-    if not reading.units and not np.any(values % 1):
-        chosen["units"] = ("mag=1 T",)
-        said.append("whole numbers without a unit are counts, and so are all results (T stands for a count); give it with --units mag=uT")
-    return dataclasses.replace(reading, **chosen), said
 
 
 def _earth(field: float | None, place: tuple[float, float] | None, date: str | None) -> Any:
@@ -227,23 +234,40 @@ def _earth(field: float | None, place: tuple[float, float] | None, date: str | N
         raise CallError(f"--place {place[0]:g} {place[1]:g} --date {date}: {error}") from error
 
 
-def _fit(log: Any, align: str, joint: bool, options: dict[str, Any]) -> Any:
+def _fit(log: Any, align: str, joint: bool, options: dict[str, Any], given: Shots) -> Any:
     import numpy as np
 
-    if log.mag is None or log.mag.shape[1] != 3:
-        raise jaxcal.DataError(_NO_MAG)
     if align != "none" and getattr(log, align) is None:
         raise jaxcal.DataError(f"--align {align}: the log has no {align}; name its columns with --columns {align}=...")
-    kept = np.isfinite(log.mag).all(axis=1)
-    warmth = {} if log.temperature is None else _conditions(log.temperature[kept])
-    from ..magnetometer import Accelerometer, Gyroscope, aligned
+    from ..magnetometer import Accelerometer, Gyroscope, Headings, aligned, fit_current
 
-    if align == "accel":
-        return jaxcal.magnetometer.fit(log.mag[kept], conditions=warmth, aid=Accelerometer(log.accel[kept]), joint=joint, **options)
-    found = jaxcal.magnetometer.fit(log.mag[kept], conditions=warmth, **options)
-    if align == "none" or found.model is None:
+    up = log.accel if given.up is None else given.up
+    there = np.isfinite(log.mag).all(axis=1)
+    kept, held = there & ~given.held, there & given.held
+    aid = Accelerometer(up[kept]) if align == "accel" else None
+    if given.headings is not None:
+        aid = Headings(given.headings[kept], None if up is None else up[kept])
+    if given.currents:
+        powered = fit_current(log.mag[kept], {name: values[kept] for name, values in given.currents.items()}, aid=aid, **options)
+        if powered.fit is None or powered.fit.model is None:
+            raise jaxcal.DataError(
+                f"the readings without the fields of the currents determine no calibration: {powered.fit and powered.fit.reason}"
+            )
+        found, mag = powered.fit, np.asarray(powered.correct(log.mag, np.column_stack(list(given.currents.values()))))
+    else:
+        warmth = {} if log.temperature is None else _conditions(log.temperature[kept])
+        found, mag = jaxcal.magnetometer.fit(log.mag[kept], conditions=warmth, aid=aid, joint=joint and aid is not None, **options), log.mag
+    if found.model is None:
         return found
-    return aligned(found, log.mag, Gyroscope(log.gyro, log.rate), joint=joint)
+    if align == "gyro":
+        # rates are integrated over all readings
+        found = aligned(found, np.where(kept[:, None], mag, np.nan), Gyroscope(log.gyro, log.rate), joint=joint)
+    tried_on = held if given.held.any() else kept & np.isfinite(given.headings) if given.headings is not None else held
+    if tried_on.any() and found.plane is None:
+        known = None if given.headings is None else given.headings[tried_on]
+        seen = jaxcal.magnetometer.check(found, mag[tried_on], accel=None if up is None else up[tried_on], headings=known)
+        found = dataclasses.replace(found, check=seen)
+    return found
 
 
 def _conditions(temperature: Any) -> dict[str, Any]:
@@ -265,8 +289,12 @@ def _show(screen: Screen, found: Any) -> None:
     rows = [
         [f"hard iron ({unit})", *(f"{b:.4f} +- {s:.2g}" if np.isfinite(s) else f"{b:.4f} open" for b, s in zip(hard, spread, strict=True))],
         *(
-            [f"soft iron, {axis}", *(f"{c:.5f}" for c in row)]
-            for axis, row in zip("xyz", np.asarray(found.model.soft_iron), strict=True)
+            [f"soft iron, {axis}", *(f"{c:.5f} +- {s:.1g}" if np.isfinite(s) else f"{c:.5f} open" for c, s in zip(*both, strict=True))]
+            for axis, *both in zip("xyz", np.asarray(found.model.soft_iron), found.soft_iron_error, strict=True)
+        ),
+        *(
+            [f"{name} ({unit} per unit)", *(f"{k:.4g} +- {s:.2g}" for k, s in zip(value / size, error / size, strict=True))]
+            for name, (value, error) in found.terms.items()
         ),
     ]  # fmt: skip
     screen.table(f"magnetometer, model {found.kind}", ["", "x", "y", "z"], rows)
@@ -281,6 +309,22 @@ def _show(screen: Screen, found: Any) -> None:
         ways = "; ".join("(" + ", ".join(f"{x:+.1f}" for x in way) + ")" for way in np.asarray(found.needed))
         facts.append(f"further readings would help most where the field points along {ways} in sensor axes")
     screen.sentences("Known", facts)
+    if found.check is not None:
+        _show_check(screen, found.check)
+
+
+def _show_check(screen: Screen, seen: Any) -> None:
+    """What the readings that were held back say, and the residuals by heading."""
+    import numpy as np
+
+    screen.sentences(f"Check: {seen.verdict}", [seen.reason])
+    if len(seen.table):
+        degrees = np.rad2deg(seen.table[:, [0, 2, 3]])
+        rows = [
+            [f"{of:.0f}", f"{count:.0f}", *(f"{x:+.2f}" if np.isfinite(x) else "" for x in (mean, scatter)), f"{100 * norm:.2f}"]
+            for (of, mean, scatter), count, norm in zip(degrees, seen.table[:, 1], seen.table[:, 4], strict=True)
+        ]
+        screen.table("residuals by heading", ["heading\ndeg", "readings", "mean error\ndeg", "scatter\ndeg", "norm\n%"], rows)
 
 
 def _sphere(plot: Any, found: Any, log: Any) -> Any:

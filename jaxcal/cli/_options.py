@@ -98,7 +98,8 @@ class Reading:
     missing
         Number that stands for a missing value in a table, such as 0 or -999.
     format
-        Format of the file, where its content does not tell: csv, npy, npz, parquet, rosbag1, rosbag2, mat, hdf5, ulog, dataflash, zip.
+        Format of the file, where its content does not tell: csv, json, npy, npz, parquet, rosbag1, rosbag2, mat, hdf5, ulog, dataflash,
+        zip.
     start
         Leave out what comes before this time, in s after the first sample.
     stop
@@ -132,6 +133,13 @@ class Running:
     config: Annotated[
         Path | None, Parameter(help='TOML file with options: a table for each command, as [noise] units = ["gyro=deg/s"].')
     ] = None
+
+
+def must_exist(*paths: Path | None) -> None:
+    """Raise a `CallError` for a file that is not there."""
+    for path in paths:
+        if path is not None and not path.exists():
+            raise CallError(f"{path} does not exist")
 
 
 def must_be_log(path: Path, command: str) -> None:

@@ -52,26 +52,36 @@ def read_table_log(path: Path, options: Reading, column: str | None) -> tuple[An
     cell = _angle_cell(path, column)
     if cell is None:
         return log, None, []
+    values = column_of(path, options, cell, len(log.time), "deg")
+    unit = _named(cell)[1]
+    return log, values, [f"the table's angle is column {cell!r}, in {unit or 'deg, which its name does not say'}"]
+
+
+def column_of(path: Path, options: Reading, cell: str, count: int, unit: str | None) -> Any:
+    """A column of a log that is no quantity of a sensor, (count,), on the samples of the log.
+
+    Where `unit` is "deg" it holds angles, in the unit that its name has in brackets or in degrees, and is returned in rad.
+    """
     import jaxcal
 
     from ..io._columns import parse_columns, parse_units
 
-    unit = _named(cell)[1]
-    if (unit or "deg") not in _ANGLES:
-        raise DataError(f"{path}: {unit!r} is not a unit of the angle; use deg or rad")
-    # a log has no place for the angle of a table: it is read as the one quantity that has no axes, on the same grid
+    written = None if unit is None else _named(cell)[1] or unit
+    if written is not None and written not in _ANGLES:
+        raise DataError(f"{path}: {written!r} is not a unit of the angle; use deg or rad")
+    # a log has no place for it: it is read as the one quantity that has no axes, on the same grid
     columns = {name: one for name, one in parse_columns(",".join(options.columns or ()) or None).items() if name == "time"}
     units = {name: one for name, one in parse_units(",".join(options.units or ()) or None).items() if name == "time"}
-    angle = jaxcal.read(
+    found = jaxcal.read(
         path, columns=columns | {"temperature": cell}, units=units | {"temperature": "degC"}, quiet=True, format=options.format,
         rate=options.rate, missing=options.missing,
     )  # fmt: skip
     if options.start is not None or options.stop is not None:
-        angle = angle.select(options.start, options.stop)
-    values = angle.temperature
-    if values is None or len(values) != len(log.time):
-        raise DataError(f"{path}: the angle in column {cell!r} is not on the samples of the sensors; give one row per sample")
-    return log, values * _ANGLES[unit or "deg"], [f"the table's angle is column {cell!r}, in {unit or 'deg, which its name does not say'}"]
+        found = found.select(options.start, options.stop)
+    values = found.temperature
+    if values is None or len(values) != count:
+        raise DataError(f"{path}: column {cell!r} is not on the samples of the sensors; give one row per sample")
+    return values * (1.0 if written is None else _ANGLES[written])
 
 
 def _angle_cell(path: Path, column: str | None) -> str | None:

@@ -140,8 +140,8 @@ def simulate_mag(
 ) -> None:
     """A log of a magnetometer in many attitudes, with the specific force at rest.
 
-    Hard iron, soft iron and mounting are printed: the truth to hold
-    jaxcal mag against.
+    Hard iron and soft iron with mounting are printed, as jaxcal mag gives
+    them: the truth to hold it against.
     """
     if not noise >= 0 or not field > 0 or not abs(inclination) < 90 or not 0 <= soft_iron < 0.3:
         raise CallError("expected --noise of 0 or more, a positive --field, --inclination within 90 degrees, --soft-iron from 0 to 0.3")
@@ -162,8 +162,10 @@ def simulate_mag(
         up = -STANDARD_GRAVITY * np.asarray(body_field(attitudes, 1.0, np.pi / 2))
         m = np.asarray(true.measure(h)) + 1e-6 * noise * random.standard_normal(h.shape)
         up = up + STANDARD_GRAVITY * noise / field * random.standard_normal(h.shape)
-        said.append(f"{len(m)} attitudes; hard iron {', '.join(f'{b:g}' for b in hard_iron)} uT; soft iron")
-        said.extend("  " + "  ".join(f"{c:+.5f}" for c in row) for row in np.asarray(true.soft_iron))
+        size = np.cbrt(np.linalg.det(true.soft_iron))
+        said.append(f"{len(m)} attitudes; hard iron {', '.join(f'{b:g}' for b in hard_iron)} uT; soft iron of determinant one")
+        said.extend("  " + "  ".join(f"{c:+.5f}" for c in row) for row in np.asarray(true.soft_iron) / size)
+        said.append(f"as jaxcal mag gives it; with --field {field:g} it is {size:.5f} times that")
         return np.arange(len(m)) / 10.0, {"accel": up, "mag": m}
 
     screen, said = Screen(running.quiet), []

@@ -1,5 +1,6 @@
 """The way of a command from a log to its files: read, compute, write, and leave the rest to be printed."""
 
+import datetime
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -35,6 +36,13 @@ class Done(NamedTuple):
         self.tell(warnings, notes)
 
 
+def date_of(log: Any, path: Path) -> str:
+    """When a log was recorded, by its stamps, or else when its file was written; UTC."""
+    from ..calibration import provenance
+
+    return provenance(log, "").get("date") or f"{datetime.datetime.fromtimestamp(path.stat().st_mtime, datetime.UTC):%Y-%m-%dT%H:%M:%SZ}"
+
+
 def carry_out(
     path: Path, reading: Reading, running: Running, plan: Outputs, compute: Callable[[Any, Any], Any], *, doing: str = "fitting",
     show: Callable[[Screen, Any], None] | None = None, change: Callable[[Any], Any] | None = None, command: str = "",
@@ -57,7 +65,7 @@ def carry_out(
             log = read_log(path, reading, command.removeprefix("jaxcal "))
             log = log if change is None else change(log)
             check_suited(command, log, path, options or {})
-            log = log if options is None or not targets else _signed(log, command, reading, options)
+            log = log if options is None or not targets else _signed(path, log, command, reading, options)
         show_log(screen, log)
         with progress(doing, running.quiet) as move:
             keep_compiled()
@@ -81,11 +89,13 @@ def check_suited(command: str, log: Any, path: Path, options: Mapping[str, Any])
         raise DataError(f"{path.name}: {wrong}")
 
 
-def _signed(log: Any, command: str, reading: Reading, options: Mapping[str, Any]) -> Any:
-    """The log with a provenance that names command, options and versions."""
+def _signed(path: Path, log: Any, command: str, reading: Reading, options: Mapping[str, Any]) -> Any:
+    """The log with a provenance that names command, options, versions and the date, which is that of the file where no stamp tells."""
     import equinox as eqx
 
     from ..calibration import provenance
 
     found = provenance(log, command, {**options, **reading.asked()}, rate_given=reading.rate is not None)
+    if "date" not in found:
+        found |= {"date": date_of(log, path), "date_from": "time of the file"}
     return eqx.tree_at(lambda one: one.provenance, log, found)

@@ -8,7 +8,6 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import scipy  # loads its parts when they are first used
-import scipy.special
 
 from .._errors import FitError
 from ._covariance import covariance

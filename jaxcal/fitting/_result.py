@@ -6,7 +6,7 @@ from typing import Any, Generic, TypeVar
 import equinox as eqx
 import jax
 import numpy as np
-import scipy.special
+import scipy  # loads its parts when they are first used
 
 from .._errors import FitError
 from .._precision import array_module, is_traced

@@ -1,5 +1,6 @@
 """`estimate`: both triads and their covariance from poses and turns, a pure function."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
@@ -10,7 +11,7 @@ from .._compile import filter_jit
 from .._errors import DataError
 from .._precision import array_module, host_float64
 from .._types import AnyArray
-from ..fitting import AbstractLoss, Fit, covariance, solve
+from ..fitting import AbstractLoss, AbstractPrior, Fit, covariance, solve
 from ._model import CONVENTIONS, Imu, Triad, entries, freed, in_convention, replaced, values
 from ._residuals import Poses, Turns, Weighted, arrays, residuals, reweighted
 
@@ -128,11 +129,11 @@ def estimate(
 
 def solved(
     start: Imu, data: Weighted, convention: str = "upper", misalignment: bool = True, g_sensitivity: bool = True,
-    loss: AbstractLoss | None = None, rtol: float | None = RTOL,
+    loss: AbstractLoss | None = None, rtol: float | None = RTOL, priors: Sequence[AbstractPrior] = (),
 ) -> Fit:  # fmt: skip
     """Fit of weighted data. Plain triads are fitted in the frame "upper", whatever frame is asked for, and turned afterwards."""
     free = freed(start, "upper" if start.plain else convention, misalignment, g_sensitivity)
-    return solve(residuals, start, data, free=free, loss=loss, rtol=rtol)
+    return solve(residuals, start, data, free=free, loss=loss, rtol=rtol, priors=priors)
 
 
 def described(fit: Fit[Any], data: Weighted, convention: str) -> Estimate:
@@ -170,9 +171,14 @@ def _turned(model: Imu, convention: str) -> tuple[Imu, AnyArray]:
     return turned, jax.jacfwd(lambda x: values(in_convention(replaced(model, x), convention)))(values(model))
 
 
-def framed(model: Imu, convention: str, *matrices: AnyArray) -> tuple[Imu, list[AnyArray]]:
+def turned(model: Imu, convention: str, *matrices: AnyArray) -> tuple[Imu, list[AnyArray]]:
     """A model and covariances of its parameters in the frame of a convention."""
+    found, slope = _turned(model, convention)
+    return found, [slope @ matrix @ slope.T for matrix in matrices]
+
+
+def framed(model: Imu, convention: str, *matrices: AnyArray) -> tuple[Imu, list[AnyArray]]:
+    """The same for a model as it was fitted, which is in the frame "upper" already."""
     if convention == "upper" or not model.plain:
         return model, list(matrices)
-    turned, slope = _turned(model, convention)
-    return turned, [slope @ matrix @ slope.T for matrix in matrices]
+    return turned(model, convention, *matrices)

@@ -10,7 +10,7 @@ from ._choose import file_kind
 from ._columns import SENSORS
 
 #: formats that are read, as `format=` names them
-FORMATS = ("csv", "npy", "npz", "parquet", "rosbag1", "rosbag2", "mat", "hdf5", "ulog", "dataflash", "zip", "oxts")
+FORMATS = ("csv", "npy", "npz", "parquet", "rosbag1", "rosbag2", "mat", "hdf5", "ulog", "dataflash", "zip", "oxts", "json")
 
 _SQLITE, _MCAP, _HDF5 = b"SQLite format 3\0", b"\x89MCAP0\r\n", b"\x89HDF\r\n\x1a\n"
 _MAGIC = {
@@ -44,6 +44,8 @@ def find(path: pathlib.Path) -> tuple[str, list[pathlib.Path]]:
             kind = detect(file)
         except (DataError, OSError):
             continue
+        if kind == "json":
+            continue  # beside a log it describes the log
         if kind != "csv" or file.name.lower().endswith(_TEXT):
             logs[file] = kind
     if not logs:
@@ -115,7 +117,7 @@ def detect(path: pathlib.Path) -> str:
         return "mat"
     if suffix in (".npz", ".npy", ".parquet", ".mcap", ".db3", ".bag", ".ulg", ".mat", ".h5", ".hdf5"):
         raise DataError(f"the name ends in {path.suffix}, but the file does not begin as such a file does; it is damaged, or misnamed")
-    return "csv"
+    return "json" if suffix == ".json" else "csv"
 
 
 def _is_mat4(head: bytes) -> bool:

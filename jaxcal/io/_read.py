@@ -22,6 +22,7 @@ from ._phase import differentiate
 from ._readers._arrays import read_hdf5, read_mat, read_npy, read_npz, read_parquet
 from ._readers._csv import read_csv
 from ._readers._dataflash import read_ardupilot
+from ._readers._json import read_json
 from ._readers._px4 import read_px4
 from ._readers._ros import read_ros
 from ._saved import SUFFIXES, save
@@ -29,7 +30,7 @@ from ._sensors import read_oxts, read_sensors
 from ._table import Choice, Signals, Table, interpret
 
 #: tables, of which columns= chooses; trees of arrays, of which topics= names the group; logs, of which topics= chooses
-_TABLES = {"csv": read_csv, "npy": read_npy, "npz": read_npz, "parquet": read_parquet, "oxts": read_oxts}
+_TABLES = {"csv": read_csv, "npy": read_npy, "npz": read_npz, "parquet": read_parquet, "oxts": read_oxts, "json": read_json}
 _TREES = {"mat": read_mat, "hdf5": read_hdf5}
 _LOGS = {"ulog": read_px4, "dataflash": read_ardupilot}
 _SI = {name: si_unit(name) for name in (*SENSORS, "temperature")}
@@ -46,6 +47,7 @@ _NAMES = {
     "dataflash": "an ArduPilot DataFlash log",
     "sensors": "a folder with a table for each sensor",
     "oxts": "a KITTI oxts folder",
+    "json": "JSON",
 }
 
 
@@ -64,7 +66,7 @@ def read(
 ) -> Log:
     r"""Read a recording of an inertial or magnetic sensor into a `Log`, in SI and on a uniform time grid.
 
-    Text tables (any delimiter, with or without header, plain or gzipped), NumPy .npy and .npz, Parquet, MATLAB files, HDF5, ROS 1
+    Text tables (any delimiter, with or without header, plain or gzipped), JSON, NumPy .npy and .npz, Parquet, MATLAB files, HDF5, ROS 1
     bags, ROS 2 recordings (sqlite3 or MCAP), PX4 ULog and ArduPilot DataFlash are told apart by their content. What the file does
     not say is guessed: columns from their names
     (or, without names, from their values), the unit of time from the size of the steps, units of sensors from gravity, the
@@ -76,7 +78,7 @@ def read(
     path : file, or folder: of a ROS 2 recording, of the numbered parts of a split one, or with one log in it. Or a recording in memory: a
         pandas or polars data frame, an xarray dataset with a dimension time, a dictionary of arrays, or an array (n, columns) with its
         `rate`. Its columns are chosen as those of a file are. A `Log` is returned as it is.
-    format : "csv", "npy", "npz", "parquet", "rosbag1", "rosbag2", "mat", "hdf5", "ulog" or "dataflash"; by default told from the
+    format : "csv", "json", "npy", "npz", "parquet", "rosbag1", "rosbag2", "mat", "hdf5", "ulog" or "dataflash"; by default told from the
         first bytes.
     columns : which column holds what, by number (from 0) or name: ``{"time": 0, "gyro": [1, 2, 3]}``, ``{"gyro_x": "wx", ...}``,
         or as a string, ``"time=0,gyro=1:3"``, in which ``1:3`` means columns 1 to 3. Sensors not named are left out;

@@ -1,5 +1,6 @@
 """Magnetometers: hard and soft iron from readings in many attitudes, heading, coverage."""
 
+from ._check import Check as Check, check as check
 from ._design._coverage import Coverage as Coverage, coverage as coverage
 from ._ellipsoid._residuals import residuals as residuals
 from ._field import body_field as body_field, earth_field as earth_field, heading as heading, scenario as scenario

@@ -1,13 +1,14 @@
-"""What the causes that residuals follow cost in degrees of heading, and the sentences that name them."""
+"""What the causes that residuals follow cost in degrees of heading, and the sentences that name them; readings at the end of a range."""
 
 from typing import Any
 
 import numpy as np
+import scipy.special
 
 from .._errors import DataError
 from ._design._heading_error import heading_error
 from ._ellipsoid._causes import ALONE, BENT, DRIFT, FAST, PLACE, SERIAL, Examined
-from ._ellipsoid._kinds import PLANAR, PLANAR_ROWS
+from ._ellipsoid._kinds import PLANAR, PLANAR_ROWS, basis_of, slopes_of
 from ._ellipsoid._shape import Found
 
 _WORTH_SAYING = 0.1  # of the limit
@@ -26,9 +27,41 @@ _SENTENCES = {
     "The errors are those between fits without parts of the log. A longer log, or one farther from iron and currents, makes them smaller.",
 }
 _CONDITION = (
-    "The readings follow {name!r}, by up to {size:.2g} % of the field about the middle of its range{cost}. "
-    "Record with it constant, or fit a model that has a term for it."
+    "The readings follow {name!r}, by up to {size:.2g} % of the field about the middle of its range{cost}. Record with it constant."
 )
+
+
+CLIPPED = "clipping"
+_FEWEST_AT_END = 4
+_NEAR = 20  # readings next to the end, whose density says how many may share one value by chance
+_BY_CHANCE = 1e-5
+_APART = 0.05  # of the size of the log: what stands still repeats a value too
+
+
+def at_end(m: np.ndarray) -> np.ndarray:
+    """Readings (n,) that stand at the largest or smallest value of an axis more often than chance allows: the sensor was at its limit.
+
+    Chance is a Poisson law. Its mean comes from the density of the readings next to the end, times the step between values.
+    """
+    out, distinct = np.zeros(len(m), dtype=bool), None
+    for axis in range(3):
+        for sign in (1.0, -1.0):
+            column = sign * m[:, axis]
+            if np.sum(column == column.max()) < _FEWEST_AT_END:
+                continue
+            if distinct is None:
+                distinct, size = np.unique(m, axis=0), float(np.std(m, axis=0).max())
+            values = np.sort(sign * distinct[:, axis])[::-1]
+            count = int(np.sum(values == values[0]))
+            if count < _FEWEST_AT_END or count + _NEAR > len(values):
+                continue
+            below = values[count - 1 : count + _NEAR]
+            steps = -np.diff(below)
+            chance = _NEAR * steps[steps > 0].min() / (below[0] - below[-1])
+            pile = distinct[sign * distinct[:, axis] == values[0]]
+            if scipy.special.pdtrc(count - 1, 2 * chance + 0.05) < _BY_CHANCE and np.std(pile, axis=0).max() > _APART * size:
+                out |= column == values[0]
+    return out
 
 
 def checked_conditions(conditions: dict[str, Any], count: int) -> dict[str, np.ndarray]:
@@ -70,12 +103,26 @@ def assumptions(dip: float, no_dip: bool, no_axis: bool, span: np.ndarray) -> st
     return f" This assumes {' and '.join(taken)}; with {' and '.join(others)} the error at level is {most}."
 
 
-def sentences(said: Examined, costs: dict[str, float], limit: float) -> list[str]:
-    """One for each cause that costs something, the strongest first."""
+def error_with_terms(said: Examined, found: Found, dip: float) -> float:
+    """Heading error in rad at level if drift and conditions were fitted as terms; the other causes stay."""
+    if said.with_terms is None or found.kind in PLANAR:
+        return np.inf
+    slopes = slopes_of(found.parameters, basis_of(found.kind))
+    steps = [np.zeros((0, 9)), *(cause.steps for cause in said.causes if cause.name in (FAST, BENT, ALONE))]
+    others = np.concatenate(steps)
+    return float(heading_error(found.shape, slopes @ said.with_terms @ slopes.T + others.T @ others, dip)[0])
+
+
+def sentences(said: Examined, costs: dict[str, float], limit: float, modelled: float) -> list[str]:
+    """One for each cause that costs something, the strongest first; `modelled` is the `error_with_terms`."""
     texts = []
     for name, _, size in said.causes:
         if costs[name] >= _WORTH_SAYING * limit:
             of_all = " in all" if name in (PLACE, SERIAL) else ""
             cost = f", which costs {np.rad2deg(costs[name]):.2g} degrees of heading rms{of_all}" if np.isfinite(costs[name]) else ""
-            texts.append(_SENTENCES.get(name, _CONDITION).format(name=name, size=100 * size, cost=cost))
+            text = _SENTENCES.get(name, _CONDITION).format(name=name, size=100 * size, cost=cost)
+            if name not in (FAST, BENT, PLACE, ALONE, SERIAL) and modelled < 0.5 * costs[name]:
+                of = "the time" if name == DRIFT else "it"
+                text += f" `fit_current` with {of} as the current would leave an error of {np.rad2deg(modelled):.2g} degrees."
+            texts.append(text)
     return texts

@@ -15,9 +15,9 @@ from .._precision import host_float64, is_traced
 from ..fitting import AbstractLoss
 from ._design._coverage import covered, sphere_grid
 from ._design._heading_error import heading_departure, heading_error, heading_range, information, needed
-from ._diagnosis import assumptions, checked_conditions, cost_of, costs_of, sentences
+from ._diagnosis import CLIPPED, assumptions, at_end, checked_conditions, cost_of, costs_of, error_with_terms, sentences
 from ._ellipsoid._algebraic import NotEllipsoid, algebraic, axes, consistent, constrained, extents, li_griffiths, minmax
-from ._ellipsoid._causes import examined
+from ._ellipsoid._causes import examined, step_by
 from ._ellipsoid._kinds import COUNT, NAMES, PLANAR, PLANAR_NAMES, SOLID, parameters_of
 from ._ellipsoid._orthogonal import described, estimate, geometric, left_out, loss_of, refined
 from ._ellipsoid._residuals import Size
@@ -156,10 +156,12 @@ def fit(
     loss, recorded = loss_of(loss), checked_conditions(conditions or {}, len(m))
     if joint:
         checked_joint(method, model, aid, loss, field_error)
-    whole, used, assumed = m, None, inclination is None and np.ndim(field) == 0
-    if per_direction is not None and len(m) > LONG and method not in _EXTREMES:
-        used = thinned(Frame.of(m).scaled(m), per_direction, loss)
-        m = m[used]
+    whole, assumed = m, inclination is None and np.ndim(field) == 0
+    full = np.zeros(len(m), dtype=bool) if method in _EXTREMES else at_end(m)
+    used = np.flatnonzero(~full)
+    if per_direction is not None and len(used) > LONG and method not in _EXTREMES:
+        used = used[thinned(Frame.of(m[used]).scaled(m[used]), per_direction, loss)]
+    m = whole[used]
     distinct = _distinct(m)
     frame = Frame.of(m)
     if distinct < 2 or frame.scale < 1e-12 * np.abs(m).max():
@@ -198,8 +200,8 @@ def fit(
         return refusal(method, dip, (f"{NEAR_PLANAR_SENTENCE} " if flat else "") + f"{str(error)[0].upper()}{str(error)[1:]}.")
     if planar == "chosen":
         notes = ["The readings are near-planar, and were fitted in their plane.", *notes]
-    log = u if used is None else frame.scaled(whole) if plane is None else in_plane(frame.scaled(whole), plane)
-    said = examined(found, u, log, np.arange(len(u)) if used is None else used, recorded, prior)
+    log = frame.scaled(whole) if plane is None else in_plane(frame.scaled(whole), plane)
+    said = examined(found, u, log, used, recorded, prior)
     told = _told(dataclasses.replace(found, covariance=said.covariance), frame, norm, dip, plane, [unseen, *(c.steps for c in said.causes)])
     if method not in _EXACT:
         try:
@@ -214,20 +216,29 @@ def fit(
         dip = float(seen) if assumed else dip
         told["heading_error"] = heading_error(shape, matrix, dip, down)
     known = information(directions_of(found, u), found.kind, found.noise / radius_of(found.shape, plane is not None))
-    verdict, reason = judge(found, u, told["heading_error"], known, limits, loss, notes, said, cost_of(found, said.swing[None], dip))
+    verdict, reason = judge(found, u, told["heading_error"], known, limits, loss, notes, said, cost_of(found, said.swing, dip))
     dips = None if assumed and seen is None else dip
     span = np.full(2, np.nan) if plane is not None else heading_range(shape, matrix, dips, down)
     reason += assumptions(dip, dips is None, down is None, span)
-    costs = costs_of(said, found, told["heading_error"], dip)
+    costs, warnings = costs_of(said, found, told["heading_error"], dip), []
+    if full.any():
+        costs = {CLIPPED: cost_of(found, step_by(found, u, log[full], all_distances(found, log[full]))[None], dip), **costs}
+        warnings.append(
+            f"{full.sum()} readings stand at the end of the range of an axis, where the sensor is saturated. They are left out; with them "
+            f"headings would turn by {np.rad2deg(costs[CLIPPED]):.2g} degrees rms. Use a larger range of the sensor."
+        )
+    if len(used) + full.sum() < len(whole):
+        warnings.append(f"{len(used)} of {len(whole)} readings were fitted, evenly from all directions; residuals and outliers are of all.")
+    warnings += sentences(said, costs, limits[0], error_with_terms(said, found, dip))
     result = dataclasses.replace(
         refusal(method, dip, reason), verdict=verdict, condition=known.condition, kind=found.kind, penalty=found.penalty,
         field_error=field_error, names=NAMES if plane is None else PLANAR_NAMES, causes=costs, blocks=said.blocks, **told,
         down=np.array([0.0, 0.0, 1.0]) if down is None else down, heading_range=span,
-        **_of_all(found, frame, whole, told, norm, sentences(said, costs, limits[0])),
+        **_of_all(found, frame, whole, told, norm, warnings),
     )  # fmt: skip
     if turn is None:
         return result
-    after = with_rotation(result, turn, field)
+    after = with_rotation(result, turn, field, limits)
     return after if aid is None or not joint else jointly(after, whole, aid, limits=limits, rows=used)
 
 
@@ -251,7 +262,6 @@ def _of_all(found: Found, frame: Frame, m: np.ndarray, told: dict[str, Any], nor
         u = frame.scaled(m)
         distance = all_distances(found, u if plane is None else in_plane(u, plane))
         far = outliers(distance)
-        warnings.append(f"{used} of {len(m)} readings were fitted, evenly from all directions; residuals and outliers are those of all.")
     if plane is None and np.isfinite(told["covariance"]).all():
         wanted = needed(found.shape / frame.scale**2, told["covariance"], sphere_grid())
     # corrected by NumPy: nothing to compile for each length of log

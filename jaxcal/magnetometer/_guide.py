@@ -4,7 +4,7 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
-import scipy.special
+import scipy  # loads its parts when they are first used
 
 from .._errors import DataError
 from .._precision import host_float64
@@ -142,15 +142,16 @@ def guide(
 
 @host_float64
 def heading_change(
-    present: MagModel, new: MagModel, *, inclination: float = INCLINATION, down: Any = None
+    present: MagModel, new: MagModel, field: float, *, inclination: float = INCLINATION, down: Any = None
 ) -> Float[np.ndarray, " headings"]:
     """By how much level headings turn where one calibration takes the place of another.
 
     Parameters
     ----------
     present, new : both calibrations, of readings in the same unit.
+    field : norm of the field that `new` gives, in its unit, as `MagFit.field`.
     inclination : dip of the field in rad.
-    down : the sensor's axis that points down at level; z by default.
+    down : the axis that points down at level, in the axes of the field that `new` gives; z by default.
 
     Returns
     -------
@@ -162,18 +163,17 @@ def heading_change(
 
     >>> import numpy as np
     >>> from jaxcal.magnetometer import MagModel, heading_change
-    >>> new = MagModel(50e-6 * np.eye(3), np.zeros(3))
-    >>> old = MagModel(50e-6 * np.eye(3), np.array([5e-6, 0.0, 0.0]))
-    >>> bool(abs(np.rad2deg(np.abs(heading_change(old, new, inclination=0.0)).max()) - 5.7) < 0.1)
+    >>> new, old = MagModel(np.eye(3), np.zeros(3)), MagModel(np.eye(3), np.array([5e-6, 0.0, 0.0]))
+    >>> bool(abs(np.rad2deg(np.abs(heading_change(old, new, 50e-6, inclination=0.0)).max()) - 5.7) < 0.1)
     True
 
     References
     ----------
-    Readings that `new` corrects to unit fields at level are corrected with `present`.
+    Readings that `new` corrects to the field at level are corrected with `present`.
     """
     attitudes, directions = grids(float(inclination))[0]
     turn = levelled(down)
-    readings = new.measure(directions @ turn)
+    readings = new.measure(float(field) * directions @ turn)
     by = [angle(attitudes, np.asarray(model.correct(readings)) @ turn.T) for model in (present, new)]
     return np.angle(np.exp(1j * (by[1] - by[0])))
 

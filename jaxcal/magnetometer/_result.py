@@ -5,16 +5,16 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import numpy as np
-import scipy.special
+import scipy  # loads its parts when they are first used
 
 from .._results import Result, Row
 from .._types import AnyArray
-from ._design._heading_error import Information
+from ._design._heading_error import Information, heading_error
 from ._ellipsoid._algebraic import NotEllipsoid, ellipsoid_of, extents, nearest_quadric, sampson
 from ._ellipsoid._causes import Examined
 from ._ellipsoid._kinds import COUNT, ENTRIES, NAMES, PLANAR
 from ._ellipsoid._serial import BLOCKS, doubt
-from ._ellipsoid._shape import Found, radius_of
+from ._ellipsoid._shape import Found, radius_of, soft_iron_slopes
 from ._model import MagModel
 
 NOT_JUDGED = "The fit was traced: nothing was chosen and nothing is judged. Call `fit` outside of jit, vmap and grad for a verdict."
@@ -26,6 +26,10 @@ NEAR_PLANAR_SENTENCE = (
 )
 _OUTLIER = 4.0
 _STRONGEST = 1e-3  # T: readings of a larger field are in another unit, or counts
+_ONE = 1e-9
+#: change of a symmetric matrix with each of its entries xx, xy, xz, yy, yz, zz
+_UPPER = np.zeros((6, 3, 3))
+_UPPER[range(6), *np.triu_indices(3)] = _UPPER[range(6), *np.triu_indices(3)[::-1]] = 1.0
 _MANY_OUTLIERS = 0.01
 _NOISY, _TOO_NOISY = 0.1, 0.2
 _ILL, _SINGULAR = 1000.0, 1e8
@@ -70,6 +74,8 @@ class MagFit(Result):
         z, or the mean vertical of an accelerometer that is tilted little.
     heading_range : (2,) least and largest `heading_error` at level, over what is not known of both: dips up to 75 degrees, and each axis
         down. NaN in a plane and for model objects.
+    terms : name of a current -> (2, 3) field per unit of it and its standard deviation, in the unit of the readings; of `fit_current`.
+    check : `Check` of readings that were held back from the fit; None otherwise.
     usual : median of each condition of a model object, at which `heading_error` holds.
     plane : (3, 3) for a planar fit: unit vectors of the plane, and its normal last. None otherwise.
     alignment : `Alignment` with the accelerometer, gyroscope or headings that were given; its rotation is in `model`. None otherwise.
@@ -118,6 +124,8 @@ class MagFit(Result):
     down: AnyArray = eqx.field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
     heading_range: AnyArray = eqx.field(default_factory=lambda: np.full(2, np.nan))
     usual: dict[str, Any] = eqx.field(default_factory=dict)
+    terms: dict[str, Any] = eqx.field(default_factory=dict)
+    check: Any = None
 
     @property
     def parameters(self) -> dict[str, float]:
@@ -153,7 +161,12 @@ class MagFit(Result):
         unit = "T" if self.field < _STRONGEST else "unit of the readings"
         rows = [Row(f"hard iron {axis}", b, b - h, b + h, unit) for axis, b, h in zip("xyz", hard, half, strict=True)]
         soft = np.asarray(self.model.soft_iron)
-        rows += [Row(f"soft iron {a}{b}", soft[i, j]) for i, a in enumerate("xyz") for j, b in enumerate("xyz")]
+        spread = self._quantile * self.soft_iron_error
+        low, high = soft - spread, soft + spread
+        rows += [Row(f"soft iron {a}{b}", soft[i, j], low[i, j], high[i, j]) for i, a in enumerate("xyz") for j, b in enumerate("xyz")]
+        for name, (value, error) in self.terms.items():
+            spread = self._quantile * np.asarray(error)
+            rows += [Row(f"{name} {a}", v, v - h, v + h, "unit") for a, v, h in zip("xyz", np.asarray(value), spread, strict=True)]
         known = self.interval
         for field in dataclasses.fields(self.model)[2:]:  # those of a subclass, fitted or set
             values = np.asarray(getattr(self.model, field.name))
@@ -172,6 +185,47 @@ class MagFit(Result):
         basis = np.asarray(self.plane)[:2]
         spread = np.sqrt(np.einsum("ik,ij,jk->k", basis, self.covariance[3:, 3:], basis))
         return np.where(np.abs(self.plane[2]) > 1e-6, np.inf, spread)
+
+    @property
+    def soft_iron_error(self) -> np.ndarray:
+        """(3, 3) standard deviations of the soft iron, the rotation by `alignment` included; infinite for what a plane leaves open."""
+        if self.model is None or not np.isfinite(self.covariance).all():
+            return np.full((3, 3), np.inf)
+        soft, covariance = np.asarray(self.model.soft_iron), np.asarray(self.covariance)
+        if len(self.values):  # of a model object: S Q, of which S is fitted
+            left, _, right = np.linalg.svd(soft)
+            slopes = _UPPER @ (left @ right)
+        else:
+            plane = None if self.plane is None else np.asarray(self.plane)
+            values, size = list(self.parameters.values()), 3 if plane is None else 2
+            shape = np.zeros((size, size))
+            rows, columns = (place[: len(values) - size] for place in ENTRIES)
+            shape[rows, columns] = shape[columns, rows] = values[:-size]
+            given = bool(plane is None and abs(abs(np.linalg.det(soft)) - 1) > _ONE)
+            alone, slopes = soft_iron_slopes(shape, float(self.field), given, plane)
+            slopes = slopes @ np.linalg.inv(alone) @ soft
+        part = covariance[: len(slopes), : len(slopes)]
+        variance = np.einsum("pij,pq,qij->ij", slopes, part, slopes)
+        if self.alignment is not None and self.alignment.verdict != "refused":
+            turned = soft @ np.cross(np.eye(3), np.eye(3)[:, None]).swapaxes(1, 2)
+            variance = variance + np.einsum("pij,pq,qij->ij", turned, np.asarray(self.alignment.covariance), turned)
+        error = np.sqrt(np.maximum(variance, 0.0))
+        return error if self.plane is None else np.where(np.outer(*2 * [np.abs(self.plane[2]) > _ONE]), np.inf, error)
+
+    def _widened(self, by: np.ndarray, limits: tuple[float, float], what: str) -> "MagFit":
+        """The fit with a further covariance (9, 9) that `what` brings, in the heading error and in the verdict."""
+        assert self.model is not None
+        values = list(self.parameters.values())
+        shape = np.zeros((3, 3))
+        shape[ENTRIES] = shape[ENTRIES[::-1]] = values[:6]
+        error = np.hypot(self.heading_error, heading_error(shape, by, self.inclination, self.down))
+        reasons = Reasons([], [])
+        reasons.heading(error, limits, f"; part of that is by {what}.")
+        verdict = max(self.verdict, reasons.verdict, key=("good", "weak", "refused").index)
+        reason = self.reason.replace(expected(self.heading_error), expected(error))
+        if verdict != self.verdict:
+            reason = reasons.text(reason)
+        return dataclasses.replace(self, covariance=self.covariance + by, heading_error=error, verdict=verdict, reason=reason)
 
 
 def refusal(method: str, dip: float, reason: str) -> MagFit:
@@ -314,8 +368,8 @@ def _doubtful(found: Found, level: float, least: float, reasons: Reasons, said: 
         why = f"{len(found.distance)} readings leave the noise uncertain by a factor of {by:.2g}"
     if level * by > least:
         reasons.weak.append(f"{why}: the heading may be wrong by {level * by:.2g} degrees rms.")
-    elif np.rad2deg(swing) > least:
+    elif (moved := by * np.rad2deg(swing)) > least:
         reasons.weak.append(
             "The noise is correlated as that of a hard iron that moves would be, by which the heading may be wrong by "
-            f"{np.rad2deg(swing):.2g} degrees rms."
+            f"{moved:.2g} degrees rms."
         )

@@ -10,12 +10,16 @@ import numpy as np
 from .._errors import DataError
 from .._precision import host_float64
 from .._types import AnyArray, Array
-from ..fitting import Fit, covariance, information, solve
+from ..fitting import Fit, information, solve
+from ._design._heading_error import distance_slopes
+from ._diagnosis import at_end
 from ._ellipsoid._distance import signed_distance
 from ._ellipsoid._shape import Frame, ellipsoid_of_model, filled
 from ._fit import fit
 from ._model import MagModel
-from ._result import MagFit
+from ._result import LIMITS, MagFit
+from ._rotation._align import spread_of
+from ._rotation._joint import aligned
 from ._rotation._turning import array
 
 
@@ -28,7 +32,8 @@ class CurrentTerms(eqx.Module):
     error : (3, currents) standard deviations.
     correlation : (currents,) largest correlation of a current with the readings' directions; above 0.5 it is told apart badly.
     noise : standard deviation of a reading.
-    fit : `MagFit` of the readings with the currents' fields taken off; None where the attitude was held.
+    fit : `MagFit` of the readings with the currents' fields taken off, whose errors count those of the terms; None where the attitude was
+        held.
 
     Examples
     --------
@@ -198,22 +203,24 @@ def _distances(iron: dict[str, Array], data: tuple[Array, Array, Array]) -> Arra
 def _fitted(u: np.ndarray, current: np.ndarray, start: dict[str, Any], free: dict[str, Any]) -> tuple[Fit, np.ndarray]:
     """The fit, and the covariance of what was free: of centre, size, terms and U in this order."""
     found = solve(_distances, start, (filled(u, u[:1]), filled(current), filled(np.ones(len(u)))), free=free)
-    return found, np.asarray(covariance(found, scaled=True))
+    return found, spread_of(found)
 
 
 @host_float64
 def fit_current(m: Any, current: Any, **options: Any) -> CurrentTerms:
     """Hard iron, soft iron and the fields of currents together, from readings in all attitudes while the currents vary.
 
+    The hard iron is that without the currents. What else moves the hard iron in proportion, such as a temperature, is fitted alike.
+
     Parameters
     ----------
     m : (n, 3) readings.
-    current : (n,) or (n, currents) current or throttle at the readings' times.
-    options : those of `fit`, for the calibration of what remains; its `model` is symmetric here unless given.
+    current : (n,) or (n, currents) current or throttle at the readings' times; or a dictionary, name -> (n,).
+    options : those of `fit`, for the calibration of what remains; its `model` is symmetric here unless given, and not planar.
 
     Returns
     -------
-    CurrentTerms, with `fit`. The currents' terms are counted in its covariance only where they are not correlated with attitude.
+    CurrentTerms, with `fit`. Its covariance, heading error and verdict count the errors of the terms; `fit.terms` has them by name.
 
     Raises
     ------
@@ -235,7 +242,13 @@ def fit_current(m: Any, current: Any, **options: Any) -> CurrentTerms:
     The magnetometer paper, equation (5), with k I(t) added; distances as in `residuals`.
     """
     m = array(m, "readings")
-    columns = _columns_of(current, len(m))
+    names = list(current) if isinstance(current, dict) else None
+    columns = _columns_of(np.column_stack(list(current.values())) if isinstance(current, dict) else current, len(m))
+    names = names or [f"current {i + 1}" for i in range(columns.shape[1])]
+    if options.get("joint") or options.get("model") == "planar":
+        raise DataError("Currents are fitted to norms in all attitudes: leave out `joint` and model='planar'.")
+    kept = ~at_end(m)
+    whole, given, m, columns = m, columns, m[kept], columns[kept]
     size = np.ptp(columns, axis=0)
     if not size.all():
         raise DataError("A current is constant: its field cannot be told from hard iron.")
@@ -250,11 +263,32 @@ def fit_current(m: Any, current: Any, **options: Any) -> CurrentTerms:
     free = {"upper": np.triu(np.ones((3, 3), dtype=bool)), "centre": True, "log_size": False, "terms": True}
     found, matrix = _fitted(u, (columns - columns.mean(axis=0)) / size, start, free)
     scale = frame.scale / size
-    terms, error = np.asarray(found.model["terms"]) * scale, np.sqrt(np.diag(matrix)[3:-6]).reshape(3, -1) * scale
+    terms = np.asarray(found.model["terms"]) * scale
+    matrix = matrix[3:-6, 3:-6] * np.outer(np.tile(scale, 3), np.tile(scale, 3))
+    error = np.sqrt(np.diag(matrix)).reshape(3, -1)
+    aid = options.pop("aid", None)
     calibrated = fit(m - columns @ terms.T, **{"model": "symmetric", **options})
     units = u / np.maximum(np.linalg.norm(u, axis=1, keepdims=True), 1e-12)
     table = np.corrcoef(np.concatenate([units, columns], axis=1).T)
+    if calibrated.model is not None:
+        slopes = _by_terms(calibrated, m - columns @ terms.T, columns)
+        calibrated = calibrated._widened(slopes @ matrix @ slopes.T, options.get("limits", LIMITS), "the terms of the currents")
+        by_name = {name: np.stack([terms[:, i], error[:, i]]) for i, name in enumerate(names)}
+        lost = () if kept.all() else (f"{np.sum(~kept)} readings stand at the end of the range of an axis, and are left out.",)
+        calibrated = dataclasses.replace(calibrated, terms=by_name, warnings=(*calibrated.warnings, *lost))
+        if aid is not None:
+            calibrated = aligned(calibrated, np.where(kept[:, None], whole - given @ terms.T, np.nan), aid)
     return CurrentTerms(terms, error, np.abs(table[3:, :3]).max(axis=1), float(calibrated.noise), calibrated)
+
+
+def _by_terms(found: MagFit, m: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """By how much shape and centre (9,) move with each term, (9, 3 currents), to first order."""
+    shape, centre = ellipsoid_of_model(found.model, Frame(np.zeros(3), 1.0), found.field)  # type: ignore[arg-type]
+    rows = distance_slopes(shape, m - centre)
+    size = np.linalg.norm(rows, axis=0)
+    normals = -rows[:, 6:]
+    by_terms = (normals[:, :, None] * columns[:, None, :]).reshape(len(m), -1)
+    return np.linalg.lstsq(rows / size, by_terms, rcond=None)[0] / size[:, None]
 
 
 @host_float64

@@ -26,7 +26,7 @@ import itertools
 
 import jax
 import numpy as np
-import scipy.fft
+import scipy  # loads its parts when they are first used
 
 from .._errors import DataError
 from .._precision import array_module, host_float64

@@ -9,7 +9,6 @@ import equinox as eqx
 import jax
 import numpy as np
 import scipy  # loads its parts when they are first used
-import scipy.linalg
 
 from .._errors import DataError
 from .._precision import is_traced

@@ -16,7 +16,7 @@ Stat. Soc. B 39, 1977). The weights put the information of each ordinate, with w
 import dataclasses
 
 import numpy as np
-import scipy.fft
+import scipy  # loads its parts when they are first used
 
 from .._errors import DataError
 from ._ordinates import Bins, layout

@@ -33,8 +33,10 @@ def document(found: MagFit, log: Log | None) -> dict[str, Any]:
     return {
         "schema": "jaxcal.mag/1", "version": importlib.metadata.version("jaxcal"), **of(found, "verdict", "reason", "method"),
         "model": found.kind, **of(model, "hard_iron"), "hard_iron_error": None if model is None else plain(found.hard_iron_error),
-        **of(model, "soft_iron"), **of(found, "field", "noise", "penalty", "field_error", "joint", "heading_error", "heading_range"),
-        **of(found, "inclination", "down", "causes", "blocks"),
+        **of(model, "soft_iron"), "soft_iron_error": None if model is None else plain(found.soft_iron_error),
+        **of(found, "field", "noise", "penalty", "field_error", "joint", "heading_error", "heading_range"),
+        **of(found, "inclination", "down", "causes", "blocks", "terms"),
+        "check": None if found.check is None else found.check.to_dict(),
         "covariance": {"parameters": list(found.names), "values": plain(found.covariance)},
         "coverage": None if cover is None else of(cover, "gaps", "variance", "wobble", "occupied", "largest_gap"),
         **of(found, "needed", "outliers"), "readings": len(found.residual),
@@ -70,7 +72,9 @@ def _verdict(found: MagFit) -> Markup:
         scale, unit = pictures.unit_of(found)
         model, hard = found.model, zip(np.asarray(found.model.hard_iron) / scale, found.hard_iron_error / scale, strict=True)
         rows = [(f"hard iron ({unit})", *(f"{b:.5g} ± {s:.2g}" if np.isfinite(s) else f"{b:.5g}, open" for b, s in hard))]
-        rows += [(f"soft iron, {axis}", *(f"{c:.5f}" for c in row)) for axis, row in zip("xyz", np.asarray(model.soft_iron), strict=True)]
+        for axis, *both in zip("xyz", np.asarray(model.soft_iron), found.soft_iron_error, strict=True):
+            cells = (f"{c:.5f} ± {s:.1g}" if np.isfinite(s) else f"{c:.5f}, open" for c, s in zip(*both, strict=True))
+            rows.append((f"soft iron, {axis}", *cells))
         for row in found._rows()[12:-2]:  # of a model with more fields, in the units of the readings
             rows.append((row.name, f"{row.value:.5g}", f"{row.low:.5g} to {row.high:.5g}" if row.high > row.low else "", ""))
         parts.append(scroll(table(("", "x", "y", "z"), rows), "Calibration"))
@@ -86,6 +90,8 @@ def _verdict(found: MagFit) -> Markup:
         }
         if found.alignment is not None:
             facts["Rotation"] = f"against {found.alignment.source}: {found.alignment.reason}"
+        if found.check is not None:
+            facts["Check"] = found.check.reason
         parts.append(definitions(facts.items()))
     return section("Verdict", "verdict", *parts)
 

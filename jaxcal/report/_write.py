@@ -116,8 +116,10 @@ def document(results: Any, log: Any = None) -> dict[str, Any]:
     - "jaxcal.imu/1": `verdict`, `reason`, `warnings`, `convention`, `method`, `gravity`, `rate`, `poses`, `turns`, `sensors` (each with
       `matrix`, `bias`, `g_sensitivity`, `intervals`), `residuals`, `held_out`, `condition`, `temperature` and `provenance`.
     - "jaxcal.mag/1", in the units of the readings: `verdict`, `reason`, `method`, `model`, `hard_iron`, `hard_iron_error`, `soft_iron`,
-      `field`, `noise`, `heading_error` (rad, level and at 20 degrees of tilt), `inclination` (rad), `covariance` (`parameters`, `values`),
-      `coverage`, `needed`, `outliers`, `readings`, `alignment`, `warnings`, `provenance` and `notes`.
+      `soft_iron_error`, `field`, `noise`, `heading_error` (rad, level and at 20 degrees of tilt), `inclination` (rad),
+      `covariance` (`parameters`, `values`),
+      `coverage`, `needed`, `outliers`, `readings`, `alignment`, `terms` (of currents: value, error), `check`, `warnings`, `provenance`
+      and `notes`.
     - "jaxcal.north/1": `verdict`, `reason`, `parameters` (name -> `value`, `std`, `low`, `high` at 95 %, `unit`), `rank`, `unobservable`,
       `undetermined`, `chi_square`, `degrees_of_freedom`, `p_value` and `notes`.
 

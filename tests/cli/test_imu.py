@@ -97,4 +97,4 @@ def test_a_session_with_labelled_regions(call, folder):
     assert (document["verdict"], document["method"], document["poses"], document["turns"]) == ("good", "ferraris", 6, 3)
     assert np.diag(document["sensors"]["gyro"]["matrix"]) == pytest.approx(np.ones(3), abs=2e-3)
     refused = call("imu", "box.csv", "--rate", "100", "--gravity", "9.81", "--regions", "regions.json", "--raw")
-    assert (refused.status, "takes none of --raw" in refused.reason) == (2, True)
+    assert (refused.status, "take none of --raw" in refused.reason) == (2, True)

@@ -15,8 +15,11 @@ def simulated(call):
     """A log in all attitudes, the magnetometer turned by 2 degrees about z; and the command line."""
     found = call("simulate", "mag", "--out", "tumble.csv", "--mounting", "2", "--samples", "200")
     assert (found.status, found.err) == (0, "")
-    truth = [[float(cell) for cell in line.split()] for line in found.out.splitlines()[1:4]]
-    return call, np.array(truth)
+    lines = found.out.splitlines()
+    truth = np.array([[float(cell) for cell in line.split()] for line in lines[1:4]])
+    assert np.linalg.det(truth) == pytest.approx(1.0, abs=1e-4)
+    assert lines[4].startswith("as jaxcal mag gives it; with --field 47 it is ")
+    return call, truth * float(lines[4].split()[-3])
 
 
 @pytest.fixture
@@ -174,4 +177,85 @@ def test_what_a_new_calibration_would_change(simulated, folder):
     jaxcal.Calibration(magnetometer=old).save(folder / "old.json")
     other = call("mag", "tumble.csv", "--json", "new.json", "--against", "old.json")
     assert "more than the new one is uncertain by" in " ".join(other.out.split())
+    # a hard iron off by 10 uT, of 25.6 uT of horizontal field
+    known = jaxcal.Calibration.load(folder / "device.json").magnetometer.model
+    moved = jaxcal.magnetometer.MagModel(known.soft_iron, np.add(known.hard_iron, [10e-6, 0.0, 0.0]))
+    jaxcal.Calibration(magnetometer=moved).save(folder / "old.json")
+    found = " ".join(call("mag", "tumble.csv", "--json", "new.json", "--against", "old.json", "--inclination", "57").out.split())
+    degrees = float(found.split("level headings turn by ")[1].split()[0])
+    assert degrees == pytest.approx(np.rad2deg(10 / 25.6 / np.sqrt(2)), rel=0.15)
+    device = {"name": "quad", "ardupilot": {"compass_id": 97539}}
+    jaxcal.export.write(jaxcal.Calibration(magnetometer=moved, device=device), folder / "old.param", format="ardupilot")
+    found = " ".join(call("mag", "tumble.csv", "--json", "new.json", "--against", "old.param", "--inclination", "57").out.split())
+    assert float(found.split("level headings turn by ")[1].split()[0]) == pytest.approx(degrees, rel=0.05)
+    (folder / "old.txt").write_text("nothing")
+    assert call("mag", "tumble.csv", "--json", "new.json", "--against", "old.txt").status == 2
     assert call("mag", "tumble.csv", "--json", "new.json", "--against", "missing.json").status == 2
+
+
+def test_lists_of_readings_as_json(call, folder):
+    rng = np.random.default_rng(0)
+    u = rng.normal(size=(200, 3))
+    m = np.round(400 * u / np.linalg.norm(u, axis=1, keepdims=True) + [50, -20, 10] + 4 * rng.normal(size=u.shape)).astype(int)
+    rows = m.tolist()
+    forms = {
+        "rows": rows,
+        "records": [{"x": x, "y": y, "z": z, "stamp": "a"} for x, y, z in rows],
+        "deep": {"made": "by hand", "poses": [{"heading": 0, "samples": [{"x": x, "y": y, "z": z} for x, y, z in rows]}]},
+    }
+    for name, content in forms.items():
+        (folder / f"{name}.json").write_text(json.dumps(content))
+        found = call("mag", f"{name}.json", "--json", "out.json")
+        assert (found.status, found.err) == (0, "")
+        assert np.abs(np.array(json.loads((folder / "out.json").read_text())["hard_iron"]) - [50, -20, 10]).max() < 3
+    (folder / "arrays.json").write_text(json.dumps({"mag": (1e-1 * m).tolist(), "sensor": 3}))
+    assert call("mag", "arrays.json", "--units", "mag=uT", "--json", "out.json").status == 0
+    for content, reason in (("[1, 2", "no JSON"), ("{}", "no readings"), ('{"a": 1, "a": 2}', "same key twice"), ("[" * 5000, "")):
+        (folder / "bad.json").write_text(content)
+        found = call("mag", "bad.json")
+        assert (found.status, reason in found.reason) == (1, True)
+
+
+@pytest.fixture
+def swung(folder):
+    """A compass that is swung through twelve headings at three tilts, with a motor's current: its mounting is turned by 3 degrees."""
+    rng = np.random.default_rng(1)
+    heading, tilt = np.repeat(np.tile(np.arange(0, 360, 30), 6), 3), np.repeat([-60, -25, 0, 25, 60, 0], 36)
+    bank = np.repeat([0, 15, 0, -20, 0, 170], 36)
+    attitudes = np.deg2rad(np.stack([heading, tilt, bank], axis=1))
+    current = np.round(rng.uniform(0, 10, len(heading)), 2)
+    angle = np.deg2rad(3.0)
+    turn = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
+    m = jaxcal.magnetometer.body_field(attitudes, 48.0) @ turn.T + [5.0, -3.0, 8.0] + 0.1 * rng.normal(size=(len(heading), 3))
+    powered = m + np.outer(current, [0.3, 0.0, -0.2])
+    columns = "mag_x [uT],mag_y [uT],mag_z [uT],heading,roll,pitch,motor"
+    save(folder / "swing.csv", np.column_stack([m, heading, bank, tilt, current]), columns)
+    save(folder / "powered.csv", np.column_stack([powered, heading, bank, tilt, current]), columns)
+
+
+def test_known_attitudes_give_the_rotation_and_a_table(call, folder, swung):
+    found = call("mag", "swing.csv", "--headings", "heading,roll,pitch", "--check", "4", "--json", "out.json", "--inclination", "57")
+    assert (found.status, found.err) == (0, "")
+    assert "residuals by heading" in found.out
+    document = json.loads((folder / "out.json").read_text())
+    assert document["alignment"]["source"] == "headings"
+    assert np.rad2deg(document["alignment"]["angle"]) == pytest.approx(3.0, abs=0.3)
+    assert document["readings"] == 162
+    assert document["check"]["verdict"] == "good"
+    assert document["check"]["count"] == 54
+    assert np.rad2deg(document["check"]["heading"]) < 0.5
+    assert np.all(np.array(document["soft_iron_error"]) < 0.01)
+    for words in (("--headings", "heading,roll"), ("--headings", "heading", "--align", "accel"), ("--check", "1")):
+        assert call("mag", "swing.csv", *words).status == 2
+    assert call("mag", "swing.csv", "--headings", "bearing").status == 1
+
+
+def test_currents_are_fitted(call, folder, swung):
+    found = call("mag", "powered.csv", "--currents", "motor", "--json", "out.json")
+    assert (found.status, found.err) == (0, "")
+    assert "motor (uT per unit)" in found.out
+    document = json.loads((folder / "out.json").read_text())
+    value, error = np.array(document["terms"]["motor"])
+    assert np.all(np.abs(value - [3e-7, 0.0, -2e-7]) < 4 * error)
+    assert np.all(np.abs(np.array(document["hard_iron"]) - [5e-6, -3e-6, 8e-6]) < 4 * np.array(document["hard_iron_error"]))
+    assert call("mag", "powered.csv", "--currents", "motor", "--joint", "--align", "accel").status == 2

@@ -1,11 +1,13 @@
 """Advice on the next reading: fewer readings than in the order of a recording, and an error within the limit at the word stop."""
 
+import json
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from jaxcal import DataError
-from jaxcal.magnetometer import guide
+from jaxcal.magnetometer import fit, guide, heading_change
 
 SOFT = np.array([[1.1, 0.06, -0.04], [0.06, 0.92, 0.05], [-0.04, 0.05, 1.0]])
 HARD = np.array([0.3, -0.2, 0.4])
@@ -23,6 +25,15 @@ def tumble(seed, noise=0.01, count=300):
         attitude = attitude * Rotation.from_rotvec(rate)
         found.append(attitude.inv().apply([np.cos(DIP), 0.0, np.sin(DIP)]))
     return np.array(found) @ SOFT.T + HARD + noise * rng.normal(size=(count, 3))
+
+
+def tumbles(folder):
+    """Logs in counts, in the order of time."""
+    for path in sorted(folder.glob("betaflight/*_tumble.json")):
+        yield np.array([[s[axis] for axis in "xyz"] for s in json.loads(path.read_text())["samples"]], dtype=float)
+    yield np.loadtxt(folder / "ellipsoid_fit_python" / "mag_out.txt")
+    yield np.loadtxt(folder / "jremington" / "mag3_raw.csv", delimiter=",")
+    yield np.loadtxt(next(folder.glob("pichim/*.txt")), delimiter=",")[:, :3]
 
 
 def off(model):
@@ -57,6 +68,20 @@ def test_a_guided_replay_needs_half_the_readings_and_stops_rightly():
         inside.append(off(advice.fit.model) <= LIMIT)
     assert np.median(ratios) < 0.5
     assert np.mean(inside) >= 0.875  # of 40 at 95 %: five or more misses by chance in 5 of 100
+
+
+@pytest.mark.long
+def test_real_tumbles_need_half_the_readings(reference):
+    """Logs of four sources; at the word stop the fit is within the limit of the fit of the whole log."""
+    for m in tumbles(reference / "data" / "magnetometer"):
+        m = m[np.unique(np.linspace(0, len(m) - 1, 600).astype(int))]
+        whole = fit(m, model="symmetric")
+        plain = next((n for n in range(12, len(m), 4) if guide(m[:n], limit=LIMIT).heading_error <= LIMIT), len(m))
+        reached, advice = replayed(m)
+        assert reached is not None
+        assert reached <= plain / 2
+        assert advice.stop
+        assert np.sqrt(np.mean(heading_change(advice.fit.model, whole.model, whole.field) ** 2)) <= LIMIT
 
 
 def test_directions_fill_the_sphere_and_end():

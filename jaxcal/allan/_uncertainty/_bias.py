@@ -12,7 +12,7 @@ frequency stability characterization", PTTI 1997; white phase derived, flicker p
 import functools
 
 import numpy as np
-import scipy.special
+import scipy  # loads its parts when they are first used
 
 from ..._types import Any, Float
 from .._kinds import Kind, find_kind

@@ -7,8 +7,9 @@ Chance is judged by the sums over twenty parts of the log, so that correlated no
 
 from typing import NamedTuple
 
+import equinox as eqx
 import numpy as np
-import scipy.special
+import scipy  # loads its parts when they are first used
 
 from ._kinds import COUNT, PLANAR, basis_of, slopes_of
 from ._residuals import Size
@@ -34,14 +35,16 @@ class Cause(NamedTuple):
 class Examined(NamedTuple):
     """Covariance of the parameters, number of parts that it is from (zero for white residuals), and causes, the strongest first.
 
-    swing : (9,) how far the hard iron may have moved from its mean at any time; for correlated noise, which it cannot be told from, the
-        verdict alone counts it.
+    swing : (k, 9) how far the hard iron may have moved from its mean along each axis, if it were the reason why the residuals are not
+        white; the verdict alone counts it.
+    with_terms : covariance of the parameters if the causes that move the hard iron were fitted as terms; None where there is none.
     """
 
     covariance: np.ndarray
     blocks: int
     causes: list[Cause]
     swing: np.ndarray
+    with_terms: np.ndarray | None = None
 
 
 def _rows(found: Found, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -56,6 +59,15 @@ def _rows(found: Found, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarr
     x, y, w = z.T
     by_shape = np.stack([x * x, 2 * x * y, y * y, 2 * x * w, 2 * y * w, w * w], axis=1)
     return np.concatenate([by_shape, -slope], axis=1) / size, slope / size, z
+
+
+def step_by(found: Found, u: np.ndarray, more: np.ndarray, distance: np.ndarray) -> np.ndarray:
+    """Step (9,) of shape and centre that further readings at some distance from the ellipsoid would make, to first order."""
+    slopes = slopes_of(found.parameters, basis_of(found.kind))[:, : COUNT[found.kind]]
+    jacobian = np.concatenate([_rows(found, u)[0], _rows(eqx.tree_at(lambda f: f.distance, found, distance), more)[0]]) @ slopes
+    residuals = np.concatenate([np.zeros(len(u)), distance])
+    size = np.linalg.norm(jacobian, axis=0)
+    return -slopes @ (np.linalg.lstsq(jacobian / size, residuals, rcond=1e-9)[0] / size)
 
 
 def _columns(found, normals, z, whole, rows, conditions) -> dict[str, np.ndarray]:
@@ -111,7 +123,7 @@ def examined(
     count, n = COUNT[found.kind], len(u)
     radius = radius_of(found.shape, found.kind in PLANAR)
     if not np.isfinite(found.covariance).all() or not found.noise > _EXACT * radius or not found.converged:
-        return Examined(np.asarray(found.covariance), 0, [], np.zeros(9))
+        return Examined(np.asarray(found.covariance), 0, [], np.zeros((0, 9)))
     slopes = slopes_of(found.parameters, basis_of(found.kind))[:, :count]
     weight = np.sqrt(np.asarray(found.weight))[:, None]
     by_entries, normals, z = _rows(found, u)
@@ -119,6 +131,7 @@ def examined(
     columns = {} if n < _FEWEST else _columns(found, normals, z, whole, rows, conditions)
     columns = {name: weight * part[:, np.abs(part).max(axis=0) > 1e-12 * radius] for name, part in columns.items()}
     causes: list[Cause] = []
+    terms = [jacobian]
     while columns and len(causes) < _MOST:
         calm = tamed(jacobian, left)
         worth = n / correlation_time(calm)
@@ -134,10 +147,11 @@ def examined(
             moved = np.zeros(9)
             moved[6 : 6 + len(coefficients)] = coefficients
             steps.append(moved)
+            terms.append(part)
         causes.append(Cause(name, np.array(steps), float(np.max(np.abs(part @ coefficients))) / radius))
     if white(jacobian, left):
         rest = np.sum(left**2) / np.sum((weight[:, 0] * found.distance) ** 2)
-        return Examined(found.covariance * min(rest, 1.0), 0, causes, np.zeros(9))
+        return Examined(found.covariance * min(rest, 1.0), 0, causes, np.zeros((0, 9)), _with_terms(terms, left, count, True))
     known = np.zeros((count, count))
     if size is not None:  # the derivative of the mean semi-axis, of the field that was given
         slope = np.linalg.inv(found.shape) / -6
@@ -150,9 +164,25 @@ def examined(
         matrix[:count, :count] = part
     of_norm, alone, swing = shared(left, normals)
     # half the range of what takes any value alike is the square root of three standard deviations
-    half = np.concatenate([np.zeros(6), np.sqrt(3.0) * swing])
-    if alone:
-        rest = Cause(ALONE, half[None], float(np.linalg.norm(half)) / radius)
-    else:
+    half = np.sqrt(3.0) * swing * np.eye(9)[6:]
+    if alone is None:
         rest = Cause(PLACE if of_norm else SERIAL, np.zeros((0, 9)), float(np.std(left)) / radius)
-    return Examined(matrix, BLOCKS, [*causes, rest], half)
+    else:
+        moved = np.sqrt(3.0) * np.concatenate([np.zeros(6), alone])
+        rest = Cause(ALONE, moved[None], float(np.linalg.norm(moved)) / radius)
+    return Examined(matrix, BLOCKS, [*causes, rest], half, _with_terms(terms, left, count, False))
+
+
+def _with_terms(terms: list[np.ndarray], residuals: np.ndarray, count: int, independent: bool) -> np.ndarray | None:
+    """Covariance (9, 9) of the first parameters where columns of causes are fitted beside them."""
+    rows, matrix = np.concatenate(terms, axis=1), np.zeros((9, 9))
+    if len(terms) == 1:
+        return None
+    if independent:
+        size = np.linalg.norm(rows, axis=0)
+        noise2 = np.sum(residuals**2) / max(len(rows) - rows.shape[1], 1)
+        part = noise2 * np.linalg.pinv((rows / size).T @ (rows / size), hermitian=True) / np.outer(size, size)
+    else:
+        part = leave_out(rows, residuals, np.zeros((rows.shape[1],) * 2))
+    matrix[:count, :count] = part[:count, :count]
+    return matrix

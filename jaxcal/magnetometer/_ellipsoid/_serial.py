@@ -9,7 +9,7 @@ import itertools
 from typing import NamedTuple
 
 import numpy as np
-import scipy.special
+import scipy  # loads its parts when they are first used
 
 #: parts of a log; on real logs six were honest, where ten or twenty were too narrow
 BLOCKS = 6
@@ -100,13 +100,13 @@ class Shared(NamedTuple):
     """What neighbouring residuals have in common.
 
     of_norm : whether they agree whatever their directions, as a field that varies makes them, rather than as an offset would.
-    alone : whether an offset varies along one direction, as that of a current.
-    swing : (3,) standard deviation of the offset, along the direction in which it varies most.
+    alone : (3,) standard deviation of an offset along the one direction in which it varies, as that of a current; None where there is none.
+    swing : standard deviation of an offset along any direction that has what neighbours share.
     """
 
     of_norm: bool
-    alone: bool
-    swing: np.ndarray
+    alone: np.ndarray | None
+    swing: float
 
 
 def shared(residuals: np.ndarray, normals: np.ndarray) -> Shared:
@@ -116,8 +116,12 @@ def shared(residuals: np.ndarray, normals: np.ndarray) -> Shared:
     first, second = (np.concatenate([part(k) for k in lags]) for part in (lambda k: normals[k:], lambda k: normals[:-k]))
     products = np.concatenate([residuals[k:] * residuals[:-k] for k in lags])
     norm, offset = np.linalg.lstsq(np.stack([np.ones(len(first)), np.sum(first * second, axis=1)], axis=1), products, rcond=None)[0]
+    # of close neighbours, which share most of it, but not of the closest, which share what the log repeats
+    near = np.concatenate([residuals[k:] * residuals[:-k] for k in _CLOSE])
+    turned = np.concatenate([np.sum(normals[k:] * normals[:-k], axis=1) for k in _CLOSE])
+    swing = float(np.sqrt(max(np.sum(turned * near) / max(np.sum(turned**2), 1e-300), 0.0)))
     if norm > offset:
-        return Shared(True, False, np.zeros(3))
+        return Shared(True, None, swing)
     pairs = [(i, j) for i in range(3) for j in range(i, 3)]
     columns = [first[:, i] * second[:, j] + (i != j) * first[:, j] * second[:, i] for i, j in pairs]
     entries = np.linalg.lstsq(np.stack([np.ones(len(first)), *columns], axis=1), products, rcond=None)[0][1:]
@@ -125,13 +129,12 @@ def shared(residuals: np.ndarray, normals: np.ndarray) -> Shared:
     for (i, j), value in zip(pairs, entries, strict=True):
         matrix[i, j] = matrix[j, i] = value
     values, vectors = np.linalg.eigh(matrix)
-    alone = bool(values[2] > _ALONE * np.abs(values[:2]).max())
-    # of close neighbours, which share most of it, but not of the closest, which share what the log repeats
+    if not values[2] > _ALONE * np.abs(values[:2]).max():
+        return Shared(False, None, swing)
     along = normals @ vectors[:, 2]
     cosines = np.concatenate([along[k:] * along[:-k] for k in _CLOSE])
-    products = np.concatenate([residuals[k:] * residuals[:-k] for k in _CLOSE])
-    variance = np.sum(cosines * products) / max(np.sum(cosines**2), 1e-300)
-    return Shared(False, alone, vectors[:, 2] * np.sqrt(max(variance, 0.0)))
+    variance = np.sum(cosines * near) / max(np.sum(cosines**2), 1e-300)
+    return Shared(False, vectors[:, 2] * np.sqrt(max(variance, 0.0)), swing)
 
 
 def doubt(freedom: float | int) -> float:

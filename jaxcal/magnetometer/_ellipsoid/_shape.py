@@ -123,6 +123,27 @@ def root_slopes(shape: Any) -> Any:
     return _root_change(root(shape), change.reshape(9, 6)).T.reshape(6, 3, 3)
 
 
+def soft_iron_slopes(shape: np.ndarray, field: float, given: bool, plane: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Symmetric soft iron C = A^(-1/2) / H, and its derivative with respect to the entries of A, (6, 3, 3), or (3, 3, 3) in a plane.
+
+    given : whether H is a field that was given; else it is the mean semi-axis, and the determinant of C stays one.
+    """
+    count = 6 if plane is None else 3
+    change = np.zeros((count, 3, 3))
+    rows, columns = (place[:count] for place in ENTRIES)
+    change[range(count), rows, columns] = change[range(count), columns, rows] = 1.0
+    if plane is not None:
+        change = plane.T @ change @ plane
+        shape = plane.T @ np.block([[shape, np.zeros((2, 1))], [np.zeros((1, 2)), np.full((1, 1), 1 / field**2)]]) @ plane
+    inverse = np.linalg.inv(root(shape))
+    roots = np.einsum("pe,eij->pij", change[:, *ENTRIES], root_slopes(shape))
+    soft, slopes = inverse / field, -inverse @ roots @ inverse / field
+    if not given:
+        size = -np.einsum("ij,pji->p", np.linalg.inv(shape), change) / (6 if plane is None else 4)
+        slopes = slopes - size[:, None, None] * soft
+    return soft, slopes
+
+
 def radius_of(shape: Any, planar: bool = False) -> Any:
     """Geometric mean of the semi-axes, or of those in the plane."""
     xp = array_module(shape)

@@ -1,6 +1,5 @@
 """`align`: the rotation that a fit of norms cannot see, from the vertical, from rates, or from known headings."""
 
-import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -9,7 +8,7 @@ import jax
 import numpy as np
 import scipy  # loads its parts when they are first used
 
-from ..._compile import jit
+from ..._compile import filter_jit
 from ..._errors import DataError
 from ..._precision import host_float64
 from ..._types import AnyArray
@@ -185,7 +184,7 @@ class Gyroscope(eqx.Module):
             noise = max(noise, _EXACT) * np.sqrt(np.sum(np.square(fit.residuals)) / (3 * free))
             if turn and abs(float(found["delay"])) < _SETTLED and abs(noise - last) < 0.01 * last:
                 break
-        matrix = _spread_of(fit)
+        matrix = spread_of(fit)
         # each segment's field was estimated too
         left = np.asarray(fit.degrees_of_freedom)
         matrix = matrix * left / max(left - 3 * len(number), 1)
@@ -293,7 +292,7 @@ def _enough(count: int, what: str) -> None:
         raise DataError(f"{count} {what} are left to align with; at least {_FEWEST} are needed, in attitudes that differ.")
 
 
-@functools.partial(jit, static_argnums=0)
+@filter_jit
 def _values(function: Callable, parameters: dict[str, Any], data: Any) -> jax.Array:
     return function(parameters, data)
 
@@ -308,10 +307,10 @@ def _turned(
         turn = scipy.spatial.transform.Rotation.from_rotvec(np.array(fits[-1].model["rho"])).as_matrix()
         start, data = {**fits[-1].model, "rho": np.zeros(3)}, {**data, "base": data["base"] @ turn}
     order = [i for i, name in enumerate(fits[-1].names) if name.startswith("rho")]
-    return data["base"], start, _spread_of(fits[-1])[np.ix_(order, order)], fits
+    return data["base"], start, spread_of(fits[-1])[np.ix_(order, order)], fits
 
 
-def _spread_of(fit: Fit) -> np.ndarray:
+def spread_of(fit: Fit) -> np.ndarray:
     """Covariance of the parameters: of white residuals, or where they are not, from fits without parts of the log."""
     matrix, counted = np.asarray(covariance(fit, scaled=True)), np.asarray(fit.counted)
     jacobian, residuals = np.asarray(fit.jacobian)[counted], np.asarray(fit.residuals)[counted]

@@ -2,7 +2,6 @@
 
 import contextlib
 import dataclasses
-import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -10,7 +9,7 @@ import equinox as eqx
 import numpy as np
 import scipy  # loads its parts when they are first used
 
-from ..._compile import jit
+from ..._compile import filter_jit
 from ..._errors import DataError
 from ..._precision import host_float64
 from ..._types import AnyArray
@@ -22,7 +21,7 @@ from .._ellipsoid._kinds import NAMES, basis_of, parameters_of, upper_and_centre
 from .._ellipsoid._orthogonal import CURVED
 from .._ellipsoid._select import LONG, all_distances, thinned
 from .._ellipsoid._shape import Found, Frame, covariance_of, ellipsoid_of_model, filled, model_of, padded_length, radius_of, root, unit
-from .._result import LIMITS, MagFit, outliers
+from .._result import LIMITS, MagFit, expected, outliers
 from ._align import DELAY as PRIOR, Accelerometer, Alignment, Gyroscope, align, alignment_of, still, vertical
 from ._joint_verdict import judged, shares
 from ._residuals import CENTRE, DELAY, EXTRA, TURN, JointPoses, JointTurns, joint_pose_residuals, joint_turn_residuals
@@ -80,7 +79,7 @@ def _delay(parameters: Any) -> Any:
     return parameters[DELAY]
 
 
-@functools.partial(jit, static_argnums=0)
+@filter_jit
 def _attempt(function: Callable, start: AnyArray, data: Any, bounds: Any, priors: Any) -> Fit:
     fit = solve(function, start, data, bounds=bounds, priors=priors, rtol=_PRECISE, max_steps=_STEPS)
     return eqx.tree_at(lambda f: f.problem, fit, None)
@@ -345,12 +344,13 @@ def aligned(found: MagFit, m: Any, aid: Any, *, joint: bool = False) -> MagFit:
         down = found.down if down is None else down
         shape = ellipsoid_of_model(found.model, Frame(np.zeros(3), 1.0), found.field)[0]
         error, span = heading_error(shape, found.covariance, dip, down), heading_range(shape, found.covariance, dip, down)
-        found = dataclasses.replace(found, inclination=dip, down=down, heading_error=error, heading_range=span)
+        reason = found.reason.replace(expected(found.heading_error), expected(error))
+        found = dataclasses.replace(found, inclination=dip, down=down, heading_error=error, heading_range=span, reason=reason)
     after = with_rotation(found, turn, None)
     return jointly(after, m, aid) if joint else after
 
 
-def with_rotation(result: MagFit, alignment: Alignment, field: Any) -> MagFit:
+def with_rotation(result: MagFit, alignment: Alignment, field: Any, limits: tuple[float, float] = LIMITS) -> MagFit:
     """The fit with the rotation in its soft iron and in its heading error; a rotation that is not determined stays out."""
     warnings = list(result.warnings)
     if alignment.verdict == "refused":
@@ -367,9 +367,14 @@ def with_rotation(result: MagFit, alignment: Alignment, field: Any) -> MagFit:
     down = alignment.rotation.T @ result.down
     error = np.hypot(result.heading_error, turned_heading_error(np.asarray(alignment.covariance), result.inclination, down))
     planar = result.plane is not None
-    reason = result.reason.replace("excluding a rotation common to all readings", "excluding the alignment error")
+    if planar:
+        error = result.heading_error
+    reason = result.reason.replace("excluding a rotation common to all readings", "the error of the rotation included")
+    reason = f"{reason.replace(expected(result.heading_error), expected(error))} {alignment.reason}"
     verdict = alignment.verdict if result.verdict == "good" else result.verdict
+    if verdict == "good" and error[0] > limits[0]:
+        verdict = "weak"
+        reason = f"With the rotation the heading would be wrong by {np.rad2deg(error[0]):.2g} degrees rms. {reason}"
     return dataclasses.replace(
-        result, model=alignment.model, alignment=alignment, heading_error=result.heading_error if planar else error, verdict=verdict,
-        reason=f"{reason} {alignment.reason}", warnings=tuple(warnings),
-    )  # fmt: skip
+        result, model=alignment.model, alignment=alignment, heading_error=error, verdict=verdict, reason=reason, warnings=tuple(warnings)
+    )

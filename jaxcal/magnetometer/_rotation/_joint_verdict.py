@@ -1,13 +1,12 @@
 """What a joint fit knows: covariance of ellipsoid and rotation together, heading error, what stays open, verdict."""
 
-import functools
 from typing import Any
 
 import equinox as eqx
 import jax
 import numpy as np
 
-from ..._compile import jit
+from ..._compile import filter_jit
 from ...fitting import information
 from .._design._heading_error import WORDS, rms_heading
 from .._ellipsoid._algebraic import triangle
@@ -75,18 +74,24 @@ def _serial(found: Any, covariance: np.ndarray) -> tuple[np.ndarray, int]:
     return (matrix, BLOCKS) if np.isfinite(matrix).all() else (covariance, 0)
 
 
-@functools.partial(jit, static_argnums=0)
-def _along(function, parameters, data, ways):
-    return jax.vmap(lambda way: jax.jvp(lambda p: function(p, data), (parameters,), (way,))[1])(ways)
+_STEP = 1e-5  # of the parameters, in scaled units
+
+
+@filter_jit
+def _many(function, parameters, data):
+    return jax.vmap(function, (0, None))(parameters, data)
 
 
 def _by_noise(found: Any, ways: np.ndarray) -> np.ndarray:
     """Share of what the data tell along each way that noise alone gives: what as much noise again adds to it."""
     extra = found.sigma[0] * np.random.default_rng(0).normal(size=np.shape(found.data.u))
-    told = []
+    # differences instead of derivatives: their program compiles in a third of the time
+    steps = _STEP * ways / np.abs(ways).max(axis=1, keepdims=True)
+    both, told = found.parameters + np.concatenate([steps, -steps]), []
     for sign in (0.0, 1.0, -1.0):
         data = eqx.tree_at(lambda d: d.u, found.data, found.data.u + sign * extra)
-        told.append(np.sum(np.asarray(_along(found.function, found.parameters, data, ways)) ** 2, axis=1))
+        ahead, behind = np.split(np.asarray(_many(found.function, both, data)), 2)
+        told.append(np.sum((ahead - behind) ** 2, axis=1))
     return ((told[1] + told[2]) / 2 - told[0]) / np.maximum(told[0], 1e-300)
 
 

@@ -1,0 +1,104 @@
+"""Readings as JSON: lists of numbers, lists of records, or arrays by name."""
+
+import json
+import pathlib
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ..._errors import DataError
+from .._table import Table
+
+_LARGEST = 64_000_000  # bytes
+_EXPECTED = 'expected rows of numbers [[x, y, z], ...], records [{"x": 1, ...}, ...], or arrays by name {"mag": [[x, y, z], ...], ...}'
+_AXES = "xyz"
+
+
+def read_json(path: pathlib.Path) -> Table:
+    """Columns of a JSON file.
+
+    It holds rows of numbers, records, or arrays by name. Records may lie deeper, as in {"poses": [{"heading": 90, "samples": [...]}]}:
+    then each has the numbers of those around it. A vector of three numbers becomes three columns, name_x to name_z.
+    """
+    if path.stat().st_size > _LARGEST:
+        raise DataError(f"the file has {path.stat().st_size} bytes, and JSON is read up to {_LARGEST}; write the readings as CSV")
+    try:
+        content = json.loads(path.read_text(encoding="utf-8-sig"), object_pairs_hook=_once)
+        columns = _arrays(content) or _columns(_records(content, {}))
+    except DataError:
+        raise
+    except RecursionError:
+        raise DataError(f"the lists are nested too deep; {_EXPECTED}") from None
+    except ValueError as error:
+        raise DataError(f"this is no JSON: {error}") from None
+    if not columns:
+        raise DataError(f"there are no readings in it; {_EXPECTED}")
+    try:
+        values = [np.array(column, dtype=float) for _, column in columns]
+    except OverflowError:
+        raise DataError("it holds a number that is too large for a reading") from None
+    whole = {i for i, column in enumerate(values) if np.all(np.isfinite(column)) and not np.any(column % 1)}
+    return Table(values, [name for name, _ in columns], whole, stem=path.stem)
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        raise DataError("an object has the same key twice; give each value a name of its own")
+    return found
+
+
+def _number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _vector(value: Any) -> bool:
+    return isinstance(value, list) and 1 <= len(value) <= 1000 and all(map(_number, value))
+
+
+def _named(name: str, width: int) -> list[str]:
+    return [f"{name}_{axis}" if name else "" for axis in (_AXES if width == 3 else map(str, range(width)))]
+
+
+def _rows(value: Any) -> bool:
+    """Whether it is a list of vectors of one length."""
+    return isinstance(value, list) and len(value) > 0 and all(map(_vector, value)) and len({len(row) for row in value}) == 1
+
+
+def _arrays(content: Any) -> list[tuple[str, Sequence[float | int]]]:
+    """Columns of rows of numbers, or of arrays by name, all of one length."""
+    if _rows(content):
+        return list(zip(_named("", len(content[0])), zip(*content, strict=True), strict=True))
+    if not isinstance(content, dict):
+        return []
+    arrays = {name: value for name, value in content.items() if _rows(value) or (_vector(value) and len(value) > 1)}
+    most = max((len(value) for value in arrays.values()), default=0)
+    found: list[tuple[str, Sequence[float | int]]] = []
+    for name, value in arrays.items():
+        if len(value) == most > 3:
+            found += zip(_named(name, len(value[0])), zip(*value, strict=True), strict=True) if _rows(value) else [(name, value)]
+    return found
+
+
+def _records(node: Any, around: dict[str, float | int]) -> list[dict[str, float | int]]:
+    """Records in the order of the file, each with the numbers of the records around it."""
+    if isinstance(node, list):
+        return [record for one in node if isinstance(one, dict) for record in _records(one, around)]
+    here = dict(around)
+    for name, value in node.items():
+        if _number(value):
+            here[name] = value
+        elif _vector(value):
+            here |= dict(zip(_named(name, len(value)), value, strict=True))
+    inner = [_records(value, here) for value in node.values() if isinstance(value, list) and value and isinstance(value[0], dict)]
+    return max(inner, key=len) if inner else [here]
+
+
+def _columns(records: list[dict[str, float | int]]) -> list[tuple[str, Sequence[float | int]]]:
+    """Columns of the numbers that most records have; where one has none, it is missing."""
+    if len(records) < 2:
+        return []
+    names = list(dict.fromkeys(name for record in records for name in record))
+    common = [name for name in names if 2 * sum(name in record for record in records) > len(records)]
+    return [(name, [record.get(name, np.nan) for record in records]) for name in common]

@@ -1,0 +1,138 @@
+"""Errors of the soft iron, fields of currents with their errors, saturated readings, and readings held back."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from jaxcal import DataError
+from jaxcal.magnetometer import Accelerometer, body_field, check, fit, fit_current, scenario
+
+SOFT = np.array([[1.1, 0.06, -0.04], [0.06, 0.92, 0.05], [-0.04, 0.05, 1.0]])
+HARD = np.array([0.3, -0.2, 0.4])
+DIP = np.deg2rad(57.0)
+
+
+def sphere(rng, count):
+    u = rng.normal(size=(count, 3))
+    return u / np.linalg.norm(u, axis=1, keepdims=True)
+
+
+def inside(found, truth, start):
+    rows = found._rows()[start : start + truth.size]
+    return [row.low < true < row.high for row, true in zip(rows, truth.ravel(), strict=True)]
+
+
+@pytest.mark.parametrize("field", [None, 1.0])
+def test_intervals_of_the_soft_iron_hold_it(field):
+    rng, held = np.random.default_rng(0), []
+    truth = SOFT / (np.cbrt(np.linalg.det(SOFT)) if field is None else 1.0)
+    for _ in range(40):
+        m = sphere(rng, 150) @ SOFT.T + HARD + 0.01 * rng.normal(size=(150, 3))
+        held += inside(fit(m, model="symmetric", field=field), truth, 3)
+    # 360 intervals of 95 %, six of which are independent in a run
+    assert 0.92 < np.mean(held) < 0.98
+
+
+def test_the_rotation_counts_in_the_soft_iron():
+    turn, held = Rotation.from_rotvec([0.03, -0.02, 0.05]).as_matrix(), []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        attitudes = scenario("all", samples=100, seed=seed)
+        m = body_field(attitudes, 1.0, DIP) @ (SOFT @ turn).T + HARD + 0.01 * rng.normal(size=(100, 3))
+        up = -9.81 * (body_field(attitudes, 1.0, np.pi / 2) + 0.01 * rng.normal(size=(100, 3)))
+        found = fit(m, model="symmetric", field=1.0, aid=Accelerometer(up))
+        held += inside(found, SOFT @ turn, 3)
+    assert 0.9 < np.mean(held) < 0.99
+
+
+def test_soft_iron_of_a_plane_is_open_across_it():
+    rng, angle = np.random.default_rng(0), np.linspace(0, 6, 80)
+    m = np.stack([1.1 * np.cos(angle), 0.9 * np.sin(angle), np.zeros(80)], axis=1) + 0.005 * rng.normal(size=(80, 3)) * [1, 1, 0]
+    error = fit(m, model="planar").soft_iron_error
+    assert np.isfinite(error[:2, :2]).all()
+    assert np.isinf(error[2, 2])
+    # of diag(1.1, 0.9): the determinant is held, so both scales are known alike
+    assert error[0, 0] / 1.1 == pytest.approx(error[1, 1] / 0.9, rel=0.05)
+
+
+def test_hard_iron_without_the_current_is_inside_its_interval():
+    way, held, terms = np.array([0.004, -0.002, 0.003]), [], []
+    for seed in range(25):
+        rng = np.random.default_rng([3, seed])
+        current = np.repeat(rng.uniform(5, 15, 30), 10)
+        m = sphere(rng, 300) @ SOFT.T + HARD + np.outer(current, way) + 0.01 * rng.normal(size=(300, 3))
+        found = fit_current(m, {"motor": current})
+        held += inside(found.fit, HARD, 0)
+        terms += inside(found.fit, way, 12)
+    # 75 intervals each
+    assert np.mean(held) > 0.9
+    assert np.mean(terms) > 0.9
+    value, error = found.fit.terms["motor"]
+    np.testing.assert_allclose([value, error], [found.terms[:, 0], found.error[:, 0]])
+    # the current was never near zero: most of the error of the hard iron is that of the terms
+    assert np.all(found.fit.hard_iron_error > 1.5 * fit(m - np.outer(current, way), model="symmetric").hard_iron_error)
+    with pytest.raises(DataError, match="leave out `joint`"):
+        fit_current(m, current, joint=True)
+
+
+def test_saturated_readings_are_named_and_left_out():
+    off, bare = [], []
+    for seed in range(10):
+        rng = np.random.default_rng([4, seed])
+        m = sphere(rng, 400) @ SOFT.T + HARD + 0.005 * rng.normal(size=(400, 3))
+        m[:, 1] = np.maximum(m[:, 1], np.quantile(m[:, 1], 0.05))
+        found = fit(m)
+        assert next(iter(found.causes)) == "clipping"
+        assert "readings stand at the end of the range of an axis" in found.warnings[0]
+        assert found.used == 380
+        assert len(found.residual) == 400
+        off.append((found.model.hard_iron - HARD)[1] / found.hard_iron_error[1])
+        bare.append((fit(m, method="minmax").model.hard_iron - HARD)[1])
+    assert np.sqrt(np.mean(np.square(off))) < 1.6
+    assert np.mean(bare) > 0.01
+
+
+@pytest.mark.parametrize("step", [0.0, 0.002, 0.01, 0.05])
+def test_coarse_readings_are_not_taken_for_saturated_ones(step):
+    wrong = 0
+    for seed in range(20):
+        rng = np.random.default_rng([5, seed])
+        m = np.repeat(sphere(rng, 60), 8, axis=0) @ SOFT.T + HARD + 0.004 * rng.normal(size=(480, 3))
+        m = np.round(m / step) * step if step else m
+        wrong += "clipping" in fit(m).causes
+    assert wrong <= 1
+
+
+def test_a_check_says_good_where_it_is():
+    words, wrong = [], []
+    for seed in range(40):
+        rng = np.random.default_rng([6, seed])
+        attitudes = scenario("all", samples=200, seed=seed)
+        m = body_field(attitudes, 1.0, DIP) @ SOFT.T + HARD + 0.01 * rng.normal(size=(200, 3))
+        up = -9.81 * body_field(attitudes, 1.0, np.pi / 2)
+        found = fit(m[:100], model="symmetric", inclination=DIP)
+        seen = check(found, m[100:], accel=up[100:], headings=attitudes[100:, 0])
+        words.append(seen.verdict)
+        assert seen.norm == pytest.approx(seen.expected_norm, rel=0.35)
+        assert seen.dip[0] == pytest.approx(DIP, abs=0.02)
+        other = check(found, m[100:], accel=up[100:], headings=attitudes[100:, 0] + 0.1)
+        wrong.append(other.verdict)
+    assert words.count("good") >= 36
+    assert wrong.count("weak") == 40
+    assert seen.table.shape == (12, 5)
+    assert 80 < seen.table[:, 1].sum() <= 100
+    assert "Headings are off by" in seen.reason
+    with pytest.raises(DataError, match="one for each"):
+        check(found, m, headings=np.zeros(3))
+
+
+def test_known_headings_make_a_row_each():
+    rng = np.random.default_rng(0)
+    heading = np.repeat(np.deg2rad([0.0, 90.0, 180.0, 270.0]), 10)
+    attitudes = np.stack([heading, np.zeros(40), np.zeros(40)], axis=1)
+    m = body_field(attitudes, 1.0, DIP) + 0.002 * rng.normal(size=(40, 3))
+    found = fit(body_field(scenario("all"), 1.0, DIP) + 0.002 * rng.normal(size=(360, 3)))
+    table = check(found, m, headings=heading + np.deg2rad([2.0, 0.0, 0.0, 0.0])[np.repeat(range(4), 10)]).table
+    np.testing.assert_allclose(np.rad2deg(table[:, 0]), [2, 90, 180, 270])
+    np.testing.assert_array_equal(table[:, 1], 10)
+    np.testing.assert_allclose(np.rad2deg(table[:, 2]), [-2, 0, 0, 0], atol=0.3)
