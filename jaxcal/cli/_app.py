@@ -116,11 +116,16 @@ def run(argv: list[str]) -> int:
         return FAULT
 
 
+def _names() -> list[str]:
+    """Commands as they are typed."""
+    return [command.__name__.replace("_", "-") for command in _COMMANDS]
+
+
 @functools.cache
 def _options() -> dict[str, set[str]]:
     """Command -> names of its options; those of all kinds together for simulate."""
     app, found = _application(), {}
-    for name in (*(command.__name__ for command in _COMMANDS), "simulate"):
+    for name in (*_names(), "simulate"):
         parts = [app[name]] if name != "simulate" else [app[name][command.__name__.removeprefix("simulate_")] for command in _SIMULATE]
         found[name] = {one for part in parts for argument in part.assemble_argument_collection() for one in argument.names if one[0] == "-"}
     return found
@@ -131,7 +136,7 @@ def _complain(text: str) -> None:
 
 
 def _help_command(argv: list[str]) -> str:
-    known = {command.__name__.replace("_", "-") for command in _COMMANDS} | {"simulate"}
+    known = {*_names(), "simulate"}
     words = [word for word in argv[:1] if word in known]
     words += [word for word in argv[1:2] if words == ["simulate"] and word in KINDS]
     return " ".join(["jaxcal", *words, "--help"])

@@ -33,8 +33,8 @@ def apply(
     """Correct a log with a calibration: temperature first, then bias, scale factor, misalignment, iron."""
     if kind_of(log) == "calibration" and kind_of(calibration) != "calibration":
         raise CallError(f"the calibration comes first: jaxcal apply {log} {calibration} --out {out}")
-    if calibration.is_dir() != (device is not None):
-        raise CallError("--device goes with a folder of calibrations, and a folder with --device")
+    if device is not None and not calibration.is_dir():
+        raise CallError(f"--device {device} takes the latest calibration of a folder, and {calibration} is none; leave --device out")
     if device is None:
         must_be_calibration(calibration)
 

@@ -86,7 +86,7 @@ mag tumble.csv --against gone.json         | --against gone.json: gone.json does
 noise rest.csv --field 50                  | --field is an option of jaxcal mag and simulate, not of jaxcal noise
 noise rest.csv --gravity 9.81              | --gravity is an option of jaxcal imu, north and export, not of jaxcal noise
 noise rest.csv --kind mdev                 | --kind is an option of jaxcal allan, not of jaxcal noise
-mag tumble.csv --terms QN                  | --terms is an option of jaxcal noise, not of jaxcal mag
+mag tumble.csv --terms QN                  | --terms is an option of jaxcal noise and imu, not of jaxcal mag
 imu rest.csv --angles 0,90                 | --angles is an option of jaxcal north, not of jaxcal imu
 psd rest.csv --workers 2                   | --workers is an option of jaxcal batch, not of jaxcal psd
 noise rest.csv --unit gyro=deg/s           | has no option --unit; use --units
