@@ -15,7 +15,7 @@ import jaxcal
 from ._apply import save_sensors
 from ._cache import keep_compiled
 from ._export import FILES
-from ._options import CallError, Files, Log, Reading, Running, checked, day, log_file, must_be_calibration, read_log, stem
+from ._options import CallError, Files, Log, Reading, Running, checked, day, log_file, must_exist, read_log, stem
 from ._outputs import File, figure, outputs, save_calibration, save_export, save_json, save_report, tried
 from ._screen import Screen
 from ._shots import Shots, ready, shots
@@ -126,7 +126,7 @@ def mag(
         raise CallError("--headings gives the rotation itself: leave out --align and --joint")
     if currents is not None and (joint or model == "planar"):
         raise CallError("--currents goes with fits of norms in all attitudes: leave out --joint and --model planar")
-    must_be_calibration(against, option="--against")
+    must_exist(against)
     if next:
         _advise(log, reading, running, limit, inclination)
         return
