@@ -34,6 +34,16 @@ class Motion(Result):
     residual : rms of the specific force that is left, m/s^2: linear acceleration of the hand.
     verdict : "good", or "weak" where the delay is not known to a sample.
     reason : a sentence or more. warnings : sentences.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.imu import MEMS, motion, simulate
+    >>> log = simulate(poses=18, rate=50, still=3, turn=2, seed=0)
+    >>> ends = np.array([[0, 1500]] + [[1600 + 250 * k, 1750 + 250 * k] for k in range(17)])
+    >>> found = motion(log, MEMS, gravity=9.81, rests=ends)
+    >>> found.turns, found.lever_arm.shape
+    (17, (3, 3))
     """
 
     delay: float

@@ -82,7 +82,7 @@ export device.json device.json --to kalibr | --to kalibr takes one calibration
 diff rest.csv device.json                  | rest.csv is a log, and a calibration is asked for
 diff device.json device.json --significance 5 | expected a probability between 0 and 1, such as 0.01
 noise rest.csv --calibration tumble.csv    | --calibration tumble.csv is a log, and a calibration is asked for
-mag tumble.csv --against gone.json         | --against gone.json: gone.json does not exist
+mag tumble.csv --against gone.json         | gone.json does not exist
 noise rest.csv --field 50                  | --field is an option of jaxcal mag and simulate, not of jaxcal noise
 noise rest.csv --gravity 9.81              | --gravity is an option of jaxcal imu, north and export, not of jaxcal noise
 noise rest.csv --kind mdev                 | --kind is an option of jaxcal allan, not of jaxcal noise
