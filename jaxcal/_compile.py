@@ -6,12 +6,14 @@ same speed. Options for one program leave the user's own settings and programs a
 
 import functools
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import Any
 
 import equinox as eqx
 import jax
 
 from ._precision import is_traced
+from ._programs import Store
 
 _QUICK: dict[str, Any] = {"xla_cpu_use_fusion_emitters": False, "xla_cpu_parallel_codegen_split_count": 1}
 
@@ -53,11 +55,35 @@ def jit(function: Callable[..., Any] | None = None, **options: Any) -> Any:
 
 
 @jax.tree_util.register_static
-class _Fixed(NamedTuple):
+class _Fixed:
     """What of a tree is compiled into the program: its structure, and its leaves with None in place of each array."""
 
-    structure: Any
-    leaves: tuple[Any, ...]
+    def __init__(self, structure: Any, leaves: tuple[Any, ...]):
+        self.structure, self.leaves = structure, leaves
+        self._hash = hash((structure, leaves))
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Fixed) and (self.structure, self.leaves) == (other.structure, other.leaves)
+
+    def __reduce__(self) -> Any:
+        # a structure with classes in it cannot be pickled; a tree of that structure can
+        marked = [_ARRAY if leaf is None else leaf for leaf in self.leaves]
+        return _fixed_of, (jax.tree.unflatten(self.structure, marked),)
+
+
+class _Mark:
+    """Stands for an array."""
+
+
+_ARRAY = _Mark()
+
+
+def _fixed_of(tree: Any) -> _Fixed:
+    leaves, structure = jax.tree.flatten(tree)
+    return _Fixed(structure, tuple(None if isinstance(leaf, _Mark) else leaf for leaf in leaves))
 
 
 def _split(tree: Any) -> tuple[list[Any], _Fixed]:
@@ -88,5 +114,23 @@ def filter_jit(function: Callable[..., Any]) -> Any:
         return _split(function(*args, **kwargs))
 
     run.__name__ = run.__qualname__ = function.__name__  # by which profiles and messages of the compiler name the program
-    compiled = jit(run)
-    return functools.wraps(function)(lambda *args, **kwargs: _joined(*compiled(*_split((args, kwargs)))))
+    plain, quick = jax.jit(run), jax.jit(run, compiler_options=_QUICK)
+
+    @functools.wraps(function)
+    def call(*args: Any, **kwargs: Any) -> Any:
+        arrays, fixed = _split((args, kwargs))
+        if is_traced(arrays) or not _known():
+            return _joined(*plain(arrays, fixed))
+        found = _stores and _stores[0].run(call, quick.lower, arrays, fixed, functools.partial(_joined, fixed=fixed))
+        return _joined(*(found or quick(arrays, fixed)))
+
+    return call
+
+
+#: the store that the commands use
+_stores: list[Store] = []
+
+
+def keep_programs(folder: Path) -> None:
+    """Keep the programs of `filter_jit` in a folder for later processes, and use those that are there."""
+    _stores[:] = [Store(folder)]

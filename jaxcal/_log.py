@@ -2,8 +2,11 @@
 
 import copy
 import dataclasses
+import html
+import importlib
+import os
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import numpy as np
@@ -16,6 +19,7 @@ from ._units import si_unit
 
 #: sensor field -> channel name suffixes
 _AXES = {"gyro": ("_x", "_y", "_z"), "accel": ("_x", "_y", "_z"), "mag": ("_x", "_y", "_z"), "temperature": ("",)}
+_THREE = 3
 #: a sensor present in less than this part of the samples is slow, not full of gaps
 _SPARSE = 0.5
 
@@ -181,8 +185,8 @@ class Log(eqx.Module):
         first, last = (int(np.clip(np.ceil(bound * self.rate - 1e-6), 0, len(self.time))) for bound in bounds)
         if last - first < 2:
             raise DataError(
-                f"select({start}, {stop}) leaves {max(last - first, 0)} samples; the recording is {self.duration:.6g} s long at "
-                f"{self.rate:.6g} Hz"
+                f"from {bounds[0]:g} s to {bounds[1]:g} s there are {max(last - first, 0)} samples; the recording is {self.duration:.6g} s "
+                f"long at {self.rate:.6g} Hz. Choose another start and stop"
             )
         sensors = {name: values[first:last] for name, values in self._sensors().items()}
         for name, values in sensors.items():
@@ -194,6 +198,17 @@ class Log(eqx.Module):
         }
         time, gaps = self.time[: last - first], _gaps(sensors, self.rate, [])
         return self._replaced(time=time, gaps=gaps, provenance=provenance, **_fields(sensors))
+
+    if not TYPE_CHECKING:
+        __hash__ = None
+
+    def __repr__(self) -> str:
+        """What `summary` says."""
+        return f"Log: {self.summary()}"
+
+    def _repr_html_(self) -> str:
+        """The same for notebooks."""
+        return f"<pre>{html.escape(repr(self))}</pre>"
 
     def summary(self) -> str:
         """A few readable lines: length, rate, gaps, and mean and standard deviation of every channel.
@@ -228,6 +243,35 @@ class Log(eqx.Module):
         for name, value in changes.items():
             object.__setattr__(log, name, value)
         return log
+
+
+def as_log(source: Any, rate: float | int | None = None) -> Log:
+    """The log that an estimator is given: a `Log`, or anything that `jaxcal.read` takes.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal._log import as_log
+    >>> as_log({"gyro": np.random.default_rng(0).normal(size=(500, 3)) * 0.01}, rate=100.0).duration
+    5.0
+    """
+    if isinstance(source, Log) and rate is None:
+        return source
+    # the readers stand above the estimators; they are loaded when something has to be read
+    return importlib.import_module(f"{__package__}.io").read(source, rate=rate, quiet=True)
+
+
+def field_readings(source: Any) -> Any:
+    """(n, 3) readings of the magnetometer of a log, of anything else that `jaxcal.read` takes by name, or an array as it is."""
+    named = (
+        isinstance(source, Log | str | os.PathLike | dict) or hasattr(source, "data_vars") or np.ndim(getattr(source, "columns", 0)) == 1
+    )
+    if not named or len(getattr(source, "columns", ())) == _THREE:
+        return source
+    log = as_log(source)
+    if log.mag is None or log.mag.shape[1] != _THREE:
+        raise DataError("the log has no magnetometer of three axes; name its columns with jaxcal.read(..., columns={'mag': [...]})")
+    return log.mag[np.isfinite(log.mag).all(axis=1)]
 
 
 def _fields(sensors: dict[str, np.ndarray]) -> dict[str, np.ndarray | None]:

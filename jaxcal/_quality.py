@@ -1,5 +1,6 @@
 """What a record and its rate must be, and what is worth knowing of its values: missing, frozen, clipped, coarse, not yet warm."""
 
+import os
 from typing import Any
 
 import jax.numpy as jnp
@@ -48,8 +49,20 @@ def refuse_infinite(column: np.ndarray, name: str, cure: str = "replace them by 
         raise DataError(f"{name} has {len(infinite)} infinite values, the first at sample {infinite[0]}; {cure}")
 
 
+def refuse_other_than_samples(y: Any) -> None:
+    """Refuse what holds samples but is none: the name of a file, a log, a dictionary, a dataset; and say how to take one."""
+    how = "give one sensor and its rate, such as log.gyro and log.rate; jaxcal.noise.characterise takes a whole log"
+    if isinstance(y, str | os.PathLike):
+        raise DataError(f"y is the name of a file; read it with log = jaxcal.read({os.fspath(y)!r}), and {how}")
+    if hasattr(y, "channels") and hasattr(y, "gyro"):
+        raise DataError(f"y is a Log; {how}")
+    if isinstance(y, dict) or hasattr(y, "data_vars"):
+        raise DataError(f"y is a {type(y).__name__} of several arrays; give one of them, (n,) or (n, channels), and its rate")
+
+
 def checked_record(y: Any) -> Any:
     """Samples (n,) or (n, channels), NaN and infinity left to the caller: a JAX array where traced, else NumPy in float64."""
+    refuse_other_than_samples(y)
     traced = is_traced(y)
     y = jnp.asarray(y) if traced else np.asarray(y)
     if not traced and y.dtype.kind not in "fiu":

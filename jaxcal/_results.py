@@ -1,24 +1,31 @@
 """`Result`: what every estimator returns has in common, so that a new result is a class with fields and, at most, a table."""
 
 import dataclasses
+import html
+import importlib
 import importlib.metadata
 import math
 import os
 import statistics
 import textwrap
-from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
 import numpy as np
 
+from ._errors import DataError
 from ._files import json_text, write_atomically
+from ._precision import is_traced
 from ._units import number
 
 #: half of a 95 % interval in standard deviations
 NORMAL95 = statistics.NormalDist().inv_cdf(0.975)
 _WIDTH = 100  # characters of a line of text
+_FEW = 12  # rows of a `repr`
+#: attributes that `summary` names below the verdict, with their unit
+_FACTS = {"method": "", "kind": "", "convention": "", "rate": " Hz", "duration": " s", "used": " readings"}
 
 
 class Row(NamedTuple):
@@ -35,6 +42,8 @@ class Row(NamedTuple):
 class Result(eqx.Module):
     """Base of all results. A subclass has the three attributes below, as fields or properties, and says its numbers by `_rows`.
 
+    A result prints its numbers with their intervals and units, in a notebook as a table. It cannot be hashed, because it holds arrays.
+
     Attributes
     ----------
     verdict : "good", "weak" or "refused"; of noise, for every term, "present", "hint" or "not detected".
@@ -46,10 +55,49 @@ class Result(eqx.Module):
         verdict: eqx.AbstractVar[Any]
         reason: eqx.AbstractVar[str]
         warnings: eqx.AbstractVar[tuple[Any, ...]]
+        __hash__ = None
+
+    #: function of `jaxcal.plot` that draws the result, and whether it takes the readings before the result
+    _figure: ClassVar[tuple[str, bool] | None] = None
 
     def _rows(self) -> list[Row]:
         """Numbers that `summary` shows."""
         return []
+
+    def _columns(self) -> dict[str, Any]:
+        """Columns of `to_dataframe`: those of the table in `summary`, unless a subclass has longer ones."""
+        rows = [Row(row.name, *(float(x) for x in row[1:4]), *row[4:]) for row in self._rows()]
+        return {name: [row[i] for row in rows] for i, name in enumerate(Row._fields)}
+
+    def _head(self) -> str:
+        judged: Any = self
+        verdict = f"{judged.verdict}: " if isinstance(judged.verdict, str) else ""
+        return f"{type(self).__name__}: {verdict}{judged.reason}"
+
+    def _header(self) -> tuple[str, ...]:
+        return "", "value", f"{100 * getattr(self, 'confidence', 0.95):g} % interval", "unit", ""
+
+    def __repr__(self) -> str:
+        """Verdict, and the first numbers with interval and unit."""
+        if is_traced(self):
+            return eqx.tree_pformat(self)
+        rows = self._rows()
+        lines = [textwrap.shorten(self._head(), _WIDTH, placeholder=" ...")]
+        lines += _aligned([_cells(row) for row in rows[:_FEW]])
+        if len(rows) > _FEW:
+            lines.append(f"  ... {len(rows) - _FEW} more numbers: print(result.summary())")
+        return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        """The same as a table, for notebooks."""
+        if is_traced(self):
+            return f"<pre>{html.escape(repr(self))}</pre>"
+        judged: Any = self
+        head = "".join(f"<th style='text-align:left'>{name}</th>" for name in self._header())
+        rows = "".join("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in _cells(row)) + "</tr>" for row in self._rows())
+        said = "".join(f"<li>{html.escape(str(sentence))}</li>" for sentence in jax.tree.leaves(judged.warnings))
+        table = f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>" if rows else ""
+        return f"<p>{html.escape(self._head())}</p>{table}" + (f"<ul>{said}</ul>" if said else "")
 
     def summary(self) -> str:
         """The verdict, a table with units and intervals, and the warnings, as plain text (host only).
@@ -62,11 +110,15 @@ class Result(eqx.Module):
         MagFit: good
         """
         judged: Any = self
-        verdict = f"{judged.verdict}: " if isinstance(judged.verdict, str) else ""
-        lines = textwrap.wrap(f"{type(self).__name__}: {verdict}{judged.reason}", _WIDTH, subsequent_indent="  ")
-        cells = [_cells(row) for row in self._rows()]
-        widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
-        lines += ["  " + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True) if width).rstrip() for row in cells]
+        lines = textwrap.wrap(self._head(), _WIDTH, subsequent_indent="  ")
+        known = {name: getattr(self, name, None) for name in _FACTS}
+        facts = [f"{name} {f'{value:.6g}' if isinstance(value, float) else value}{_FACTS[name]}" for name, value in known.items()
+                 if isinstance(value, str | int | float) and value != ""]  # fmt: skip
+        lines += textwrap.wrap(", ".join(facts), _WIDTH, initial_indent="  ", subsequent_indent="  ")
+        if rows := self._rows():
+            table = _aligned([_cells(row) for row in rows], self._header())
+            rule = "  " + "-" * (max(map(len, table)) - 2)
+            lines += [rule, table[0], rule, *table[1:], rule]
         for sentence in jax.tree.leaves(judged.warnings):
             lines += textwrap.wrap(f"Warning: {sentence}", _WIDTH, subsequent_indent="  ")
         return "\n".join(lines)
@@ -86,6 +138,32 @@ class Result(eqx.Module):
         judged = {name: plain(getattr(self, name)) for name in ("verdict", "reason", "warnings")}
         return head | plain(self) | judged
 
+    def to_dataframe(self) -> Any:
+        """The numbers as a data frame of polars, or of pandas where polars is not installed.
+
+        A fit has a row for each number: name, value, low, high, unit, remark. A curve has a row for each of its points.
+
+        Raises
+        ------
+        DataError
+            If neither polars nor pandas is installed.
+
+        Examples
+        --------
+        >>> import jaxcal
+        >>> noise = jaxcal.noise.Noise(N=0.01).simulate(2000, rate=100.0, seed=1)
+        >>> frame = jaxcal.allan.deviation(noise, rate=100.0, m=[1, 2]).to_dataframe()
+        >>> frame.shape, frame["tau"].to_list()
+        ((2, 9), [0.01, 0.02])
+        """
+        for library in ("polars", "pandas"):
+            try:
+                module: Any = importlib.import_module(library)
+            except ImportError:
+                continue
+            return module.DataFrame(self._columns())
+        raise DataError("to_dataframe() needs polars or pandas, and neither is installed: pip install polars")
+
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write `to_dict` as JSON; an existing file is replaced in one step.
 
@@ -93,8 +171,54 @@ class Result(eqx.Module):
         ------
         ExportError
             If the file cannot be written.
+
+        Examples
+        --------
+        >>> import pathlib, tempfile
+        >>> import jaxcal
+        >>> noise = jaxcal.noise.Noise(N=0.01).simulate(2000, rate=100.0, seed=1)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = pathlib.Path(folder, "deviation.json")
+        ...     jaxcal.allan.deviation(noise, rate=100.0, m=[1, 2]).save(path)
+        ...     path.read_text().splitlines()[1].strip()
+        '"schema": "jaxcal.Deviation/1",'
         """
         write_atomically(path, json_text(self.to_dict()))
+
+    def plot(self, *readings: Any, ax: Any = None) -> Any:
+        """Draw the result with the function of `jaxcal.plot` that is made for it.
+
+        Parameters
+        ----------
+        readings : what was fitted, for results that do not hold it: the (n, 3) readings of a `MagFit`, the `Readings` of an `AlignmentFit`.
+        ax : matplotlib axes to draw into; None makes a figure.
+
+        Returns
+        -------
+        The axes.
+
+        Raises
+        ------
+        DataError
+            If the readings are missing, or there is no figure of such a result.
+
+        Examples
+        --------
+        >>> import jaxcal
+        >>> noise = jaxcal.noise.Noise(N=0.01).simulate(2000, rate=100.0, seed=1)
+        >>> jaxcal.allan.deviation(noise, rate=100.0).plot().get_xscale()
+        'log'
+        """
+        name = type(self).__name__
+        if self._figure is None:
+            raise DataError(f"there is no figure of a {name}; its numbers are in to_dataframe()")
+        function, wanted = self._figure
+        if len(readings) != wanted:
+            call = f"plot({'readings' if wanted else ''})"
+            raise DataError(f"a {name} is drawn by {call}, with {'the readings that were fitted' if wanted else 'nothing else'}")
+        # a module above this one, loaded when it is asked for
+        draw = getattr(importlib.import_module(f"{__package__}.plot"), function)
+        return draw(*readings, self, ax)
 
 
 class Unjudged(Result):
@@ -110,6 +234,17 @@ class Unjudged(Result):
         """How many warnings there are."""
         count = len(getattr(self, "warnings"))  # noqa: B009
         return f"{count} warning{'s' * (count != 1)}." if count else "No warnings."
+
+
+def columns_of(curve: Any, names: Sequence[str]) -> dict[str, Any]:
+    """Arrays of a curve as columns of equal length, with a column `channel` where there are several; what all points share is repeated."""
+    first = np.asarray(getattr(curve, "lower"))  # noqa: B009
+    channels = 1 if first.ndim == 1 else first.shape[1]
+    found = {} if channels == 1 else {"channel": np.repeat(np.arange(channels), len(first))}
+    for name in names:
+        values = np.asarray(getattr(curve, name))
+        found[name] = values.T.ravel() if values.ndim == 2 else np.tile(values, channels)
+    return found
 
 
 def rows_of(curve: Any, field: str, name: Callable[[int], str], unit: str) -> list[Row]:
@@ -175,6 +310,15 @@ def plain(value: Any) -> Any:
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     return value if value is None or isinstance(value, bool | int | str) else str(value)
+
+
+def _aligned(cells: list[list[str]], header: Sequence[str] = ()) -> list[str]:
+    """Rows of cells as lines, columns below one another; columns without a cell are left out, and their header too."""
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    if header:
+        widths = [width and max(width, len(name)) for width, name in zip(widths, header, strict=True)]
+        cells = [list(header), *cells]
+    return ["  " + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True) if width).rstrip() for row in cells]
 
 
 def _cells(row: Row) -> list[str]:

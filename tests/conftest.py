@@ -1,4 +1,4 @@
-"""Strict JAX settings and checked types for every test, one cache of compiled programs for a run, and numbers recorded by others."""
+"""Strict JAX settings for every test, checked types where asked for, one cache of compiled programs, and numbers recorded by others."""
 
 import dataclasses
 import functools

@@ -6,13 +6,15 @@ import math
 import pathlib
 import re
 import runpy
+import sys
 from typing import Any
 
+import jax
 import numpy as np
 import pytest
 
 import jaxcal
-from jaxcal import ExportError
+from jaxcal import DataError, ExportError
 from jaxcal.alignment import AlignmentFit, Positions
 from jaxcal.allan import Deviation
 from jaxcal.imu import ImuFit
@@ -69,7 +71,7 @@ def test_a_noise_fit_says_its_verdict_on_every_term():
     found = made["made_fit"](warnings=("Short record.",))
     assert found.reason == "Q, K not detected; N present; B hint"
     text = found.summary()
-    assert text.splitlines()[2].split() == ["N", "1.00e-04", "9.0e-05", "to", "1.10e-04", "unit", "sqrt(s)", "present"]
+    assert text.splitlines()[6].split() == ["N", "1.00e-04", "9.0e-05", "to", "1.10e-04", "unit", "sqrt(s)", "present"]
     assert text.endswith("Warning: Short record.")
     document = found.to_dict()
     assert document["longer_record"]["Q"] is None  # infinite
@@ -80,13 +82,83 @@ def test_a_noise_fit_says_its_verdict_on_every_term():
 def test_curves_are_judged_by_their_warnings_and_thinned():
     curve = made["made_deviation"](jaxcal.noise.Noise(N=1e-4))
     assert (curve.verdict, curve.reason) == ("good", "No warnings.")
-    rows = curve.summary().splitlines()[1:]
+    rows = curve.summary().splitlines()[5:-1]
     assert len(rows) == 12
     assert rows[0].split()[:4] == ["oadev", "at", "0.005", "s"]
     curve = made["made_deviation"](jaxcal.noise.Noise(N=1e-4), lower=np.full(38, math.nan), warnings=("Gaps.", "Short."))
     assert (curve.verdict, curve.reason) == ("weak", "2 warnings.")
     assert curve.to_dict()["lower"] == [None] * 38
     assert " to " not in curve.summary()
+
+
+def test_a_result_prints_values_intervals_and_units():
+    found = made["made_fit"](sensor="gyro")
+    lines = repr(found).splitlines()
+    assert lines[0].startswith("NoiseFit: Q, K not detected")
+    assert lines[2].split() == ["N", "0.344", "0.309", "to", "0.378", "deg/sqrt(h)", "present"]  # 1e-4 rad/sqrt(s)
+    html = found._repr_html_()
+    assert html.count("<tr>") == 5
+    assert "<td>0.309 to 0.378</td><td>deg/sqrt(h)</td>" in html
+    short = dataclasses.replace(found, warnings=("a < b",))
+    assert "<li>a &lt; b</li>" in short._repr_html_()
+    log = jaxcal.Log(None, gyro=np.eye(3), rate=10.0)
+    assert repr(log).startswith("Log: 3 samples at 10 Hz")
+    assert log._repr_html_().startswith("<pre>Log: 3 samples")
+
+
+def test_a_traced_result_prints_its_structure():
+    def look(y):
+        seen.append(repr(jaxcal.noise.fit(y, 1.0)))
+        return y
+
+    seen: list[str] = []
+    jax.eval_shape(look, np.random.default_rng(0).standard_normal(64))
+    assert seen[0].startswith("NoiseFit(")
+
+
+@pytest.mark.parametrize("value", [made["made_fit"](), jaxcal.Log(None, gyro=np.eye(3), rate=1.0)], ids=lambda value: type(value).__name__)
+def test_results_and_logs_are_clearly_not_hashable(value):
+    with pytest.raises(TypeError, match=f"unhashable type: '{type(value).__name__}'"):
+        hash(value)
+
+
+@pytest.mark.parametrize("library", ["polars", "pandas"])
+def test_data_frames(monkeypatch, library):
+    pytest.importorskip(library)
+    if library == "pandas":
+        monkeypatch.setitem(sys.modules, "polars", None)
+    frame = made["made_fit"]().to_dataframe()
+    assert type(frame).__module__.startswith(library)
+    assert list(frame.columns) == ["name", "value", "low", "high", "unit", "remark"]
+    assert list(frame["name"]) == ["Q", "N", "B", "K"]
+    assert list(frame["high"])[1] == pytest.approx(1.1e-4)
+    curve = jaxcal.allan.deviation(np.random.default_rng(0).standard_normal((200, 2)), 10.0, m=[1, 2, 5])
+    frame = curve.to_dataframe()
+    assert list(frame["channel"]) == [0, 0, 0, 1, 1, 1]
+    np.testing.assert_allclose(np.asarray(frame["deviation"]).reshape(2, 3).T, curve.deviation)
+    np.testing.assert_allclose(np.asarray(frame["tau"]), np.tile([0.1, 0.2, 0.5], 2))
+
+
+def test_without_a_library_of_data_frames_a_sentence_says_so(monkeypatch):
+    monkeypatch.setitem(sys.modules, "polars", None)
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(DataError, match="pip install polars"):
+        made["made_fit"]().to_dataframe()
+
+
+def test_results_draw_themselves():
+    found = made["made_fit"]()
+    assert found.plot().get_xscale() == "log"
+    with pytest.raises(DataError, match="drawn by plot\\(\\), with nothing else"):
+        found.plot(np.eye(3))
+    m = body_field(scenario("all"), 50e-6)
+    iron = jaxcal.magnetometer.fit(m, field=50e-6)
+    with pytest.raises(DataError, match="drawn by plot\\(readings\\)"):
+        iron.plot()
+    assert len(iron.plot(m)) > 0
+    pair = jaxcal.noise.correlation(np.random.default_rng(0).standard_normal((2000, 2)), 1.0, [jaxcal.noise.Noise(N=1.0)] * 2)
+    with pytest.raises(DataError, match="there is no figure of a Correlation"):
+        pair.plot()
 
 
 def test_an_alignment_says_its_verdict_by_name():

@@ -49,6 +49,17 @@ class Azimuth(eqx.Module):
     latitude, latitude_std : as "triad" finds it, rad. rho : amplitude over the Earth's rate, of "maximum".
     verdict : item of `Verdict`.
     method : its name.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.alignment import azimuth, simulate
+    >>> readings = simulate(np.deg2rad([0.0, 90.0, 180.0, 270.0]), np.deg2rad([2.0, -1.0, 40.0]), 0.6)
+    >>> found = azimuth(readings, np.deg2rad([2.0, -1.0]), 0.6, method="opposed")
+    >>> print(found.psi, np.rad2deg(found.roots).round(3))
+    None [-40.  40.]
+    >>> found.reason
+    'Several roots fit the readings and nothing decides between them: give a compass azimuth as `hint`; no root is chosen.'
     """
 
     psi: Any

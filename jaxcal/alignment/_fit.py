@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import jax.scipy.special
 import numpy as np
-import scipy.special
+import scipy  # loads its parts when they are first used
 
 from .._errors import DataError
 from .._precision import array_module, host_float64, is_traced

@@ -41,6 +41,15 @@ class Level(eqx.Module):
     excess : by how much a sine exceeds 1 in standard deviations; 0 where none does, infinite where the noise is not known.
     verdict : item of `Verdict`.
     method : its name.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.alignment import level, simulate
+    >>> readings = simulate(np.deg2rad([0.0, 90.0, 180.0, 270.0]), np.deg2rad([2.0, -1.0, 40.0]), 0.6)
+    >>> found = level(readings)
+    >>> print(np.rad2deg(found.phi_roots).round(3))
+    [  2. 178.]
     """
 
     phi: Any
@@ -249,6 +258,14 @@ class Coarse(eqx.Module):
     rate_error, force_error : |w| - we in rad/s and |f| - g in m/s^2.
     latitude_error : found less given, rad; None where none was given.
     verdict : item of `Verdict`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.alignment import coarse
+    >>> found = coarse(7.292115e-5 * np.array([0.0, -0.8, -0.6]), np.array([0.0, 0.0, -9.80665]), latitude=0.64)
+    >>> print(np.rad2deg(found.latitude).round(3), np.rad2deg(found.latitude_error).round(3))
+    36.87 0.201
     """
 
     attitude: Any

@@ -211,6 +211,14 @@ class Table(eqx.Module):
         parameters; None for no priors.
     weight_both : (2 n, 2 n) inverse Cholesky factor of the covariance of all readings, where table angles that are not exact join those of
         both sensors; None where these are independent.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.alignment import Readings, tabulate
+    >>> table = tabulate(Readings(np.zeros(1), accel=np.array([2e-3]), accel_noise=1e-3))
+    >>> print(float(table.accel[0]), float(table.weight_accel[0]), table.measured[1].any())
+    0.002 1000.0 False
     """
 
     places: Geometry
@@ -293,6 +301,14 @@ def tabulate(readings: Readings, gravity: Any = GRAVITY, noise: Any = None, prio
     gravity : m/s^2.
     noise : noise of the accelerometer and of the gyro, as `Readings` holds it; by default that of the readings.
     prior, certainty : as of `Table`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.alignment import Readings, Turntable, residuals, tabulate
+    >>> table = tabulate(Readings(np.zeros(1), accel=np.array([2e-3]), accel_noise=1e-3))
+    >>> print(residuals(Turntable(), table)[0].round(6))
+    -2.0
     """
     xp = array_module(readings, gravity, noise, prior, certainty)
     noise = noise or [Noise(N=1.0) if own is None else own for own in (readings.accel_noise, readings.gyro_noise)]

@@ -10,7 +10,6 @@ import jax.numpy as jnp
 import jax.scipy.linalg
 import numpy as np
 import scipy  # loads its parts when they are first used
-import scipy.special
 
 from .._compile import filter_jit
 from .._errors import DataError
@@ -37,6 +36,14 @@ class Plan(eqx.Module):
     compared : name -> the same bound, by the criterion, of other plans with the same time: uniform turns and the best pair.
     criterion : the value that was minimised, rad. gain : that of uniform four positions over it.
     pair : best angle tau0 of a pair tau0, tau0 + 180 degrees for the first attitude, rad, in [0, pi).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.alignment import plan
+    >>> found = plan(240.0, 0.6, attitude=np.deg2rad([1.0, 2.0, 88.0]), accel_noise=5e-4, gyro_noise=3e-6)
+    >>> print(sorted(found.compared), bool(found.criterion <= min(found.compared.values())))
+    ['pair', 'pair after 10 % of a uniform turn', 'pair after 30 % of a uniform turn', 'uniform 3', 'uniform 4', 'uniform 6'] True
     """
 
     positions: Positions

@@ -221,6 +221,14 @@ class Geometry(eqx.Module):
     force : (n, 3) specific force along them that the table's motion gives, m/s^2. coriolis : (n, 3, 3) m/s, times the Earth's rate.
     rate : (n, 3) angular rate along them that the table's motion gives, rad/s.
     gravity : m/s^2.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.alignment import Readings, tabulate
+    >>> places = tabulate(Readings(np.deg2rad([0.0, 90.0]), gyro=np.zeros(2), gyro_noise=1e-6)).places
+    >>> print(places.axes[1, 0].round(6) + 0.0)
+    [0. 1. 0.]
     """
 
     time: AnyArray

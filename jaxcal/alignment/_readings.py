@@ -7,7 +7,7 @@ import jax
 import jax.core
 import jax.numpy as jnp
 import numpy as np
-import scipy.special
+import scipy  # loads its parts when they are first used
 
 from .._compile import filter_jit
 from .._errors import DataError
@@ -30,6 +30,16 @@ class Carousel(eqx.Module):
     wobble : sensor -> (amplitude of the second harmonic, its standard deviation, p value), SI; the model has none, so that a
         significant one is table wobble or g-sensitivity.
     notes : sentences.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.alignment import carousel
+    >>> time = np.arange(0.0, 720.0, 0.1)
+    >>> angle = 0.1 * time
+    >>> found = carousel(time, angle, gyro=6e-5 * np.cos(angle + 0.5), accel=-0.2 * np.sin(angle), accel_noise=5e-4, gyro_noise=3e-6)
+    >>> print(round(found.rate, 6), len(found.readings.positions))
+    0.1 12
     """
 
     readings: Readings

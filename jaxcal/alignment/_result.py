@@ -4,7 +4,7 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
-import scipy.special
+import scipy  # loads its parts when they are first used
 
 from .._precision import array_module, is_traced
 from .._results import Result, Row
@@ -17,7 +17,14 @@ _RANK = 1e-9
 
 
 class Verdict(eqx.Enumeration):
-    """What a method can say; `Verdict[item]` is the sentence."""
+    """What a method can say; `Verdict[item]` is the sentence.
+
+    Examples
+    --------
+    >>> from jaxcal.alignment import Verdict
+    >>> Verdict[Verdict.ok]
+    'The readings determine the answer.'
+    """
 
     ok = "The readings determine the answer."
     undecided = "Several roots fit the readings and nothing decides between them: give a compass azimuth as `hint`; no root is chosen."
@@ -200,6 +207,15 @@ class Bound(_Known):
     covariance : (p, p), in the order of `names`, SI; zero for parameters that are held, infinite where nothing determines them.
     free : (p,) which parameters are estimated. rank : of the readings' information.
     hidden, lost : (p,) parameters that the readings, and the readings with the priors, leave open (see `unobservable`).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.alignment import Positions, crlb
+    >>> four = Positions(np.deg2rad([0.0, 90.0, 180.0, 270.0]), dwell=60.0)
+    >>> bound = crlb(four, np.deg2rad([0.0, 0.0, 88.0]), 0.6, accel_noise=5e-4, gyro_noise=3e-6)
+    >>> bound.observability
+    'The readings determine all 5 free parameters.'
     """
 
 
@@ -220,6 +236,17 @@ class AlignmentFit(_Known, Result):
     freedom : (p,) degrees of freedom of each standard deviation; infinite where the noise was given. Intervals take the quantile of
         Student's distribution with them.
     verdict : item of `Verdict`. notes : sentences.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.alignment import Sensor, fit, simulate
+    >>> gyro, accel = Sensor(bias=5e-8, white=1e-8), Sensor(bias=1e-3, white=1e-6)
+    >>> readings = simulate(np.deg2rad([0.0, 90.0, 180.0, 270.0]), np.deg2rad([2.0, -1.0, 40.0]), 0.6, accel=accel, gyro=gyro)
+    >>> found = fit(readings, 0.6)
+    >>> low, high = found.interval["psi"]
+    >>> bool(low < np.deg2rad(40.0) < high), found.unobservable
+    (True, ())
     """
 
     model: Turntable
@@ -277,6 +304,8 @@ class AlignmentFit(_Known, Result):
         reach = dict(zip(self.names, scipy.special.stdtrit(np.asarray(self.freedom), 0.975), strict=True))
         known = {name: value for name, value in self.parameters.items() if value is not None and np.isfinite(self.std[name])}
         return {name: (x - reach[name] * self.std[name], x + reach[name] * self.std[name]) for name, x in known.items()}
+
+    _figure = ("north", True)
 
     def _rows(self) -> list[Row]:
         interval = self.interval

@@ -6,6 +6,7 @@ import equinox as eqx
 import numpy as np
 
 from .._errors import DataError
+from .._log import as_log
 from .._precision import host_float64
 from ._fit import fit
 from ._model import Triads, Turntable
@@ -37,6 +38,17 @@ class TableLog(eqx.Module):
     angle : (k,) table angle of each rest, rad.
     frame : (3, 3) turns the axes of the device into those of the table.
     notes : sentences.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> rng, time = np.random.default_rng(0), np.arange(0, 160, 0.05)
+    >>> angle = np.deg2rad(90.0) * np.clip(np.floor(time / 40) + (time % 40 - 36) / 4 * (time % 40 > 36), 0, 3)
+    >>> gyro = 6e-5 * np.cos(angle + 0.5) + 1e-5 * rng.normal(size=time.size)
+    >>> found = jaxcal.alignment.from_log(jaxcal.Log(time, gyro=gyro), angle=angle)
+    >>> print(np.rad2deg(found.angle).round(1), found.stop - found.start > 600)
+    [  0.  90. 180. 270.] [ True  True  True  True]
     """
 
     readings: Readings
@@ -116,6 +128,7 @@ def from_log(
     ----------
     Rests: D. Tedaldi, A. Pretto and E. Menegatti, ICRA 2014, section IV-A.
     """
+    log = as_log(log)
     samples = {name: np.array(v, dtype=float).reshape(len(v), -1) for name in ("accel", "gyro") if (v := getattr(log, name)) is not None}
     for x in samples.values():
         x[~np.isfinite(x).all(axis=1)] = np.nan

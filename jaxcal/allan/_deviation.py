@@ -40,8 +40,8 @@ _Measured = tuple[Callable[[], Any], Any, Any]
 
 @host_float64
 def deviation(
-    y, rate, *, kind="oadev", m: Any = "log", data="rate", confidence=0.95, alpha: Any = None, bias_corrected: Any = False, robust=False,
-    time: Any = None,
+    y: Any, rate: Any, *, kind: str | Kind = "oadev", m: Any = "log", data: str = "rate", confidence: float | int = 0.95, alpha: Any = None,
+    bias_corrected: bool | str = False, robust: bool = False, time: Any = None,
 ) -> Deviation:  # fmt: skip
     r"""Allan, modified Allan, time, Hadamard or total deviation, Theo1 or interval error, with noise type and interval.
 

@@ -44,6 +44,15 @@ class DynamicDeviation(eqx.Module):
     window : length of a window in s.
     confidence : level of the intervals.
     warnings : sentences on what gaps left out.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> y = np.random.default_rng(0).standard_normal(1000)
+    >>> found = jaxcal.allan.dynamic(y, 1.0, window=250.0, m=[1, 10])
+    >>> found.deviation.shape, found.time[:2].tolist()
+    ((7, 2), [125.0, 250.0])
     """
 
     time: AnyArray
@@ -67,7 +76,9 @@ class DynamicDeviation(eqx.Module):
 
 
 @host_float64
-def dynamic(y, rate, *, window, step: Any = None, m: Any = "log", kind="oadev", confidence=0.95) -> DynamicDeviation:
+def dynamic(
+    y: Any, rate: Any, *, window: Any, step: Any = None, m: Any = "log", kind: str = "oadev", confidence: float | int = 0.95
+) -> DynamicDeviation:
     r"""Dynamic Allan deviation: how the deviation at each cluster time changes along the record.
 
     With :math:`E_m(k) = \sum_{j<k} D_m(j)^2` over all overlapped differences of the record, the window of W samples that begins at p has

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 
 from .._errors import DataError
-from .._types import Int
+from .._types import Any, Int
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,11 +45,11 @@ class Kind:
         """Whether it needs a stretch without gaps."""
         return self.family in ("total", "theo1")
 
-    def tau(self, m, rate: float):
+    def tau(self, m: Any, rate: float) -> Any:
         """Cluster time in s: m / rate, for theo1 three quarters of it."""
         return m / rate * (0.75 if self.family == "theo1" else 1.0)
 
-    def count(self, samples, m: Int[np.ndarray, " clusters"]) -> Int[np.ndarray, " clusters"]:
+    def count(self, samples: Any, m: Int[np.ndarray, " clusters"]) -> Int[np.ndarray, " clusters"]:
         """Number of differences in a record of `samples` rate samples (one more phase point) at cluster sizes m."""
         if self.family == "theo1":
             return (samples + 1 - m) * (m // 2)
@@ -59,7 +59,7 @@ class Kind:
             return samples // m - self.order + 1
         return samples - self.difference * m + (2 if self.modified else 1)
 
-    def length(self, count, m, samples: int):
+    def length(self, count: Any, m: Any, samples: int) -> Any:
         """Rate samples of the stretch that gave `count` differences: the whole record where gaps are left out one by one."""
         if not self.contiguous:
             return samples
@@ -123,7 +123,7 @@ def find_kind(name: "str | Kind", *more: str) -> Kind:
 _PER_DECADE = 15
 
 
-def whole_sizes(m) -> Int[np.ndarray, " clusters"]:
+def whole_sizes(m: Any) -> Int[np.ndarray, " clusters"]:
     """Given cluster sizes as an array of whole numbers; refuses what is not."""
     sizes = np.atleast_1d(np.asarray(m))
     if sizes.ndim != 1 or sizes.size == 0 or not np.issubdtype(sizes.dtype, np.number) or np.any(sizes != np.round(sizes)):
@@ -131,7 +131,7 @@ def whole_sizes(m) -> Int[np.ndarray, " clusters"]:
     return sizes.astype(np.int64)
 
 
-def cluster_sizes(m, kind: str | Kind, samples: int) -> Int[np.ndarray, " clusters"]:
+def cluster_sizes(m: Any, kind: str | Kind, samples: int) -> Int[np.ndarray, " clusters"]:
     """Cluster sizes in samples at which `deviation` evaluates a record: those of a named grid, or the given ones, checked.
 
     Parameters

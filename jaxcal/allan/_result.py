@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._results import Row, Unjudged, channel_of, rows_of
+from .._results import Row, Unjudged, channel_of, columns_of, rows_of
 from .._types import AnyArray
 from ._kinds import Kind
 
@@ -38,6 +38,17 @@ class Deviation(Unjudged):
     skipped : number of differences left out because they touch a gap, same shape as `count`.
     warnings : sentences, where a cluster size or a part of the record had to be left out.
     bias : factor by which the variance was divided (`bias_corrected`), same shape; ones where nothing was.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> y = np.random.default_rng(0).standard_normal(1000)
+    >>> found = jaxcal.allan.deviation(y, 100.0, m=[1, 10])
+    >>> print(found)
+    Deviation: good: No warnings.
+      oadev at 0.01 s  0.974  0.928 to 1.025  unit
+      oadev at 0.1 s   0.317  0.284 to 0.360  unit
     """
 
     tau: AnyArray
@@ -55,9 +66,14 @@ class Deviation(Unjudged):
     warnings: tuple[str, ...] = eqx.field(static=True, default=())
     bias: AnyArray = None  # type: ignore[assignment]  # ones, once made
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if self.bias is None:
             self.bias = (np if isinstance(self.deviation, np.ndarray) else jnp).ones_like(self.deviation)
+
+    _figure = ("allan", False)
+
+    def _columns(self) -> dict[str, Any]:
+        return columns_of(self, ("tau", "m", "deviation", "lower", "upper", "edf", "count", "alpha", "skipped"))
 
     def _rows(self) -> list[Row]:
         name, unit = self.kind, "unit s" if self.unit_of_phase else "unit"

@@ -24,8 +24,8 @@ T = TypeVar("T", bound=Any)
 
 
 def deviation(
-    source: Any, rate: Any, *, kind="oadev", m: Any = "log", confidence=0.95, alpha: Any = None, columns: Any = None,
-    chunk=4_194_304, exact=65_536, workers: int | None = None, executor: Executor | None = None,
+    source: Any, rate: Any, *, kind: str = "oadev", m: Any = "log", confidence: float | int = 0.95, alpha: Any = None, columns: Any = None,
+    chunk: int = 4_194_304, exact: int = 65_536, workers: int | None = None, executor: Executor | None = None,
 ) -> Any:  # fmt: skip
     """Allan, modified Allan, time or Hadamard deviation of a file larger than memory, or of many logs.
 

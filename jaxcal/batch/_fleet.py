@@ -10,8 +10,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
-import scipy.special
-import scipy.stats
+import scipy  # loads its parts when they are first used
 
 from .._files import shown
 
@@ -32,6 +31,12 @@ class Coefficient:
     value : None where the log has none, as of a term not detected.
     low, high : limits of its interval, or None. Of a term not detected `high` is the upper limit.
     unit : its SI unit, "" if not known.
+
+    Examples
+    --------
+    >>> from jaxcal.batch import Coefficient
+    >>> Coefficient(0.01, 0.009, 0.011, unit="rad/sqrt(s)").unit
+    'rad/sqrt(s)'
     """
 
     value: float | None
@@ -57,6 +62,20 @@ class Entry:
     seconds : of computation; None where there was none.
     kept : whether the result was there already.
     file : result file; None without a folder.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> from concurrent.futures import ThreadPoolExecutor
+    >>> import pathlib, tempfile
+    >>> rng = np.random.default_rng(0)
+    >>> with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(1) as pool:
+    ...     for i in range(3):
+    ...         np.savez(pathlib.Path(folder, f"unit{i}.npz"), gyro=1e-3 * rng.standard_normal((500, 1)), rate=100.0)
+    ...     fleet = jaxcal.batch.run(folder, "allan", executor=pool, options={"m": [1, 10]})
+    >>> fleet.done[0].path.name, round(fleet.done[0].coefficients["gyro_x.oadev(0.1 s)"].value * 1e3, 1)
+    ('unit0.npz', 0.3)
     """
 
     path: pathlib.Path
@@ -82,7 +101,14 @@ class Entry:
 
 @dataclasses.dataclass(frozen=True)
 class Outlier:
-    """A log that stands out: its name, path, value, distance from the median in robust standard deviations, and the sentence on it."""
+    """A log that stands out: its name, path, value, distance from the median in robust standard deviations, and the sentence on it.
+
+    Examples
+    --------
+    >>> from jaxcal.batch import Outlier
+    >>> Outlier("unit7", "unit7.csv", 0.02, 6.1, "unit7: gyro_x.N is twice the median").reason
+    'unit7: gyro_x.N is twice the median'
+    """
 
     name: str
     path: str
@@ -96,6 +122,12 @@ class Trend:
     """A coefficient that goes with `along` ("serial number", "place in the list" or "date"): slope per step or day, Kendall's tau, p.
 
     `at` is where each log stands, in the order of `Spread.values`.
+
+    Examples
+    --------
+    >>> from jaxcal.batch import Trend
+    >>> Trend("serial number", (1.0, 2.0, 3.0), 1e-4, 0.8, 0.002, "gyro_x.N grows with the serial number").along
+    'serial number'
     """
 
     along: str
@@ -122,6 +154,21 @@ class Spread:
     scores : distance of each from the median in robust standard deviations.
     limit : score from which a log is an outlier; infinite for fewer than 5 logs.
     outliers, trends : what stands out.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> from concurrent.futures import ThreadPoolExecutor
+    >>> import pathlib, tempfile
+    >>> rng = np.random.default_rng(0)
+    >>> with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(1) as pool:
+    ...     for i in range(3):
+    ...         np.savez(pathlib.Path(folder, f"unit{i}.npz"), gyro=1e-3 * rng.standard_normal((500, 1)), rate=100.0)
+    ...     fleet = jaxcal.batch.run(folder, "allan", executor=pool, options={"m": [1, 10]})
+    >>> one = fleet.spread["gyro_x.oadev(0.1 s)"]
+    >>> one.count, one.unit, one.outliers
+    (3, 'rad/s', ())
     """
 
     unit: str
@@ -146,6 +193,20 @@ class Fleet:
     ----------
     entries : one `Entry` for each log.
     out : folder of the results, or None.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> from concurrent.futures import ThreadPoolExecutor
+    >>> import pathlib, tempfile
+    >>> rng = np.random.default_rng(0)
+    >>> with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(1) as pool:
+    ...     for i in range(3):
+    ...         np.savez(pathlib.Path(folder, f"unit{i}.npz"), gyro=1e-3 * rng.standard_normal((500, 1)), rate=100.0)
+    ...     fleet = jaxcal.batch.run(folder, "allan", executor=pool, options={"m": [1, 10]})
+    >>> len(fleet), len(fleet.done), sorted(fleet.spread)[0]
+    (3, 3, 'gyro_x.oadev(0.01 s)')
     """
 
     entries: tuple[Entry, ...]

@@ -7,9 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import scipy.integrate
-import scipy.optimize
-import scipy.stats
+import scipy  # loads its parts when they are first used
 
 from .._errors import DataError
 from .._precision import host_float64
@@ -46,6 +44,17 @@ class Population(Result):
     covariates : names of the covariates.
     confidence, false_alarm : levels of the intervals and of the outliers.
     warnings : sentences.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> sizes = 0.01 * np.exp(0.2 * np.random.default_rng(0).standard_normal(8))
+    >>> records = [jaxcal.noise.Noise(N=n).simulate(2000, rate=100.0, seed=i) for i, n in enumerate(sizes)]
+    >>> found = jaxcal.batch.population([jaxcal.noise.fit(y, 100.0) for y in records], terms=("N",))
+    >>> low, high = found.median_interval[0]
+    >>> bool(low < 0.01 < high)
+    True
     """
 
     terms: tuple[str, ...] = eqx.field(static=True)

@@ -30,7 +30,7 @@ _MANIFEST_EVERY = 30.0  # s
 
 
 def run(
-    paths: Any, task: Any = "noise", *, executor: Executor | None = None, out: Any = None, resume=True, workers: int | None = None,
+    paths: Any, task: Any = "noise", *, executor: Executor | None = None, out: Any = None, resume: bool = True, workers: int | None = None,
     options: dict[str, Any] | None = None, reading: dict[str, Any] | None = None, timeout: float | int | None = None,
     memory: float | int | None = None, progress: Callable[[int, int, str], None] | None = None,
 ) -> Fleet:  # fmt: skip

@@ -15,6 +15,7 @@ from .._errors import DataError, UnitError
 from .._log import Log
 from .._results import by_channel, plain
 from .._units import STANDARD_GRAVITY, noise_units, si_unit
+from ..io._suited import unsuited
 from ._fleet import Coefficient
 
 Answer = tuple[Any, dict[str, Coefficient], list[str]]
@@ -147,7 +148,7 @@ def check_task(task: Any, options: dict[str, Any]) -> None:
         raise DataError(f"there is no task {task!r}; expected one of {', '.join(TASKS)}, or a function Log -> result")
     part, _, function = TASKS[task][1].partition(".")
     parameters = inspect.signature(getattr(importlib.import_module(f"..{part}", __package__), function)).parameters.values()
-    known = [each.name for each in parameters if each.kind is each.KEYWORD_ONLY and each.name not in ("progress", "time", "data")]
+    known = [each.name for each in parameters if each.kind is each.KEYWORD_ONLY and each.name not in ("progress", "time", "data", "rate")]
     unknown = [name for name in options if name not in known]
     if unknown:
         raise DataError(f"task {task!r} has no option {', '.join(unknown)}; it takes {', '.join(known)}")
@@ -156,6 +157,8 @@ def check_task(task: Any, options: dict[str, Any]) -> None:
 def perform(task: Any, log: Log, options: dict[str, Any]) -> Answer:
     """Do it: the result as JSON has it, coefficients, and warnings."""
     if isinstance(task, str):
+        if wrong := unsuited(task, log, str(log.provenance.get("file", "LOG"))):
+            raise DataError(wrong)
         document, found, said = TASKS[task][0](log, **options)
     else:
         document = plain(task(log, **options))

@@ -2,6 +2,7 @@
 
 from ._calibration import Calibration as Calibration
 from ._difference import PartDifference as PartDifference, difference as difference
+from ._find import find as find
 from ._noise import DeviceNoise as DeviceNoise, SensorNoise as SensorNoise
 from ._parts import Covariance as Covariance, Imu as Imu, Interval as Interval, Part as Part
 from ._provenance import provenance as provenance

@@ -70,7 +70,10 @@ class Calibration(eqx.Module):
     device: dict[str, Any] | None
     provenance: dict[str, Any] | None
 
-    def __init__(self, *, noise=None, imu=None, magnetometer=None, temperature=None, device=None, provenance=None):
+    def __init__(
+        self, *, noise: Any = None, imu: Any = None, magnetometer: Any = None, temperature: Any = None, device: Any = None,
+        provenance: Any = None,
+    ) -> None:  # fmt: skip
         self.noise, self.imu = device_noise(noise), imu_of(imu)
         self.magnetometer, self.temperature = magnetometer_of(magnetometer), thermal_of(temperature)
         self.device = _free({"name": device} if isinstance(device, str) else device, "device")

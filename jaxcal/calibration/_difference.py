@@ -34,6 +34,16 @@ class PartDifference(eqx.Module):
     chi_square, degrees_of_freedom : of all differences together under both covariances; NaN and 0 without covariances.
     probability : of so large a chi-square where nothing changed.
     notes : sentences.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> def device(bias):
+    ...     return jaxcal.Calibration(magnetometer=jaxcal.magnetometer.MagModel(np.eye(3), np.array([bias, 0.0, 0.0])))
+    >>> (part,) = jaxcal.calibration.difference(device(1e-6), device(3e-6))
+    >>> part.name, [name for name, change in zip(part.parameters, part.change) if change]
+    ('magnetometer', ['hard iron x'])
     """
 
     name: str

@@ -55,6 +55,14 @@ class SensorNoise(eqx.Module):
     covariance : `parameters` ("N^2", ...) and `values` (3, terms, terms) of the squared coefficients.
     markov, sinusoid : for each axis ((qc, Tc), ...) and ((A, f0), ...).
     further : terms of one's own (`jaxcal.noise.Term`), with their coefficients.
+
+    Examples
+    --------
+    >>> import jaxcal
+    >>> gyro = {"unit": "rad/s", "Q": None, "N": [1e-4] * 3, "B": None, "K": [2e-6] * 3, "R": None}
+    >>> device = jaxcal.Calibration(noise={"rate": 200.0, "gyro": gyro})
+    >>> device.noise.gyro.unit, device.noise.gyro.N.tolist()
+    ('rad/s', [0.0001, 0.0001, 0.0001])
     """
 
     unit: str
@@ -76,7 +84,16 @@ class SensorNoise(eqx.Module):
 
 
 class DeviceNoise(eqx.Module):
-    """Noise of the sensors of one device, and the rate in Hz at which it was recorded."""
+    """Noise of the sensors of one device, and the rate in Hz at which it was recorded.
+
+    Examples
+    --------
+    >>> import jaxcal
+    >>> gyro = {"unit": "rad/s", "Q": None, "N": [1e-4] * 3, "B": None, "K": [2e-6] * 3, "R": None}
+    >>> device = jaxcal.Calibration(noise={"rate": 200.0, "gyro": gyro})
+    >>> device.noise.rate, device.noise.accel
+    (200.0, None)
+    """
 
     rate: float
     gyro: SensorNoise | None = None

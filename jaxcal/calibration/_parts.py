@@ -12,7 +12,7 @@ from jaxtyping import Float
 from .._errors import DataError
 from .._types import AnyArray
 from .._units import si_unit
-from ..imu import ImuFit, Triad
+from ..imu import ImuFit, RateTest, Triad
 from ..magnetometer import MagFit, MagModel
 from ._codec import check_finite, checked_unit, document_of, numbers, required, structured, wrong
 
@@ -23,7 +23,16 @@ SENSORS = ("accel", "gyro")
 
 
 class Covariance(eqx.Module):
-    """Covariance of named parameters, in their order."""
+    """Covariance of named parameters, in their order.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> found = jaxcal.magnetometer.fit(jaxcal.magnetometer.body_field(jaxcal.magnetometer.scenario("all"), 50e-6))
+    >>> jaxcal.Calibration(magnetometer=found).magnetometer.covariance.parameters[-3:]
+    ('b_x', 'b_y', 'b_z')
+    """
 
     parameters: tuple[str, ...]
     values: Float[np.ndarray, "rows columns"]
@@ -37,7 +46,15 @@ class Covariance(eqx.Module):
 
 
 class Interval(eqx.Module):
-    """Limits of the intervals of 95 % of the parameters of a covariance."""
+    """Limits of the intervals of 95 % of the parameters of a covariance.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> found = jaxcal.magnetometer.fit(jaxcal.magnetometer.body_field(jaxcal.magnetometer.scenario("all"), 50e-6))
+    >>> jaxcal.Calibration(magnetometer=found).magnetometer.interval
+    """
 
     low: Float[np.ndarray, " parameters"]
     high: Float[np.ndarray, " parameters"]
@@ -53,6 +70,14 @@ class Part(eqx.Module, Generic[M]):
     covariance, interval : of its parameters, or None.
     field : of a magnetometer the norm of the corrected field in tesla; None where it is not known.
     verdict, verdict_reason : of the fit; None where there was none. Those of an IMU are with both sensors.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> device = jaxcal.Calibration(magnetometer=jaxcal.magnetometer.MagModel(np.eye(3), np.array([1e-5, 0.0, 0.0])))
+    >>> device.magnetometer.unit, device.magnetometer.model.hard_iron.tolist()
+    ('T', [1e-05, 0.0, 0.0])
     """
 
     model: M
@@ -117,7 +142,16 @@ class Part(eqx.Module, Generic[M]):
 
 
 class Imu(eqx.Module):
-    """Accelerometer and gyroscope, and the verdict on the fit of both."""
+    """Accelerometer and gyroscope, and the verdict on the fit of both.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> device = jaxcal.Calibration(imu={"gyro": jaxcal.imu.Triad(np.eye(3), np.array([0.01, 0.0, 0.0]))})
+    >>> device.imu.accel, device.imu.gyro.model.bias.tolist()
+    (None, [0.01, 0.0, 0.0])
+    """
 
     accel: Part[Triad] | None = None
     gyro: Part[Triad] | None = None
@@ -131,11 +165,13 @@ class Imu(eqx.Module):
 
 
 def imu_of(value: Any) -> Imu | None:
-    """The inertial part of a calibration, checked: an `ImuFit`, the stored form, or sensor -> `Triad` or `Part`."""
+    """The inertial part of a calibration, checked: an `ImuFit`, a `RateTest`, the stored form, or sensor -> `Triad` or `Part`."""
     if value is None or isinstance(value, Imu):
         return value
     if isinstance(value, ImuFit):
         return _from_imu_fit(value)
+    if isinstance(value, RateTest):
+        return _from_rate_test(value)
     if not isinstance(value, dict):
         raise wrong(value, "a dictionary with accel, gyro, verdict, verdict_reason", "imu")
     texts = {name: structured(value.get(name), str | None, f"imu.{name}") for name in ("verdict", "verdict_reason")}
@@ -173,6 +209,15 @@ def _from_imu_fit(fit: ImuFit) -> Imu:
             covariance = Covariance(names, values) if np.isfinite(values).all() else None
             parts[sensor] = _part(Part(triad, si_unit(sensor), None, covariance, Interval(low, high)), Triad, sensor, f"imu.{sensor}")
     return Imu(**parts, verdict=fit.verdict, verdict_reason=fit.reason)
+
+
+def _from_rate_test(test: RateTest) -> Imu:
+    if test.fit is None:
+        raise DataError(f"the rate test gives no gyroscope: {test.reason}")
+    low, high = np.asarray(test.fit.interval).T
+    known = Covariance(test.fit.names, np.asarray(test.fit.covariance)), Interval(low, high)
+    return Imu(gyro=_part(Part(test.fit.triad, si_unit("gyro"), None, *known), Triad, "gyro", "imu.gyro"), verdict=test.verdict,
+               verdict_reason=test.reason)  # fmt: skip
 
 
 def _part(value: Any, base: type, sensor: str, path: str) -> Part[Any]:

@@ -1,5 +1,6 @@
 """Where the numbers of a calibration come from: the recording, the versions, and the options of the command."""
 
+import datetime
 import importlib.metadata
 import platform
 from collections.abc import Mapping
@@ -10,6 +11,7 @@ import numpy as np
 from .._log import Log
 
 _PACKAGES = ("jax", "numpy", "scipy")
+_FIRST = 946_684_800_000_000_000  # ns, the year 2000: smaller stamps count from a start of the device
 
 
 def provenance(log: Log, command: str, options: Mapping[str, Any] | None = None, *, rate_given: bool = False) -> dict[str, Any]:
@@ -24,7 +26,8 @@ def provenance(log: Log, command: str, options: Mapping[str, Any] | None = None,
 
     Returns
     -------
-    Dictionary for JSON: that of the log, "applied" (sentences) where the device had corrected the readings already,
+    Dictionary for JSON: that of the log, "date" of its first sample (UTC) where its stamps tell, "applied" (sentences) where the device had
+    corrected the readings already,
     "rate" ("given" or "estimated"), "command", "options", "version" and "versions".
 
     Examples
@@ -41,6 +44,9 @@ def provenance(log: Log, command: str, options: Mapping[str, Any] | None = None,
     applied = [sentence for sentence in log.warnings if "already calibrated" in sentence or "already corrected" in sentence]
     if applied and "applied" not in held:
         held["applied"] = applied
+    epoch = log.provenance.get("epoch_ns")
+    if "date" not in held and isinstance(epoch, int) and epoch >= _FIRST:
+        held["date"] = f"{datetime.datetime.fromtimestamp(epoch / 1e9, datetime.UTC):%Y-%m-%dT%H:%M:%SZ}"
     versions = {name: importlib.metadata.version(name) for name in _PACKAGES}
     return {
         **held,

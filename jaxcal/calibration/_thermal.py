@@ -28,6 +28,13 @@ class Powers(AbstractCurve):
     ----------
     reference : T_r, degC.
     coefficients : (degree,) c, in the unit of the bias per degC, degC^2, ...
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.calibration import Powers
+    >>> print(Powers(25.0, np.array([2.0, 0.5])).value(np.array([25.0, 27.0])))
+    [0. 6.]
     """
 
     reference: Any
@@ -46,6 +53,17 @@ class Thermal(eqx.Module):
     reference : temperature to which corrected readings belong, degC.
     minimum, maximum : range that the channels share, degC.
     channels : "gyro_x" .. "mag_z" -> `ThermalModel`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> made = jaxcal.temperature.simulate(jump=0.0)
+    >>> log = jaxcal.Log(made.time, gyro=made.bias, temperature=made.temperature)
+    >>> fits = jaxcal.temperature.characterise(log, model="polynomial", degree=3)
+    >>> device = jaxcal.Calibration(temperature=fits)
+    >>> list(device.temperature.channels), round(device.temperature.reference)
+    (['gyro_x'], 32)
     """
 
     reference: float

@@ -1,8 +1,8 @@
 """The application: its commands, the configuration file, and what each error means for the exit status."""
 
 import errno
+import functools
 import io
-import itertools
 import os
 import sys
 import textwrap
@@ -13,8 +13,10 @@ from cyclopts.config import Toml
 
 import jaxcal
 
+from ._advice import KINDS, advice, as_typed
 from ._apply import apply, convert
 from ._batch import batch
+from ._cache import cache
 from ._curves import allan, psd
 from ._demo import demo
 from ._diff import diff
@@ -27,8 +29,11 @@ from ._north import north
 from ._options import CallError
 from ._simulate import simulate_imu, simulate_mag, simulate_noise, simulate_north, simulate_temperature
 from ._temperature import temperature
+from ._turntable import rate_table, vibration
 
-_COMMANDS = (demo, info, noise, allan, psd, temperature, imu, mag, north, apply, convert, export, diff, batch)
+_COMMANDS = (
+    demo, info, noise, allan, psd, temperature, imu, rate_table, vibration, mag, north, apply, convert, export, diff, batch, cache,
+)  # fmt: skip
 _SIMULATE = (simulate_noise, simulate_temperature, simulate_imu, simulate_mag, simulate_north)
 DONE, DATA, CALL, FAULT, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 3, 130, 141
 
@@ -43,12 +48,21 @@ def _configuration(app, commands, arguments):
     """Fill options that the command line leaves out from the table [command] of the file given with --config."""
     for argument in arguments:
         if "--config" in argument.names and argument.tokens:
+            file = argument.tokens[0].value
             try:
-                Toml(argument.tokens[0].value, must_exist=True)(app, commands, arguments)
+                Toml(file, must_exist=True)(app, commands, arguments)
             except FileNotFoundError:
-                raise CallError(f"--config {argument.tokens[0].value}: there is no such file") from None
+                raise CallError(f"--config {file}: there is no such file") from None
+            except cyclopts.CycloptsError as error:
+                if "TOMLDecodeError" not in str(error):
+                    raise
+                fault = str(error).partition(": ")[2].strip()
+                raise CallError(
+                    f'--config {file} is not TOML ({fault}); it holds a table for each command, as [noise] terms = "QNBK"'
+                ) from None
 
 
+@functools.cache
 def _application() -> cyclopts.App:
     app = cyclopts.App(
         name="jaxcal", help=_HELP, help_format="plaintext", version=lambda: jaxcal.__version__, version_flags=["--version"],
@@ -73,11 +87,15 @@ def run(argv: list[str]) -> int:
         _application()(argv, exit_on_error=False, print_error=False)
         sys.stdout.flush()
         return DONE
-    except (cyclopts.CycloptsError, CallError, jaxcal.UnitError) as error:
-        _complain(f"{str(error).strip()} (see: {_help_command(argv)})")
+    except cyclopts.CycloptsError as error:
+        said = advice(error, argv, _options()) or str(error).strip()
+        _complain(f"{said} (see: {_help_command(argv)})")
+        return CALL
+    except (CallError, jaxcal.UnitError) as error:
+        _complain(f"{as_typed(str(error).strip(), _options().get(argv[0], set()))} (see: {_help_command(argv)})")
         return CALL
     except jaxcal.JaxcalError as error:
-        _complain(str(error))
+        _complain(as_typed(str(error), _options().get(argv[0], set())))
         return DATA
     except KeyboardInterrupt:
         _complain("interrupted")
@@ -98,13 +116,24 @@ def run(argv: list[str]) -> int:
         return FAULT
 
 
+@functools.cache
+def _options() -> dict[str, set[str]]:
+    """Command -> names of its options; those of all kinds together for simulate."""
+    app, found = _application(), {}
+    for name in (*(command.__name__ for command in _COMMANDS), "simulate"):
+        parts = [app[name]] if name != "simulate" else [app[name][command.__name__.removeprefix("simulate_")] for command in _SIMULATE]
+        found[name] = {one for part in parts for argument in part.assemble_argument_collection() for one in argument.names if one[0] == "-"}
+    return found
+
+
 def _complain(text: str) -> None:
     print(textwrap.fill(f"jaxcal: {text}", 80, break_long_words=False, break_on_hyphens=False), file=sys.stderr)
 
 
 def _help_command(argv: list[str]) -> str:
-    known = {command.__name__ for command in _COMMANDS} | {"simulate"}
-    words = itertools.takewhile(lambda word: word in known, argv)
+    known = {command.__name__.replace("_", "-") for command in _COMMANDS} | {"simulate"}
+    words = [word for word in argv[:1] if word in known]
+    words += [word for word in argv[1:2] if words == ["simulate"] and word in KINDS]
     return " ".join(["jaxcal", *words, "--help"])
 
 

@@ -8,30 +8,43 @@ from cyclopts import Parameter
 
 import jaxcal
 
-from ._options import CallError, Reading, Running, log_file, must_exist, read_log
+from ._advice import kind_of
+from ._options import CallError, Reading, Running, log_file, must_be_calibration, read_log
 from ._outputs import staged
 from ._screen import Screen, progress, show_log, show_written
 from ._simulate import save_log
+from ._work import date_of
 
 
 def apply(
-    calibration: Annotated[Path, Parameter(help="Calibration as JSON, as the other commands write it.")],
+    calibration: Annotated[
+        Path, Parameter(help="Calibration as JSON, as the other commands write it; or a folder of them, with --device.")
+    ],
     log: Annotated[Path, Parameter(help="The log of the same device.")],
     /,
     *,
     out: Annotated[Path, log_file(help="File to write: FILE.csv or FILE.npz, in SI units; missing samples stay missing.")],
+    device: Annotated[
+        str | None, Parameter(help="Device whose latest calibration, not younger than the log, is taken from the folder.")
+    ] = None,
     reading: Reading = Reading(),
     running: Running = Running(),
 ) -> None:
     """Correct a log with a calibration: temperature first, then bias, scale factor, misalignment, iron."""
-    must_exist(calibration)
+    if kind_of(log) == "calibration" and kind_of(calibration) != "calibration":
+        raise CallError(f"the calibration comes first: jaxcal apply {log} {calibration} --out {out}")
+    if calibration.is_dir() != (device is not None):
+        raise CallError("--device goes with a folder of calibrations, and a folder with --device")
+    if device is None:
+        must_be_calibration(calibration)
 
     def write(recording: Any, place: Path) -> Any:
-        found = corrected(calibration, recording)
+        chosen = calibration if device is None else jaxcal.calibration.find(calibration, device, date_of(recording, log))
+        found = corrected(chosen, recording)
         save_sensors(found, place)
         return found
 
-    _rewrite([log, calibration], out, "correcting", write, reading, running)
+    _rewrite([log, calibration], out, "correcting", write, reading, running, "apply")
 
 
 def convert(
@@ -45,6 +58,8 @@ def convert(
     """Write a log as .npz or Parquet, in SI units, so that reading it again takes no time and no guess."""
     from ..io._saved import SUFFIXES, save
 
+    if out.exists() and not log.exists():
+        raise CallError(f"{log} does not exist; the log comes first: jaxcal convert {out} {log}")
     if out.suffix not in SUFFIXES:
         raise CallError(f"{out}: expected a name that ends in {' or '.join(SUFFIXES)}")
 
@@ -52,15 +67,17 @@ def convert(
         save(recording, place)
         return recording
 
-    _rewrite([log], out, f"writing {out.name}", write, reading, running)
+    _rewrite([log], out, f"writing {out.name}", write, reading, running, "convert")
 
 
-def _rewrite(inputs: list[Path], out: Path, doing: str, write: Callable[[Any, Path], Any], reading: Reading, running: Running) -> None:
+def _rewrite(
+    inputs: list[Path], out: Path, doing: str, write: Callable[[Any, Path], Any], reading: Reading, running: Running, command: str
+) -> None:
     """Read the first of `inputs`, and print what was written."""
     screen = Screen(running.quiet)
     with staged([out], inputs=inputs) as places:
         with progress(f"reading {inputs[0].name}", running.quiet):
-            recording = read_log(inputs[0], reading)
+            recording = read_log(inputs[0], reading, command)
         with progress(doing, running.quiet):
             written = write(recording, places[out])
     show_log(screen, written)

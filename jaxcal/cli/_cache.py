@@ -1,8 +1,83 @@
-"""What makes a command quick: JAX's persistent compilation cache."""
+"""The folder of compiled programs, which makes a command quick: kept, bounded in size, and cleared by `jaxcal cache --clear`."""
 
+import contextlib
+import dataclasses
 import os
 import sys
 from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from ._options import CallError, Quiet
+from ._screen import Screen
+
+#: bytes that the folder may hold; every command has its programs in a hundredth of that
+BOUND = 200_000_000
+_AFTER = 0.8  # of the bound, to which the folder is emptied
+
+
+def cache(
+    *,
+    clear: Annotated[bool, Parameter(help="Remove all of them; the next command of each kind compiles for some seconds.")] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Say where compiled programs are kept, and how much room they take.
+
+    The first command of each kind compiles its programs, which takes seconds;
+    the next ones find them in this folder. Beyond 200 MB the programs that
+    were used longest ago are removed.
+    """
+    screen = Screen(quiet)
+    if own := os.environ.get("JAX_COMPILATION_CACHE_DIR"):
+        if clear:
+            raise CallError(
+                f"the folder {own} is your own (JAX_COMPILATION_CACHE_DIR), so jaxcal does not clear it; remove its files yourself"
+            )
+        screen.line(f"Compiled programs are kept in {own}, which JAX_COMPILATION_CACHE_DIR names. jaxcal neither bounds nor clears it.")
+        return
+    folder = cache_folder()
+    found = _entries(folder)
+    size = sum(entry.size for entry in found)
+    if clear:
+        for entry in found:
+            entry.path.unlink(missing_ok=True)
+    screen.path(f"{folder}: {len(found)} files, {size / 1e6:.1f} MB{', removed' if clear else f' of at most {BOUND / 1e6:.0f} MB'}")
+
+
+@dataclasses.dataclass(frozen=True)
+class _Entry:
+    """A file of the cache: when it was used last, its size, and where it is."""
+
+    used: float
+    size: int
+    path: Path
+
+
+def _entries(folder: Path) -> list[_Entry]:
+    """The programs in the folder; other files in it are none of ours."""
+    found = []
+    with contextlib.suppress(OSError), os.scandir(folder) as files:
+        for file in files:
+            if file.name.endswith(("-cache", "-atime")):
+                with contextlib.suppress(OSError):  # another process may have removed it
+                    known = file.stat(follow_symlinks=False)
+                    found.append(_Entry(max(known.st_atime, known.st_mtime), known.st_size, Path(file.path)))
+    return found
+
+
+def bound(folder: Path, limit: int = BOUND) -> None:
+    """Remove the programs that were used longest ago, where the folder holds more than `limit` bytes."""
+    found = sorted(_entries(folder), key=lambda entry: entry.used)
+    size = sum(entry.size for entry in found)
+    if size <= limit:
+        return
+    for entry in found:
+        if size <= _AFTER * limit:
+            break
+        with contextlib.suppress(OSError):
+            entry.path.unlink()
+            size -= entry.size
 
 
 def cache_folder() -> Path:
@@ -28,6 +103,8 @@ def keep_compiled() -> None:
 
     import jax
 
+    from .._compile import keep_programs
+
     # a disk that is full, or an entry that another process is just writing, costs seconds and no result
     warnings.filterwarnings("ignore", message="Error (writing|reading) persistent compilation cache entry")
     if jax.config.values["jax_compilation_cache_dir"] is None:
@@ -38,7 +115,9 @@ def keep_compiled() -> None:
             return
         if not os.access(folder, os.W_OK):
             return
+        bound(folder)
         jax.config.update("jax_compilation_cache_dir", str(folder))
+        keep_programs(folder)
     # the kernels are many and small: with JAX's own limits most of them would be compiled anew in every run
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)

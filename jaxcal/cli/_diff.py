@@ -8,7 +8,7 @@ from cyclopts import Parameter
 import jaxcal
 
 from .._files import json_text, write_atomically
-from ._options import Running, checked, must_exist
+from ._options import Running, checked, must_be_calibration
 from ._outputs import staged
 from ._screen import Screen, show_written
 
@@ -35,7 +35,7 @@ def diff(
     A table for every part that both hold: the values, their difference and
     its standard error, and the chi-square of all differences together.
     """
-    must_exist(first, second)
+    must_be_calibration(first, second)
     screen = Screen(running.quiet)
     with staged([json] if json else [], inputs=[first, second]) as places:
         parts = jaxcal.calibration.difference(jaxcal.Calibration.load(first), jaxcal.Calibration.load(second))

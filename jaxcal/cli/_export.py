@@ -7,7 +7,7 @@ from cyclopts import Group, Parameter
 
 import jaxcal
 
-from ._options import WRITING, CallError, Running, must_exist
+from ._options import WRITING, CallError, Running, must_be_calibration
 from ._outputs import distinct, staged
 from ._screen import Screen, show_written
 
@@ -78,7 +78,7 @@ def export(
 
     What the tool cannot hold is said, with the error that it leaves.
     """
-    must_exist(*calibration)
+    must_be_calibration(*calibration)
     if ids is not None and to not in _IDS:
         raise CallError(f"--ids {ids}: only {' and '.join(_IDS)} find sensors by ids")
     given = ids_of(ids, _IDS.get(to, ()))

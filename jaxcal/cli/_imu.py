@@ -1,5 +1,6 @@
 """`jaxcal imu`: both triads from a log of still poses and the turns between them."""
 
+import json
 import math
 from dataclasses import dataclass
 from functools import partial
@@ -12,12 +13,15 @@ import jaxcal
 
 from .._units import STANDARD_GRAVITY, number
 from ._export import FILES
-from ._options import CallError, Files, Latitude, Log, Reading, Running, stem
+from ._noise_file import read_noise
+from ._options import CallError, Files, Gravity, Latitude, Log, Reading, Running, checked, must_exist, stem
 from ._outputs import File, figure, outputs, save_calibration, save_export, save_json, save_report
 from ._screen import Screen
 from ._work import carry_out
 
 _AXES = "xyz"
+_TURNS = 14  # from which on a delay can be told
+_LATE = 1e-3  # s, a delay that is worth a word
 #: format of --export -> name of the file where none is given
 _EXPORTS = {name: FILES[name] for name in ("c", "csv")}
 _OTHER = "File for another tool: c, csv, or such as c=FILE. Repeatable; jaxcal export writes the other formats."
@@ -37,16 +41,33 @@ def imu(
     /,
     *,
     gravity: Annotated[
-        float | None, Parameter(help="Gravity at the place, in m/s^2; else from --latitude and --height, else standard gravity.")
+        Gravity | None, Parameter(help="Gravity at the place, in m/s^2; else from --latitude and --height, else standard gravity.")
     ] = None,
     latitude: Annotated[Latitude | None, Parameter(help="Latitude of the place, in degrees.")] = None,
-    height: Annotated[float, Parameter(help="Height of the place above sea level, in m.")] = 0.0,
+    height: Annotated[
+        float, checked("--height", lambda height: -500 <= height <= 9000, "m above sea level, -500 to 9000", "Height of the place in m.")
+    ] = 0.0,
     convention: Annotated[Literal["upper", "lower", "full"], Parameter(help="Frame of the result: upper, lower or full.")] = "upper",
-    method: Annotated[Literal["joint", "imu_tk"], Parameter(help="joint, or imu_tk: the two steps of that program.")] = "joint",
+    method: Annotated[
+        Literal["joint", "imu_tk", "six_position"],
+        Parameter(
+            help="joint; imu_tk: the two steps of that program; six_position: a squared block on its six faces, accelerometer alone."
+        ),
+    ] = "joint",
     initial: Annotated[float | None, Parameter(help="Length of a rest at the beginning, in s; else rests are found anywhere.")] = None,
     regions: Annotated[
-        Path | None, Parameter(help="JSON or CSV of labelled regions: a Ferraris session (x_p, x_a, ..., z_rot), or rests.")
+        Path | None, Parameter(help="JSON or CSV of labelled regions: faces and turns of a box (x_p, x_a, ..., z_rot), or rests.")
     ] = None,
+    noise: Annotated[
+        Path | None, Parameter(help="Noise of the sensors: noise.json of jaxcal noise, or a calibration. Else the rests give the noise.")
+    ] = None,
+    prior: Annotated[
+        Path | None, Parameter(help="What is known before: an earlier calibration, or a data sheet as JSON; fewer poses then suffice.")
+    ] = None,
+    terms: Annotated[
+        str, Parameter(help="Further terms: auto for what the log asks for, or names such as accel.quadratic,gyro.cubic.")
+    ] = "",
+    device: Annotated[str | None, Parameter(help="Name of the device, kept in the calibration.")] = None,
     raw: Annotated[bool, Parameter(help="The log holds counts; their scale is found from the data.")] = False,
     without_g_sensitivity: Annotated[bool, Parameter(help="Leave out the gyroscope's sensitivity to acceleration.")] = False,
     earth_rate: Annotated[bool, Parameter(help="Account for the Earth's rate, with --latitude; for tactical units.")] = False,
@@ -65,31 +86,42 @@ def imu(
     options = {
         "gravity": gravity, "latitude": latitude, "height": height, "earth_rate": earth_rate, "convention": convention, "method": method,
         "raw": raw, "initial": initial, "regions": regions and str(regions), "without_g_sensitivity": without_g_sensitivity,
+        "noise": noise and str(noise), "prior": prior and str(prior), "terms": terms, "device": device,
     }  # fmt: skip
     files: list[File] = [
         ("plot", "", figure(lambda plot, found, _: plot.imu(found))), ("report", "report.html", save_report),
-        ("json", "imu.json", save_json), ("calibration", "calibration.json", partial(save_calibration, part="imu")),
+        ("json", "imu.json", save_json), ("calibration", "calibration.json", partial(save_calibration, part="imu", device=device)),
     ]  # fmt: skip
-    plan = outputs(writing, files, f"{stem(log)}-imu", formats=_EXPORTS, export=partial(save_export, part="imu"))
+    plan = outputs(writing, files, f"{stem(log)}-imu", formats=_EXPORTS, export=partial(save_export, part="imu", device=device))
     notes: list[str] = []
+    must_exist(regions, noise, prior)
+    asked = tuple(word for word in terms.replace(" ", "").split(",") if word)
+    known = ({} if noise is None else {"noise": read_noise(noise)}) | ({} if prior is None else {"prior": _prior(prior)})
+    known |= {} if not asked else {"terms": "auto" if asked == ("auto",) else asked}
 
     def compute(data: Any, _: Any) -> Any:
         from ..imu._session import rests_among  # a command's help must not wait for JAX
 
-        labelled = None if regions is None else jaxcal.imu.read_regions(regions, data.rate)
+        labelled = jaxcal.imu.read_regions(regions, data.rate) if regions is not None else None
+        if method == "six_position" and labelled is None:
+            labelled = jaxcal.imu.faces(data)
         rests = None if labelled is None else rests_among(labelled)
         if labelled is not None and rests is None:
-            if raw or method != "joint" or convention != "upper" or earth_rate or without_g_sensitivity or initial is not None:
-                raise CallError("--regions of a Ferraris session takes none of --raw, --method, --convention, --earth-rate, --initial and "
-                                "--without-g-sensitivity")  # fmt: skip
+            if raw or method == "imu_tk" or convention != "upper" or earth_rate or without_g_sensitivity or initial is not None or known:
+                words = "--raw, --convention, --earth-rate, --initial, --without-g-sensitivity, --noise, --prior and --terms"
+                raise CallError(f"faces of a box take none of {words}")
             return jaxcal.imu.ferraris(data, labelled, gravity=_gravity(gravity, latitude, height, notes))
         found = jaxcal.imu.multi_position(
             data, gravity=_gravity(gravity, latitude, height, notes), convention=convention, method=method, raw=raw, rests=rests,
             g_sensitivity=not without_g_sensitivity, initial=initial,
-            latitude=math.radians(latitude) if earth_rate and latitude is not None else None,
+            latitude=math.radians(latitude) if earth_rate and latitude is not None else None, **known,
         )  # fmt: skip
         if found.verdict == "refused":
             raise jaxcal.DataError(found.reason)
+        if found.method == "joint" and found.gyro is not None and len(found.residual_turn) >= _TURNS:
+            moved = jaxcal.imu.motion(data, found)
+            if moved.delay_interval[0] > _LATE or moved.delay_interval[1] < -_LATE:
+                notes.append(f"{moved.reason} The calibration does not depend on it; a filter that uses both sensors does.")
         return found
 
     def show(screen: Screen, found: Any) -> None:
@@ -99,6 +131,15 @@ def imu(
 
     done = carry_out(log, reading, running, plan, compute, show=show, command="jaxcal imu", options=options)
     done.tell([*notes, *done.found.warnings])
+
+
+def _prior(path: Path) -> Any:
+    """An earlier calibration, or the data sheet in a JSON file."""
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+    except (UnicodeDecodeError, ValueError) as error:
+        raise jaxcal.DataError(f"{path} is no JSON; --prior takes a calibration, or a data sheet") from error
+    return jaxcal.Calibration.load(path) if isinstance(document, dict) and "schema" in document else document
 
 
 def _gravity(gravity: float | None, latitude: float | None, height: float, notes: list[str]) -> float:
@@ -126,6 +167,9 @@ def _tables(screen: Screen, found: Any, raw: bool) -> None:
         rows = [[axis, *(_cell(found, 24 + 3 * i + j) for j in range(3))] for i, axis in enumerate(_AXES)]
         unit = "counts per m/s^2" if raw else "rad/s per m/s^2"
         screen.table(f"gyroscope, sensitivity to specific force ({unit})", ["", "x", "y", "z"], rows)
+    if further := range(33, len(found.names)):
+        rows = [[found.names[i], *_cell(found, i).split("\n")] for i in further]
+        screen.table("further terms, reading per power of SI units", ["", "value", "interval of 95 %"], rows)
 
 
 def _cell(found: Any, i: int) -> str:

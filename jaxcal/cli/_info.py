@@ -9,7 +9,7 @@ from cyclopts import Parameter
 import jaxcal
 
 from .._files import json_text, write_atomically
-from ._options import WRITING, Log, Reading, Running, must_exist, reading_options
+from ._options import WRITING, Log, Reading, Running, must_be_log, reading_options
 from ._outputs import staged
 from ._screen import Screen, progress, show_written
 
@@ -29,7 +29,7 @@ def info(log: Log, /, *, files: InfoFiles = InfoFiles(), reading: Reading = Read
     what they do, then to the other commands. The status is 1 if the log cannot
     be read with them.
     """
-    must_exist(log)
+    must_be_log(log, "info")
     screen = Screen(running.quiet)
     targets = [files.json] if files.json else []
     with staged(targets, inputs=[log]) as places:

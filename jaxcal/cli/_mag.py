@@ -2,7 +2,6 @@
 
 import contextlib
 import dataclasses
-import datetime
 import math
 from dataclasses import dataclass
 from functools import partial
@@ -16,7 +15,7 @@ import jaxcal
 from ._apply import save_sensors
 from ._cache import keep_compiled
 from ._export import FILES
-from ._options import CallError, Files, Log, Reading, Running, checked, log_file, must_exist, read_log, stem
+from ._options import CallError, Files, Log, Reading, Running, checked, day, log_file, must_exist, read_log, stem
 from ._outputs import File, figure, outputs, save_calibration, save_export, save_json, save_report, tried
 from ._screen import Screen
 from ._shots import Shots, ready, shots
@@ -30,7 +29,20 @@ _EXPORTS = {name: FILES[name] for name in ("motioncal", "c", "csv")}
 #: formats that --against reads
 _PARAMETERS = ("ardupilot", "px4", "motioncal", "csv")
 _OTHER = "File for another tool: motioncal, c, csv, or such as c=FILE. Repeatable; jaxcal export writes the other formats."
-Norm = Annotated[float, checked("--field", lambda norm: 0 < norm < 1000, "the norm of the field in uT, 22 to 67 on Earth")]
+_FIELDS = (20.0, 70.0)  # uT, everywhere on Earth
+
+
+def _of_the_earth(norm: float) -> str:
+    """What is expected of --field, with the likely unit of a number that is none in uT."""
+    unit = next(
+        (unit for unit, size in (("nT", 1e-3), ("G", 100.0), ("mG", 0.1), ("T", 1e6)) if _FIELDS[0] <= norm * size <= _FIELDS[1]), ""
+    )
+    size = {"nT": 1e-3, "G": 100.0, "mG": 0.1, "T": 1e6}.get(unit, 1.0)
+    seems = f"; {norm:g} looks like {unit}: --field {norm * size:g}" if unit else ""
+    return f"the norm of the field in uT, which is {_FIELDS[0]:g} to {_FIELDS[1]:g} on Earth{seems}"
+
+
+Norm = Annotated[float, checked("--field", lambda norm: _FIELDS[0] <= norm <= _FIELDS[1], _of_the_earth)]
 Dip = Annotated[float, checked("--inclination", lambda dip: abs(dip) < 90, "degrees between -90 and 90, positive downwards")]
 
 
@@ -159,7 +171,7 @@ def _advise(path: Path, reading: Reading, running: Running, limit: float, inclin
     import numpy as np
 
     reading, _ = ready(path, reading, False)
-    log = read_log(path, reading)
+    log = read_log(path, reading, "mag")
     if log.mag is None or log.mag.shape[1] != 3:
         raise jaxcal.DataError(_NO_MAG)
     keep_compiled()
@@ -213,8 +225,11 @@ def _earth(field: float | None, place: tuple[float, float] | None, date: str | N
         return None if field is None else field * _MICRO
     if field is not None:
         raise CallError("--field and --place exclude one another: the place gives the field")
+    if abs(place[0]) > 90 and abs(place[1]) <= 90:
+        raise CallError(f"--place {place[0]:g} {place[1]:g}: the latitude comes first: --place {place[1]:g} {place[0]:g}")
+    when = day(date)
     try:
-        return jaxcal.magnetometer.earth_field(*place, datetime.date.fromisoformat(date))
+        return jaxcal.magnetometer.earth_field(*place, when)
     except (ValueError, jaxcal.DataError) as error:  # nothing was read yet
         raise CallError(f"--place {place[0]:g} {place[1]:g} --date {date}: {error}") from error
 

@@ -11,7 +11,7 @@ import jaxcal
 
 from ._apply import corrected
 from ._export import FILES
-from ._options import CallError, Files, Level, Log, Reading, Running, must_exist, stem
+from ._options import CallError, Files, Level, Log, Reading, Running, must_be_calibration, stem
 from ._outputs import File, figure, outputs, save_calibration, save_export, save_json, save_report, tried
 from ._screen import Screen
 from ._tables import decides, left_out, longer_record, noise_tables
@@ -62,7 +62,7 @@ def noise(
     sqrt(2) N), B bias instability, K rate random walk and, if asked for,
     R ramp: with intervals, and an upper limit where a term is not there.
     """
-    must_exist(calibration)
+    must_be_calibration(calibration, option="--calibration")
     characterise(log, terms, confidence, band, reading, writing, running, method=method, calibration=calibration, robust=robust)
 
 

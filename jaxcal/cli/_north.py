@@ -11,7 +11,7 @@ import jaxcal
 
 from ._cache import keep_compiled
 from ._noise_file import read_noise
-from ._options import WRITING, CallError, Latitude, Reading, Running, must_exist, picture
+from ._options import WRITING, CallError, Gravity, Latitude, Reading, Running, must_be_log, picture
 from ._outputs import File, figure, outputs, save_json, save_report, staged
 from ._readings import holds_positions, read_readings, read_table_log
 from ._screen import Screen, progress, show_log, show_written
@@ -95,8 +95,8 @@ def north(
         float | None, Parameter(help="Azimuth in degrees where it is known: the Earth's rate then gives the gyro's scale error too.")
     ] = None,
     hint: Annotated[float | None, Parameter(help="Rough azimuth in degrees, where two fit.")] = None,
-    hemisphere: Annotated[str | None, Parameter(help="north or south, for a latitude that is estimated.")] = None,
-    gravity: Annotated[float, Parameter(help="Local gravity in m/s^2.")] = 9.80665,
+    hemisphere: Annotated[Literal["north", "south"] | None, Parameter(help="north or south, for a latitude that is estimated.")] = None,
+    gravity: Annotated[Gravity, Parameter(help="Local gravity in m/s^2.")] = 9.80665,
     table: TableOptions = TableOptions(),
     reading: Reading = Reading(),
     writing: Writing = Writing(),
@@ -120,8 +120,12 @@ def north(
         options["free"] = ",".join(free).split(",")
     if azimuth is not None:
         options["start"] = {"psi": math.radians(azimuth)}
+    if table.angles is not None:
+        _angles(",".join(table.angles))  # before anything is read
     source, told = None if noise is None else read_noise(noise), noises(gyro, accel)
-    must_exist(readings)
+    must_be_log(readings, "north")
+    if readings.is_dir():
+        raise CallError(f"{readings} is a folder; jaxcal north takes one file, a table of readings or a raw log")
     with staged(plan, inputs=[readings]) as places:
         raw = table.angles is not None or table.angle_column is not None or not holds_positions(readings)
         with progress(f"reading {readings.name}", running.quiet):

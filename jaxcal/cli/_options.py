@@ -1,5 +1,7 @@
 """Options that the commands share."""
 
+import contextlib
+import datetime
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -7,22 +9,27 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import Group, Parameter
 
+from ._advice import TASKS, not_a_calibration, not_a_log
+
 READING = Group("Reading the log", sort_key=10)
 WRITING = Group("Output", sort_key=20)
 RUNNING = Group("Running", sort_key=30)
+#: forms of a date that are recognised, and refused with the one that is meant
+_DATES = ("%d.%m.%Y", "%d.%m.%y", "%Y/%m/%d", "%Y.%m.%d", "%d/%m/%Y", "%m/%d/%Y", "%d-%m-%Y", "%d %B %Y", "%d %b %Y", "%B %d, %Y",
+          "%b %d, %Y", "%B %d %Y", "%Y-%m-%d %H:%M:%S", "%Y-%m-%dT%H:%M:%S", "%Y-%m-%dT%H:%M:%SZ", "%Y-%j")  # fmt: skip
 
 
 class CallError(Exception):
     """The command line asks for something that cannot be done with any data; exit status 2."""
 
 
-def checked(name: str, holds: Callable[[Any], bool], expected: str, help: str | None = None) -> Parameter:
+def checked(name: str, holds: Callable[[Any], bool], expected: str | Callable[[Any], str], help: str | None = None) -> Parameter:
     """The help of an option, unless a docstring has it, and a check of its value: where `holds` is false the call ends with status 2."""
 
     def validate(_: Any, value: Any) -> None:
         if value is not None and not holds(value):
             text = f"{value:g}" if isinstance(value, float) else value
-            raise CallError(f"{name} {text}: expected {expected}".strip())
+            raise CallError(f"{name} {text}: expected {expected if isinstance(expected, str) else expected(value)}".strip())
 
     return Parameter(validator=validate) if help is None else Parameter(validator=validate, help=help)
 
@@ -44,6 +51,18 @@ Level = Annotated[
     float, checked("--confidence", lambda level: 0 < level < 1, "a level between 0 and 1; 0.95 is 95 %", "Level of the intervals.")
 ]
 Latitude = Annotated[float, checked("--latitude", lambda angle: abs(angle) <= 90, "degrees between -90 and 90")]
+GRAVITIES = (9.76, 9.84)  # m/s^2, from the highest mountain at the equator to the poles
+
+
+def _on_earth(value: float) -> str:
+    """What is expected of --gravity, with the likely unit of a number that is none in m/s^2."""
+    likely = {"g": 1.0, "mg": 1e3, "cm/s^2": 980.665, "ft/s^2": 32.174}
+    unit, size = min(likely.items(), key=lambda item: abs(value / item[1] - 1.0))
+    seems = f"; {value:g} looks like {unit}" if abs(value / size - 1.0) < 0.02 else ""
+    return f"m/s^2, and gravity is {GRAVITIES[0]} to {GRAVITIES[1]} on Earth{seems}. --latitude and --height give it"
+
+
+Gravity = Annotated[float, checked("--gravity", lambda value: GRAVITIES[0] <= value <= GRAVITIES[1], _on_earth)]
 
 
 @Parameter(name="*", group=WRITING)
@@ -123,6 +142,44 @@ def must_exist(*paths: Path | None) -> None:
             raise CallError(f"{path} does not exist")
 
 
+def must_be_log(path: Path, command: str) -> None:
+    """Raise a `CallError`, with the call that was meant, for what is no file or folder, and for files of jaxcal's own."""
+    if wrong := not_a_log(path, command):
+        raise CallError(wrong)
+
+
+def must_be_calibration(*paths: Path | None, option: str = "") -> None:
+    """The same for files that are no calibration."""
+    for path in paths:
+        if path is not None and (wrong := not_a_calibration(path, option)):
+            raise CallError(wrong)
+
+
+def day(text: str) -> datetime.date:
+    """The day that --date names, as year-month-day; a `CallError` shows how another form is written so.
+
+    Examples
+    --------
+    >>> from jaxcal.cli._options import day
+    >>> day("2026-05-31")
+    datetime.date(2026, 5, 31)
+    """
+    with contextlib.suppress(ValueError):
+        return datetime.date.fromisoformat(text)
+    found: list[datetime.date] = []
+    for form in _DATES:
+        with contextlib.suppress(ValueError):
+            found.append(datetime.datetime.strptime(text.strip(), form).date())
+    days = list(dict.fromkeys(found))
+    if len(days) == 1:
+        raise CallError(f"--date {text}: write year, month, day: --date {days[0]}")
+    if days:
+        raise CallError(
+            f"--date {text} may be {' or '.join(f'{one:%d %B %Y}' for one in days)}; write --date {' or --date '.join(map(str, days))}"
+        )
+    raise CallError(f"--date {text} is no day; write year, month, day: --date 2026-05-31")
+
+
 def reading_options(options: Reading) -> dict[str, Any]:
     """Options of `jaxcal.read`, but for its `quiet`.
 
@@ -146,18 +203,28 @@ def reading_options(options: Reading) -> dict[str, Any]:
     return named | {name: getattr(options, name) for name in ("format", "rate", "raw", "data", "missing")}
 
 
-def read_log(path: Path, options: Reading) -> Any:
-    """The log at `path`, read with `options`.
+def read_log(path: Path, options: Reading, command: str) -> Any:
+    """The log at `path` for a command, read with `options`.
 
     Raises
     ------
     CallError
-        If there is no such file, or an option has no meaning.
+        If there is no such file, the file is no log, or an option has no meaning.
+    DataError
+        If it cannot be read.
     """
-    must_exist(path)
+    must_be_log(path, command)
+    if options.start is not None and options.stop is not None and options.start >= options.stop > 0:
+        raise CallError(f"--start {options.start:g} --stop {options.stop:g}: nothing lies between; the start comes first")
     import jaxcal
 
-    log = jaxcal.read(path, quiet=True, **reading_options(options))
+    given = reading_options(options)
+    try:
+        log = jaxcal.read(path, quiet=True, **given)
+    except jaxcal.DataError as error:
+        if not path.is_dir() or command not in TASKS:
+            raise
+        raise jaxcal.DataError(f"{error}. For all logs of a folder: jaxcal batch {path} --task {command} --out fleet") from error
     return log if options.start is None and options.stop is None else log.select(options.start, options.stop)
 
 

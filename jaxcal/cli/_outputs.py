@@ -87,9 +87,9 @@ def save_json(place: Path, results: Any, log: Any) -> None:
     write_atomically(place, json_text(jaxcal.report.document(results, log)))
 
 
-def save_calibration(place: Path, results: Any, log: Any, *, part: str) -> None:
+def save_calibration(place: Path, results: Any, log: Any, *, part: str, device: str | None = None) -> None:
     """The results as the `part` of a calibration."""
-    jaxcal.Calibration(**{part: results}, provenance=log.provenance).save(place)
+    jaxcal.Calibration(**{part: results}, device=device, provenance=log.provenance).save(place)
 
 
 def save_export(place: Path, results: Any, log: Any, format: str, *, part: str, device: Any = None, **options: Any) -> list[str]:

@@ -48,7 +48,7 @@ def _named(cell: str) -> tuple[str | None, str | None]:
 
 def read_table_log(path: Path, options: Reading, column: str | None) -> tuple[Any, Any, list[str]]:
     """A raw log, the table's angle on its samples in rad or None where there is no such column, and how it was read."""
-    log = read_log(path, options)
+    log = read_log(path, options, "north")
     cell = _angle_cell(path, column)
     if cell is None:
         return log, None, []

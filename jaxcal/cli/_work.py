@@ -1,9 +1,11 @@
 """The way of a command from a log to its files: read, compute, write, and leave the rest to be printed."""
 
+import datetime
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from ._advice import READING_OPTIONS, as_typed
 from ._cache import keep_compiled
 from ._options import Reading, Running, read_log
 from ._outputs import Outputs, staged
@@ -21,8 +23,8 @@ class Done(NamedTuple):
 
     def tell(self, warnings: Iterable[str] = (), notes: Iterable[str] = ()) -> None:
         """The last lines: all warnings, the notes, and the files."""
-        self.screen.sentences("Warnings", [*self.log.warnings, *warnings, *self.said])
-        self.screen.sentences("Notes", notes)
+        self.screen.sentences("Warnings", [as_typed(text, READING_OPTIONS) for text in (*self.log.warnings, *warnings, *self.said)])
+        self.screen.sentences("Notes", [as_typed(text, READING_OPTIONS) for text in notes])
         show_written(self.screen, self.written)
         self.screen.end()
 
@@ -32,6 +34,13 @@ class Done(NamedTuple):
 
         warnings, notes = (by_channel({name: getattr(one, what) for name, one in self.found.items()}) for what in ("warnings", "notes"))
         self.tell(warnings, notes)
+
+
+def date_of(log: Any, path: Path) -> str:
+    """When a log was recorded, by its stamps, or else when its file was written; UTC."""
+    from ..calibration import provenance
+
+    return provenance(log, "").get("date") or f"{datetime.datetime.fromtimestamp(path.stat().st_mtime, datetime.UTC):%Y-%m-%dT%H:%M:%SZ}"
 
 
 def carry_out(
@@ -53,9 +62,10 @@ def carry_out(
     screen, (targets, folder) = Screen(running.quiet), plan
     with staged(targets, inputs=[path], folder=folder) as places:
         with progress(f"reading {path.name}", running.quiet):
-            log = read_log(path, reading)
+            log = read_log(path, reading, command.removeprefix("jaxcal "))
             log = log if change is None else change(log)
-            log = log if options is None or not targets else _signed(log, command, reading, options)
+            check_suited(command, log, path, options or {})
+            log = log if options is None or not targets else _signed(path, log, command, reading, options)
         show_log(screen, log)
         with progress(doing, running.quiet) as move:
             keep_compiled()
@@ -69,11 +79,23 @@ def carry_out(
     return Done(screen, log, found, said, written)
 
 
-def _signed(log: Any, command: str, reading: Reading, options: Mapping[str, Any]) -> Any:
-    """The log with a provenance that names command, options and versions."""
+def check_suited(command: str, log: Any, path: Path, options: Mapping[str, Any]) -> None:
+    """Refuse a log that cannot be what the command needs, before any fit."""
+    from .._errors import DataError
+    from ..io._suited import unsuited
+
+    # counts have no unit that gravity could contradict
+    if not options.get("raw") and (wrong := unsuited(command.removeprefix("jaxcal "), log, str(path))):
+        raise DataError(f"{path.name}: {wrong}")
+
+
+def _signed(path: Path, log: Any, command: str, reading: Reading, options: Mapping[str, Any]) -> Any:
+    """The log with a provenance that names command, options, versions and the date, which is that of the file where no stamp tells."""
     import equinox as eqx
 
     from ..calibration import provenance
 
     found = provenance(log, command, {**options, **reading.asked()}, rate_given=reading.rate is not None)
+    if "date" not in found:
+        found |= {"date": date_of(log, path), "date_from": "time of the file"}
     return eqx.tree_at(lambda one: one.provenance, log, found)

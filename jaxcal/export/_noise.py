@@ -47,7 +47,9 @@ def stored_noise(sensor: str, **terms: Any) -> dict[str, Any]:
 def noise_of(calibration: Calibration) -> DeviceNoise:
     """Noise of the device, or the reason why there is none to write."""
     if calibration.noise is None:
-        raise ExportError("the calibration holds no noise; characterise a static log and keep the result as Calibration(noise=...)")
+        raise ExportError(
+            "the calibration holds no noise; run jaxcal noise on a log of the sensor at rest, whose calibration.json holds it"
+        )
     return calibration.noise
 
 

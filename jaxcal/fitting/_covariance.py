@@ -6,7 +6,7 @@ from typing import Any, Literal
 import jax
 import jax.numpy as jnp
 import numpy as np
-import scipy.special
+import scipy  # loads its parts when they are first used
 
 from .._compile import filter_jit
 from .._errors import FitError
@@ -26,7 +26,7 @@ _LEAST = 1e-6
 
 
 def covariance(
-    fit: Fit, kind: Kind = "model", *, blocks: int | AnyArray | None = None, scaled: bool = False, information: AnyArray | None = None
+    fit: Fit[Any], kind: Kind = "model", *, blocks: int | AnyArray | None = None, scaled: bool = False, information: AnyArray | None = None
 ) -> AnyArray:
     """Covariance of the parameters of a fit.
 
@@ -100,7 +100,7 @@ def covariance(
 
 
 def intervals(
-    fit: Fit, kind: Kind = "model", *, confidence: float = 0.95, blocks: int | AnyArray | None = None, **options: Any
+    fit: Fit[Any], kind: Kind = "model", *, confidence: float = 0.95, blocks: int | AnyArray | None = None, **options: Any
 ) -> AnyArray:
     """Intervals: parameters plus and minus a quantile times their standard errors (host only).
 
@@ -140,7 +140,7 @@ def intervals(
     return np.asarray(fit.parameters)[:, None] + reach[:, None] * np.array([-1.0, 1.0])
 
 
-def _bread(fit: Fit, given: AnyArray | None) -> Information:
+def _bread(fit: Fit[Any], given: AnyArray | None) -> Information:
     """Inverse of the curvature of the cost, with the mean curvature of the loss."""
     if given is None and not fit.robust:
         return known_of(fit)
@@ -155,7 +155,7 @@ def _bread(fit: Fit, given: AnyArray | None) -> Information:
     return information_of(xp.concatenate([rows, fit.prior_jacobian]), held=fit.at_bound)
 
 
-def _variance(fit: Fit) -> Value:
+def _variance(fit: Fit[Any]) -> Value:
     """Factor of the data's share: the reduced chi-square, or its counterpart for a robust loss."""
     if not fit.robust:
         return fit.variance
@@ -164,7 +164,7 @@ def _variance(fit: Fit) -> Value:
     return (1 + fit.effective / fit.count * relative) ** 2 * fit.variance * fit.mean_curvature
 
 
-def _labels(fit: Fit, blocks: int | AnyArray | None) -> tuple[AnyArray, int]:
+def _labels(fit: Fit[Any], blocks: int | AnyArray | None) -> tuple[AnyArray, int]:
     """Number of the block of every residual, and how many there are."""
     xp, n = array_module(fit.residuals), fit.residuals.size
     if isinstance(blocks, int):
@@ -179,12 +179,12 @@ def _labels(fit: Fit, blocks: int | AnyArray | None) -> tuple[AnyArray, int]:
     return number, len(found)
 
 
-def _real(fit: Fit, labels: AnyArray) -> int:
+def _real(fit: Fit[Any], labels: AnyArray) -> int:
     """Number of blocks that are not padding alone (host only)."""
     return len(np.unique(np.asarray(labels)[np.asarray(fit.counted)]))
 
 
-def _meat(fit: Fit, labels: AnyArray, count: int) -> AnyArray:
+def _meat(fit: Fit[Any], labels: AnyArray, count: int) -> AnyArray:
     """Sum of the squared gradients of the blocks, each freed of its leverage H_b: J_b' (1 - H_b)^-1/2 r_b in p dimensions."""
     xp, rows = array_module(fit.residuals), weighted_rows(fit)[0]
     if not is_traced(fit.residuals):
@@ -219,7 +219,7 @@ def _without(problem: Problem, keep: Array) -> tuple[Array, Array]:
     return jax.lax.map(refit, keep)
 
 
-def _refits(fit: Fit, problem: Problem, labels: AnyArray, count: int) -> AnyArray:
+def _refits(fit: Fit[Any], problem: Problem, labels: AnyArray, count: int) -> AnyArray:
     """Jackknife covariance: (m - 1) / m times the sum of squares of the refits' deviations from their mean, for m blocks.
 
     Every refit starts at the solution. A block of padding alone is none. It is infinite where a refit fails.

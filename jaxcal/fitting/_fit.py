@@ -8,14 +8,13 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optimistix as optx
 
 from .._compile import filter_jit
 from .._errors import FitError
 from .._precision import array_module, is_traced
 from .._types import Array
 from ._loss_and_prior import AbstractLoss, AbstractPrior
-from ._problem import Problem, check, common_dtype, define, to_floats
+from ._problem import LeastSquaresSolver, Problem, check, common_dtype, define, to_floats
 from ._result import Fit, M, Outcome, ended, known_of, to_numpy
 from ._search import cost, search
 
@@ -29,7 +28,7 @@ def solve(
     bounds: tuple[Any, Any] | None = None,
     loss: AbstractLoss | None = None,
     priors: AbstractPrior | Sequence[AbstractPrior] = (),
-    solver: optx.AbstractLeastSquaresSolver | None = None,
+    solver: LeastSquaresSolver | None = None,
     starts: Any = None,
     max_steps: int = 128,
     rtol: float | Array | None = None,

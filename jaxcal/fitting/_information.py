@@ -19,6 +19,14 @@ class Information(eqx.Module):
     column : (p,) lengths of the columns (one where a column is zero).
     held : (p,) parameters that count as fixed, such as those at a bound.
     names : the parameters in order.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.fitting import information
+    >>> known = information(np.array([[1.0, 2.0], [2.0, 4.0]]), names=("scale", "gain"))
+    >>> int(known.rank), known.sentence[:73]
+    (1, 'The data determine 1 of 2 parameters and cannot tell apart scale, gain; h')
     """
 
     singular_values: AnyArray

@@ -21,6 +21,18 @@ class AbstractLoss(eqx.Module):
     squares on f has exactly the optimum of the loss, and the implicit derivative of the solution is that of the loss.
 
     The default scales have 95 % efficiency on Gaussian residuals (P. J. Huber and E. M. Ronchetti, Robust Statistics, 2009).
+
+    Examples
+    --------
+    >>> import jax.numpy as jnp
+    >>> from jaxcal.fitting import AbstractLoss
+    >>> class Inverse(AbstractLoss):
+    ...     scale: float = 3.0
+    ...
+    ...     def ratio(self, z):
+    ...         return 1 / (1 + z)
+    >>> print(Inverse().weight(jnp.array([0.0, 3.0])).round(3))
+    [1.   0.25]
     """
 
     scale: eqx.AbstractVar[float | Array]
@@ -43,7 +55,15 @@ class AbstractLoss(eqx.Module):
 
 
 class Huber(AbstractLoss):
-    """Quadratic up to `scale`, linear beyond it: rho = z, then 2 sqrt(z) - 1."""
+    """Quadratic up to `scale`, linear beyond it: rho = z, then 2 sqrt(z) - 1.
+
+    Examples
+    --------
+    >>> import jax.numpy as jnp
+    >>> from jaxcal.fitting import Huber
+    >>> [round(float(weight), 3) for weight in Huber(scale=2.0).weight(jnp.array([0.0, 1.0, 3.0]))]
+    [1.0, 1.0, 0.667]
+    """
 
     scale: float | Array = 1.345
 
@@ -54,7 +74,15 @@ class Huber(AbstractLoss):
 
 
 class SoftL1(AbstractLoss):
-    """A smooth Huber: rho = 2 (sqrt(1 + z) - 1)."""
+    """A smooth Huber: rho = 2 (sqrt(1 + z) - 1).
+
+    Examples
+    --------
+    >>> import jax.numpy as jnp
+    >>> from jaxcal.fitting import SoftL1
+    >>> [round(float(weight), 3) for weight in SoftL1(scale=2.0).weight(jnp.array([0.0, 1.0, 3.0]))]
+    [1.0, 0.894, 0.555]
+    """
 
     scale: float | Array = 1.2871
 
@@ -63,7 +91,15 @@ class SoftL1(AbstractLoss):
 
 
 class Cauchy(AbstractLoss):
-    """Weight 1 / (1 + z), for heavy tails: rho = ln(1 + z)."""
+    """Weight 1 / (1 + z), for heavy tails: rho = ln(1 + z).
+
+    Examples
+    --------
+    >>> import jax.numpy as jnp
+    >>> from jaxcal.fitting import Cauchy
+    >>> [round(float(weight), 3) for weight in Cauchy(scale=2.0).weight(jnp.array([0.0, 1.0, 3.0]))]
+    [1.0, 0.8, 0.308]
+    """
 
     scale: float | Array = 2.385
 
@@ -75,7 +111,15 @@ class Cauchy(AbstractLoss):
 
 
 class Tukey(AbstractLoss):
-    """No weight beyond `scale`: rho = (1 - (1 - z)^3) / 3, then 1/3. It has many minima; start from a robust fit."""
+    """No weight beyond `scale`: rho = (1 - (1 - z)^3) / 3, then 1/3. It has many minima; start from a robust fit.
+
+    Examples
+    --------
+    >>> import jax.numpy as jnp
+    >>> from jaxcal.fitting import Tukey
+    >>> [round(float(weight), 3) for weight in Tukey(scale=2.0).weight(jnp.array([0.0, 1.0, 3.0]))]
+    [1.0, 0.562, 0.0]
+    """
 
     scale: float | Array = 4.685
 
@@ -89,6 +133,15 @@ class AbstractPrior(eqx.Module):
 
     The fit minimises half their sum of squares beside that of the data. No robust loss acts on them, and they are no data: they have no
     degree of freedom and belong to no block, and a reduced chi-square does not scale them.
+
+    Examples
+    --------
+    >>> from jaxcal.fitting import AbstractPrior
+    >>> class Half(AbstractPrior):
+    ...     def residuals(self, model):
+    ...         return (model["a"] - 0.5) / 0.1
+    >>> round(Half().residuals({"a": 0.6}), 6)
+    1.0
     """
 
     @abc.abstractmethod

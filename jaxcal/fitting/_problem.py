@@ -2,19 +2,25 @@
 
 import dataclasses
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import equinox as eqx
 import jax
 import jax.flatten_util
 import jax.numpy as jnp
 import numpy as np
-import optimistix as optx
 from jax.core import Tracer
 
 from .._errors import FitError
 from .._precision import array_module, is_traced
 from .._types import AnyArray, Array
+
+if TYPE_CHECKING:
+    from optimistix import AbstractLeastSquaresSolver
+
+    LeastSquaresSolver: TypeAlias = AbstractLeastSquaresSolver[Any, Any, Any, Any]
+else:  # it takes a fifth of a second to load, which only the trace of a fit needs
+    LeastSquaresSolver = Any
 
 _STATIC = {"static": True}
 
@@ -46,7 +52,15 @@ def common_dtype(*trees: Any) -> Any:
 
 
 def names_of(model: Any) -> list[str]:
-    """One name per entry of every floating leaf, e.g. `bias[2]` or `matrix[0,1]`."""
+    """One name per entry of every floating leaf, e.g. `bias[2]` or `matrix[0,1]`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.fitting import names_of
+    >>> names_of({"bias": np.zeros(2), "scale": 1.0})
+    ['bias[0]', 'bias[1]']
+    """
     names = []
     for path, leaf in jax.tree_util.tree_leaves_with_path(model):
         if not eqx.is_inexact_array(leaf):
@@ -103,7 +117,7 @@ class Problem:
     keep: Any
     rtol: Any
     residuals: Callable = dataclasses.field(metadata=_STATIC)
-    solver: optx.AbstractLeastSquaresSolver | None = dataclasses.field(metadata=_STATIC)
+    solver: LeastSquaresSolver | None = dataclasses.field(metadata=_STATIC)
     free: tuple[int, ...] = dataclasses.field(metadata=_STATIC)
     names: tuple[str, ...] = dataclasses.field(metadata=_STATIC)
     max_steps: int = dataclasses.field(metadata=_STATIC)

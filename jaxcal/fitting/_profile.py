@@ -2,12 +2,12 @@
 
 import dataclasses
 import math
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import scipy  # loads its parts when they are first used
-import scipy.special
 
 from .._errors import FitError
 from ._covariance import covariance
@@ -18,14 +18,21 @@ _DOUBLINGS = 12
 
 
 class Interval(eqx.Module):
-    """Interval of one parameter: `low` and `high` at level `confidence`; infinite where the data set no limit."""
+    """Interval of one parameter: `low` and `high` at level `confidence`; infinite where the data set no limit.
+
+    Examples
+    --------
+    >>> from jaxcal.fitting import Interval
+    >>> Interval(low=0.9, high=1.1, confidence=0.95).high
+    1.1
+    """
 
     low: float
     high: float
     confidence: float = eqx.field(static=True)
 
 
-def profile_interval(fit: Fit, name: str, *, confidence: float = 0.95, scaled: bool = False) -> Interval:
+def profile_interval(fit: Fit[Any], name: str, *, confidence: float = 0.95, scaled: bool = False) -> Interval:
     """Interval of a parameter by refitting all others with it held fixed.
 
     The ends are where the sum of squares exceeds its minimum by the chi-square quantile of one degree of freedom; with

@@ -6,7 +6,7 @@ from typing import Any, Generic, TypeVar
 import equinox as eqx
 import jax
 import numpy as np
-import scipy.special
+import scipy  # loads its parts when they are first used
 
 from .._errors import FitError
 from .._precision import array_module, is_traced
@@ -18,7 +18,14 @@ M = TypeVar("M")
 
 
 class Outcome(eqx.Enumeration):
-    """How a fit ended; `Outcome[item]` is the sentence."""
+    """How a fit ended; `Outcome[item]` is the sentence.
+
+    Examples
+    --------
+    >>> from jaxcal.fitting import Outcome
+    >>> Outcome[Outcome.converged]
+    'The fit converged.'
+    """
 
     converged = "The fit converged."
     at_bound = "The fit converged with a parameter at its bound, where its interval is one-sided; widen the bound unless it is a fact."
@@ -57,6 +64,14 @@ class Fit(eqx.Module, Generic[M]):
     names : one name per free parameter.
     robust : whether there was a loss.
     problem : what was solved, for `profile_interval`; None for one of many.
+
+    Examples
+    --------
+    >>> import jax.numpy as jnp
+    >>> from jaxcal.fitting import covariance, solve
+    >>> fit = solve(lambda model, y: (model["mean"] - y) / 2, {"mean": 0.0}, jnp.array([1.0, 5.0, 3.0, 3.0]))
+    >>> print(fit.parameters.round(2), round(float(fit.cost), 2), covariance(fit).round(2))
+    [3.] 1.0 [[1.]]
     """
 
     model: M
@@ -143,12 +158,12 @@ class Fit(eqx.Module, Generic[M]):
     _known = functools.cached_property(_informed)
 
 
-def known_of(fit: Fit) -> Information:
+def known_of(fit: Fit[Any]) -> Information:
     """Information of data and priors at the solution."""
     return _informed(fit) if is_traced(fit.residuals) else fit._known
 
 
-def ended(fit: Fit, item: Any) -> Any:
+def ended(fit: Fit[Any], item: Any) -> Any:
     """Whether the outcome of a fit is an item of `Outcome`, without the operation of JAX that `==` of Equinox takes."""
     return fit.outcome._value == item._value
 
@@ -158,7 +173,7 @@ def to_numpy(tree: Any) -> Any:
     return tree if is_traced(tree) else jax.tree.map(lambda leaf: np.asarray(leaf) if eqx.is_array(leaf) else leaf, tree)
 
 
-def leverage(fit: Fit) -> AnyArray:
+def leverage(fit: Fit[Any]) -> AnyArray:
     """Share of each residual in its own prediction, the diagonal of the hat matrix W^1/2 J (J'WJ + K'K)^-1 J' W^1/2.
 
     A residual of leverage one is fitted exactly, whatever was measured. W are the weights of a robust loss, K the Jacobian of the priors.
@@ -183,7 +198,7 @@ def leverage(fit: Fit) -> AnyArray:
     return known_of(fit).leverage(weighted_rows(fit)[0])
 
 
-def identifiability(fit: Fit) -> Information:
+def identifiability(fit: Fit[Any]) -> Information:
     """Which parameters of a fit the data determine, and which combination they determine least.
 
     Parameters

@@ -8,10 +8,8 @@ solution (implicit function theorem) is a rule of its own, which is traced only 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import optimistix as optx
 
 from .._types import Array
-from ._levenberg_marquardt import BoundedLevenbergMarquardt, linear_problem
 from ._problem import Problem
 
 
@@ -54,6 +52,9 @@ def cost(problem: Problem, r: Array, prior: Array) -> Array:
 
 def _from(problem: Problem, x: Array) -> Found:
     """Lowest point that the solver reaches from `x`."""
+    import optimistix as optx
+
+    from ._levenberg_marquardt import BoundedLevenbergMarquardt, linear_problem
 
     def evaluated(x: Array, given: Problem) -> tuple[Array, tuple[Array, Rows]]:
         rows = linearised(given, x)

@@ -55,6 +55,14 @@ class Kalibr(eqx.Module):
     ----------
     accel_matrix, gyro_matrix : (3, 3) lower triangular. rotation : (3, 3) C_gyro_i, from the accelerometer's frame to the gyroscope's.
     g_sensitivity : (3, 3) A, rad/s per m/s^2 of specific force in the gyroscope's frame. accel_bias, gyro_bias : (3,).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.imu import Kalibr, Triad
+    >>> found = Kalibr.of(Triad(np.diag([1.01, 1.0, 0.99]), np.zeros(3)), Triad(np.eye(3), np.full(3, 0.01)))
+    >>> print(np.diag(found.accel_matrix).round(3), found.gyro_bias.round(3))
+    [1.01 1.   0.99] [0.01 0.01 0.01]
     """
 
     accel_matrix: Any
@@ -89,6 +97,14 @@ class OpenVins(eqx.Module):
     accel_correction, gyro_correction : (3, 3) Da and Dw, triangular. accel_rotation, gyro_rotation : (3, 3) R_ACCtoIMU and R_GYROtoIMU.
     g_sensitivity : (3, 3) Tg. accel_bias, gyro_bias : (3,).
     model : "kalibr" (lower triangular, the frame is the accelerometer's) or "rpng" (upper triangular, the gyroscope's).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.imu import OpenVins, Triad
+    >>> found = OpenVins.of(Triad(np.diag([1.25, 1.0, 0.8]), np.zeros(3)), Triad(np.eye(3), np.full(3, 0.01)))
+    >>> print(np.diag(found.accel_correction).round(3), found.gyro_bias.round(3))
+    [0.8  1.   1.25] [0.01 0.01 0.01]
     """
 
     accel_correction: Any
@@ -131,6 +147,14 @@ class Px4(eqx.Module):
     Attributes
     ----------
     offset, scale : (3,). rotation : (3, 3) of the board. lost : (3, 3) misalignment in rad that has no place in it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.imu import Px4, Triad
+    >>> found = Px4.of(Triad(np.diag([1.25, 1.0, 0.8]), np.array([0.1, -0.2, 0.0])))
+    >>> print(found.scale.round(3), found.offset.round(3))
+    [0.8  1.   1.25] [ 0.1 -0.2  0. ]
     """
 
     offset: Any
@@ -158,6 +182,14 @@ class ArduPilot(eqx.Module):
     Attributes
     ----------
     offset, scale : (3,). lost : (3, 3) misalignment in rad, and scale errors of a gyroscope, that have no place in it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.imu import ArduPilot, Triad
+    >>> found = ArduPilot.of(Triad(np.diag([1.25, 1.0, 0.8]), np.array([0.1, -0.2, 0.0])))
+    >>> print(found.scale.round(3), found.offset.round(3))
+    [0.8  1.   1.25] [ 0.1 -0.2  0. ]
     """
 
     offset: Any

@@ -1,5 +1,6 @@
 """`estimate`: both triads and their covariance from poses and turns, a pure function."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
@@ -10,7 +11,7 @@ from .._compile import filter_jit
 from .._errors import DataError
 from .._precision import array_module, host_float64
 from .._types import AnyArray
-from ..fitting import AbstractLoss, Fit, covariance, solve
+from ..fitting import AbstractLoss, AbstractPrior, Fit, covariance, solve
 from ._model import CONVENTIONS, Imu, Triad, entries, freed, in_convention, replaced, values
 from ._residuals import Poses, Turns, Weighted, arrays, residuals, reweighted
 
@@ -29,11 +30,20 @@ class Estimate(eqx.Module):
     fit : `jaxcal.fitting.Fit`, in the frame of the fit.
     data : `Weighted`, as it was fitted.
     names : the parameters of both sensors, the fields of `Triad` first, those of a subclass after them.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.imu import Poses, estimate, simulate_positions
+    >>> up = np.random.default_rng(0).normal(size=(18, 3))
+    >>> found = estimate(Poses(simulate_positions(up=up, sigma=2e-3), np.full(18, 2e-3)), gravity=9.81)
+    >>> found.names[:2], found.values.shape
+    (('accel.matrix[0,0]', 'accel.matrix[0,1]'), (12,))
     """
 
     model: Imu
     covariance: AnyArray
-    fit: Fit
+    fit: Fit[Any]
     data: Weighted
     names: tuple[str, ...] = eqx.field(static=True)
 
@@ -119,14 +129,14 @@ def estimate(
 
 def solved(
     start: Imu, data: Weighted, convention: str = "upper", misalignment: bool = True, g_sensitivity: bool = True,
-    loss: AbstractLoss | None = None, rtol: float | None = RTOL,
+    loss: AbstractLoss | None = None, rtol: float | None = RTOL, priors: Sequence[AbstractPrior] = (),
 ) -> Fit:  # fmt: skip
     """Fit of weighted data. Plain triads are fitted in the frame "upper", whatever frame is asked for, and turned afterwards."""
     free = freed(start, "upper" if start.plain else convention, misalignment, g_sensitivity)
-    return solve(residuals, start, data, free=free, loss=loss, rtol=rtol)
+    return solve(residuals, start, data, free=free, loss=loss, rtol=rtol, priors=priors)
 
 
-def described(fit: Fit, data: Weighted, convention: str) -> Estimate:
+def described(fit: Fit[Any], data: Weighted, convention: str) -> Estimate:
     """A fit as models and covariance in the frame of a convention."""
     names = entries(fit.model)[0]
     found, (matrix,) = framed(fit.model, convention, placed(fit.names, covariance(fit, scaled=True), names))
@@ -148,7 +158,7 @@ def placed(fitted: tuple[str, ...], matrix: AnyArray, names: tuple[str, ...]) ->
     return xp.pad(xp.asarray(matrix), ((0, 1), (0, 1)))[place][:, place]
 
 
-def sandwich(fit: Fit, blocks: np.ndarray) -> np.ndarray:
+def sandwich(fit: Fit[Any], blocks: np.ndarray) -> np.ndarray:
     """Covariance over blocks of residuals (host); infinite where the blocks are too few or the parameters not determined."""
     if len(np.unique(blocks[np.asarray(fit.counted)])) <= len(fit.names) or not bool(fit.usable):
         return np.full((len(fit.names),) * 2, np.inf)
@@ -161,9 +171,14 @@ def _turned(model: Imu, convention: str) -> tuple[Imu, AnyArray]:
     return turned, jax.jacfwd(lambda x: values(in_convention(replaced(model, x), convention)))(values(model))
 
 
-def framed(model: Imu, convention: str, *matrices: AnyArray) -> tuple[Imu, list[AnyArray]]:
+def turned(model: Imu, convention: str, *matrices: AnyArray) -> tuple[Imu, list[AnyArray]]:
     """A model and covariances of its parameters in the frame of a convention."""
+    found, slope = _turned(model, convention)
+    return found, [slope @ matrix @ slope.T for matrix in matrices]
+
+
+def framed(model: Imu, convention: str, *matrices: AnyArray) -> tuple[Imu, list[AnyArray]]:
+    """The same for a model as it was fitted, which is in the frame "upper" already."""
     if convention == "upper" or not model.plain:
         return model, list(matrices)
-    turned, slope = _turned(model, convention)
-    return turned, [slope @ matrix @ slope.T for matrix in matrices]
+    return turned(model, convention, *matrices)

@@ -1,7 +1,7 @@
 """Both fits of a recording (host): jointly, in rounds that find the sizes of the errors; and in two steps, as imu_tk does it."""
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
@@ -10,7 +10,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy  # loads its parts when they are first used
-import scipy.special
 
 from .._compile import filter_jit
 from .._errors import DataError
@@ -19,6 +18,7 @@ from ..fitting import AbstractLoss, Fit, covariance, leverage, solve
 from ._estimate import framed, placed, sandwich, solved
 from ._integrate import attitude
 from ._model import Imu, Triad, entries, freed, inverse
+from ._prior import Prior, complete
 from ._recording import Recording, Rests, means, norms, padded, sampled_turns
 from ._residuals import Pieces, Turns, Weighted, arrays, pieces, reweighted
 from ._result import ImuFit, finished, observability
@@ -45,6 +45,18 @@ class Options(eqx.Module):
     accel_noise: tuple[float, float]
     gyro_noise: tuple[float, float]
     latitude: float | None
+    prior: Prior | None = None
+    held: np.ndarray | None = None  # (9,) standard deviations with which the g-sensitivity is held at zero
+
+    @property
+    def priors(self) -> tuple[Prior, ...]:
+        """Of the accelerometer alone, for `solve`; none where nothing is known."""
+        return () if self.prior is None else (jax.tree.map(jnp.asarray, self.prior),)
+
+    @property
+    def joint_priors(self) -> tuple[Prior, ...]:
+        """Of both sensors. There is always one, if only of zeros: a term that is held, or known, then needs no other program."""
+        return (jax.tree.map(jnp.asarray, complete(self.prior, self.held)),)
 
 
 def excess(residual: np.ndarray, base: np.ndarray, parameters: Any) -> float:
@@ -66,19 +78,26 @@ def excess(residual: np.ndarray, base: np.ndarray, parameters: Any) -> float:
 
 
 def coefficients(noise: Any, sensor: str) -> tuple[float, float]:
-    """White noise N and flicker B of a sensor, largest axis, in SI; zero where nothing is known."""
+    """White noise N and flicker B of a sensor, largest axis, in SI; zero where nothing is known.
+
+    `noise` is {"accel": ..., "gyro": ...}, channel -> noise as `jaxcal.noise.characterise` gives it, or has these as its `noise`.
+    """
 
     def part(whole: Any, name: str) -> Any:
-        return whole.get(name) if hasattr(whole, "get") else getattr(whole, name, None)
+        return whole.get(name) if isinstance(whole, Mapping) else getattr(whole, name, None)
 
-    if not (noise is None or hasattr(noise, "get") or hasattr(noise, sensor)):
+    held = part(noise, "noise") if part(noise, "noise") is not None else noise
+    axes = [one for axis in "xyz" if (one := part(held, f"{sensor}_{axis}")) is not None]
+    if not (held is None or isinstance(held, Mapping) or hasattr(held, sensor)):
         raise DataError('noise must be {"accel": ..., "gyro": ...} with a Noise, or a dictionary of N and B, for each sensor')
     sizes = []
     for term in ("N", "B"):
-        value = part(part(noise, sensor), term)
-        sizes.append(0.0 if value is None else float(np.max(np.nan_to_num(np.asarray(value, dtype=float)))))
-        if not (np.isfinite(sizes[-1]) and sizes[-1] >= 0):
-            raise DataError(f"noise of {sensor}: {term} is {value!r}; expected a number that is not negative")
+        # a fit of an axis holds its coefficients one level below
+        found = [part(part(one, "noise") if part(one, "noise") is not None else one, term) for one in axes or [part(held, sensor)]]
+        values = np.array([np.max(np.nan_to_num(np.asarray(value, dtype=float))) for value in found if value is not None])
+        sizes.append(float(values.max(initial=0.0)))
+        if not (np.isfinite(sizes[-1]) and np.all(values >= 0)):
+            raise DataError(f"noise of {sensor}: {term} is {found!r}; expected a number that is not negative")
     return sizes[0], sizes[1]
 
 
@@ -194,7 +213,7 @@ def _sized(data: Weighted, found: Pieces, rests: Rests, options: Options, model:
 
 def refitted(start: Imu, data: Weighted, options: Options) -> Fit:
     """One fit with the errors as they stand in the data."""
-    return solved(start, data, options.convention, options.misalignment, options.g_sensitivity, options.loss)
+    return solved(start, data, options.convention, options.misalignment, options.g_sensitivity, options.loss, priors=options.joint_priors)
 
 
 def joint_fit(start: Imu, data: Weighted, rests: Rests, options: Options, paid: int, near: bool = False, rounds: int = ROUNDS) -> Joint:
@@ -205,7 +224,7 @@ def joint_fit(start: Imu, data: Weighted, rests: Rests, options: Options, paid: 
     found, sizes, slots, fit = pieces(start, data), np.zeros(3), rests.slots, None
     data = dataclasses.replace(data, tangent=found.tangent)
     # still rates and norms are in order from the start; turns are not
-    per_axis = 1 + 3 * options.g_sensitivity + (start.drift is not None)
+    per_axis = 1 + 3 * (options.g_sensitivity and options.held is None) + (start.drift is not None)
     traces, model = np.array([paid, 9, per_axis, per_axis, per_axis]), start
     turns: Any = data.turns
     if not near:

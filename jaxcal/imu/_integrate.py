@@ -11,13 +11,13 @@ from jax.custom_derivatives import SymbolicZero
 from .._rotation import conjugate, matrix as rotation_matrix, normalised, product
 from .._types import Any, Array
 
-#: w @ _CROSS is the matrix of the cross product, [w] x = w cross x: products of matrices compile faster than components
-_CROSS = np.array([[0, 0, 0, 0, 0, -1, 0, 1, 0], [0, 0, 1, 0, 0, 0, -1, 0, 0], [0, -1, 0, 1, 0, 0, 0, 0, 0]], dtype=float)
+#: w @ CROSS is the matrix of the cross product, [w] x = w cross x: products of matrices compile faster than components
+CROSS = np.array([[0, 0, 0, 0, 0, -1, 0, 1, 0], [0, 0, 1, 0, 0, 0, -1, 0, 0], [0, -1, 0, 1, 0, 0, 0, 0, 0]], dtype=float)
 
 
 def skew(w: Array) -> Array:
     """Matrices (..., 3, 3) of the cross product with w (..., 3)."""
-    return (w @ jnp.asarray(_CROSS, dtype=w.dtype)).reshape(*w.shape, 3)
+    return (w @ jnp.asarray(CROSS, dtype=w.dtype)).reshape(*w.shape, 3)
 
 
 class Step(eqx.Module):

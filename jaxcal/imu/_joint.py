@@ -8,13 +8,17 @@ from typing import Any
 import equinox as eqx
 import jax
 import numpy as np
+import scipy  # loads its parts when they are first used
+import scipy.special
 
-from ..fitting import Fit, leverage
+from ..fitting import Fit, covariance, leverage
 from . import _fits, _recording
 from ._estimate import described, framed, placed, sandwich, solved
 from ._fits import Joint, Options
 from ._lack import lacks
-from ._model import EARTH_RATE, Imu, freed
+from ._model import EARTH_RATE, Imu, Triad, freed
+from ._nonlinear import Nonlinear
+from ._prior import known_of
 from ._recording import Recording, Rests, padded
 from ._residuals import Turns, Weighted, pieces
 from ._rests import Ends, Multiples
@@ -24,6 +28,8 @@ from ._result import SINGULAR, ImuFit, Observability, finished, observability
 _SPARE = 3
 #: ratio of the noise of two rests that is the hand's
 _UNEVEN = 10.0
+#: level of the test below which the gyroscope is sensitive to specific force beyond doubt
+_SENSITIVE = 0.01
 
 
 def count_of(free: Any) -> int:
@@ -111,11 +117,11 @@ class Job(eqx.Module):
         data = _recording.norms(rests.accel, rests.slots, options.gravity)
         if clipped.any():
             begin = _fits.nominal_start(self.model.accel, rests.accel, options.gravity) if self.raw else self.model.accel
-            fit = solved(Imu(begin), data, options.convention, options.misalignment, rtol=None)
+            fit = solved(Imu(begin), data, options.convention, options.misalignment, rtol=None, priors=options.priors)
         at_rest = pieces(fit.model, data)
         vertical, size = at_rest.vertical[: len(start)], options.gravity - at_rest.norm[: len(start)]
         seen = observability(vertical, not options.misalignment)
-        if not seen.condition <= SINGULAR:
+        if not seen.condition <= SINGULAR and not known_of(options.prior):
             return Refusal(seen.sentence, seen)
         accel = jax.tree.map(np.asarray, fit.model.accel)
         if record.gyro is None:
@@ -171,16 +177,53 @@ class Job(eqx.Module):
             extra = _fits.excess(pieces(begun.fit.model, data).norm[:count], known, self.needed)
             sigma = padded(np.sqrt(known + extra), rests.slots, np.inf)
             data = eqx.tree_at(lambda d: d.poses.sigma, data, sigma)
-            fit = solved(begun.fit.model, data, options.convention, options.misalignment, loss=options.loss, rtol=None)
+            fit = solved(
+                begun.fit.model, data, options.convention, options.misalignment, loss=options.loss, rtol=None, priors=options.priors
+            )
             sizes = np.array([np.sqrt(np.mean(known + extra)), np.nan, np.nan])
             return _result(base, Joint(fit, data, pieces(fit.model, data), sizes), rests, self.needed, options, notes, lambda: None)
         turns: Any = begun.turns
         start = dataclasses.replace(begun.start, accel=joint.fit.model.accel, gyro=joint.fit.model.gyro)
         found = self.joint(dataclasses.replace(begun, start=start), True, _fits.ROUNDS - 1)
+        found, options, shift = self.without_sensitivity(found, rests, notes)
         if held_out:
             base = dataclasses.replace(base, held_out=_fits.held_out(found, options))
         explain = partial(_fits.explanation, np.asarray(begun.start.gyro.bias), padded(begun.vertical, rests.slots), turns, begun.scale)
-        return _result(base, found, rests, self.needed, options, notes, explain)
+        return _result(base, found, rests, self.needed, options, notes, explain, shift)
+
+    def without_sensitivity(self, joint: Joint, rests: Rests, notes: list[str]) -> tuple[Joint, Options, np.ndarray | None]:
+        """The fit without sensitivity to specific force, where neither a test nor turns left out ask for it.
+
+        Rates at rest in a hand say little of it; fitted all the same, it takes up errors of the turns. The covariance of what was left
+        out is kept for the intervals: that of the sensitivity, and the step of the other parameters.
+        """
+        options, fit = self.options, joint.fit
+        names = np.array(fit.names)
+        where = np.char.startswith(names, "gyro.g_sensitivity")
+        if not where.any() or options.prior is not None or not _known_kind(fit.model) or not bool(fit.usable):
+            return joint, options, None
+        matrix = np.asarray(covariance(fit, scaled=True)) * np.multiply.outer(*[_own_sizes(fit, fit.names, rests)] * 2)
+        value, inner = np.asarray(fit.parameters)[where], matrix[np.ix_(where, where)]
+        ratio = value @ np.linalg.solve(inner, value) / len(value)
+        level = float(scipy.special.fdtrc(len(value), max(3 * (len(rests.accel) - 4), 1), ratio))
+        if not level > _SENSITIVE:
+            return joint, options, None
+        options = dataclasses.replace(options, held=1e-3 * np.sqrt(np.diag(inner)))
+        start = eqx.tree_at(lambda m: m.gyro.g_sensitivity, fit.model, np.zeros((3, 3)))
+        start = _fits.refitted(start, joint.data, options).model
+        less = _fits.joint_fit(start, joint.data, rests, options, self.needed, True, 1)
+        if not (bool(less.fit.usable) and _fits.left_out(less)[0] < _fits.left_out(joint)[0]):
+            return joint, self.options, None
+        notes.append(f"The log shows no sensitivity of the gyroscope to specific force (p = {level:.2g}), and the fit leaves it out.")
+        step = np.asarray(fit.parameters) - np.asarray(less.fit.parameters)
+        lost = np.outer(step, step)
+        lost[np.ix_(where, where)] += inner
+        return less, options, lost
+
+
+def _known_kind(model: Imu) -> bool:
+    """Whether both sensors are of the package, so that what they lack can be said."""
+    return all(type(sensor) in (Triad, Nonlinear, type(None)) for sensor in (model.accel, model.gyro))
 
 
 def _own_sizes(fit: Fit, names: tuple[str, ...], rests: Rests) -> np.ndarray:
@@ -203,7 +246,14 @@ def _own_sizes(fit: Fit, names: tuple[str, ...], rests: Rests) -> np.ndarray:
 
 
 def _result(
-    base: ImuFit, joint: Joint, rests: Rests, needed: int, options: Options, notes: list[str], explain: Callable[[], str | None]
+    base: ImuFit,
+    joint: Joint,
+    rests: Rests,
+    needed: int,
+    options: Options,
+    notes: list[str],
+    explain: Callable[[], str | None],
+    lost: np.ndarray | None = None,
 ) -> ImuFit:
     """The result of a fit with or without a gyroscope, judged."""
     fit, found, slots, count = joint.fit, joint.found, rests.slots, len(rests.accel)
@@ -226,14 +276,16 @@ def _result(
         cost=0.5 * np.array([np.sum(found.norm[:count] ** 2), np.sum(turned**2) if len(turned) else np.nan]),
     )  # fmt: skip
     still = 3 * (count - 1 - 3 * options.g_sensitivity) if len(turned) else 0
-    by_field = {"accel": count - needed, "gyro": 2 * len(turned) - own, "gyro.bias": still, "gyro.g_sensitivity": still}
+    own_norms = float(np.sum(np.asarray(leverage(fit))[:slots]))  # the turns tell some of the accelerometer, too
+    by_field = {"accel": count - own_norms, "gyro": 2 * len(turned) - own, "gyro.bias": still, "gyro.g_sensitivity": still}
     freedom = np.array([by_field.get(name.split("[")[0], by_field[name.split(".")[0]]) for name in result.names], dtype=float)
-    own_size = _own_sizes(fit, made.names, rests)
+    # a prior must not be scaled by what the residuals say
+    own_size = _own_sizes(fit, made.names, rests) if options.prior is None else np.ones(len(made.names))
     plain = np.asarray(made.covariance) * own_size[:, None] * own_size[None, :]
-    missing = lacks(joint, rests) if fit.model.plain and bool(fit.usable) else []
-    for lack in missing:
-        shift = np.outer(lack.shift, lack.shift)
+    missing = lacks(joint, rests) if _known_kind(fit.model) and bool(fit.usable) else []
+    for shift in [np.outer(lack.shift, lack.shift) for lack in missing] + ([] if lost is None else [lost]):
         plain = plain + np.asarray(framed(fit.model, options.convention, placed(fit.names, shift, made.names))[1][0])
     plain, robust = (np.asarray(placed(made.names, np.asarray(matrix), result.names)) for matrix in (plain, robust))
-    result = dataclasses.replace(result, covariance=plain, robust_covariance=robust, degrees_of_freedom=freedom)
+    asked = tuple(lack.term for lack in missing if lack.term is not None)
+    result = dataclasses.replace(result, covariance=plain, robust_covariance=robust, degrees_of_freedom=freedom, asked=asked)
     return finished(result, fit, options, notes, explain, [lack.sentence for lack in missing])

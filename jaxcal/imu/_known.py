@@ -5,10 +5,11 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
-import scipy.special
+import scipy  # loads its parts when they are first used
 
 from .._errors import DataError
 from .._precision import host_float64
+from .._results import Row, Unjudged
 from .._types import AnyArray
 from ..fitting import information
 from ._model import EARTH_RATE, Triad
@@ -20,7 +21,7 @@ _UP = ("specific force along x", "specific force along y", "specific force along
 _RANK = 1e-8
 
 
-class TriadFit(eqx.Module):
+class TriadFit(Unjudged):
     """A triad from known inputs.
 
     Attributes
@@ -33,6 +34,15 @@ class TriadFit(eqx.Module):
     degrees_of_freedom : of the residuals of one axis.
     names : of the parameters: matrix by rows, bias, g-sensitivity by rows where it was fitted.
     warnings : sentences.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.imu import Triad, six_position
+    >>> true = Triad(np.diag([1.01, 0.99, 1.0]), np.array([0.1, -0.2, 0.0]))
+    >>> found = six_position(true.measure(9.81 * np.kron(np.eye(3), np.array([[1.0], [-1.0]]))), 9.81, sigma=1e-3)
+    >>> print(repr(found).splitlines()[10])
+      bias[0]      0.10000   0.09920 to 0.10080
     """
 
     triad: Triad
@@ -43,6 +53,11 @@ class TriadFit(eqx.Module):
     degrees_of_freedom: int
     names: tuple[str, ...] = eqx.field(static=True)
     warnings: tuple[str, ...] = eqx.field(static=True)
+
+    def _rows(self) -> list[Row]:
+        fields = {"matrix": self.triad.matrix, "bias": self.triad.bias, "g_sensitivity": self.triad.g_sensitivity}
+        value = np.concatenate([np.ravel(fields[name]) for name in fields])[: len(self.names)]
+        return [Row(name, x, low, high) for name, x, (low, high) in zip(self.names, value, self.interval, strict=True)]
 
 
 def checked_gravity(gravity: Any) -> float:

@@ -6,7 +6,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import numpy as np
-import scipy.special
+import scipy  # loads its parts when they are first used
 
 from .._units import STANDARD_GRAVITY
 from ._fits import Joint
@@ -15,16 +15,24 @@ from ._residuals import pieces
 
 _LEVEL = 1e-3  # of each F test; a recording without such a term fails about one of eight tests in 125 recordings
 _LEAST = 3  # residuals that must be left to judge a term
+_ENOUGH = 8  # residuals of the norms that must be left to judge a term of the accelerometer without the turns
+_TWICE = 2.0  # flicker alone can make norms scatter more than the white noise of a rest says
 _ALIKE = 1.5  # terms whose sums of squares differ by less cannot be told apart
 _APART = 0.05  # share of a term, in length, that the parameters must not be able to stand for
+_SENSORS = {"accel": "accelerometer", "gyro": "gyroscope"}
+#: term -> field of `Nonlinear`
+_NAMES = {"a quadratic term": "quadratic", "a cubic term": "cubic", "an asymmetry of sign": "asymmetry"}
 _NUDGE = 1e-3  # of a finite difference, in the unit of the readings
 
 
 class Lack(eqx.Module):
-    """A term that the model lacks: its sentence, and the change of the parameters (p,) that it would bring, by the names of the fit."""
+    """A term that the model lacks: its sentence, the change of the parameters (p,) that it would bring, by the names of the fit, and the
+    name by which it can be added, or None.
+    """
 
     shift: np.ndarray
     sentence: str = eqx.field(static=True)
+    term: str | None = eqx.field(static=True, default=None)
 
 
 def lacks(joint: Joint, rests: Rests) -> list[Lack]:
@@ -38,7 +46,7 @@ def lacks(joint: Joint, rests: Rests) -> list[Lack]:
     rows, slope = root * np.asarray(fit.residuals), root[:, None] * np.asarray(fit.jacobian)
     found = []
 
-    def judged(part: slice, own: np.ndarray, terms: dict[str, np.ndarray], size: Any, text: str) -> None:
+    def judged(part: slice, own: np.ndarray, terms: dict[str, np.ndarray], size: Any, what: str, sensor: str) -> None:
         """Test the terms (n, q) in one kind of residual, for the parameters that are its `own`."""
         here = np.any(slope[part] != 0, axis=1)
         best = _best(rows[part][here], slope[part][here][:, own], {name: (root[part, None] * x)[here] for name, x in terms.items()})
@@ -48,7 +56,10 @@ def lacks(joint: Joint, rests: Rests) -> list[Lack]:
         shift = np.zeros(len(names))
         shift[own] = change
         kind = f"{name} {size(name, coefficient)}" + (f" (or {' or '.join(also)}, which these data cannot tell from it)" if also else "")
-        found.append(Lack(shift, text.format(kind=kind, level=max(level, 1e-300))))
+        term = f"{sensor}.{_NAMES[name]}" if name in _NAMES else None
+        add = f" Add it by its name, {term}." if term else " Let the sensor warm up."
+        told = f"The {what} ask for {kind} of the {_SENSORS[sensor]}, which the model lacks (p = {max(level, 1e-300):.1g})"
+        found.append(Lack(shift, f"{told}; the intervals count what it would change.{add}", term))
 
     # not the size that was measured, whose error is the residual
     force = joint.found.vertical * float(joint.data.gravity)
@@ -59,36 +70,72 @@ def lacks(joint: Joint, rests: Rests) -> list[Lack]:
             return f"of {1e3 * np.abs(coefficient).max() / STANDARD_GRAVITY:.2g} mg over the recording"
         return f"of {1e3 * np.abs(coefficient).max() / STANDARD_GRAVITY:.2g} mg at 1 g"
 
-    judged(
-        slice(0, slots), np.char.startswith(names, "accel."), _norm_terms(joint, force, rests, duration), norm_size,
-        "The poses ask for {kind} of the accelerometer, which the model lacks (p = {level:.1g}); the intervals count what it would change.",
-    )  # fmt: skip
+    norms, own = slice(0, slots), np.char.startswith(names, "accel.")
+    left = int(np.sum(np.any(slope[norms] != 0, axis=1)) - np.linalg.matrix_rank(slope[norms][:, own])) - 3
+    shapes = _shapes(force, rests, duration)
+    terms, what = _norm_terms(joint, shapes), "poses"
+    if left < _ENOUGH and joint.data.turns is not None:
+        # with few poses the turns help: a vertical that is wrong is so before and after a turn
+        norms, own = slice(0, 3 * slots - 2), own | np.char.startswith(names, "gyro.matrix")
+        terms = {name: np.concatenate([x, _between(joint, shapes[name])]) for name, x in terms.items()}
+        what = "poses and turns"
+    judged(norms, own, terms, norm_size, what, "accel")
     if joint.data.turns is None:
-        return found
+        return found or _scattered(joint, rests, len(rests.accel) - int(np.sum(own)), left)
     fast = float(np.quantile(np.abs(joint.data.turns.gyro - np.asarray(fit.model.gyro.bias)) / _scale(fit.model.gyro), 0.999))
     judged(
         slice(slots, 3 * slots - 2), np.char.startswith(names, "gyro.matrix"), _turn_terms(joint, fast),
         lambda name, coefficient: f"of {100 * np.abs(coefficient).max():.2g} % of the rate at {np.rad2deg(fast):.3g} deg/s",
-        "The turns ask for {kind} of the gyroscope, which the model lacks (p = {level:.1g}); the intervals count what it would change.",
+        "turns", "gyro",
     )  # fmt: skip
     return found
+
+
+def _scattered(joint: Joint, rests: Rests, freedom: int, left: int) -> list[Lack]:
+    """Norms that scatter more than the noise inside the rests explains, where they are too few to be tested for terms."""
+    if freedom < 1 or left >= _LEAST:
+        return []
+    count = len(rests.accel)
+    known = rests.norm_variance(joint.found.vertical[:count] @ np.linalg.inv(np.asarray(joint.fit.model.accel.matrix)))
+    square = float(np.sum(joint.found.norm[:count] ** 2 / known))
+    ratio = np.sqrt(square / freedom)
+    if ratio < _TWICE or scipy.special.chdtrc(freedom, square) > _LEVEL:
+        return []
+    said = (
+        f"The norms scatter {ratio:.2g} times as much as the noise inside the rests explains: the sensor drifts, moves or is not linear. "
+        f"{count} poses cannot tell which; hold it in 18 to 24."
+    )
+    return [Lack(np.zeros(len(joint.fit.names)), said)]
 
 
 def _scale(triad: Any) -> np.ndarray:
     return np.abs(np.diag(np.asarray(triad.matrix)))
 
 
-def _norm_terms(joint: Joint, force: np.ndarray, rests: Rests, duration: float) -> dict[str, np.ndarray]:
-    """Whitened effect on the norms (k, 3) of one unit, at 1 g or over the recording, of a term of each axis."""
+def _shapes(force: np.ndarray, rests: Rests, duration: float) -> dict[str, np.ndarray]:
+    """Change of the force along each axis (k, 3), by one unit of a term, at 1 g or over the recording."""
     count, slots, g = len(rests.accel), len(force), STANDARD_GRAVITY
-    across = -joint.found.vertical / np.asarray(joint.data.poses.sigma)[:, None]  # of a change of the force along each axis
     time = np.zeros((slots, 1))
     time[:count, 0] = (rests.time - rests.time.min()) / duration
-    size = np.abs(force) / g
+    size, one = np.abs(force) / g, np.ones((1, 3))
     return {
-        "a quadratic term": across * size**2, "a cubic term": across * force / g * size**2, "an asymmetry of sign": across * size,
-        "a linear drift": across * time, "a drift of a warm-up": across * np.exp(-4 * time),
+        "a quadratic term": size**2, "a cubic term": force / g * size**2, "an asymmetry of sign": size, "a linear drift": time * one,
+        "a drift of a warm-up": np.exp(-4 * time) * one,
     }  # fmt: skip
+
+
+def _norm_terms(joint: Joint, shapes: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Whitened effect on the norms (k, 3) of one unit of a term of each axis."""
+    across = -joint.found.vertical / np.asarray(joint.data.poses.sigma)[:, None]  # of a change of the force along each axis
+    return {name: across * shape for name, shape in shapes.items()}
+
+
+def _between(joint: Joint, shape: np.ndarray) -> np.ndarray:
+    """Whitened effect on the turns (2s, 3) of the same, which turns the verticals before and after them."""
+    data, up = joint.data, joint.found.vertical
+    tilt = (np.eye(3)[None] - up[:, :, None] * up[:, None, :]) * shape[:, None, :] / float(data.gravity)  # (k, component, axis)
+    moved = np.einsum("sji,sjc->sic", joint.found.rotation, tilt[:-1]) - tilt[1:]
+    return np.asarray(data.whiten) @ np.einsum("sij,sic->sjc", data.tangent, moved).reshape(-1, 3)
 
 
 def _turn_terms(joint: Joint, fast: float) -> dict[str, np.ndarray]:

@@ -1,6 +1,8 @@
 """`multi_position`: both triads from still poses and the turns between them, without a turntable."""
 
 import dataclasses
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,6 +16,8 @@ from ._fits import Options
 from ._joint import Job, count_of
 from ._known import checked_gravity
 from ._model import CONVENTIONS, Imu, Triad, freed
+from ._nonlinear import with_terms
+from ._prior import known_of, prior_of
 from ._recording import Recording
 from ._rests import Ends, Multiples, StillIntervals, Windows, given_rests
 from ._result import ImuFit
@@ -21,6 +25,9 @@ from ._result import ImuFit
 METHODS = ("joint", "imu_tk")
 MODELS = ("full", "diagonal")
 _HUBER = Huber()
+_FEWEST = 4  # poses, however much is known before
+_MOST_TERMS = 3
+_TYPICAL = 0.01  # m/s^2, of a norm, for weighing a prior before the residuals have told their size
 
 
 @host_float64
@@ -43,6 +50,8 @@ def multi_position(
     time: Any = None,
     rests: Any = None,
     held_out: bool = True,
+    terms: Any = (),
+    prior: Any = None,
 ) -> ImuFit:
     r"""Scale factors, misalignments, biases and g-sensitivity from poses held still and the turns between them.
 
@@ -76,6 +85,11 @@ def multi_position(
     time : (n,) stamps in s, where those of the log's even grid are not wanted.
     rests : (k, 2) first sample of each rest, and the one after its last, where they are known; None finds them.
     held_out : whether to fit twice more, each time without half the poses and turns, for `held_out`.
+    terms : names of further terms of the sensors, of `jaxcal.imu.TERMS`, such as ["accel.quadratic"]; "auto" adds what the log asks for,
+        where the F test and held-out residuals agree.
+    prior : what is known of the device before: a data sheet as standard deviations, {"accel": {"scale": 0.03, "misalignment": 0.01,
+        "bias": 0.6}, "gyro": {"scale": 0.03, "misalignment": 0.01, "bias": 0.3, "g_sensitivity": 2e-4}} (relative, rad, SI); or an earlier
+        `ImuFit` or `Calibration`, of which all but the biases is taken over, with its covariance. Fewer poses then suffice.
 
     Returns
     -------
@@ -100,7 +114,14 @@ def multi_position(
     ----------
     D. Tedaldi, A. Pretto and E. Menegatti, ICRA 2014 (the protocol and the two costs); the thesis, equations (5.1) to (5.5).
     """
-    options = _checked(log, gravity, convention, method, model, g_sensitivity, loss, latitude, noise)
+    if isinstance(terms, str) and terms == "auto":
+        told = {
+            "gravity": gravity, "convention": convention, "method": method, "model": model, "g_sensitivity": g_sensitivity, "loss": loss,
+            "latitude": latitude, "noise": noise, "raw": raw, "initial": initial, "window": window, "least": least, "time": time,
+            "held_out": held_out, "prior": prior,
+        }  # fmt: skip
+        return _with_asked(multi_position(log, **told, threshold=threshold, rests=rests), partial(multi_position, log, **told))
+    options = _checked(log, gravity, convention, method, model, g_sensitivity, loss, latitude, noise, raw, terms, prior)
     record = _recording.recording(log, time)
     empty = ImuFit(
         rate=record.rate, gravity=options.gravity, temperature=record.temperature, verdict="refused", reason="", convention=convention,
@@ -114,7 +135,8 @@ def multi_position(
         if model != "full" or latitude is not None or noise is not None:
             raise DataError("method='imu_tk' has none of model, latitude and noise; leave them out, or take method='joint'")
     start = started(None if isinstance(model, str) else model, record.gyro is not None, latitude is not None)
-    needed = count_of(freed(Imu(start.accel), convention, options.misalignment))
+    start = with_terms(start, (terms,) if isinstance(terms, str) else terms)
+    needed = max(count_of(freed(Imu(start.accel), convention, options.misalignment)) - known_of(options.prior), _FEWEST)
     windows = Windows(record.accel, record.gyro if method == "joint" else None, record.rate, window, initial, least)
     tried = windows.tried(threshold, method == "joint") if rests is None else {(np.inf, np.inf): given_rests(rests, len(record.time))}
     base = dataclasses.replace(empty, still=windows.intervals(np.inf, chosen=threshold))
@@ -145,6 +167,19 @@ def multi_position(
     return job.result(base, begun, joint, held_out)
 
 
+def _with_asked(found: ImuFit, again: Callable[..., ImuFit]) -> ImuFit:
+    """The fit with the terms that the log asks for, added until it asks for no more."""
+    terms: tuple[str, ...] = ()
+    while found.asked and found.still is not None and len(terms) < _MOST_TERMS:
+        terms = (*terms, *found.asked)
+        rests = np.stack([found.still.start, found.still.stop], axis=1)
+        found = again(rests=rests, terms=terms)
+    if terms:
+        said = f"The log asked for {', '.join(terms)}, which the model now has."
+        found = dataclasses.replace(found, warnings=(*found.warnings, said))
+    return found
+
+
 def _norm_fits(
     record: Recording, usable: dict[Multiples, Ends], model: Triad, options: Options, raw: bool, each: int | None
 ) -> tuple[np.ndarray, dict[Multiples, Fit]]:
@@ -161,13 +196,14 @@ def _norm_fits(
         else:
             reading = np.concatenate([record.accel[i : i + each] for i in start])
         begin = _fits.nominal_start(model, reading.reshape(count, rows, 3).mean(axis=1), options.gravity) if raw else model
-        data = _recording.norms(reading, slots * rows, options.gravity)
-        fit = solved(Imu(begin), data, options.convention, options.misalignment, rtol=None)
+        sigma = 1.0 if options.prior is None else _TYPICAL
+        data = _recording.norms(reading, slots * rows, options.gravity, sigma)
+        fit = solved(Imu(begin), data, options.convention, options.misalignment, rtol=None, priors=options.priors)
         # residual of every pose under the fit without it, to first order
-        without = np.asarray(fit.residuals) / (1 - np.minimum(leverage(fit), 1 - 1e-6))
+        without = sigma * np.asarray(fit.residuals) / (1 - np.minimum(leverage(fit), 1 - 1e-6))
         rest = without[: count * rows].reshape(count, rows).mean(axis=1)
         fits[pair] = fit
-        table.append((*pair, count, float(fit.cost), np.mean(rest**2)))
+        table.append((*pair, count, sigma**2 * float(fit.cost), np.mean(rest**2)))
     return np.array(table), fits
 
 
@@ -192,7 +228,7 @@ def _cheapest(table: np.ndarray, usable: dict[Multiples, Ends], base: ImuFit, wi
     return pair, result
 
 
-def _checked(log, gravity, convention, method, model, g_sensitivity, loss, latitude, noise) -> Options:
+def _checked(log, gravity, convention, method, model, g_sensitivity, loss, latitude, noise, raw, terms, prior) -> Options:
     if is_traced(getattr(log, "accel", None)):
         raise DataError("`multi_position` decides on the host and cannot be traced; take `imu.estimate`, which can.")
     for name, value, known in (("convention", convention, CONVENTIONS), ("method", method, METHODS)):
@@ -206,7 +242,14 @@ def _checked(log, gravity, convention, method, model, g_sensitivity, loss, latit
         raise DataError(f"There is no loss {loss!r}; give one of jaxcal.fitting, such as Huber(), or None.")
     if latitude is not None and not abs(float(latitude)) <= np.pi / 2:
         raise DataError(f"latitude={latitude:g} rad lies beyond a pole; degrees must be multiplied by pi/180")
+    known = prior_of(prior)
+    if known is not None and (method != "joint" or (raw and isinstance(prior, Mapping))):
+        raise DataError(
+            "A prior goes with method='joint', and a data sheet with readings in SI units; leave out prior=, or method= or raw=."
+        )
+    if len(terms) and (method != "joint" or convention == "full"):
+        raise DataError("Further terms go with method='joint' and convention='upper' or 'lower'; leave out terms=, or the others.")
     return Options(
         checked_gravity(gravity), convention, method, bool(g_sensitivity), model != "diagonal", loss, _fits.coefficients(noise, "accel"),
-        _fits.coefficients(noise, "gyro"), None if latitude is None else float(latitude),
+        _fits.coefficients(noise, "gyro"), None if latitude is None else float(latitude), known,
     )  # fmt: skip

@@ -4,17 +4,19 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
-import scipy.special
+import scipy  # loads its parts when they are first used
 
 from .._errors import DataError
+from .._log import as_log
 from ._residuals import Poses, Turns, Weighted
 
 _RUN = 3  # samples in a row at the end of the range
 _UNITS = {"g": 9.80665, "mg": 9.80665e-3, "ft/s^2": 0.3048}
 #: s; readings are interpolated over missing samples up to this length, in which a turn by hand hardly changes its rate
 _BRIDGE = 0.1
-#: steps of every turn, so that all recordings share one compiled fit; one of 5 s then has steps of 10 ms
-_STEPS = 508
+#: steps of every turn, so that all recordings share one compiled fit; one of 5 s then has steps of 20 ms, and twice as many steps move no
+#: parameter by more than a tenth of its standard error
+_STEPS = 252
 #: s; means of so much of a rest are taken for independent: shorter ones would share a tremor of the hand
 _PIECE = 0.25
 _MOST_PIECES = 64
@@ -40,7 +42,8 @@ class Recording(eqx.Module):
 
 def recording(log: Any, time: Any) -> Recording:
     """Arrays of a log, with stamps of the user's own where the log's even grid is not what they want."""
-    accel = getattr(log, "accel", None)
+    log = as_log(log)
+    accel = log.accel
     if accel is None:
         raise DataError("The log has no accelerometer, on which this calibration rests.")
     accel = np.ascontiguousarray(np.asarray(accel, dtype=float))

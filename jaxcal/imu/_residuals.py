@@ -50,6 +50,14 @@ class Turns(eqx.Module):
     dt : (k - 1, n) steps, s.
     sigma : (k - 1,) standard deviation, rad, of what the gyroscope adds to each component of the vertical after the turn, such as
         N sqrt(duration); infinite for a turn that is left out.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.imu import Turns
+    >>> turns = Turns(gyro=np.zeros((1, 50, 3)), accel=np.zeros((1, 50, 3)), dt=np.full((1, 49), 0.02), sigma=np.array([1e-3]))
+    >>> turns.gyro.shape
+    (1, 50, 3)
     """
 
     gyro: Any
@@ -68,6 +76,15 @@ class Weighted(eqx.Module):
     latitude : rad, where the Earth's rate is accounted for; else None.
     tangent : (k - 1, 3, 2) plane across the vertical after each turn.
     whiten : (2k - 2, 2k - 2) inverse Cholesky factor of the covariance of the turns' residuals.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.imu import Imu, Poses, Triad, residuals, simulate_positions, weighted
+    >>> model = Imu(Triad(np.eye(3), np.zeros(3)))
+    >>> data = weighted(model, Poses(simulate_positions(), np.full(6, 0.01)), gravity=9.81)
+    >>> residuals(model, data).shape, float(data.gravity)
+    ((6,), 9.81)
     """
 
     poses: Poses

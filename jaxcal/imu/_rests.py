@@ -36,6 +36,16 @@ class StillIntervals(eqx.Module):
     initial_variance : the same norm over the initial still period, or in the stillest windows where none was given.
     gyro_multiple : the same ratio for the gyroscope; infinite where it did not matter, or there is none.
     counts : multiple -> number of intervals, of the multiples that were compared, at this `gyro_multiple`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.imu import static_intervals
+    >>> y = np.random.default_rng(0).normal(size=(8000, 3)) * 0.01
+    >>> y[5000:6000] += 5 * np.sin(np.arange(1000) / 20)[:, None]
+    >>> found = static_intervals(y, 100.0)
+    >>> len(found), [int(n) for n in found.stop - found.start]
+    (2, [4901, 1900])
     """
 
     start: np.ndarray

@@ -9,13 +9,14 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import scipy.special
+import scipy  # loads its parts when they are first used
 
 from .._precision import host_float64
 from .._results import Result, Row
 from .._types import AnyArray
 from ..fitting import Fit, Outcome, identifiability
 from ._model import Imu, Triad, entries, replaced, values
+from ._prior import CONFLICT, conflict
 from ._rests import StillIntervals
 
 PLACES = np.array([p for p in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(p)])
@@ -45,6 +46,14 @@ class Observability(eqx.Module):
     condition : ratio of the largest to the smallest singular value for errors of natural size.
     missing : (m, 3) directions that should point up in further poses, in body axes, the most useful first.
     sentence : what the poses determine, and which are missing.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> found = jaxcal.imu.observability(np.concatenate([np.eye(3), -np.eye(3)]))
+    >>> found.condition, found.sentence[:52]
+    (inf, 'The 6 poses do not determine misalignment of x and y')
     """
 
     condition: float
@@ -161,12 +170,21 @@ class ImuFit(Result):
         components (rad; NaN where only the norms were looked at).
     observability : `Observability`: condition, missing attitudes, sentence.
     drift : (3,) drift of the gyroscope's bias, rad/s per s; zero where the F test finds none.
+    asked : names of the terms that the log asks for and the model lacks, for `terms`.
     rate, gravity : Hz, m/s^2.
     temperature : mean of the recording, degC; NaN where it was not recorded.
     verdict : "good", "weak" or "refused".
     reason : one sentence or more.
     warnings : sentences.
     convention, method : as asked for.
+
+    Examples
+    --------
+    >>> import jaxcal
+    >>> log = jaxcal.imu.simulate(poses=4, rate=50, still=3, turn=2, seed=0)
+    >>> found = jaxcal.imu.multi_position(log, gravity=9.81)
+    >>> found.verdict, found.reason[:28]
+    ('refused', 'There are 4 still intervals;')
     """
 
     rate: float
@@ -194,6 +212,7 @@ class ImuFit(Result):
     thresholds: AnyArray = _unknown(0, 6)
     observability: Observability | None = None
     drift: AnyArray = _unknown(3, fill=0.0)
+    asked: tuple[str, ...] = eqx.field(static=True, default=())
 
     @property
     def model(self) -> Imu:
@@ -214,6 +233,8 @@ class ImuFit(Result):
     def values(self) -> np.ndarray:
         """(p,) parameters in the order of `names`; NaN for those of a sensor that is missing."""
         return values(self.model)
+
+    _figure = ("imu", False)
 
     def _rows(self) -> list[Row]:
         fields = [name.split("[")[0].split(".") for name in self.names]
@@ -274,15 +295,18 @@ def finished(
             "The turns do not determine the gyroscope: turn by 45 to 180 degrees about several horizontal axes. A rotation about "
             "the vertical tells nothing."
         )
-    if fit.outcome == Outcome.unidentifiable and not refused and seen.condition <= SINGULAR:
+    if fit.outcome == Outcome.unidentifiable and not refused and (seen.condition <= SINGULAR or options.prior is not None):
         refused.append(identifiability(fit).sentence)
     elif not force <= UNKNOWN:
         refused.append(seen.sentence)
-    if poses < _FEW_POSES and options.misalignment:
+    apart = 1.0 if options.prior is None else conflict(fit)
+    if apart < CONFLICT:
+        weak.append(f"The prior contradicts the recording (p = {apart:.1g}): the device has changed, or the prior is another's.")
+    if poses < _FEW_POSES and options.misalignment and options.prior is None:
         weak.append(f"There are {poses} poses, 18 to 24 are advised.")
-    if seen.condition > _ILL:
+    if seen.condition > _ILL and options.prior is None:
         weak.append(seen.sentence)
-    if gyro and turns < _FEW_TURNS:
+    if gyro and turns < _FEW_TURNS and options.prior is None:
         weak.append(f"There are {turns} turns, 10 or more are advised.")
     if gyro and POOR < rate <= UNKNOWN:
         weak.append(f"The gyroscope's matrix is known to {100 * rate:.2g} % only; add turns of 45 to 180 degrees about other axes.")

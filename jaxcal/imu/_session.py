@@ -1,4 +1,4 @@
-"""`ferraris`: both triads from a session with labelled regions, six faces and three turns; `read_regions`: the labels of a file."""
+"""`ferraris`: triads from labelled faces and turns; `faces` finds the faces; `read_regions` reads the labels of a file."""
 
 import csv
 import dataclasses
@@ -9,18 +9,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scipy.special
+import scipy  # loads its parts when they are first used
 
 from .._errors import DataError
 from .._precision import host_float64
 from ._known import checked_gravity, six_position
 from ._model import Triad
-from ._recording import Recording, recording, rests_of
+from ._recording import Recording, means, recording, rests_of
+from ._rests import static_intervals
 from ._result import POOR, UNKNOWN, ImuFit, parts_of, relative_error
 
 _LABEL = re.compile(r"([xyz])[ _-]?(p|up|a|down|rot|turn)", re.IGNORECASE)
 _KINDS = {"p": 1, "up": 1, "a": -1, "down": -1, "rot": 0, "turn": 0}
 _REST = re.compile(r"(rest|still|pose|static)[ _-]?\d*", re.IGNORECASE)
+_FACE = float(np.cos(np.deg2rad(25.0)))
 _EXPECTED = (
     "expected x_p, x_a, y_p, y_a, z_p, z_a for an axis up or down, and x_rot, y_rot, z_rot for a turn about it; or rest for each rest"
 )
@@ -67,7 +69,7 @@ def read_regions(path: Any, rate: float) -> list[Region]:
             content = json.loads(text)
         except json.JSONDecodeError as error:
             raise DataError(f"{path} is no JSON: {error}") from error
-        return _listed(content, str(path))
+        return listed(content, str(path))
     rows = list(csv.DictReader(text.splitlines()))
     columns = {re.sub(r"\W.*", "", str(name).strip().lower()): str(name) for name in (rows[0] if rows else {})}
     found = {key: next((columns[word] for word in words if word in columns), None) for key, words in _NAMES.items()}
@@ -75,12 +77,12 @@ def read_regions(path: Any, rate: float) -> list[Region]:
         raise DataError(f"{path} lacks the column {next(key for key, name in found.items() if name is None)}; expected label,start,stop")
     factor = rate if "[s]" in str(found["start"]) else 1.0
     try:
-        return _listed([(row[found["label"]], *(factor * float(row[found[end]]) for end in ("start", "stop"))) for row in rows], str(path))
+        return listed([(row[found["label"]], *(factor * float(row[found[end]]) for end in ("start", "stop"))) for row in rows], str(path))
     except (TypeError, ValueError) as error:
         raise DataError(f"{path}: {error}; expected numbers as start and stop of every region") from error
 
 
-def _listed(regions: Any, where: str = "regions") -> list[Region]:
+def listed(regions: Any, where: str = "regions") -> list[Region]:
     """Regions of a mapping or a list, as (label, start, stop)."""
     if isinstance(regions, Mapping):
         regions = [(label, ends) for label, ends in regions.items()]
@@ -99,15 +101,62 @@ def _listed(regions: Any, where: str = "regions") -> list[Region]:
     return found
 
 
+@host_float64
+def faces(log: Any) -> list[Region]:
+    """Labelled regions of a log in which a squared block lies on each of its six faces, for `ferraris`.
+
+    Parameters
+    ----------
+    log : `jaxcal.Log` with an accelerometer, which is still on each face for 2 s or more.
+
+    Returns
+    -------
+    List of (label, start, stop) in samples. Rests off a face by more than 25 degrees are left out.
+
+    Raises
+    ------
+    DataError
+        If the log has no accelerometer, or a face is missing.
+
+    Examples
+    --------
+    >>> import jaxcal
+    >>> from jaxcal.imu import faces, ferraris, simulate
+    >>> log = simulate(poses=6, up=[[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], seed=1)
+    >>> [label for label, _, _ in faces(log)]
+    ['x_p', 'x_a', 'y_p', 'y_a', 'z_p', 'z_a']
+    >>> print(ferraris(log, faces(log), gravity=9.81).verdict)
+    good
+    """
+    record = recording(log, None)
+    still = static_intervals(record.accel, record.rate, gyro=record.gyro)
+    reading = means(record.accel, still.start, still.stop)
+    axis = np.argmax(np.abs(reading), axis=1)
+    size = reading[np.arange(len(axis)), axis]
+    near = np.abs(size) > _FACE * np.linalg.norm(reading, axis=1)
+    found = [
+        (f"{'xyz'[i]}_{'p' if up > 0 else 'a'}", int(start), int(stop))
+        for i, up, start, stop in zip(axis[near], size[near], still.start[near], still.stop[near], strict=True)
+    ]
+    if missing := sorted({f"{i}_{kind}" for i in "xyz" for kind in "pa"} - {label for label, _, _ in found}):
+        raise DataError(
+            f"The log has no rest on the face {', '.join(missing)} (p up, a down) among {len(still)} rests; lay the block on each of its "
+            "six faces for 3 s or more"
+        )
+    return found
+
+
 def rests_among(regions: Any) -> list[tuple[int, int]] | None:
     """Start and stop of the regions, where every label is that of a rest; else None."""
-    listed = _listed(regions)
-    return [(start, stop) for _, start, stop in listed] if all(_REST.fullmatch(label.strip()) for label, _, _ in listed) else None
+    known = listed(regions)
+    return [(start, stop) for _, start, stop in known] if all(_REST.fullmatch(label.strip()) for label, _, _ in known) else None
 
 
 @host_float64
 def ferraris(log: Any, regions: Any, *, gravity: float | int, angle: float = 2 * np.pi) -> ImuFit:
     r"""Accelerometer and gyroscope from a Ferraris session: six faces of a box at rest, and a turn about each axis.
+
+    Without turns it is the six-position test of the accelerometer, and the gyroscope is left out.
 
     .. math:: \bar y_a = M_a f + b_a,\quad f = \pm g e_j;\qquad \bar y_g = b_g + G f;\qquad
               \int (y_g - b_g - G f)\,dt = \pm M_g e_j\,\alpha
@@ -156,26 +205,34 @@ def ferraris(log: Any, regions: Any, *, gravity: float | int, angle: float = 2 *
     F. Ferraris, U. Grimaldi and M. Parvis, Sensors and Materials 7 (1995) 311.
     """
     record, size = recording(log, None), checked_gravity(gravity)
-    if record.gyro is None:
-        raise DataError("The log has no gyroscope; for the accelerometer alone take jaxcal.imu.six_position.")
-    faces, turns = _sorted(_listed(regions), len(record.time))
-    up = np.array([sign * np.eye(3)[axis] for axis, sign, _, _ in faces])
-    start, stop = (np.array([face[i] for face in faces]) for i in (2, 3))
+    sides, turns = _sorted(listed(regions), len(record.time))
+    if turns and record.gyro is None:
+        raise DataError("The log has no gyroscope, which the turns are for; leave out their regions.")
+    up = np.array([sign * np.eye(3)[axis] for axis, sign, _, _ in sides])
+    start, stop = (np.array([side[i] for side in sides]) for i in (2, 3))
     rests, force = rests_of(record, start, stop), size * up
-    for (axis, sign, i, j), reading in zip(faces, rests.accel, strict=True):
+    for (axis, sign, i, j), reading in zip(sides, rests.accel, strict=True):
         if not sign * reading[axis] > 0.5 * size:
             side = "up" if sign > 0 else "down"
             raise DataError(
                 f"Samples {i} to {j} are labelled {'xyz'[axis]} {side}, but read {reading.round(2).tolist()} m/s^2. Check label and unit."
             )
     accel = six_position(rests.accel, size, up=up)
+    tilt, alone = float(accel.sigma[0]) / size, _covariance(np.asarray(accel.covariance))
+    found = ImuFit(
+        rate=record.rate, gravity=size, temperature=record.temperature, verdict="good", reason="", convention="box",
+        method="ferraris" if turns else "six_position", accel=accel.triad, covariance=alone, robust_covariance=alone,
+        residual_norm=size - np.linalg.norm(accel.triad.correct(rests.accel), axis=1), warnings=tuple(accel.warnings),
+        sigma=np.array([accel.sigma[0], np.nan, np.nan]), degrees_of_freedom=np.full(33, 3.0 * accel.degrees_of_freedom),
+    )  # fmt: skip
+    if not turns:
+        return _judged(found, tilt, 0)
     columns = np.concatenate([np.ones((len(up), 1)), force], axis=1)
     beta = np.linalg.lstsq(columns, rests.gyro)[0]
     left = rests.gyro - columns @ beta
     freedom = 3 * (len(up) - 4)
     inner = np.linalg.inv(columns.T @ columns)
     still = inner * np.sum(left**2) / freedom
-    tilt = float(accel.sigma[0]) / size
     corrected = np.asarray(accel.triad.correct(np.nan_to_num(np.asarray(record.bridged)[:, 3:])))
     sums, seen = _turned(record, corrected, turns, beta, angle)
     matrix = np.stack([np.mean(sums[seen == axis], axis=0) for axis in range(3)], axis=1) / angle
@@ -184,13 +241,11 @@ def ferraris(log: Any, regions: Any, *, gravity: float | int, angle: float = 2 *
     covariance = _covariance(
         np.asarray(accel.covariance), still, _turn_variance(record, corrected, turns, still, rests, tilt, matrix, angle, seen)
     )
-    result = ImuFit(
-        rate=record.rate, gravity=size, temperature=record.temperature, verdict="good", reason="", convention="box", method="ferraris",
-        accel=accel.triad, gyro=gyro, covariance=covariance, robust_covariance=covariance,
+    result = dataclasses.replace(
+        found, gyro=gyro, covariance=covariance, robust_covariance=covariance, residual_turn=np.linalg.norm(error, axis=1),
         degrees_of_freedom=np.repeat([3.0 * accel.degrees_of_freedom, float(freedom)], [12, 21]),
-        residual_norm=size - np.linalg.norm(accel.triad.correct(rests.accel), axis=1), residual_turn=np.linalg.norm(error, axis=1),
         residual_rest=left @ np.linalg.inv(matrix).T,
-        sigma=np.array([accel.sigma[0], np.sqrt(2) * tilt, np.sqrt(np.sum(left**2) / freedom)]), warnings=tuple(accel.warnings),
+        sigma=np.array([accel.sigma[0], np.sqrt(2) * tilt, np.sqrt(np.sum(left**2) / freedom)]),
     )  # fmt: skip
     return _judged(result, tilt, len(turns))
 
@@ -208,11 +263,10 @@ def _sorted(regions: list[Region], samples: int) -> tuple[list[Any], list[Any]]:
             raise DataError(f"The region {label} has {stop - start} samples; expected a second or more")
         found.append(("xyz".index(match[1].lower()), _KINDS[match[2].lower()], start, stop))
     there = {region[:2] for region in found}
-    missing = [
-        f"{'xyz'[axis]}_{word}" for axis in range(3) for sign, word in ((1, "p"), (-1, "a"), (0, "rot")) if (axis, sign) not in there
-    ]
+    kinds = ((1, "p"), (-1, "a"), (0, "rot")) if any(sign == 0 for _, sign in there) else ((1, "p"), (-1, "a"))
+    missing = [f"{'xyz'[axis]}_{word}" for axis in range(3) for sign, word in kinds if (axis, sign) not in there]
     if missing:
-        raise DataError(f"The session lacks {', '.join(missing)}; a Ferraris session has six faces and three turns")
+        raise DataError(f"The session lacks {', '.join(missing)}; it takes six faces and, for the gyroscope, three turns")
     return [region for region in found if region[1]], [region for region in found if not region[1]]
 
 
@@ -251,10 +305,12 @@ def _turn_variance(
     return variance / np.bincount(seen, minlength=3) ** 2
 
 
-def _covariance(accel: np.ndarray, still: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+def _covariance(accel: np.ndarray, still: np.ndarray | None = None, matrix: np.ndarray | None = None) -> np.ndarray:
     """(33, 33) of both triads; the gyroscope's matrix is taken apart from its bias, on which it hardly depends."""
     covariance = np.zeros((33, 33))
     covariance[:12, :12] = accel
+    if still is None or matrix is None:
+        return covariance
     covariance[np.arange(12, 21), np.arange(12, 21)] = matrix.ravel()
     for axis in range(3):
         place = np.array([21 + axis, *range(24 + 3 * axis, 27 + 3 * axis)])
@@ -266,13 +322,14 @@ def _judged(result: ImuFit, tilt: float, turns: int) -> ImuFit:
     """The result with intervals and verdict."""
     half = scipy.special.stdtrit(result.degrees_of_freedom, 0.975) * result.standard_error
     interval = np.stack([result.values - half, result.values + half], axis=1)
-    force, rate = relative_error(result, 0), relative_error(result, 12)
+    force, rate = relative_error(result, 0), relative_error(result, 12) if turns else 0.0
     notes = list(result.warnings)
     if turns == 3:
         notes.append("Each turn was made once: an error of its angle goes into the gyroscope's scale. Repeat the turns to see it.")
     worst = max(force, rate)
     verdict = "good" if worst <= POOR else "weak" if worst <= UNKNOWN else "refused"
-    reason = f"Standard errors: accelerometer {parts_of(force)}, gyroscope {parts_of(rate)} in scale and misalignment."
+    second = f", gyroscope {parts_of(rate)}" if turns else ""
+    reason = f"Standard errors: accelerometer {parts_of(force)}{second} in scale and misalignment."
     if verdict != "good":
         reason = f"The faces disagree by {np.rad2deg(tilt):.2g} degrees: the box was not square or did not lie flat. {reason}"
     return dataclasses.replace(result, interval=interval, verdict=verdict, reason=reason, warnings=tuple(notes))

@@ -47,7 +47,7 @@ class Suitability:
 
 @dataclasses.dataclass(frozen=True)
 class Inspection:
-    """What is in a log, and how `jaxcal.read` would read it.
+    r"""What is in a log, and how `jaxcal.read` would read it.
 
     Attributes
     ----------
@@ -60,6 +60,17 @@ class Inspection:
     gaps, missing : stretches of missing samples, and samples missing in all.
     notes, warnings : what `jaxcal.read` says.
     commands : which commands suit it, and why.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import jaxcal
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "log.csv")
+    ...     _ = path.write_text("time [s],gyro_x [deg/s]\n" + "".join(f"{i / 10},{i % 3}\n" for i in range(50)))
+    ...     found = jaxcal.io.inspect(path)
+    >>> found.rate, [(one.quantity, one.unit) for one in found.choices]
+    (10.0, [('time', 's'), ('gyro', 'deg/s')])
     """
 
     file: str

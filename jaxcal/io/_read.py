@@ -17,6 +17,7 @@ from .._units import si_unit
 from ._archive import unpacked
 from ._columns import SENSORS, parse_columns, parse_topics, parse_units
 from ._find import FORMATS, find
+from ._frames import table_of
 from ._phase import differentiate
 from ._readers._arrays import read_hdf5, read_mat, read_npy, read_npz, read_parquet
 from ._readers._csv import read_csv
@@ -51,7 +52,7 @@ _NAMES = {
 
 
 def read(
-    path: str | os.PathLike[str],
+    path: Any,
     *,
     format: str | None = None,
     columns: Mapping[str, Any] | str | None = None,
@@ -74,7 +75,9 @@ def read(
 
     Parameters
     ----------
-    path : file, or folder: of a ROS 2 recording, of the numbered parts of a split one, or with one log in it.
+    path : file, or folder: of a ROS 2 recording, of the numbered parts of a split one, or with one log in it. Or a recording in memory: a
+        pandas or polars data frame, an xarray dataset with a dimension time, a dictionary of arrays, or an array (n, columns) with its
+        `rate`. Its columns are chosen as those of a file are. A `Log` is returned as it is.
     format : "csv", "json", "npy", "npz", "parquet", "rosbag1", "rosbag2", "mat", "hdf5", "ulog" or "dataflash"; by default told from the
         first bytes.
     columns : which column holds what, by number (from 0) or name: ``{"time": 0, "gyro": [1, 2, 3]}``, ``{"gyro_x": "wx", ...}``,
@@ -118,6 +121,8 @@ def read(
     >>> print(log.notes[0])
     time: column 0 (time_s), s (from the name); override with --columns time=0 --units time=ms
     """
+    if not isinstance(path, str | os.PathLike):
+        return _in_memory(path, format or topics or raw, columns, units, rate, data, missing)
     path = pathlib.Path(path)
     with named(path):
         if data not in ("rate", "phase"):
@@ -198,6 +203,18 @@ def convert(
     finally:
         place.unlink(missing_ok=True)
     return log
+
+
+def _in_memory(source: Any, other: Any, columns: Any, units: Any, rate: Any, data: str, missing: Any) -> Log:
+    """The log of what is no file."""
+    options = {"columns": parse_columns(columns), "units": parse_units(units), "rate": rate, "missing": missing}
+    if isinstance(source, Log):
+        if other or data != "rate" or any(value is not None and value != {} for value in options.values()):
+            raise DataError("this is a Log already, whose columns and units are chosen; leave the other options out")
+        return source
+    if other or data not in ("rate", "phase"):
+        raise DataError('format=, topics= and raw= belong to files, and data= is "rate" or "phase"; leave them out')
+    return finished(table_of(source), {"file": f"a {type(source).__name__} in memory", "format": "memory"}, options, data == "phase")
 
 
 def _read(path: pathlib.Path, format: str | None, options: dict[str, Any], topics: list[str] | None, raw: bool, phase: bool) -> Log:

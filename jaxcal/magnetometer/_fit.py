@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._errors import DataError
+from .._log import field_readings
 from .._precision import host_float64, is_traced
 from ..fitting import AbstractLoss
 from ._design._coverage import covered, sphere_grid
@@ -77,7 +78,8 @@ def fit(
 
     Parameters
     ----------
-    m : (n, 3) readings, any unit; NaN is not allowed.
+    m : (n, 3) readings, any unit; NaN is not allowed. Or a `Log`, or a path, data frame or dataset of one, of which the rows without a
+        reading are left out.
     method : "ml"; "consistent" (adjusted least squares: no noise bias, no iteration); and for comparison "algebraic" (trace
         constraint), "li_griffiths", "constrained" (the magnetometer paper), "radial" (norm error of the corrected field), "axes" and
         "minmax" (the thesis, from the extremes).
@@ -137,6 +139,7 @@ def fit(
     J. F. Vasconcelos et al., IEEE Trans. Aerosp. Electron. Syst. 47 (2011) 1293 (maximum likelihood); I. Markovsky et al., Numer.
     Math. 98 (2004) 177 (consistent); the magnetometer paper's equations 6 to 16 (constrained); the thesis, chapter 6.
     """
+    m = field_readings(m)
     if isinstance(model, MagModel):
         if method != "ml" or loss is not None or field_error is not None or aid is not None:
             raise DataError("A model object is fitted by method='ml', without `loss`, `field_error` and `aid`.")

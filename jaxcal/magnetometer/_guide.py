@@ -4,7 +4,7 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
-import scipy.special
+import scipy  # loads its parts when they are first used
 
 from .._errors import DataError
 from .._precision import host_float64
@@ -36,6 +36,15 @@ class Guide(eqx.Module):
     bound : upper limit of the heading error in rad at the level asked for.
     reason : the advice as a sentence.
     fit : the fit of the readings so far; None with fewer than twelve.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.magnetometer import body_field, guide, scenario
+    >>> m = body_field(scenario("all"), 50e-6) + 50e-9 * np.random.default_rng(0).normal(size=(len(scenario("all")), 3))
+    >>> found = guide(m[:5])
+    >>> found.stop, found.reason[:40]
+    (False, '5 readings; from 12 on an error can be s')
     """
 
     stop: bool

@@ -108,6 +108,14 @@ class MomentFit(eqx.Module):
     field : norm of the corrected readings, in the unit of the readings.
     noise : standard deviation of one axis of a reading, in its unit.
     count : number of readings.
+
+    Examples
+    --------
+    >>> from jaxcal.magnetometer import Moments, body_field, scenario
+    >>> m = body_field(scenario("all"), 50.0) + [10.0, -20.0, 30.0]
+    >>> found = Moments(m[0], 50.0).update(m).fit()
+    >>> print(found.model.hard_iron.round(6), found.count)
+    [ 10. -20.  30.] 360
     """
 
     model: MagModel

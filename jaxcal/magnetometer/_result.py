@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import numpy as np
-import scipy.special
+import scipy  # loads its parts when they are first used
 
 from .._results import Result, Row
 from .._types import AnyArray
@@ -25,6 +25,7 @@ NEAR_PLANAR_SENTENCE = (
     "The readings are near-planar: they leave the field across their plane open. Turn about a second axis, or use model='planar'."
 )
 _OUTLIER = 4.0
+_STRONGEST = 1e-3  # T: readings of a larger field are in another unit, or counts
 _ONE = 1e-9
 #: change of a symmetric matrix with each of its entries xx, xy, xz, yy, yz, zz
 _UPPER = np.zeros((6, 3, 3))
@@ -85,6 +86,13 @@ class MagFit(Result):
     joint : whether norms and the other sensor were fitted together; then `heading_error` has what ellipsoid and rotation have in common.
     values : of the parameters in `names`; `parameters` and `interval` have them by name.
     method, kind : name of the method; "sphere", "diagonal", "symmetric", or in a plane "circle" and "ellipse".
+
+    Examples
+    --------
+    >>> from jaxcal.magnetometer import body_field, fit, scenario
+    >>> found = fit(body_field(scenario("all"), 50e-6))
+    >>> found.verdict, found.kind, f"{found.field:.1e} T"
+    ('good', 'sphere', '5.0e-05 T')
     """
 
     model: MagModel | None
@@ -144,11 +152,14 @@ class MagFit(Result):
         freedom = self.blocks - 1 if self.blocks else max(self.used - len(self.names), 1)
         return float(scipy.special.stdtrit(freedom, 0.975))
 
+    _figure = ("sphere", True)
+
     def _rows(self) -> list[Row]:
         if self.model is None:
             return []
         hard, half = np.asarray(self.model.hard_iron), self._quantile * self.hard_iron_error
-        rows = [Row(f"hard iron {axis}", b, b - h, b + h, "unit") for axis, b, h in zip("xyz", hard, half, strict=True)]
+        unit = "T" if self.field < _STRONGEST else "unit of the readings"
+        rows = [Row(f"hard iron {axis}", b, b - h, b + h, unit) for axis, b, h in zip("xyz", hard, half, strict=True)]
         soft = np.asarray(self.model.soft_iron)
         spread = self._quantile * self.soft_iron_error
         low, high = soft - spread, soft + spread
@@ -162,7 +173,7 @@ class MagFit(Result):
             for entry in np.ndindex(values.shape) if np.issubdtype(values.dtype, np.floating) else ():
                 name = field.name + (f"[{','.join(map(str, entry))}]" if entry else "")
                 rows.append(Row(name, values[entry], *known.get(name, (np.nan, np.nan))))
-        return [*rows, Row("field", self.field, unit="unit"), Row("noise of a reading", self.noise, unit="unit")]
+        return [*rows, Row("field", self.field, unit=unit), Row("noise of a reading", self.noise, unit=unit)]
 
     @property
     def hard_iron_error(self) -> np.ndarray:

@@ -150,6 +150,13 @@ class Plan(eqx.Module):
     attitudes : (n, 3) azimuth, elevation and bank in rad.
     heading_error : (2,) predicted rms heading error in rad, at level and at 20 degrees of tilt.
     repeats : readings to take at each attitude so that both are below the limit; 1 without a limit.
+
+    Examples
+    --------
+    >>> from jaxcal.magnetometer import plan
+    >>> found = plan(12, 0.2 / 47)
+    >>> found.attitudes.shape, found.heading_error.shape
+    ((12, 3), (2,))
     """
 
     attitudes: AnyArray

@@ -34,6 +34,17 @@ class CurrentTerms(eqx.Module):
     noise : standard deviation of a reading.
     fit : `MagFit` of the readings with the currents' fields taken off, whose errors count those of the terms; None where the attitude was
         held.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.magnetometer import motor_terms
+    >>> current = np.linspace(0, 20, 50)
+    >>> m = [20.0, 5.0, 40.0] + np.outer(current, [0.3, 0.0, -0.1])
+    >>> found = motor_terms(m, current)
+    >>> print(found.correct(m, current)[[0, -1]].round(6))
+    [[20.  5. 40.]
+     [20.  5. 40.]]
     """
 
     terms: AnyArray
@@ -120,6 +131,14 @@ class AttitudeFit(eqx.Module):
     currents : (3, c) field per unit of each current, in the unit of the readings.
     error : (3, 4 + c) standard errors, those of the columns of C, then of b, then of each k.
     noise : standard deviation of one axis of a reading, in its unit.
+
+    Examples
+    --------
+    >>> from jaxcal.magnetometer import body_field, fit_attitudes, scenario
+    >>> h = body_field(scenario("twelve_points"), 50.0)
+    >>> found = fit_attitudes(h + [1.0, 2.0, 3.0], h)
+    >>> print(found.model.hard_iron.round(6), found.error.shape)
+    [1. 2. 3.] (3, 4)
     """
 
     model: MagModel

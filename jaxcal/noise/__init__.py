@@ -1,13 +1,35 @@
 """Noise model, simulation and fit."""
 
-from ._axes import Correlation as Correlation, correlation as correlation
-from ._covariance import allan_covariance as allan_covariance
-from ._discrete import StateSpace as StateSpace, discrete as discrete
-from ._fit import characterise as characterise, fit as fit
-from ._likelihood import log_likelihood as log_likelihood
-from ._means import mean_covariance as mean_covariance
-from ._model import Noise as Noise
-from ._overbound import overbound as overbound, overbound_curve as overbound_curve
-from ._recordings import RecordingsFit as RecordingsFit, fit_recordings as fit_recordings
-from ._result import FittedSpectrum as FittedSpectrum, NoiseFit as NoiseFit
-from ._terms import Block as Block, GaussMarkov as GaussMarkov, PowerLaw as PowerLaw, Term as Term
+from typing import TYPE_CHECKING
+
+from .._lazy import on_first_use
+
+if TYPE_CHECKING:
+    from ._axes import Correlation as Correlation, correlation as correlation
+    from ._covariance import allan_covariance as allan_covariance
+    from ._discrete import StateSpace as StateSpace, discrete as discrete
+    from ._fit import characterise as characterise, fit as fit
+    from ._likelihood import log_likelihood as log_likelihood
+    from ._means import mean_covariance as mean_covariance
+    from ._model import Noise as Noise
+    from ._overbound import overbound as overbound, overbound_curve as overbound_curve
+    from ._recordings import RecordingsFit as RecordingsFit, fit_recordings as fit_recordings
+    from ._result import FittedSpectrum as FittedSpectrum, NoiseFit as NoiseFit
+    from ._terms import Block as Block, GaussMarkov as GaussMarkov, PowerLaw as PowerLaw, Term as Term
+
+__getattr__, __dir__ = on_first_use(
+    __name__,
+    {
+        "_axes": "Correlation correlation",
+        "_covariance": "allan_covariance",
+        "_discrete": "StateSpace discrete",
+        "_fit": "characterise fit",
+        "_likelihood": "log_likelihood",
+        "_means": "mean_covariance",
+        "_model": "Noise",
+        "_overbound": "overbound overbound_curve",
+        "_recordings": "RecordingsFit fit_recordings",
+        "_result": "FittedSpectrum NoiseFit",
+        "_terms": "Block GaussMarkov PowerLaw Term",
+    },
+)

@@ -7,6 +7,7 @@ record in 300 of Q, N, B and K alone reaches (`benchmarks/records.py --only alte
 K, which are judged by what they explain beyond it.
 """
 
+import functools
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +20,7 @@ from ._terms import BUILT_IN, Filter, GaussMarkov, PowerLaw, Term
 
 _ALIKE = 0.1  # exponents nearer than this to 1 are flicker
 _EXPONENTS = np.array([0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.1, 1.2, 1.3, 1.4, 1.5, 1.6, 1.7, 1.8])
+_LAWS: tuple[Term, ...] = tuple(PowerLaw(exponent=float(value)) for value in _EXPONENTS)
 _TIMES = 14  # correlation times that are tried, from ten samples to a quarter of the record
 _HALVINGS = 4  # of the step between neighbours, around the best of them
 _WORTH = 3.0  # score of one more term below which the search is short: alternatives that are admitted have twice that and more
@@ -59,24 +61,27 @@ def find_alternatives(fitted: Fitted, terms: tuple[Term, ...], dt: float, durati
     if search.gain(search.without()) > -_SLOW:
         return []
     times, step = _times(dt, duration)
-    laws: list[tuple[Term, ...]] = [(PowerLaw(exponent=float(value)),) for value in _EXPONENTS]
-    ones: list[tuple[Term, ...]] = [(_process(time),) for time in times]
-    if _score(fitted, [term for (term,) in (*laws, *ones)], dt) < _WORTH:
-        best, cost = search.best(ones)
+    laws: list[tuple[Term, ...]] = [(law,) for law in _LAWS]
+    ones: list[tuple[Term, ...]] = [(one,) for one in _processes(dt, duration)]
+    # all choices at once: the term of each alone takes a hundred times as long
+    f = fitted.bins.frequency
+    slopes, lags = PowerLaw(exponent=_EXPONENTS[:, None]).psd(f, dt), GaussMarkov(time=np.array(times)[:, None]).psd(f, dt)
+    if _score(fitted, np.concatenate([slopes, lags])) < _WORTH:
+        best, cost = search.best(ones, lags[:, :, None])
         return [Alternative("one process", best, search.gain(cost))]
     pairs: list[tuple[Term, ...]] = [(_process(long), _process(short, "markov2")) for i, long in enumerate(times) for short in times[:i]]
     found = {
-        "power law": search.refined(search.best(laws), 0.1),
-        "one process": search.refined(search.best(ones), step),
+        "power law": search.refined(search.best(laws, slopes[:, :, None]), 0.1),
+        "one process": search.refined(search.best(ones, lags[:, :, None]), step),
         "two processes": search.refined(search.best(pairs), step),
-        "process beside": search.best(ones, beside=True),
+        "process beside": search.best(ones, lags[:, :, None], beside=True),
     }
     listed = [Alternative(family, best, search.gain(cost)) for family, (best, cost) in found.items()]
     return sorted(listed, key=lambda one: -(one.gain - _PARAMETER * _FAMILIES[one.family][0] + 1e3 * one.admitted))
 
 
-def _score(fitted: Fitted, terms: list[Term], dt: float) -> float:
-    """Score statistic of the best of some terms beside the fit: what its likelihood ratio would be for a small coefficient.
+def _score(fitted: Fitted, densities: AnyArray) -> float:
+    """Score statistic of the best of some densities, (terms, bins), beside the fit: its likelihood ratio if its coefficient is small.
 
     C. R. Rao, Proc. Camb. Phil. Soc. 44, 1948. It needs the fit without the term alone, and costs a hundredth of a search.
     """
@@ -84,7 +89,7 @@ def _score(fitted: Fitted, terms: list[Term], dt: float) -> float:
     model = np.maximum(bins.columns @ fitted.theta, _TINY)
     root = np.sqrt(bins.weight / 2.0)
     held = bins.columns[:, present] * (root / model)[:, None]
-    extra = np.stack([np.asarray(term.psd(bins.frequency, dt)) for term in terms], axis=1) * (root / model)[:, None]
+    extra = densities.T * (root / model)[:, None]
     extra = extra / np.linalg.norm(extra, axis=0)
     rest = extra - held @ np.linalg.lstsq(held, extra, rcond=None)[0]
     information = np.sum(rest**2, axis=0)
@@ -95,8 +100,7 @@ def _score(fitted: Fitted, terms: list[Term], dt: float) -> float:
 def likeliest_time(fitted: Fitted, dt: float, duration: float) -> float:
     """Correlation time in s of the Gauss-Markov process beside the fitted terms that has the highest likelihood."""
     search = _Search(fitted, np.zeros(len(fitted.theta), dtype=bool), dt)
-    times = _times(dt, duration)[0]
-    ((process,), _) = search.best([(_process(time),) for time in times], beside=True)
+    ((process,), _) = search.best([(one,) for one in _processes(dt, duration)], beside=True)
     return float(getattr(process, "time"))  # noqa: B009
 
 
@@ -120,6 +124,12 @@ def _times(dt: float, duration: float) -> tuple[list[float], float]:
     """Correlation times in s, and the logarithm of the ratio of neighbours."""
     times = np.geomspace(10.0 * dt, max(duration / 4.0, 20.0 * dt), _TIMES)
     return times.tolist(), float(np.log(times[1] / times[0]))
+
+
+@functools.lru_cache(maxsize=64)
+def _processes(dt: float, duration: float) -> tuple[Term, ...]:
+    """One process for each correlation time: records of one length share them."""
+    return tuple(_process(time) for time in _times(dt, duration)[0])
 
 
 def _process(time: float, name: str = "markov") -> GaussMarkov:
@@ -158,10 +168,13 @@ class _Search:
         start = np.maximum(start, np.where(bins.columns[:, kept].min(axis=0) >= 0.0, _TINY, 0.0))
         return float(minimise(bins.columns[:, kept], bins.density, bins.weight, start[None, :], rtol=ROUGH).cost[0])
 
-    def best(self, candidates: list[tuple[Term, ...]], beside: bool = False) -> tuple[tuple[Term, ...], float]:
-        """The candidate of the least cost, and that cost."""
+    def best(
+        self, candidates: list[tuple[Term, ...]], extra: AnyArray | None = None, *, beside: bool = False
+    ) -> tuple[tuple[Term, ...], float]:
+        """The candidate of the least cost, and that cost; `extra`, (candidates, bins, terms), are the densities of the terms, if known."""
         bins, lanes = self._fitted.bins, len(candidates)
-        extra = np.stack([np.stack([np.asarray(term.psd(bins.frequency, self._dt)) for term in one], axis=1) for one in candidates])
+        if extra is None:
+            extra = np.stack([np.stack([np.asarray(term.psd(bins.frequency, self._dt)) for term in one], axis=1) for one in candidates])
         kept = np.ones_like(self._slow) if beside else ~self._slow
         # each term begins at the level of the slow ones where it is the strongest of its candidate
         strength = extra / extra.max(axis=1, keepdims=True)

@@ -6,8 +6,7 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
-import scipy.fft
-import scipy.special
+import scipy  # loads its parts when they are first used
 
 from .._errors import DataError
 from .._precision import host_float64
@@ -29,6 +28,15 @@ class Correlation(Unjudged):
     interval : (axes, axes, 2) limits of the correlation at level `confidence`.
     warnings : sentences; they name the axes whose noise is correlated beyond chance.
     confidence : level of the intervals.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> y = np.random.default_rng(0).standard_normal((5000, 2))
+    >>> found = jaxcal.noise.correlation(y, 1.0, [jaxcal.noise.Noise(N=1.0)] * 2)
+    >>> print(repr(found).splitlines()[0], found.correlation.shape)
+    Correlation: weak: 1 warning. (2, 2)
     """
 
     covariance: Float[np.ndarray, "axes axes"]

@@ -16,7 +16,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy.fft
+import scipy  # loads its parts when they are first used
 
 from ..spectrum._average import log_groups
 from ._likelihood import minimise

@@ -48,7 +48,7 @@ def find_jumps(y) -> Jumps:
     """
     difference = np.diff(y)
     finite = difference[np.isfinite(difference)]
-    spread = 1.4826 * float(np.median(np.abs(finite[:: max(len(finite) // 100_000, 1)]))) if len(finite) >= 8 else 0.0
+    spread = 1.4826 * float(np.median(np.abs(finite[:: max(len(finite) // 20_000, 1)]))) if len(finite) >= 8 else 0.0
     large = np.abs(difference) > _SPIKE * spread
     if not spread > 0.0 or not large.any():
         return Jumps(y)

@@ -26,11 +26,11 @@ import itertools
 
 import jax
 import numpy as np
-import scipy.fft
+import scipy  # loads its parts when they are first used
 
 from .._errors import DataError
 from .._precision import array_module, host_float64
-from .._types import AnyArray, Float
+from .._types import Any, AnyArray, Float
 from ._model import Noise
 from ._terms import Ramp, Term
 
@@ -61,7 +61,7 @@ def covariance_tensor(samples: int, m: tuple[int, ...], dt: float, terms: tuple[
 
 
 @host_float64
-def allan_covariance(noise: Noise, samples: int, m, dt: float) -> Float[AnyArray, "clusters clusters"]:
+def allan_covariance(noise: Noise, samples: int, m: Any, dt: float) -> Float[AnyArray, "clusters clusters"]:
     r"""Exact covariance of the overlapped Allan variances of a record, across cluster sizes.
 
     Second differences of Gaussian noise have the covariance c(h) at a lag of h samples, and their squares 2 c(h)^2, so that

@@ -9,7 +9,6 @@ import equinox as eqx
 import jax
 import numpy as np
 import scipy  # loads its parts when they are first used
-import scipy.linalg
 
 from .._errors import DataError
 from .._precision import is_traced
@@ -68,6 +67,13 @@ class StateSpace(eqx.Module):
     clusters : (shortest, longest) cluster times in s that this band serves: 0.5/high and 0.1/low.
     psd_error : largest relative error of the density of the chain in `band`.
     deviation_error : largest relative error of the Allan deviation of the chain in `clusters`.
+
+    Examples
+    --------
+    >>> import jaxcal
+    >>> model = jaxcal.noise.discrete(jaxcal.noise.Noise(N=0.01, K=1e-4), rate=100.0)
+    >>> model.names, model.transition.tolist(), round(float(model.white), 6)
+    (('walk',), [[1.0]], 0.01)
     """
 
     transition: Float[np.ndarray, "states states"]
@@ -84,7 +90,7 @@ class StateSpace(eqx.Module):
     deviation_error: float | None
     names: tuple[str, ...] = eqx.field(static=True)
 
-    def avar(self, tau):
+    def avar(self, tau: Any) -> Any:
         """Allan variance of y at cluster time tau in s (multiples of 1/rate), as `Noise.avar` with `dt`.
 
         Examples
@@ -96,7 +102,7 @@ class StateSpace(eqx.Module):
         """
         return self.noise.avar(tau, dt=1.0 / self.rate)
 
-    def psd(self, f):
+    def psd(self, f: Any) -> Any:
         """Two-sided power spectral density of y at frequency f in Hz, as `Noise.psd` with `dt`.
 
         Examples
@@ -109,7 +115,7 @@ class StateSpace(eqx.Module):
         return self.noise.psd(f, dt=1.0 / self.rate)
 
 
-def discrete(noise, rate, *, states=None, band=None) -> StateSpace:
+def discrete(noise: Any, rate: Any, *, states: Any = None, band: Any = None) -> StateSpace:
     r"""Noise as a state-space model at a sampling rate: the process and measurement noise of a Kalman filter.
 
     Every term but flicker is exact. Flicker has no finite state: between the frequencies of `band` a sum of first-order

@@ -7,9 +7,9 @@ from functools import partial
 import numpy as np
 
 from .._errors import DataError
-from .._log import Log
+from .._log import as_log
 from .._precision import host_float64, is_traced
-from .._quality import checked_rate
+from .._quality import checked_rate, refuse_other_than_samples
 from .._types import Any
 from ..allan import deviation
 from ._checks import find_jumps, refuse_extremes, resolution, sentences_of_checks
@@ -109,6 +109,7 @@ def fit(
 def _fit(y, rate, method, terms, confidence, band, conservative=False, robust=False, temperature=None) -> NoiseFit:
     if method not in ("whittle", *CURVES):
         raise DataError(f"unknown method {method!r}; expected one of {', '.join(('whittle', *CURVES))}")
+    refuse_other_than_samples(y)
     terms = checked_terms(terms)
     if method != "whittle" and any(isinstance(term, GaussMarkov) and term.time is None for term in terms):
         raise DataError(f'the correlation time of a Gauss-Markov process is found by method "whittle"; got method {method!r}')
@@ -159,21 +160,23 @@ def _fit(y, rate, method, terms, confidence, band, conservative=False, robust=Fa
 
 
 def characterise(
-    log: Log,
+    log: Any,
     *,
-    method="whittle",
-    terms=("Q", "N", "B", "K"),
-    confidence=0.95,
-    band=None,
-    conservative=False,
-    robust=False,
+    rate: float | None = None,
+    method: str = "whittle",
+    terms: Sequence[str | Term] = ("Q", "N", "B", "K"),
+    confidence: float | int = 0.95,
+    band: Any = None,
+    conservative: bool = False,
+    robust: bool = False,
     progress: Callable[[int, int, str], None] | None = None,
 ) -> dict[str, NoiseFit]:
     """Noise coefficients of every gyroscope, accelerometer and magnetometer channel of a static log.
 
     Parameters
     ----------
-    log : the `Log`.
+    log : the `Log`, or anything that `jaxcal.read` takes: a path, a data frame, a dataset, a dictionary of arrays.
+    rate : sampling rate in Hz, where what is given has no times.
     method, terms, confidence, band, conservative, robust : as in `fit`.
     progress : called as progress(done, total, channel) before each channel, and once at the end.
 
@@ -195,6 +198,7 @@ def characterise(
     >>> sorted(fits)
     ['gyro_x', 'gyro_y', 'gyro_z']
     """
+    log = as_log(log, rate)
     channels = log.channels()
     temperature = channels.pop("temperature", None)
     if not channels:
@@ -204,7 +208,8 @@ def characterise(
     for done, (name, values) in enumerate(channels.items()):
         report(done, len(channels), name)
         try:
-            fits[name] = _fit(values, log.rate, method, terms, confidence, band, conservative, robust, temperature)
+            found = _fit(values, log.rate, method, terms, confidence, band, conservative, robust, temperature)
+            fits[name] = dataclasses.replace(found, sensor=name.partition("_")[0])
         except DataError as error:
             raise DataError(f"{name}: {error}") from error
     report(len(channels), len(channels), "")

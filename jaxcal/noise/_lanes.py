@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from .._compile import jit
+from .._compile import filter_jit
 
 _LANES = 16
 
@@ -24,7 +24,7 @@ def namespace(*trees: Any) -> ModuleType:
     return jnp if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(trees)) else np
 
 
-@partial(jit, static_argnums=0)
+@filter_jit
 def _first(one: Callable[..., Any], shared: Any, lanes: Any, count: Any, found: Any) -> Any:
     """The first `count` of the lanes, put into `found`; the others cost nothing."""
 

@@ -31,7 +31,7 @@ _FAINT = 0.01  # share of its even part with which a column begins in one of the
 #: rows of the compiled program, which hold the bins of 7 million samples, and coefficients; larger problems take multiples
 _ROWS, _WIDTH = 256, 6
 #: step to go, in standard errors, at which a search for coefficients ends, and one for a likelihood, whose error is the square of it
-FINE, ROUGH = 1.5e-8, 1e-5
+FINE, ROUGH = 1.5e-8, 1e-3
 
 
 class Minima(NamedTuple):
@@ -125,7 +125,7 @@ def several_starts(bins: Bins) -> Any:
 
 
 @host_float64
-def log_likelihood(noise: Noise, y, rate):
+def log_likelihood(noise: Noise, y: Any, rate: Any) -> Any:
     r"""Whittle log-likelihood of a record under a noise model, up to a constant.
 
     .. math:: \ell = -\frac12 \sum_b \nu_b\,\Big[\ln S_b + \frac{P_b}{S_b}\Big]

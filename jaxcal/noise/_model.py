@@ -127,7 +127,7 @@ class Noise(eqx.Module):
         raise DataError(f"the noise model has no term {name!r}; it has {', '.join(dict.fromkeys(own for own, _, _ in self.parts))}")
 
     @host_float64
-    def avar(self, tau, dt=None):
+    def avar(self, tau: Any, dt: Any = None) -> Any:
         r"""Allan variance at cluster time tau.
 
         Continuous, for cluster times much longer than the sampling interval,
@@ -168,7 +168,7 @@ class Noise(eqx.Module):
         return self._sum("avar", tau, dt)
 
     @host_float64
-    def psd(self, f, dt=None):
+    def psd(self, f: Any, dt: Any = None) -> Any:
         r"""Two-sided power spectral density at frequency f; sinusoids are lines and not part of it, nor is the ramp.
 
         .. math:: S(f) = Q^2 (2\pi f)^2 dt + N^2 + \frac{B^2}{2\pi f} + \frac{K^2}{(2\pi f)^2} + \ldots
@@ -197,7 +197,7 @@ class Noise(eqx.Module):
         """
         return self._sum("psd", f, dt)
 
-    def simulate(self, n, rate, *, seed, resolution=None):
+    def simulate(self, n: Any, rate: Any, *, seed: Any, resolution: Any = None) -> Any:
         r"""Samples of this noise, exact in distribution.
 
         Two kinds are an approximation, flicker with a cut-off below half the rate and terms of your own: their density is drawn on

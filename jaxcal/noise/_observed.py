@@ -16,7 +16,7 @@ Stat. Soc. B 39, 1977). The weights put the information of each ordinate, with w
 import dataclasses
 
 import numpy as np
-import scipy.fft
+import scipy  # loads its parts when they are first used
 
 from .._errors import DataError
 from ._ordinates import Bins, layout
@@ -104,7 +104,7 @@ class Observed:
         starts, count, columns, frequency = layout(n, dt, terms)
         if density is None:
             level, lost = np.ones(n - 1), np.zeros(n - 1)
-            z = without_gaps(np.where(np.isnan(self.y)[:, None], np.nan, self._given))
+            z = self._given if not len(self._open) else without_gaps(np.where(np.isnan(self.y)[:, None], np.nan, self._given))
         else:
             at = np.arange(1, n) / (2.0 * n * dt)
             level = np.exp(np.interp(np.log(at), np.log(frequency), np.log(density[: len(frequency)])))
@@ -119,13 +119,13 @@ class Observed:
             self.factors = inverse @ (weighted.T @ (np.sqrt(precision) * spectrum[:, 0])) / scale
             self.covariance = inverse / np.outer(scale, scale)
             lost = lost + np.einsum("ki,ij,kj->k", weighted, inverse, weighted)
-        remainder = spectrum[:, 0] - design @ self.factors
+        remainder = spectrum[:, 0] - design @ self.factors if design.shape[1] else spectrum[:, 0]
         if not np.sum(remainder**2) > _NOTHING**2 * np.sum(self._given[:, 0] ** 2):
             raise DataError(
                 "the record is a step, a ramp or another smooth change to within rounding: there is no noise to characterise. Check that "
                 "the log holds what the sensor sent"
             )
-        self.filled = z[:, 0] - z[:, 1:] @ self.factors
+        self.filled = z[:, 0] - z[:, 1:] @ self.factors if design.shape[1] else z[:, 0]
         self.drawn = self.filled.copy()
         if self._draws and density is not None:
             self.drawn[self._open] += self._before[0]

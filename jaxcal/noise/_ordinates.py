@@ -18,8 +18,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import scipy.fft
-import scipy.special
+import scipy  # loads its parts when they are first used
 
 from .._errors import DataError
 from .._precision import is_traced

@@ -7,7 +7,7 @@ import scipy  # loads its parts when they are first used
 
 from .._errors import DataError, FitError
 from .._precision import host_float64, is_traced
-from .._types import Float
+from .._types import Any, Float
 from ._model import TERMS, Noise, checked_terms, noise_of
 from ._result import NoiseFit, stacked_noises
 
@@ -55,7 +55,7 @@ def overbound(fit: NoiseFit) -> Noise:
 
 
 @host_float64
-def overbound_curve(tau, upper, *, terms=("Q", "N", "B", "K"), dt=None, beside=None) -> Noise:
+def overbound_curve(tau: Any, upper: Any, *, terms: Any = ("Q", "N", "B", "K"), dt: Any = None, beside: Noise | None = None) -> Noise:
     r"""Least coefficients whose Allan deviation is at or above given limits at every cluster time.
 
     With :math:`v_i` the squares of the limits, theta the squared coefficients, A the Allan variances per squared coefficient and

@@ -5,7 +5,7 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
-import scipy.special
+import scipy  # loads its parts when they are first used
 
 from .._errors import DataError
 from .._results import Result, Row
@@ -29,6 +29,14 @@ class RecordingsFit(Result):
     fits : `NoiseFit` of each recording.
     warnings : sentences.
     confidence : level of the intervals.
+
+    Examples
+    --------
+    >>> import jaxcal
+    >>> records = [jaxcal.noise.Noise(N=n).simulate(5000, rate=100.0, seed=i) for i, n in enumerate((0.010, 0.011, 0.009, 0.010))]
+    >>> found = jaxcal.noise.fit_recordings(records, rate=100.0)
+    >>> found.verdict["N"], len(found.fits)
+    ('present', 4)
     """
 
     noise: Noise

@@ -12,6 +12,7 @@ import numpy as np
 from .._precision import is_traced, map_ordered
 from .._results import Result, Row
 from .._types import AnyArray
+from .._units import noise_factor, noise_units
 from ..allan import Deviation
 from ..allan._uncertainty._edf import interval_factors
 from ._limits import Limits
@@ -32,6 +33,14 @@ class FittedSpectrum(eqx.Module):
     edf : (bins,) number of ordinates, which are the degrees of freedom: edf * density / model is chi-square where the model holds.
     used : (bins,) True where the fit used the bin.
     columns : term -> (bins,) what `model` has for a squared coefficient of one.
+
+    Examples
+    --------
+    >>> import jaxcal
+    >>> record = jaxcal.noise.Noise(N=1e-3).simulate(5000, rate=100.0, seed=0)
+    >>> found = jaxcal.noise.fit(record, rate=100.0).spectrum
+    >>> found.density.shape == found.model.shape, sorted(found.columns)
+    (True, ['B', 'K', 'N', 'Q'])
     """
 
     frequency: AnyArray
@@ -80,7 +89,16 @@ class NoiseFit(Result):
     other : second opinion, the coefficients by method "gls"; None for other methods than "whittle".
     conservative : coefficients that bound the curve from above, where asked for.
     spectrum : `FittedSpectrum`, what method "whittle" was fitted to; None for other methods, and where a record is traced.
+    sensor : "gyro", "accel" or "mag" where `characterise` fitted a log; numbers are then printed in the units of data sheets.
     events : (start in s, stop in s, words) for each step, warm-up or part of the record that a warning speaks of, in order of time.
+
+    Examples
+    --------
+    >>> import jaxcal
+    >>> record = jaxcal.noise.Noise(N=1e-3).simulate(5000, rate=100.0, seed=0)
+    >>> found = jaxcal.noise.fit(record, rate=100.0)
+    >>> found.verdict["N"], f"{found.noise.N:.1e}", found.terms
+    ('present', '9.9e-04', ('Q', 'N', 'B', 'K'))
     """
 
     noise: Noise
@@ -106,6 +124,7 @@ class NoiseFit(Result):
     conservative: Noise | None = None
     spectrum: Any = None
     events: tuple[Any, ...] = ()
+    sensor: str = eqx.field(static=True, default="")
 
     @property
     def reason(self) -> str:
@@ -115,15 +134,27 @@ class NoiseFit(Result):
             terms.setdefault(verdict if isinstance(verdict, str) else " / ".join(verdict), []).append(term)
         return "; ".join(f"{', '.join(names)} {verdict}" for verdict, names in terms.items()) or f"Method {self.method} gives no verdicts"
 
+    _figure = ("allan", False)
+
     def _rows(self) -> list[Row]:
         if np.ndim(self.goodness):
             channels = [self.channel(i)._rows() for i in range(np.size(self.goodness))]
             return [row._replace(name=f"{row.name}, channel {i}") for i, rows in enumerate(channels) for row in rows]
         none = (np.nan, np.nan)
         return [
-            Row(term, self.noise.coefficient(term), *self.interval.get(term, none), UNITS.get(term, "SI"), self.verdict.get(term, ""))
-            for term in self.terms
-        ]
+            Row(
+                term, self.noise.coefficient(term) / size, *(limit / size for limit in self.interval.get(term, none)), unit,
+                self.verdict.get(term, ""),
+            )
+            for term, (unit, size) in ((term, self._unit(term)) for term in self.terms)
+        ]  # fmt: skip
+
+    def _unit(self, term: str) -> tuple[str, float]:
+        """Unit in which a coefficient is printed and its SI value: that of data sheets where the sensor is known."""
+        if not self.sensor:
+            return UNITS.get(term, "SI"), 1.0
+        unit = noise_units(term, self.sensor)[0]
+        return unit, noise_factor(term, self.sensor, unit)
 
     def channel(self, index: int) -> "NoiseFit":
         """The fit of one channel of a record with several.

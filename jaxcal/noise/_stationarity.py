@@ -20,8 +20,7 @@ import itertools
 from typing import NamedTuple
 
 import numpy as np
-import scipy.fft
-import scipy.special
+import scipy  # loads its parts when they are first used
 
 ORDINATES, _FOLLOWED = 512, 48  # most that are looked at, and of these for a regressor
 _FEWEST = 32

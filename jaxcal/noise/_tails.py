@@ -15,8 +15,6 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy  # loads its parts when they are first used
-import scipy.fft
-import scipy.special
 
 from .._types import AnyArray
 

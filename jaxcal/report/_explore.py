@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-import scipy.special
+import scipy  # loads its parts when they are first used
 
 from .._errors import DataError
 from .._log import Log

@@ -216,7 +216,7 @@ def _cell(term: str, channel: str, fit: NoiseFit, sensor: str) -> Markup:
         return join((tag("strong", f"< {number_label(float(fit.upper_limit[term]) / scale, 2)}", data_coefficient=name), badge))
     value, low, high = interval_labels(*(float(v) / scale for v in (fit.noise.coefficient(term), *fit.interval[term])))
     longer = float(fit.longer_record[term])
-    needed = f"10 % after {duration_label(longer)}" if longer < math.inf else "10 % not within reach"
+    needed = f"needs {duration_label(longer)} for ±10 %" if longer < math.inf else "±10 % is not within reach"
     return join((tag("strong", value, data_coefficient=name), tag("span", f"{low} to {high}"), badge, tag("span", needed, class_="small")))
 
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
-import scipy.fft
+import scipy  # loads its parts when they are first used
 
 from .._errors import DataError
 from .._precision import host_float64
@@ -30,6 +30,15 @@ class CrossSpectrum(Unjudged):
     rate : sampling rate in Hz.
     confidence : what `level` belongs to.
     warnings : sentences.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> a, b, common = np.random.default_rng(0).standard_normal((3, 4096))
+    >>> found = jaxcal.spectrum.cross(np.stack([a + common, b + common], axis=1), rate=100.0)
+    >>> found.coherence.shape[1:], bool(found.coherence[-1, 0, 1] > found.level[-1])
+    ((2, 2), True)
     """
 
     frequency: AnyArray

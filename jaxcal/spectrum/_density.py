@@ -17,7 +17,16 @@ from ._result import Spectrum
 
 @host_float64
 def density(
-    y, rate, *, method="periodogram", sided=2, average: Any = "octave", confidence=0.95, segment: Any = None, overlap=0.5, keep_tail=False
+    y: Any,
+    rate: Any,
+    *,
+    method: str = "periodogram",
+    sided: int = 2,
+    average: Any = "octave",
+    confidence: float | int = 0.95,
+    segment: Any = None,
+    overlap: float | int = 0.5,
+    keep_tail: bool = False,
 ) -> Spectrum:
     r"""Power spectral density with its chi-square interval: periodogram, Welch's method or DCT-II spectrum.
 

@@ -22,8 +22,7 @@ import os
 import jax
 import jax.numpy as jnp
 import numpy as np
-import scipy.fft
-import scipy.special
+import scipy  # loads its parts when they are first used
 
 from .._types import Any, Float
 from ._average import Groups

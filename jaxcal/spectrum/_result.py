@@ -1,8 +1,10 @@
 """`Spectrum`: a power spectral density with its uncertainty."""
 
+from typing import Any
+
 import equinox as eqx
 
-from .._results import Row, Unjudged, channel_of, rows_of
+from .._results import Row, Unjudged, channel_of, columns_of, rows_of
 from .._types import AnyArray
 
 
@@ -24,6 +26,15 @@ class Spectrum(Unjudged):
     rate : sampling rate in Hz.
     confidence : level of the interval.
     warnings : sentences, where a part of the record or of the frequencies had to be left out.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> y = np.random.default_rng(0).standard_normal(4096)
+    >>> found = jaxcal.spectrum.density(y, rate=100.0)
+    >>> found.sided, bool(found.lower[-1] < 0.01 < found.upper[-1])
+    (2, True)
     """
 
     frequency: AnyArray
@@ -38,6 +49,11 @@ class Spectrum(Unjudged):
     rate: float = eqx.field(static=True)
     confidence: float = eqx.field(static=True)
     warnings: tuple[str, ...] = eqx.field(static=True, default=())
+
+    _figure = ("spectrum", False)
+
+    def _columns(self) -> dict[str, Any]:
+        return columns_of(self, ("frequency", "density", "lower", "upper", "count", "edf"))
 
     def _rows(self) -> list[Row]:
         return rows_of(self, "density", lambda i: f"density at {float(self.frequency[i]):.4g} Hz", "unit^2/Hz")

@@ -21,7 +21,19 @@ def common(xp: ModuleType, *values: Any) -> list[Any]:
 
 
 class AbstractCurve(eqx.Module):
-    """A bias as a function of the temperature alone."""
+    """A bias as a function of the temperature alone.
+
+    Examples
+    --------
+    >>> from jaxcal.temperature import AbstractCurve
+    >>> class Line(AbstractCurve):
+    ...     slope: float
+    ...
+    ...     def value(self, t):
+    ...         return self.slope * (t - 25.0)
+    >>> Line(2.0).value(30.0)
+    10.0
+    """
 
     @abc.abstractmethod
     def value(self, t: Any) -> AnyArray:
@@ -37,6 +49,14 @@ class Chebyshev(AbstractCurve):
     ----------
     coefficients : (degree + 1,) q, in the unit of the bias.
     low, high : T_lo and T_hi, degC.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.temperature import Chebyshev
+    >>> line = Chebyshev(np.array([1.0, 0.5]), 20.0, 40.0)
+    >>> print(line.value(np.array([20.0, 30.0, 40.0])))
+    [0.5 1.  1.5]
     """
 
     coefficients: Any
@@ -63,6 +83,14 @@ class Steps(AbstractCurve):
     ----------
     base : `Chebyshev`.
     height, centre, width : (steps,) p in the unit of the bias, t and w in degC.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.temperature import Chebyshev, Steps
+    >>> curve = Steps(Chebyshev(np.zeros(2), 20.0, 40.0), np.array([0.5]), np.array([30.0]), np.array([0.1]))
+    >>> print(curve.value(np.array([25.0, 30.0, 35.0])).round(6))
+    [0.   0.25 0.5 ]
     """
 
     base: Chebyshev
@@ -89,6 +117,14 @@ class Piecewise(AbstractCurve):
     ----------
     nodes : (pieces + 1,) t, degC, increasing.
     coefficients : (pieces, powers) c, lowest power first. Beyond the nodes the first and the last value hold.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.temperature import Piecewise
+    >>> curve = Piecewise(np.array([20.0, 30.0, 40.0]), np.array([[1.0, 0.1], [2.0, -0.2]]))
+    >>> print(curve.value(np.array([20.0, 25.0, 35.0])))
+    [1.  1.5 1. ]
     """
 
     nodes: Any

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from .._errors import DataError
-from .._log import Log
+from .._log import Log, as_log
 from .._types import AnyArray
 from ._fit import fit
 from ._result import TemperatureFit
@@ -14,7 +14,9 @@ from ._result import TemperatureFit
 _SENSORS = ("gyro", "accel", "mag")
 
 
-def characterise(log: Log, *, progress: Callable[[int, int, str], None] | None = None, **options: Any) -> dict[str, TemperatureFit]:
+def characterise(
+    log: Any, *, rate: float | None = None, progress: Callable[[int, int, str], None] | None = None, **options: Any
+) -> dict[str, TemperatureFit]:
     """Thermal models of every gyroscope, accelerometer and magnetometer channel of a log of a sensor at rest.
 
     The sensor must keep its attitude: an accelerometer's "bias" then holds its part of gravity, a magnetometer's that of the field, and
@@ -22,7 +24,8 @@ def characterise(log: Log, *, progress: Callable[[int, int, str], None] | None =
 
     Parameters
     ----------
-    log : the `Log`, with a temperature; a slow thermometer is interpolated.
+    log : the `Log`, or anything that `jaxcal.read` takes, with a temperature; a slow thermometer is interpolated.
+    rate : sampling rate in Hz, where what is given has no times.
     progress : called as progress(done, total, channel) before each channel, and once at the end.
     options : of `fit`: model, degree, lag, play, confidence.
 
@@ -44,6 +47,7 @@ def characterise(log: Log, *, progress: Callable[[int, int, str], None] | None =
     >>> jaxcal.temperature.characterise(log, model="polynomial", degree=3)["gyro_x"].degree
     3
     """
+    log = as_log(log, rate)
     channels = {name: values for name, values in log.channels().items() if name.partition("_")[0] in _SENSORS}
     temperature = thermometer(log)
     if not channels:

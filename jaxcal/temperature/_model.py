@@ -17,7 +17,19 @@ _MARGIN = 0.1
 
 
 class ClampWarning(UserWarning):
-    """Temperatures outside the range of a model were taken as its ends."""
+    """Temperatures outside the range of a model were taken as its ends.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> import numpy as np
+    >>> from jaxcal.temperature import Chebyshev, ClampWarning, ThermalModel
+    >>> model = ThermalModel(Chebyshev(np.array([1.0, 0.5]), 20.0, 40.0), 20.0, 40.0)
+    >>> with warnings.catch_warnings():
+    ...     warnings.simplefilter("ignore", ClampWarning)
+    ...     print(model.bias_at(np.array([50.0])))
+    [1.5]
+    """
 
 
 class ThermalModel(eqx.Module):

@@ -26,6 +26,14 @@ class Bins(eqx.Module):
     ----------
     t, b, count : mean temperature, degC, mean bias and number of samples, all (bins,), in order of temperature.
     error : standard deviation of one sample, where it is known.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.temperature import binned
+    >>> found = binned(np.array([20.0, 20.04, 20.3]), np.array([1.0, 3.0, 5.0]))
+    >>> print(found.count, found.b)
+    [2. 1.] [2. 5.]
     """
 
     t: AnyArray

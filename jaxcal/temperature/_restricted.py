@@ -17,10 +17,7 @@ import itertools
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy.fft
-import scipy.linalg
-import scipy.optimize
-import scipy.special
+import scipy  # loads its parts when they are first used
 
 from .._types import AnyArray
 from ..noise import Noise

@@ -4,7 +4,7 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
-import scipy.special
+import scipy  # loads its parts when they are first used
 
 from .._errors import DataError
 from .._precision import host_float64
@@ -24,6 +24,12 @@ class Step(eqx.Module):
     height : in the unit of the bias.
     centre_error, width_error, height_error : standard errors of the three.
     chance : probability that a record without this jump shows one as clear, anywhere.
+
+    Examples
+    --------
+    >>> from jaxcal.temperature import Step
+    >>> Step(24.5, 0.05, 5e-3, 0.01, 0.01, 1e-4, 1e-6).height
+    0.005
     """
 
     centre: float
@@ -43,6 +49,12 @@ class Candidate(eqx.Module):
     name : "none", "lag", "play", "rate" or several of them; of a scale factor the polynomial.
     score : -2 log likelihood with the price of its parameters (of a scale factor BIC), above that of the one that was taken.
     chosen : whether it was taken.
+
+    Examples
+    --------
+    >>> from jaxcal.temperature import Candidate
+    >>> Candidate("lag", 3.2).chosen
+    False
     """
 
     name: str = eqx.field(static=True)
@@ -76,6 +88,16 @@ class TemperatureFit(Unjudged):
     candidates : tuple of `Candidate`, the choice by likelihood; empty where nothing was chosen.
     confidence : level of `interval_at` and `prediction_at`.
     warnings, notes : sentences.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> made = jaxcal.temperature.simulate(jump=0.0)
+    >>> found = jaxcal.temperature.fit(made.temperature, made.bias, time=made.time, model="polynomial", degree=3)
+    >>> low, high = found.interval_at(np.array([30.0]))
+    >>> found.kind, bool(low[0] < high[0])
+    ('polynomial', True)
     """
 
     model: ThermalModel
@@ -100,6 +122,8 @@ class TemperatureFit(Unjudged):
     confidence: float = eqx.field(static=True, default=0.95)
     warnings: tuple[str, ...] = eqx.field(static=True, default=())
     notes: tuple[str, ...] = eqx.field(static=True, default=())
+
+    _figure = ("temperature", False)
 
     def _rows(self) -> list[Row]:
         z = scipy.special.ndtri(0.5 + self.confidence / 2)

@@ -23,6 +23,13 @@ class Simulated(eqx.Module):
     bias : (n,) as the sensor reads it at rest, with noise and random walk, rad/s.
     true_temperature : (n,) degC.
     truth : (n,) bias without noise, rad/s.
+
+    Examples
+    --------
+    >>> import jaxcal
+    >>> made = jaxcal.temperature.simulate(duration=600.0)
+    >>> made.time.shape, made.bias.shape
+    ((600,), (600,))
     """
 
     time: AnyArray

@@ -12,7 +12,7 @@ its likelihood ratio is below `CHANCE`.
 import dataclasses
 
 import numpy as np
-import scipy.special
+import scipy  # loads its parts when they are first used
 
 from .._types import AnyArray
 from ._design import Design, Form, Jump, Part

@@ -85,9 +85,9 @@ def test_a_log_without_end_is_given_up(tasks, tmp_path):
 @posix
 def test_a_log_that_takes_too_much_memory_is_given_up(tasks, tmp_path):
     logs = make_logs(tmp_path / "logs", 2)
-    fleet = run(logs, tasks.greedy, workers=1, memory=2.5e9)
+    fleet = run(logs, tasks.greedy, workers=1, memory=1.2e9)
     assert [entry.status for entry in fleet] == ["failed", "done"]
-    assert fleet.failed[0].reason.startswith("unit1.npz: it took more than 2.5 GB of memory and was given up; use fewer workers")
+    assert fleet.failed[0].reason.startswith("unit1.npz: it took more than 1.2 GB of memory and was given up; use fewer workers")
 
 
 SCRIPT = """

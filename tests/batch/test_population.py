@@ -73,6 +73,7 @@ def test_an_odd_unit_is_named_and_not_drawn_in():
     assert "odd: unit 0 in N" in found.reason
 
 
+@pytest.mark.long
 def test_recordings_of_a_device_tell_its_repeatability_and_covariates_their_effect():
     truth, fits, names = fleet(4, devices=12, recordings=3, repeat=0.05)
     warmth = np.log(truth[:, 0]) + 0.02 * np.random.default_rng(0).standard_normal(len(truth))

@@ -81,49 +81,6 @@ def test_version(call):
     assert call("--version").out.strip() == jaxcal.__version__
 
 
-@pytest.mark.parametrize(
-    ("argv", "reason"),
-    [
-        (["nois"], 'Did you mean "noise"'),
-        (["noise"], "LOG requires an argument"),
-        (["noise", "missing.csv"], "missing.csv does not exist"),
-        (["noise", "imu.csv", "--unit", "gyro=deg/s"], "--unit"),
-        (["noise", "imu.csv", "extra.csv"], "extra.csv"),
-        (["noise", "imu.csv", "--rate", "fast"], 'unable to convert "fast"'),
-        (["noise", "imu.csv", "--rate", "-100"], "positive number of Hz"),
-        (["noise", "imu.csv", "--units", "gyro=furlong/s"], "furlong/s"),
-        (["noise", "imu.csv", "--units", "speed=m/s"], "unknown quantity 'speed'"),
-        (["noise", "imu.csv", "--units", "deg/s"], "not of the form quantity=value"),
-        (["noise", "imu.csv", "--columns", "gyros=1,2,3"], "unknown quantity 'gyros'"),
-        (["noise", "imu.csv", "--terms", "QNX"], "expected letters of QNBKR"),
-        (["noise", "imu.csv", "--confidence", "95"], "0.95 is 95 %"),
-        (["noise", "imu.csv", "--band", "10", "1"], "the shortest first"),
-        (["noise", "imu.csv", "--export", "word"], "unknown format 'word'; expected one of kalibr"),
-        (["noise", "imu.csv", "--config", "missing.toml"], "missing.toml"),
-        (["allan", "imu.csv", "--kind", "xdev"], '"oadev"'),
-        (["allan", "imu.csv", "--m", "1,two"], "numbers of samples such as 1,10,100"),
-        (["allan", "imu.csv", "--plot", "a.doc"], ".png"),
-        (["allan", "imu.csv", "--export", "kalibr"], "expected one of csv"),
-        (["simulate", "noise", "--out", "a.csv"], "give the noise of a sensor"),
-        (["simulate", "noise", "--out", "a.csv", "--gyro", "N=0.25"], "N has no unit; use one of deg/sqrt(h)"),
-        (["simulate", "noise", "--out", "a.csv", "--gyro", "N=0.25deg/h"], "'deg/h' is not a unit of N of a gyro"),
-        (["simulate", "noise", "--out", "a.csv", "--gyro", "Z=1deg"], "with a term of QNBKR"),
-        (["simulate", "noise", "--out", "a.csv", "--gyro", "N=1deg/sqrt(h),N=2deg/sqrt(h)"], "N is given twice"),
-        (["simulate", "noise", "--out", "a.doc", "--gyro", "N=1deg/sqrt(h)"], ".csv or .npz"),
-        (["simulate", "noise", "--out", "a.csv", "--gyro", "N=1deg/sqrt(h)", "--duration", "0"], "expected a log of 2 to"),
-    ],
-    ids=lambda value: " ".join(value) if isinstance(value, list) else "",
-)
-def test_a_wrong_call_is_a_sentence_and_status_2(call, folder, log, argv, reason):
-    found = call(*argv)
-    assert found.status == 2
-    assert found.reason.startswith("jaxcal: ")
-    assert reason in found.reason
-    assert found.reason.endswith("--help)")
-    assert found.out == ""
-    assert listing(folder) == ["imu.csv"]
-
-
 def test_configuration_file_gives_options_and_the_command_line_wins(call, folder, log):
     (folder / "run.toml").write_text('[allan]\nkind = "mdev"\nm = "1,10"\nunits = ["gyro=deg/s"]\njson = "from-file.json"\n')
     found = call("allan", "imu.csv", "--config", "run.toml", "--m", "1", "--quiet")

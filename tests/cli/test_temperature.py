@@ -72,7 +72,7 @@ def test_files_for_flight_controllers(call, folder, ramp):
         (["temperature", "ramp.csv", "--plot", "a.txt"], 2, "--plot a.txt"),
         (["apply", "none.json", "ramp.csv", "--out", "a.csv"], 2, "none.json does not exist"),
         (["apply", "ramp.csv", "ramp.csv", "--out", "a.txt"], 2, "--out a.txt: expected a name"),
-        (["apply", "ramp.csv", "ramp.csv", "--out", "a.csv"], 1, "ramp.csv is not JSON"),
+        (["apply", "ramp.csv", "ramp.csv", "--out", "a.csv"], 2, "ramp.csv is a log, and a calibration is asked for"),
         (["simulate", "temperature", "--out", "a.csv", "--lag", "-1"], 2, "not negative"),
         (["noise", "ramp.csv", "--calibration", "none.json"], 2, "none.json does not exist"),
         (["temperature", "cold.csv"], 1, "gyro_x: the temperature covers 20.00 to 21.00 degC; a thermal model needs at least 2 degC"),

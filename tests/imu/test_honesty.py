@@ -56,6 +56,7 @@ def test_missing_samples_cost_next_to_nothing(base):
         ("gyro cubic", ("turns ask for", "cubic term")),
         ("warm-up", ("poses ask for", "drift")),
         ("9 poses", ("There are 9 poses",)),
+        ("quadratic, 12", ("poses and turns ask for", "quadratic term")),
     ],
 )
 def test_what_the_model_lacks_is_named(case, words):
@@ -69,3 +70,11 @@ def test_nine_poses_are_known_as_well_as_their_scatter_says():
     free = np.array([0, 1, 2, 4, 5, 8, 9, 10, 11])
     assert np.all(found.standard_error[free] > 1e-5)
     assert np.all((found.interval[free, 0] <= truth[free]) & (truth[free] <= found.interval[free, 1]))
+
+
+def test_few_poses_of_an_accelerometer_alone_are_held_against_the_scatter_inside_them():
+    for case, verdict in (("12 poses", "good"), ("quadratic, 12", "weak")):
+        stamps, accel, _, _ = world.record(0, **world.CASES[case])
+        found = jaxcal.imu.multi_position(jaxcal.Log(stamps, accel=accel), gravity=world.GRAVITY, held_out=False)
+        assert found.verdict == verdict
+        assert ("scatter" in found.reason) == (verdict == "weak")

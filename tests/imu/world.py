@@ -22,6 +22,8 @@ CASES = {
     "vibration": {"vibration": 0.15},
     "quadratic": {"quadratic": 3e-3 / 9.81},
     "asymmetry": {"asymmetry": 2e-3},
+    "quadratic, 12": {"quadratic": 3e-3 / 9.81, "poses": 12},
+    "asymmetry, 12": {"asymmetry": 2e-3, "poses": 12},
     "gyro cubic": {"cubic": 0.005 / (250 * DEGREE) ** 2},
     "lever arm": {"lever": 0.05},
     "offset 20 ms": {"offset": 0.02},
@@ -62,14 +64,15 @@ def _smooth(rng, count, dt, low, high):
 
 def record(
     seed, *, poses=24, hemisphere=False, tremor=0.0, drift=0.0, vibration=0.0, quadratic=0.0, asymmetry=0.0, cubic=0.0, lever=0.0,
-    offset=0.0, saturation=None, jitter=0.0, missing=0.0, warm_up=0.0, initial=20.0, device=None,
+    offset=0.0, saturation=None, jitter=0.0, missing=0.0, warm_up=0.0, initial=20.0, device=None, arms=None, sway=0.0,
 ):  # fmt: skip
     """Stamps (s), accelerometer and gyroscope of one recording, and its truth (33 parameters).
 
     Angles in rad: tremor at 9 Hz and slow drift of the hand, in poses and turns but not in the initial rest. vibration: m/s^2 at 23 Hz
     in every other pose. quadratic: reading per (m/s^2)^2. asymmetry: relative, of the sign. cubic: per (rad/s)^2. lever: m. offset: s by
     which the gyroscope is late. jitter: of the instants of sampling, in periods, which the stamps do not show. missing: share of
-    samples lost. warm_up: m/s^2 at the beginning, with a time constant of 60 s.
+    samples lost. warm_up: m/s^2 at the beginning, with a time constant of 60 s. arms: (3, 3) m, the place of each axis of the
+    accelerometer. sway: linear acceleration of the hand in the turns, m/s^2.
     """
     rng = np.random.default_rng([seed, 20])
     matrix, bias, gyro_matrix, gyro_bias, sensitivity = _matrices(rng if device is None else np.random.default_rng([device, 21]))
@@ -108,6 +111,11 @@ def record(
     change = np.gradient(rate, dt, axis=0)
     arm = lever * np.array([0.8, -0.5, 0.3])
     force = body.inv().apply([0.0, 0.0, GRAVITY]) + np.cross(change, arm) + np.cross(rate, np.cross(rate, arm))
+    if arms is not None:
+        places = np.asarray(arms)[:, None, :] + np.zeros((1, count, 1))
+        force = force + np.stack([(np.cross(change, r) + np.cross(rate, np.cross(rate, r)))[:, i] for i, r in enumerate(places)], axis=1)
+    if sway:
+        force = force + np.where((label < 0)[:, None], body.inv().apply(sway * _smooth(rng, count, dt, 0.3, 3.0)), 0)
     if vibration:
         shaken = (label >= 0) & (label % 2 == 1)
         force = force + np.where(shaken[:, None], vibration * np.sin(2 * np.pi * 23.3 * time)[:, None] * rng.normal(size=3), 0)

@@ -147,9 +147,9 @@ def test_verdict_comes_first_and_is_complete(text):
     assert "N (velocity random walk): found on every axis." in page.text
     assert "B (bias instability): a hint on every axis." in page.text
     # gyro_x: N = 1e-4 rad/sqrt(s) = 0.34377 deg/sqrt(h), +- 10 %
-    assert "0.34 0.31 to 0.38 present 10 % after 1 s" in page.text
+    assert "0.34 0.31 to 0.38 present needs 1 s for ±10 %" in page.text
     assert "< 0.41 not detected" in page.text  # 2e-6 rad/s/sqrt(s) = 0.41253 deg/h/sqrt(s)
-    assert "0.69 0.62 to 0.76 hint 10 % after 12 days" in page.text
+    assert "0.69 0.62 to 0.76 hint needs 12 days for ±10 %" in page.text
     assert "°/√h" in page.text
     assert "Read these numbers with 2 warnings" in page.text
     assert "gyro_y: 1 octave" in page.text

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
-import scipy.fft
+import scipy  # loads its parts when they are first used
 
 from ..._types import Any
 from .._kinds import Kind

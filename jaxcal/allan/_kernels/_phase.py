@@ -36,19 +36,23 @@ def integrate(values, out, parts: int, run: Callable = map) -> bool:
     def total(part):
         return sum(float(np.add.reduce(np.subtract(values[piece], values[0], out=rest[piece]))) for piece in part)
 
-    sums = np.array(list(run(total, pieces)))
-    shift = sums.sum() / len(values)
-    if not np.isfinite(shift):
+    if parts == 1:  # what rounding leaves of the mean is a line in the phase
+        mean, carries = float(np.add.reduce(values)) / len(values), [0.0]
+    else:  # between stretches it would be a step
+        sums = np.array(list(run(total, pieces)))
+        shift = sums.sum() / len(values)
+        mean, carries = values[0] + shift, np.cumsum(sums) - sums - shift * np.array(edges[:-1])
+    if not np.isfinite(mean):
         return False
 
     def fill(part, carry):
         for piece in part:
-            held = np.subtract(values[piece], values[0] + shift, out=rest[piece])
+            held = np.subtract(values[piece], mean, out=rest[piece])
             held[0] += carry
             carry = _running_sum(held)[-1]
 
     out[0] = 0.0
-    list(run(fill, pieces, np.cumsum(sums) - sums - shift * np.array(edges[:-1])))
+    list(run(fill, pieces, carries))
     return True
 
 

@@ -14,7 +14,7 @@ import functools
 import itertools
 
 import numpy as np
-import scipy.special
+import scipy  # loads its parts when they are first used
 
 from ..._errors import DataError
 from ..._types import Float, Int

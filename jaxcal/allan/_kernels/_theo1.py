@@ -12,7 +12,7 @@ which is a square, one FFT correlation, and two triangles of half the size.
 """
 
 import numpy as np
-import scipy.fft
+import scipy  # loads its parts when they are first used
 
 from ..._types import Float
 from ._total import dot

@@ -17,7 +17,7 @@ from ._segments import Segments, followed, lag_one, moments_of, steps
 FEWEST = 30  # averaged points that the lag-1 autocorrelation needs; with fewer, the ratios decide
 _STATIONARY = 0.25
 _MOST_SIZES = 512  # cluster sizes identified; neighbours then differ by 3 % in a record of 10^7 samples
-_MOST = 1 << 11  # averaged points used: r1 to 0.022, where half a unit of alpha is 0.1 and more
+_MOST = 1 << 10  # averaged points used: r1 to 0.031, where half a unit of alpha is 0.1 and more
 
 
 def _without_polynomial(z, weight, series: Segments, degree: int, xp: ModuleType):

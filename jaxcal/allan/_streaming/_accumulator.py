@@ -104,8 +104,9 @@ class Accumulator(eqx.Module):
     _dropped: tuple[int, ...]
 
     def __init__(
-        self, rate, m: Any = "log", channels=1, kind="oadev", *, exact=65_536, start: Any = None, confidence=0.95, alpha: Any = None
-    ):
+        self, rate: Any, m: Any = "log", channels: Any = 1, kind: str = "oadev", *, exact: Any = 65_536, start: Any = None,
+        confidence: Any = 0.95, alpha: Any = None,
+    ) -> None:  # fmt: skip
         if kind not in _KINDS:
             raise DataError(f"unknown kind {kind!r} for a stream; expected one of {', '.join(_KINDS)}")
         statistic = find_kind(kind)
@@ -122,7 +123,7 @@ class Accumulator(eqx.Module):
         """Number of samples so far."""
         return self._taken.samples + sum(len(chunk) for chunk in self._waiting)
 
-    def update(self, chunk) -> "Accumulator":
+    def update(self, chunk: Any) -> "Accumulator":
         """A new accumulator with the next samples of the record.
 
         Parameters

@@ -12,9 +12,9 @@ frequency stability characterization", PTTI 1997; white phase derived, flicker p
 import functools
 
 import numpy as np
-import scipy.special
+import scipy  # loads its parts when they are first used
 
-from ..._types import Float
+from ..._types import Any, Float
 from .._kinds import Kind, find_kind
 
 _TOTAL = {2: 4.0 / 3.0, 1: 4.0 / 3.0, 0: 0.0, -1: -0.481, -2: -0.750}  # totdev: 1 + a tau / T
@@ -24,7 +24,7 @@ _THEO1 = {2: (0.09, 0.74, 0.40), 1: (0.14, 0.82, 0.30), 0: (1.0, 0.0, 0.0), -1: 
 _LIMIT = 64  # cluster size from which the factors of the windows no longer change
 
 
-def phase_covariance(alpha: int, lag) -> Float[np.ndarray, "..."]:
+def phase_covariance(alpha: int, lag: Any) -> Float[np.ndarray, "..."]:
     """Generalised covariance of the phase of power-law noise, up to a factor, a constant and a parabola; band limit 1/(2 dt).
 
     Variances of differences that do not see a parabola follow from it as those of a stationary process do (C. A. Greenhall, TMO
@@ -53,7 +53,7 @@ def phase_covariance(alpha: int, lag) -> Float[np.ndarray, "..."]:
     return np.asarray({0: -t, -1: t**2 * np.log(held), -2: t**3, -3: -(t**4) * np.log(held), -4: -(t**5)}[alpha])
 
 
-def bias_factors(m, alpha, kind: str | Kind, samples, published: bool = False) -> Float[np.ndarray, "..."]:
+def bias_factors(m: Any, alpha: Any, kind: str | Kind, samples: Any, published: bool = False) -> Float[np.ndarray, "..."]:
     """Expectation of the variance of a total statistic or Theo1 over that of the plain one; `deviation` divides by it.
 
     Parameters

@@ -10,7 +10,7 @@ import math
 from types import ModuleType
 
 import numpy as np
-import scipy.special
+import scipy  # loads its parts when they are first used
 
 from ..._types import Float
 from .._kinds import Kind

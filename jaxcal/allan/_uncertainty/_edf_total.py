@@ -10,7 +10,7 @@ agrees with the exact value within 20 %.
 
 import numpy as np
 
-from ..._types import Float
+from ..._types import Any, Float
 from .._kinds import Kind, find_kind
 from . import _edf
 
@@ -42,7 +42,7 @@ _CHANGES = np.array(
 _OVER_OHDEV = 1.4
 
 
-def degrees_of_freedom(m, alpha, kind: str | Kind, samples) -> Float[np.ndarray, "..."]:
+def degrees_of_freedom(m: Any, alpha: Any, kind: str | Kind, samples: Any) -> Float[np.ndarray, "..."]:
     """Equivalent degrees of freedom of a variance, of a record without gaps.
 
     Plain statistics by the "combined" algorithm of Greenhall and Riley (PTTI 2003), the total statistics by their quadratic forms,

@@ -33,9 +33,13 @@ _NAMELESS, _WIDEST = "\0", 1000
 
 def read_npy(path: pathlib.Path) -> Table:
     """Columns of a 2-D array (memory-mapped), or the fields of a structured one."""
-    array = np.load(path, mmap_mode="r", allow_pickle=False)
+    return arrays_of_columns(np.load(path, mmap_mode="r", allow_pickle=False))
+
+
+def arrays_of_columns(array: np.ndarray) -> Table:
+    """Columns of a 2-D array, or the fields of a structured one."""
     if array.dtype.names:
-        return _table_of_arrays({name: array[name] for name in array.dtype.names})
+        return table_of_arrays({name: array[name] for name in array.dtype.names})
     if array.ndim == 1:
         array = array[:, None]
     if array.ndim != 2 or array.dtype.kind not in "iufb":
@@ -53,7 +57,7 @@ def read_npz(path: pathlib.Path) -> Table:
         arrays = {name: archive[name] for name in archive.files}
     saved = arrays.pop("jaxcal", None)
     system = arrays.pop("units", np.array(""))
-    table = _table_of_arrays(arrays)
+    table = table_of_arrays(arrays)
     if str(system) == "SI":  # as `jaxcal apply` and `jaxcal simulate` write
         quantities = [(parse_name(name) or ("",))[0] for name in table.names]
         table.names = [f"{name} [{si_unit(one)}]" if one else name for name, one in zip(table.names, quantities, strict=True)]
@@ -78,7 +82,7 @@ def read_parquet(path: pathlib.Path) -> Table:
     return Table(columns, [form["name"] for form in about["columns"]], integer, saved=saved)
 
 
-def _table_of_arrays(arrays: dict[str, np.ndarray]) -> Table:
+def table_of_arrays(arrays: dict[str, np.ndarray]) -> Table:
     """Arrays of one length as columns: vectors of up to three columns, single channels; a scalar may be the rate."""
     columns: list[np.ndarray] = []
     names: list[str] = []
@@ -242,10 +246,10 @@ def _inherited(groups: dict[str, dict[str, np.ndarray]], group: str) -> dict[str
 def _group_table(arrays: dict[str, np.ndarray]) -> Table:
     matrices = [array for array in arrays.values() if array.ndim == 2 and array.shape[1] > 3]
     if len(matrices) != 1 or _has_sensor(arrays):
-        return _table_of_arrays(arrays)
+        return table_of_arrays(arrays)
     matrix = matrices[0]
     rest = {name: array for name, array in arrays.items() if array is not matrix and len(array) in (1, len(matrix))}
-    table = _table_of_arrays(rest | {f"{_NAMELESS}{j}": matrix[:, j] for j in range(min(matrix.shape[1], _WIDEST))})
+    table = table_of_arrays(rest | {f"{_NAMELESS}{j}": matrix[:, j] for j in range(min(matrix.shape[1], _WIDEST))})
     table.names = ["" if name.startswith(_NAMELESS) else name for name in table.names]
     return table
 

@@ -28,6 +28,13 @@ class Coverage(eqx.Module):
     occupied : share of 500 equal bins that hold a reading.
     largest_gap : half-angle of the largest cap without a reading, rad.
     missing : (k, 3) unit vectors to the middles of the regions without a reading.
+
+    Examples
+    --------
+    >>> from jaxcal.magnetometer import body_field, coverage, scenario
+    >>> found = coverage(body_field(scenario("three_turns")))
+    >>> f"{100 * found.occupied:.0f} % of the directions", found.gaps > 50
+    ('13 % of the directions', True)
     """
 
     counts: AnyArray

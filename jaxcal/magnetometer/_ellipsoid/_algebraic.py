@@ -10,7 +10,6 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 import scipy  # loads its parts when they are first used
-import scipy.linalg
 
 from ..._errors import FitError
 from ..._precision import array_module

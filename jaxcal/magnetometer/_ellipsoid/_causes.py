@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import equinox as eqx
 import numpy as np
-import scipy.special
+import scipy  # loads its parts when they are first used
 
 from ._kinds import COUNT, PLANAR, basis_of, slopes_of
 from ._residuals import Size

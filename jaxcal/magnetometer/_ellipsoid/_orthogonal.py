@@ -2,7 +2,6 @@
 
 import contextlib
 import dataclasses
-import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -11,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..._compile import jit
+from ..._compile import filter_jit
 from ..._errors import DataError
 from ..._precision import array_module, is_traced
 from ..._types import AnyArray
@@ -129,7 +128,7 @@ def _robust(function: Callable, begin: np.ndarray, u: np.ndarray, kind: str, los
     return fit, last  # type: ignore[possibly-unbound]
 
 
-@functools.partial(jit, static_argnums=0)
+@filter_jit
 def _linearised(function: Callable, parameters: Any, data: Readings) -> tuple[Any, Any]:
     return function(parameters, data), jax.jacfwd(function)(parameters, data)
 

@@ -9,7 +9,7 @@ import itertools
 from typing import NamedTuple
 
 import numpy as np
-import scipy.special
+import scipy  # loads its parts when they are first used
 
 #: parts of a log; on real logs six were honest, where ten or twenty were too narrow
 BLOCKS = 6

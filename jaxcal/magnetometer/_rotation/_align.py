@@ -1,6 +1,5 @@
 """`align`: the rotation that a fit of norms cannot see, from the vertical, from rates, or from known headings."""
 
-import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -9,7 +8,7 @@ import jax
 import numpy as np
 import scipy  # loads its parts when they are first used
 
-from ..._compile import jit
+from ..._compile import filter_jit
 from ..._errors import DataError
 from ..._precision import host_float64
 from ..._types import AnyArray
@@ -48,6 +47,17 @@ class Alignment(eqx.Module):
     verdict : "good", "weak" (a standard deviation above 1 degree) or "refused" (above 5).
     reason : a sentence.
     source : "accel", "gyro" or "headings".
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.magnetometer import Accelerometer, MagModel, align, body_field, scenario
+    >>> attitudes = scenario("all", samples=40)
+    >>> field, up = body_field(attitudes, 50.0), -9.81 * body_field(attitudes, 1.0, np.pi / 2)
+    >>> turned = MagModel(np.array([[1.0, -0.02, 0.0], [0.02, 1.0, 0.0], [0.0, 0.0, 1.0]]), np.zeros(3))
+    >>> found = align(turned.measure(field), MagModel(np.eye(3), np.zeros(3)), Accelerometer(up))
+    >>> found.verdict, found.source, round(float(np.rad2deg(found.angle)), 2)
+    ('good', 'accel', 1.15)
     """
 
     model: MagModel
@@ -74,6 +84,14 @@ class Accelerometer(eqx.Module):
     accel : (n, 3) specific force in m/s^2, calibrated; poses in motion (norm off by more than 3 %) are not used.
     dip : known inclination of the field in rad; without it, it is found.
     mounting : "near", the axes of both sensors differ by less than 45 degrees, or "any": the 24 ways to exchange axes are tried first.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.magnetometer import Accelerometer, body_field, scenario
+    >>> up = -9.81 * body_field(scenario("all", samples=40), 1.0, np.pi / 2)
+    >>> Accelerometer(up).accel.shape
+    (40, 3)
     """
 
     accel: Any
@@ -125,6 +143,13 @@ class Gyroscope(eqx.Module):
         the rate half an interval earlier: the delay that is found is then larger by that half. The delay of the readings is estimated, with
         50 ms as its standard deviation beforehand.
     rate : readings per second.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.magnetometer import Gyroscope
+    >>> Gyroscope(np.zeros((100, 3)), 50.0).rate
+    50.0
     """
 
     gyro: Any
@@ -179,6 +204,14 @@ class Headings(eqx.Module):
     headings : (n,) rad, NaN where there is none.
     accel : (n, 3) specific force, for the tilt; without it all readings are level.
     declination : taken off the headings, rad; 0 if they are magnetic.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.magnetometer import Headings
+    >>> known = Headings(np.deg2rad([0.0, 90.0, 180.0, 270.0]), accel=np.tile([0.0, 0.0, -9.81], (4, 1)))
+    >>> known.headings.shape
+    (4,)
     """
 
     headings: Any
@@ -259,7 +292,7 @@ def _enough(count: int, what: str) -> None:
         raise DataError(f"{count} {what} are left to align with; at least {_FEWEST} are needed, in attitudes that differ.")
 
 
-@functools.partial(jit, static_argnums=0)
+@filter_jit
 def _values(function: Callable, parameters: dict[str, Any], data: Any) -> jax.Array:
     return function(parameters, data)
 

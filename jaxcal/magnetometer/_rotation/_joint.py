@@ -2,7 +2,6 @@
 
 import contextlib
 import dataclasses
-import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -10,7 +9,7 @@ import equinox as eqx
 import numpy as np
 import scipy  # loads its parts when they are first used
 
-from ..._compile import jit
+from ..._compile import filter_jit
 from ..._errors import DataError
 from ..._precision import host_float64
 from ..._types import AnyArray
@@ -80,7 +79,7 @@ def _delay(parameters: Any) -> Any:
     return parameters[DELAY]
 
 
-@functools.partial(jit, static_argnums=0)
+@filter_jit
 def _attempt(function: Callable, start: AnyArray, data: Any, bounds: Any, priors: Any) -> Fit:
     fit = solve(function, start, data, bounds=bounds, priors=priors, rtol=_PRECISE, max_steps=_STEPS)
     return eqx.tree_at(lambda f: f.problem, fit, None)

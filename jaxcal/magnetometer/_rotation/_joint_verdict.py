@@ -1,13 +1,12 @@
 """What a joint fit knows: covariance of ellipsoid and rotation together, heading error, what stays open, verdict."""
 
-import functools
 from typing import Any
 
 import equinox as eqx
 import jax
 import numpy as np
 
-from ..._compile import jit
+from ..._compile import filter_jit
 from ...fitting import information
 from .._design._heading_error import WORDS, rms_heading
 from .._ellipsoid._algebraic import triangle
@@ -78,7 +77,7 @@ def _serial(found: Any, covariance: np.ndarray) -> tuple[np.ndarray, int]:
 _STEP = 1e-5  # of the parameters, in scaled units
 
 
-@functools.partial(jit, static_argnums=0)
+@filter_jit
 def _many(function, parameters, data):
     return jax.vmap(function, (0, None))(parameters, data)
 

@@ -92,6 +92,18 @@ class HardIron(eqx.Module):
     covariance : (3, 3) of it.
     noise : standard deviation of one axis of a reading, in its unit.
     used : number of readings that were fitted.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.magnetometer import body_field, hard_iron_by_turning
+    >>> t = np.arange(0, 4, 0.01)
+    >>> still, one = 0 * t, 1 + 0 * t
+    >>> yaw, roll = (body_field(np.stack(angles, 1), 50.0) for angles in ((t, still, still), (still, still, t)))
+    >>> gyro = np.concatenate([np.stack([still, still, one], 1), [[np.nan] * 3], np.stack([one, still, still], 1)])
+    >>> found = hard_iron_by_turning(np.concatenate([yaw, yaw[:1], roll]) + [5.0, -3.0, 8.0], gyro, 100.0)
+    >>> print(found.hard_iron.round(2), found.covariance.shape)
+    [ 5. -3.  8.] (3, 3)
     """
 
     hard_iron: AnyArray

@@ -19,6 +19,14 @@ class Block(eqx.Module):
     transition, process, initial : (states, states) matrices F, P per step, and the covariance at the first sample.
     output : (states,) H.
     white : variance of white noise added to every sample.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.noise import Block
+    >>> walk = Block(np.eye(1), np.ones((1, 1)), np.ones(1), np.zeros((1, 1)), 0.0, ("walk",))
+    >>> walk.names
+    ('walk',)
     """
 
     transition: Any = ()
@@ -73,21 +81,21 @@ class Term(eqx.Module):
     name: eqx.AbstractVar[str]
 
     @abc.abstractmethod
-    def psd(self, f, dt=None):
+    def psd(self, f: Any, dt: Any = None) -> Any:
         """Two-sided density at frequency f (Hz, above 0) of samples taken every dt seconds, for a coefficient of one.
 
         With dt = None, that of the continuous signal. A density that does not depend on dt is taken as it is in both cases.
         """
 
-    def avar(self, tau, dt=None):
+    def avar(self, tau: Any, dt: Any = None) -> Any:
         """Allan variance at cluster time tau (s, any shape) of samples taken every dt seconds, for a coefficient of one."""
         return _numeric.allan_variance(self.psd, tau, dt)
 
-    def ordinates(self, k, n: int, dt: float) -> Float[np.ndarray, " ordinates"]:
+    def ordinates(self, k: Any, n: int, dt: float) -> Float[np.ndarray, " ordinates"]:
         """Expected DCT-II ordinates k = 1 .. n-1 of n samples, for a coefficient of one."""
         return _numeric.ordinates(self.psd, k, n, dt)
 
-    def lagged(self, h, small, large, dt):
+    def lagged(self, h: Any, small: Any, large: Any, dt: Any) -> Any:
         r"""Covariance of two second differences of phase for a coefficient of one, or None: the density then gives it.
 
         .. math:: \frac{1}{2mm'} \sum_{a,b=0}^{2} w_a w_b\, G(h + b m' - a m),\quad w = (1, -2, 1)
@@ -96,7 +104,7 @@ class Term(eqx.Module):
         """
         return None
 
-    def integral(self, h):
+    def integral(self, h: Any) -> Any:
         r"""Generalised covariance G of the integral of the continuous signal at lags h (s, any shape), for a coefficient of one.
 
         .. math:: G(h) = \int S(f)\,\frac{\cos 2\pi f h - 1 + \ldots}{(2\pi f)^2}\,df

@@ -12,11 +12,11 @@ from ._base import Block, Term
 class _NoDensity(Term):
     """A term that contributes nothing to the density."""
 
-    def psd(self, f, dt=None):
+    def psd(self, f: Any, dt: Any = None) -> Any:
         """Nothing."""
         return array_module(f, dt).zeros_like(f)
 
-    def integral(self, h):
+    def integral(self, h: Any) -> Any:
         """Nothing."""
         return array_module(h).zeros_like(h)
 
@@ -26,19 +26,19 @@ class Ramp(_NoDensity):
 
     name: ClassVar[str] = "R"
 
-    def avar(self, tau, dt=None):
+    def avar(self, tau: Any, dt: Any = None) -> Any:
         """tau^2/2."""
         return tau**2 / 2.0
 
-    def lagged(self, h, small, large, dt):
+    def lagged(self, h: Any, small: Any, large: Any, dt: Any) -> Any:
         """Product of the second differences of two parabolas; a ramp only multiplies the noise of other terms."""
         return np.full_like(h, dt**2 * small * large / 2.0)
 
-    def simulate(self, n, dt, random):
+    def simulate(self, n: int, dt: float, random: np.random.Generator) -> Any:
         """T."""
         return dt * np.arange(n)
 
-    def states(self, dt):
+    def states(self, dt: float) -> Block | None:
         """The line and its slope, which varies from record to record."""
         return Block(
             names=("ramp", "slope"), transition=[[1.0, dt], [0.0, 1.0]], process=np.zeros((2, 2)), output=[1.0, 0.0],
@@ -57,7 +57,7 @@ class Sinusoid(_NoDensity):
     frequency: Any
     name: ClassVar[str] = "sinusoid"
 
-    def avar(self, tau, dt=None):
+    def avar(self, tau: Any, dt: Any = None) -> Any:
         """[sin^2(a)/a]^2, a = pi f0 tau; for samples sin^4(a)/(m sin(a/m))^2."""
         xp = array_module(tau, dt, self)
         angle = math.pi * self.frequency * tau
@@ -66,16 +66,16 @@ class Sinusoid(_NoDensity):
         m = tau / dt
         return xp.sin(angle) ** 4 / (m * xp.sin(angle / m)) ** 2
 
-    def integral(self, h):
+    def integral(self, h: Any) -> Any:
         """cos(omega h)/(2 omega^2)."""
         omega = 2.0 * math.pi * self.frequency
         return array_module(h, self).cos(omega * h) / (2.0 * omega**2)
 
-    def simulate(self, n, dt, random):
+    def simulate(self, n: int, dt: float, random: np.random.Generator) -> Any:
         """Of random phase."""
         return np.sin(2.0 * math.pi * self.frequency * dt * np.arange(n) + random.uniform(0.0, 2.0 * math.pi))
 
-    def states(self, dt):
+    def states(self, dt: float) -> Block | None:
         """A rotation by 2 pi f0 dt in a step."""
         c, s = (function(2.0 * math.pi * self.frequency * dt) for function in (math.cos, math.sin))
         return Block(

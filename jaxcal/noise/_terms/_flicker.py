@@ -22,7 +22,7 @@ import jax
 import jax.core
 import jax.numpy as jnp
 import numpy as np
-import scipy.special
+import scipy  # loads its parts when they are first used
 
 from ..._precision import array_module
 from . import _numeric
@@ -54,19 +54,19 @@ class Flicker(Term):
         """Whether there is no cut-off."""
         return not isinstance(self.cutoff, jax.core.Tracer) and bool(np.all(np.isposinf(self.cutoff)))
 
-    def psd(self, f, dt=None):
+    def psd(self, f: Any, dt: Any = None) -> Any:
         """1/omega, up to the cut-off."""
         density = 1.0 / angular(f, dt)
         return density if self.whole else array_module(f, dt, self).where(f <= self.cutoff, density, 0.0)
 
-    def avar(self, tau, dt=None):
+    def avar(self, tau: Any, dt: Any = None) -> Any:
         """2 ln 2/pi; for samples by the digamma function; with a cut-off by integration."""
         xp = array_module(tau, dt, self)
         flat = xp.full_like(tau, 2.0 * math.log(2.0) / math.pi) if dt is None else _sampled(tau / dt)
         cutoff = self.cutoff if np.ndim(self.cutoff) else xp.broadcast_to(self.cutoff, xp.shape(flat))
         return flat if self.whole else _cut(tau, dt, cutoff, flat)
 
-    def ordinates(self, k, n, dt):
+    def ordinates(self, k: Any, n: int, dt: float) -> Any:
         """dt/s (1 - 2/(pi^2 k)) nearly; short records, and the first ordinates of long ones, from the sum over lags."""
         k = np.asarray(k)
         table = _ratio(min(n, _EXACT))
@@ -75,11 +75,11 @@ class Flicker(Term):
         ratio[known] = table[k[known] - 1]
         return dt / (2.0 * np.sin(np.pi * k / n / 2.0)) * ratio
 
-    def lagged(self, h, small, large, dt):
+    def lagged(self, h: Any, small: Any, large: Any, dt: Any) -> Any:
         """From the generalised covariance (4 x^2 - 1) psi(|x| + 1/2)/(8 pi), but for polynomials up to the third degree."""
         return outer_difference(lambda x: _inner(x, small), h, small, large) if self.whole else None
 
-    def integral(self, h):
+    def integral(self, h: Any) -> Any:
         """h^2 ln|h|/(2 pi); with a cut-off from the density."""
         # a cut-off that is traced counts as none: means over many times its inverse do not feel it
         if not self.whole and not isinstance(self.cutoff, jax.core.Tracer):
@@ -88,7 +88,7 @@ class Flicker(Term):
         size = xp.abs(h)
         return h**2 * xp.log(xp.where(size > 0.0, size, 1.0)) / (2.0 * math.pi)
 
-    def simulate(self, n, dt, random):
+    def simulate(self, n: int, dt: float, random: np.random.Generator) -> Any:
         """Running sum of increments: drawn by circulant embedding, which is exact here, or with a cut-off bin by bin of their density."""
         edge = math.pi * dt * float(self.cutoff)
         if edge < math.pi / 2.0:

@@ -38,7 +38,7 @@ class GaussMarkov(Term):
     time: Any = None
     name: str = eqx.field(static=True, default="markov")
 
-    def psd(self, f, dt=None):
+    def psd(self, f: Any, dt: Any = None) -> Any:
         """Tc^2/(1 + (omega Tc)^2); for samples Tc/2 (1 - a^2) dt/(1 + a^2 - 2 a cos(2 pi f dt)), a = exp(-dt/Tc)."""
         omega = angular(f, dt)
         if dt is None:
@@ -46,7 +46,7 @@ class GaussMarkov(Term):
         a = array_module(f, dt, self).exp(-dt / self.time)
         return self.time / 2.0 * (1.0 - a**2) * dt / ((1.0 - a) ** 2 + a * (omega * dt) ** 2)
 
-    def avar(self, tau, dt=None):
+    def avar(self, tau: Any, dt: Any = None) -> Any:
         """Tc^2/tau [1 - Tc/(2 tau) (3 - 4 exp(-tau/Tc) + exp(-2 tau/Tc))], and its exact form for samples."""
         xp, correlation = array_module(tau, dt, self), self.time
         x = tau / correlation
@@ -61,7 +61,7 @@ class GaussMarkov(Term):
             full = correlation / 2.0 * (m * e * (2.0 - e) - (1.0 - e) * q * (2.0 + q)) / (m * e) ** 2
         return xp.where(short, RandomWalk().avar(tau, dt), full)
 
-    def ordinates(self, k, n, dt):
+    def ordinates(self, k: Any, n: int, dt: float) -> Any:
         """From the sum over lags of a geometric series: z^h with z = exp(-dt/Tc + i pi k/n)."""
         a = np.pi * np.asarray(k) / n
         z = np.exp(-dt / self.time + 1j * a)
@@ -70,7 +70,7 @@ class GaussMarkov(Term):
         sine = ((z - last) / (1.0 - z)).imag
         return self.time / 2.0 * dt * (1.0 + 2.0 / n * (cosine - sine / np.sin(a)))
 
-    def integral(self, h):
+    def integral(self, h: Any) -> Any:
         """-Tc^3/2 (exp(-x) - 1 + x), x = |h|/Tc; by its series where that would cancel."""
         xp = array_module(h, self)
         x = xp.abs(h) / self.time
@@ -79,7 +79,7 @@ class GaussMarkov(Term):
         series = small**2 * (1 / 2 - small * (1 / 6 - small * (1 / 24 - small * (1 / 120 - small * (1 / 720 - small / 5040)))))
         return -(self.time**3) / 2.0 * xp.where(near, series, xp.expm1(-large) + large)
 
-    def simulate(self, n, dt, random):
+    def simulate(self, n: int, dt: float, random: np.random.Generator) -> Any:
         """A first-order recursion from its stationary law."""
         from scipy.signal import lfilter  # slow to import, seldom needed
 
@@ -87,7 +87,7 @@ class GaussMarkov(Term):
         z[1:] *= math.sqrt(-math.expm1(-2.0 * dt / self.time))
         return math.sqrt(self.time / 2.0) * np.asarray(lfilter([1.0], [1.0, -math.exp(-dt / self.time)], z))
 
-    def states(self, dt):
+    def states(self, dt: float) -> Block | None:
         """The process itself, stationary from the first sample."""
         variance = self.time / 2.0
         return Block(

@@ -23,8 +23,7 @@ import math
 import jax
 import jax.core
 import numpy as np
-import scipy.fft
-import scipy.special
+import scipy  # loads its parts when they are first used
 
 from ..._errors import DataError
 

@@ -26,33 +26,33 @@ class Quantisation(Term):
 
     name: ClassVar[str] = "Q"
 
-    def psd(self, f, dt=None):
+    def psd(self, f: Any, dt: Any = None) -> Any:
         """Dt omega^2; nothing without dt."""
         return array_module(f, dt).zeros_like(f) if dt is None else dt * angular(f, dt) ** 2
 
-    def avar(self, tau, dt=None):
+    def avar(self, tau: Any, dt: Any = None) -> Any:
         """3/tau^2."""
         return 3.0 / tau**2
 
-    def ordinates(self, k, n, dt):
+    def ordinates(self, k: Any, n: int, dt: float) -> Any:
         """(s^2 + (4/n) cos^2(a/2))/dt, a = pi k/n: the second part leaks from high frequencies."""
         half = np.pi * np.asarray(k) / n / 2.0
         return ((2.0 * np.sin(half)) ** 2 + 4.0 / n * np.cos(half) ** 2) / dt
 
-    def lagged(self, h, small, large, dt):
+    def lagged(self, h: Any, small: Any, large: Any, dt: Any) -> Any:
         """From G = 1/dt^2 at lag 0: lives where a cluster ends on another's end."""
         return outer_difference(lambda x: (np.abs(x) == small) - 2.0 * (x == 0.0), h, small, large) / dt**2
 
-    def integral(self, h):
+    def integral(self, h: Any) -> Any:
         """One at lag 0: the integral has independent errors."""
         xp = array_module(h)
         return xp.where(h == 0.0, 1.0, 0.0)
 
-    def simulate(self, n, dt, random):
+    def simulate(self, n: int, dt: float, random: np.random.Generator) -> Any:
         """Differences of white noise."""
         return np.diff(random.standard_normal(n + 1)) / dt
 
-    def states(self, dt):
+    def states(self, dt: float) -> Block | None:
         """The rounding errors of the integrated output after and before the sample."""
         return Block(
             names=("next", "last"), transition=[[0.0, 0.0], [1.0, 0.0]], process=[[1.0, 0.0], [0.0, 0.0]],
@@ -82,7 +82,7 @@ class PowerLaw(Term):
     exponent: Any = 1.0
     name: str = eqx.field(static=True, default="power law")
 
-    def psd(self, f, dt=None):
+    def psd(self, f: Any, dt: Any = None) -> Any:
         """(2 pi f)^-exponent."""
         return angular(f, dt) ** -self.exponent
 
@@ -92,7 +92,7 @@ class Filter(Quantisation):
 
     name: ClassVar[str] = "filter"
 
-    def ordinates(self, k, n, dt):
+    def ordinates(self, k: Any, n: int, dt: float) -> Any:
         """-1 times that of Q."""
         return -super().ordinates(k, n, dt)
 
@@ -102,31 +102,31 @@ class White(Term):
 
     name: ClassVar[str] = "N"
 
-    def psd(self, f, dt=None):
+    def psd(self, f: Any, dt: Any = None) -> Any:
         """1."""
         return array_module(f, dt).ones_like(f)
 
-    def avar(self, tau, dt=None):
+    def avar(self, tau: Any, dt: Any = None) -> Any:
         """1/tau."""
         return 1.0 / tau
 
-    def ordinates(self, k, n, dt):
+    def ordinates(self, k: Any, n: int, dt: float) -> Any:
         """1."""
         return np.ones(len(k))
 
-    def lagged(self, h, small, large, dt):
+    def lagged(self, h: Any, small: Any, large: Any, dt: Any) -> Any:
         """From G = -|h|/(2 dt): the second difference of -|x|/2 with step m is -max(m - |x|, 0)."""
         return outer_difference(lambda x: -np.maximum(small - np.abs(x), 0.0), h, small, large) / dt
 
-    def integral(self, h):
+    def integral(self, h: Any) -> Any:
         """-|h|/2."""
         return -array_module(h).abs(h) / 2.0
 
-    def simulate(self, n, dt, random):
+    def simulate(self, n: int, dt: float, random: np.random.Generator) -> Any:
         """Independent samples."""
         return random.standard_normal(n) / math.sqrt(dt)
 
-    def states(self, dt):
+    def states(self, dt: float) -> Block | None:
         """No state: white noise of variance 1/dt."""
         return Block(white=1.0 / dt)
 
@@ -136,19 +136,19 @@ class RandomWalk(Term):
 
     name: ClassVar[str] = "K"
 
-    def psd(self, f, dt=None):
+    def psd(self, f: Any, dt: Any = None) -> Any:
         """1/omega^2."""
         return 1.0 / angular(f, dt) ** 2
 
-    def avar(self, tau, dt=None):
+    def avar(self, tau: Any, dt: Any = None) -> Any:
         """tau/3, for samples times 1 + 1/(2 m^2)."""
         return tau / 3.0 if dt is None else tau / 3.0 * (1.0 + 0.5 / (tau / dt) ** 2)
 
-    def ordinates(self, k, n, dt):
+    def ordinates(self, k: Any, n: int, dt: float) -> Any:
         """dt^2/s^2, exactly."""
         return (dt / (2.0 * np.sin(np.pi * np.asarray(k) / n / 2.0))) ** 2
 
-    def lagged(self, h, small, large, dt):
+    def lagged(self, h: Any, small: Any, large: Any, dt: Any) -> Any:
         """From G = dt (|h|^3 - |h|)/12."""
 
         def inner(x):
@@ -158,14 +158,14 @@ class RandomWalk(Term):
 
         return outer_difference(inner, h, small, large) * dt
 
-    def integral(self, h):
+    def integral(self, h: Any) -> Any:
         """|h|^3/12."""
         return array_module(h).abs(h) ** 3 / 12.0
 
-    def simulate(self, n, dt, random):
+    def simulate(self, n: int, dt: float, random: np.random.Generator) -> Any:
         """Running sum of white noise."""
         return math.sqrt(dt) * np.cumsum(random.standard_normal(n))
 
-    def states(self, dt):
+    def states(self, dt: float) -> Block | None:
         """One state, from zero."""
         return Block(names=("walk",), transition=[[1.0]], process=[[dt]], output=[1.0], initial=[[0.0]])

@@ -1,0 +1,8 @@
+"""`python -m jaxcal`: the command line, where the script `jaxcal` is not on the path."""
+
+import sys
+
+from .cli import main
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,133 @@
+"""Compiled programs kept on disk, so that a command neither traces nor compiles what an earlier one did.
+
+JAX's own cache saves the compilation alone: tracing and lowering, which it needs to find an entry, take as long again. Here a program is
+found by what goes into its trace: the function, the shapes and types of its arrays, and everything else of its arguments. That is safe
+where the source is known to be the same. So a program is kept only if all that its arguments refer to belongs to jaxcal or to the packages
+that it stands on. A model or a term of the user's own is traced as ever.
+"""
+
+import contextlib
+import dataclasses
+import functools
+import hashlib
+import importlib.metadata
+import io
+import os
+import pickle
+import platform
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from ._files import hidden_name
+
+_PACKAGES = ("jax", "jaxlib", "numpy", "equinox", "optimistix", "lineax")
+_KNOWN = {"jaxcal", *_PACKAGES, *sys.stdlib_module_names}
+
+
+@dataclasses.dataclass(frozen=True)
+class Slot:
+    """Stands for an array in a tree: what of it goes into a trace."""
+
+    shape: tuple[int, ...]
+    dtype: str
+    weak: bool
+
+
+class _Pickler(pickle.Pickler):
+    """Refuses what is defined elsewhere: its source may change while its name stays."""
+
+    def reducer_override(self, obj: Any) -> Any:
+        if isinstance(obj, type) or callable(obj):
+            module = getattr(obj, "__module__", None) or ""
+            if module.partition(".")[0] not in _KNOWN:
+                raise pickle.PicklingError(f"{obj!r} is not part of jaxcal")
+        return NotImplemented
+
+
+def _pickled(tree: Any) -> bytes:
+    buffer = io.BytesIO()
+    _Pickler(buffer, protocol=5).dump(tree)
+    return buffer.getvalue()
+
+
+@functools.cache
+def _world() -> bytes:
+    """What a program depends on beside its arguments: sources, versions, settings and processor."""
+    root = Path(__file__).parent
+    sources = [(str(path.relative_to(root)), path.stat().st_size, path.stat().st_mtime_ns) for path in sorted(root.rglob("*.py"))]
+    versions = [importlib.metadata.version(name) for name in _PACKAGES]
+    settings = sorted(item for item in os.environ.items() if item[0].startswith(("JAX_", "XLA_")) and "CACHE" not in item[0])
+    cpu = Path("/proc/cpuinfo")
+    flags = next((line for line in cpu.read_text().splitlines() if line.startswith("flags")), "") if cpu.exists() else platform.processor()
+    return repr((sources, versions, settings, flags, sys.version)).encode()
+
+
+class Store:
+    """Programs in a folder, one file for each."""
+
+    def __init__(self, folder: Path):
+        self._folder = folder
+        self._held: dict[Any, Callable[..., Any] | None] = {}
+
+    def run(self, function: Callable[..., Any], lower: Callable[..., Any], arrays: list[Any], fixed: Any, described: Callable) -> Any:
+        """Arrays and structure that the function's program gives for such arguments; None where the program cannot be kept.
+
+        `lower(arrays, fixed)` traces it; `described(slots)` are its arguments with something in place of each array.
+        """
+        slots = [Slot(np.shape(array), str(array.dtype), bool(getattr(array, "weak_type", False))) for array in arrays]
+        key = (function, tuple(slots), fixed)
+        if key not in self._held:
+            try:
+                name = _pickled((function, described(slots), jax.config.read("jax_enable_x64")))
+            except (pickle.PicklingError, AttributeError, TypeError):
+                self._held[key] = None  # a function inside of another, or one of the user's own
+            else:
+                path = self._folder / f"program-{hashlib.sha256(_world() + name).hexdigest()}-cache"
+                self._held[key] = _read(path, arrays, fixed) or _made(path, lower(arrays, fixed).compile())
+        program = self._held[key]
+        return program and program(arrays, fixed)
+
+
+def _read(path: Path, arrays: list[Any], fixed: Any) -> Callable[..., Any] | None:
+    """The program in a file; None where there is none that can be read."""
+    from jax.experimental.serialize_executable import deserialize_and_load
+
+    try:
+        code, count, result = pickle.loads(path.read_bytes())
+        if b"lapack" in code:  # its routines are registered when a program is traced
+            from jaxlib import lapack
+
+            lapack._lapack.initialize()
+        taken, given = jax.tree.structure(((arrays, fixed), {})), jax.tree.structure(([0] * count, result))
+        return deserialize_and_load(code, taken, given)
+    except FileNotFoundError:
+        return None
+    except Exception:
+        path.unlink(missing_ok=True)
+        return None
+
+
+def _made(path: Path, compiled: Any) -> Callable[..., Any]:
+    """The program, written to its file with the structure of its results once that is known."""
+    from jax.experimental.serialize_executable import serialize
+
+    written = False
+
+    def call(arrays: list[Any], fixed: Any) -> Any:
+        nonlocal written
+        found, result = compiled(arrays, fixed)
+        if not written:
+            written = True
+            with contextlib.suppress(OSError, pickle.PicklingError, AttributeError, TypeError, ValueError, NotImplementedError):
+                content = pickle.dumps((serialize(compiled)[0], len(found), result))
+                part = path.with_name(hidden_name())
+                part.write_bytes(content)
+                part.replace(path)
+        return found, result
+
+    return call

@@ -1,0 +1,167 @@
+"""`motion`: what the turns say of delay and lever arms, from the specific force while the sensor moves."""
+
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+import scipy.special
+
+from .._errors import DataError
+from .._precision import host_float64
+from .._results import Result, Row
+from .._types import AnyArray
+from ._integrate import CROSS
+from ._model import Imu
+from ._recording import means, recording
+from ._rests import given_rests
+from ._result import ImuFit
+
+_LEAST = 14  # turns: ten parameters, and some to tell their errors from
+_SLOPE = np.array([-2.0, -1.0, 0.0, 1.0, 2.0]) / 10  # derivative over five samples
+
+
+class Motion(Result):
+    """Delay of the gyroscope and lever arms of the accelerometer's axes.
+
+    Attributes
+    ----------
+    delay : s by which the gyroscope is later than the accelerometer.
+    delay_interval : (2,) limits of 95 %.
+    lever_arm : (3, 3) m: row i is the place of axis i of the accelerometer, from the point about which the turns went. The differences of
+        rows are those between the axes.
+    lever_arm_interval : (3, 3, 2) limits of 95 %.
+    turns : number of turns.
+    residual : rms of the specific force that is left, m/s^2: linear acceleration of the hand.
+    verdict : "good", or "weak" where the delay is not known to a sample.
+    reason : a sentence or more. warnings : sentences.
+    """
+
+    delay: float
+    delay_interval: AnyArray
+    lever_arm: AnyArray
+    lever_arm_interval: AnyArray
+    turns: int
+    residual: float
+    verdict: str = eqx.field(static=True)
+    reason: str = eqx.field(static=True)
+    warnings: tuple[str, ...] = eqx.field(static=True, default=())
+
+    def _rows(self) -> list[Row]:
+        rows = [Row("delay of the gyroscope", self.delay, *self.delay_interval, "s")]
+        for i, j in np.ndindex(3, 3):
+            rows.append(Row(f"arm of axis {'xyz'[i]} along {'xyz'[j]}", self.lever_arm[i, j], *self.lever_arm_interval[i, j], "m"))
+        return rows
+
+
+@host_float64
+def motion(log: Any, found: ImuFit | Imu, *, gravity: float | int | None = None, rests: Any = None) -> Motion:
+    r"""Delay between gyroscope and accelerometer, and lever arms of the accelerometer's axes, from the turns of a calibration.
+
+    In a turn the gyroscope predicts the direction of gravity, and the accelerometer sees, besides,
+
+    .. math:: f - g u = \tau\, g\,(u\times\omega) + e_i^T(\dot\omega\times r_i + \omega\times(\omega\times r_i)) + \ldots
+
+    where the dots stand for the linear acceleration of the hand, which is taken for noise. The ten numbers are fitted by least squares;
+    their intervals come from fits without one turn at a time.
+
+    Parameters
+    ----------
+    log : `jaxcal.Log` of the calibration.
+    found : the `ImuFit` of that log, or an `Imu` of calibrated sensors.
+    gravity : m/s^2; with an `ImuFit` its own.
+    rests : (k, 2) samples of the rests; with an `ImuFit` its own.
+
+    Returns
+    -------
+    Motion
+
+    Raises
+    ------
+    DataError
+        For a fit without gyroscope, fewer than 14 turns, or an `Imu` without gravity and rests.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> from jaxcal.imu import MEMS, motion, simulate
+    >>> log = simulate(poses=18, rate=50, still=3, turn=2, seed=0)
+    >>> ends = np.array([[0, 1500]] + [[1600 + 250 * k, 1750 + 250 * k] for k in range(17)])
+    >>> print(abs(motion(log, MEMS, gravity=9.81, rests=ends).delay) < 2e-3)
+    True
+
+    References
+    ----------
+    J. Rehder et al., ICRA 2016 (lever arms of single axes); R. G. Miller, Biometrika 61 (1974) 1 (jackknife).
+    """
+    if isinstance(found, ImuFit):
+        gravity = found.gravity if gravity is None else gravity
+        if rests is None and found.still is not None:
+            rests = np.stack([found.still.start, found.still.stop], axis=1)
+        found = Imu(found.accel, found.gyro)
+    if found.accel is None or found.gyro is None:
+        raise DataError("There is no calibrated gyroscope; delay and lever arms need both sensors.")
+    if gravity is None or rests is None:
+        raise DataError("Give gravity= and rests=, or the ImuFit of the log, which has both.")
+    record, size = recording(log, None), float(gravity)
+    start, stop = given_rests(rests, len(record.time))
+    readings = np.asarray(record.bridged)
+    force = np.asarray(found.accel.correct(readings[:, 3:]))
+    rate = np.asarray(found.gyro.correct(readings[:, :3], force))
+    up = np.asarray(found.accel.correct(means(record.accel, start, stop)))
+    up /= np.linalg.norm(up, axis=1, keepdims=True)
+    products = [
+        made
+        for k, (i, j) in enumerate(zip(stop[:-1] - 1, start[1:], strict=True))
+        if j - i > len(_SLOPE) and np.isfinite(rate[i : j + 1]).all() and np.isfinite(force[i : j + 1]).all()
+        for made in [_products(record.time[i : j + 1], force[i : j + 1], rate[i : j + 1], up[k], size)]
+    ]
+    count = len(products)
+    if count < _LEAST:
+        raise DataError(f"{count} turns can be used, {_LEAST} are needed for delay and lever arms; record 18 poses or more")
+    inner, right, square, number = (np.array(part) for part in zip(*products, strict=True))
+    whole = np.linalg.solve(inner.sum(axis=0), right.sum(axis=0))
+    without = np.linalg.solve(inner.sum(axis=0) - inner, (right.sum(axis=0) - right)[..., None])[..., 0]
+    error = np.sqrt((count - 1) / count * np.sum((without - without.mean(axis=0)) ** 2, axis=0))
+    half = scipy.special.stdtrit(count - 1, 0.975) * error
+    interval = np.stack([whole - half, whole + half], axis=1)
+    left = square.sum() - whole @ right.sum(axis=0)
+    sure = half[0] < 1 / record.rate
+    text = f"The gyroscope is {1e3 * whole[0]:.2g} ms later than the accelerometer, to {1e3 * half[0]:.2g} ms"
+    if not interval[0, 0] > 0 and not interval[0, 1] < 0:
+        text = f"Gyroscope and accelerometer are not apart in time by more than {1e3 * np.abs(interval[0]).max():.2g} ms"
+    return Motion(
+        float(whole[0]), interval[0], whole[1:].reshape(3, 3), interval[1:].reshape(3, 3, 2), count,
+        float(np.sqrt(max(left, 0.0) / number.sum())), "good" if sure else "weak", f"{text}.",
+    )  # fmt: skip
+
+
+def _products(time: np.ndarray, force: np.ndarray, rate: np.ndarray, up: np.ndarray, gravity: float) -> tuple[Any, ...]:
+    """Normal matrix (10, 10), right side (10,), sum of squares and number of samples of one turn."""
+    middle = (rate[:-1] + rate[1:]) / 2 * np.diff(time)[:, None]
+    vertical = np.empty_like(force)
+    vertical[0] = up
+    for k, step in enumerate(_turned_by(-middle)):
+        vertical[k + 1] = step @ vertical[k]
+    slope = np.stack([np.convolve(column, _SLOPE[::-1], "valid") for column in rate.T], axis=1) * (len(time) - 1) / (time[-1] - time[0])
+    inside = slice(2, -2)
+    w, u = rate[inside], vertical[inside]
+    turning = _skew(slope) + _skew(w) @ _skew(w)  # (n, 3, 3): its row i times the arm of axis i
+    columns = np.zeros((len(w), 3, 10))
+    columns[..., 0] = gravity * np.cross(u, w)
+    for axis in range(3):
+        columns[:, axis, 1 + 3 * axis : 4 + 3 * axis] = turning[:, axis]
+    columns, seen = columns.reshape(-1, 10), (force[inside] - gravity * u).reshape(-1)
+    return columns.T @ columns, columns.T @ seen, float(seen @ seen), len(seen)
+
+
+def _turned_by(vector: np.ndarray) -> np.ndarray:
+    """Rotations (n, 3, 3) by small vectors."""
+    angle = np.linalg.norm(vector, axis=1)[:, None, None]
+    cross = _skew(vector)
+    return np.eye(3) + np.sinc(angle / np.pi) * cross + np.sinc(angle / (2 * np.pi)) ** 2 / 2 * cross @ cross
+
+
+def _skew(w: np.ndarray) -> np.ndarray:
+    """Matrices (n, 3, 3) of the cross product with w (n, 3)."""
+    return (w @ CROSS).reshape(-1, 3, 3)

@@ -1,0 +1,118 @@
+"""`Nonlinear`: a triad with terms that are not linear, each there or not; `with_terms` adds them by name."""
+
+import dataclasses
+from collections.abc import Iterable
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+
+from .._errors import DataError
+from .._precision import array_module, host_float64
+from .._types import AnyArray
+from ._model import Imu, Triad
+
+_ROUNDS = 4  # of the fixed point: a term of 1 % of the reading is then off by 1e-10 of it
+#: fields of `Nonlinear`, and which sensor may have them
+_FIELDS = {"quadratic": "both", "cubic": "both", "asymmetry": "both", "g_squared": "gyro"}
+TERMS = tuple(f"{sensor}.{field}" for sensor in ("accel", "gyro") for field, of in _FIELDS.items() if of in ("both", sensor))
+
+
+class Nonlinear(Triad):
+    r"""A triad whose axes bend.
+
+    .. math:: y = M x + b + G a + q x^2 + c x^3 + s |x| + h a^2
+
+    All powers are of single components. A term that is None is not there, and not fitted.
+
+    Attributes
+    ----------
+    quadratic : (3,) q, reading per SI unit squared; or None.
+    cubic : (3,) c, reading per SI unit to the third; or None.
+    asymmetry : (3,) s, reading per SI unit: half the difference of the scales of both signs; or None.
+    g_squared : (3,) h, of a gyroscope: reading per (m/s^2)^2 of the specific force along the same axis; or None.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.imu import Nonlinear
+    >>> bent = Nonlinear(np.eye(3), np.zeros(3), quadratic=np.array([3e-4, 0.0, 0.0]))
+    >>> print(bent.measure(np.array([9.81, 0.0, 0.0])).round(4), bent.correct(bent.measure(np.array([9.81, 0.0, 0.0]))).round(8))
+    [9.8389 0.     0.    ] [9.81 0.   0.  ]
+
+    References
+    ----------
+    IEEE Std 1293-1998, model equation (K2, K3, asymmetry); IEEE Std 952-1997 and 517-1974 for gyroscopes.
+    """
+
+    quadratic: Any = None
+    cubic: Any = None
+    asymmetry: Any = None
+    g_squared: Any = None
+
+    @host_float64
+    def measure(self, x: Any, accel: Any = None) -> AnyArray:
+        """Readings; see `Triad.measure`."""
+        return super().measure(x, accel) + self._bent(x, accel)
+
+    @host_float64
+    def correct(self, y: Any, accel: Any = None) -> AnyArray:
+        """What was measured, by a fixed point; see `Triad.correct`."""
+        x = super().correct(y, accel)
+        for _ in range(_ROUNDS):
+            x = super().correct(y - self._bent(x, accel), accel)
+        return x
+
+    def _bent(self, x: Any, accel: Any) -> Any:
+        xp = array_module(self, x, accel)
+        x = xp.asarray(x)
+        total = xp.zeros_like(x)
+        for coefficient, power in ((self.quadratic, x**2), (self.cubic, x**3), (self.asymmetry, xp.abs(x))):
+            if coefficient is not None:
+                total = total + xp.broadcast_to(xp.asarray(coefficient), x.shape) * power
+        if self.g_squared is not None:
+            if accel is None:
+                raise DataError("This triad has a term of the squared specific force: give the specific force with accel=.")
+            total = total + xp.broadcast_to(xp.asarray(self.g_squared), x.shape) * xp.asarray(accel) ** 2
+        return total
+
+
+def with_terms(model: Imu, terms: Iterable[str]) -> Imu:
+    """The model with further terms, zero at first.
+
+    Parameters
+    ----------
+    model : `Imu` of plain `Triad`s or of `Nonlinear`.
+    terms : names such as "accel.quadratic" or "gyro.cubic"; all are in `jaxcal.imu.TERMS`.
+
+    Returns
+    -------
+    Imu
+
+    Raises
+    ------
+    DataError
+        For a name that there is not, or a model of your own.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.imu import Imu, Triad, with_terms
+    >>> with_terms(Imu(Triad(np.eye(3), np.zeros(3))), ["accel.cubic"]).accel.cubic
+    array([0., 0., 0.])
+    """
+    for term in terms:
+        if term not in TERMS:
+            raise DataError(f"There is no term {term!r}; known are {', '.join(TERMS)}, or 'auto' for what the log asks for.")
+        sensor, field = term.split(".")
+        held = getattr(model, sensor)
+        if held is None:
+            raise DataError(f"The term {term} belongs to a sensor that the log does not have.")
+        if type(held) is Triad:
+            held = Nonlinear(held.matrix, held.bias, held.g_sensitivity)
+        if not isinstance(held, Nonlinear):
+            raise DataError(f"The term {term} cannot be added to a {type(held).__name__}; add it to your own class, or leave out model=.")
+        if getattr(held, field) is None:
+            held = dataclasses.replace(held, **{field: np.zeros(3)})
+        model = eqx.tree_at(lambda one, sensor=sensor: getattr(one, sensor), model, held)
+    return model

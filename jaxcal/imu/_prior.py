@@ -1,0 +1,155 @@
+"""`Prior`: what is known of a device before its recording, from a data sheet or an earlier calibration."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+import scipy.special
+
+from .._errors import DataError
+from .._types import Array
+from ..fitting import AbstractPrior, Fit, identifiability
+from ._estimate import turned
+from ._model import Imu, Triad
+
+_SHEET = {"accel": ("scale", "misalignment", "bias"), "gyro": ("scale", "misalignment", "bias", "g_sensitivity")}
+_FIELDS = ("matrix", "bias", "g_sensitivity")
+_SIZE = 21
+CONFLICT = 1e-3  # level of the test of prior against data
+_FLAT = 1e-12  # share of the largest eigenvalue of a correlation that is rounding
+
+
+class Prior(AbstractPrior):
+    """Normal knowledge of the triads, in the frame "upper", in which the fit runs.
+
+    Attributes
+    ----------
+    accel, gyro : (mean (21,), root (21, 21)) of matrix, bias and g-sensitivity by rows: root @ (value - mean) has standard deviation one.
+        A row of zeros says nothing. None for a sensor of which nothing is known.
+    """
+
+    accel: Any = None
+    gyro: Any = None
+
+    def residuals(self, model: Any) -> Array:
+        """(n,) of the sensors that the model has."""
+        parts = [jnp.zeros(0)]
+        for known, sensor in ((self.accel, model.accel), (self.gyro, model.gyro)):
+            if known is not None and sensor is not None:
+                value = jnp.concatenate([jnp.ravel(getattr(sensor, name)) for name in _FIELDS])
+                parts.append(known[1].astype(value.dtype) @ (value - known[0].astype(value.dtype)))
+        return jnp.concatenate(parts)
+
+
+def prior_of(source: Any) -> Prior | None:
+    """The prior that a data sheet or an earlier calibration gives.
+
+    A data sheet is {"accel": {"scale": relative, "misalignment": rad, "bias": m/s^2}, "gyro": {"scale", "misalignment", "bias": rad/s,
+    "g_sensitivity": rad/s per m/s^2}} of standard deviations, each of which may be missing. Of an `ImuFit` or a `Calibration` matrices and
+    g-sensitivity are taken with their covariance; the biases are not, since they change from one switching on to the next.
+    """
+    if source is None or isinstance(source, Prior):
+        return source
+    if isinstance(source, Mapping):
+        return _of_sheet(source)
+    held = getattr(source, "imu", source)
+    models: dict[str, Triad] = {}
+    known: dict[str, np.ndarray] = {}
+    for sensor in _SHEET:
+        part = getattr(held, sensor, None)
+        model = getattr(part, "model", part)
+        if not isinstance(model, Triad):
+            continue
+        covariance = _covariance(held, part, sensor)
+        if covariance is None:
+            raise DataError(f"The earlier calibration has no covariance of {sensor}; calibrate again, or give a data sheet as prior.")
+        models[sensor], known[sensor] = Triad(*(np.asarray(getattr(model, name)) for name in _FIELDS)), covariance
+    if "accel" not in models:
+        raise DataError(f"prior is a {type(source).__name__}; expected a data sheet (a dictionary), an ImuFit or a Calibration with imu")
+    imu = Imu(models["accel"], models.get("gyro"))
+    size = 33 if "gyro" in known else 12
+    matrix = np.zeros((size, size))
+    matrix[:12, :12] = known["accel"]
+    if "gyro" in known:
+        matrix[12:, 12:] = known["gyro"]
+    if np.any(np.tril(np.asarray(imu.accel.matrix), -1)):
+        imu, (matrix,) = turned(imu, "upper", matrix)
+    return Prior(
+        *(
+            _known(getattr(imu, sensor), np.asarray(matrix)[part, part])
+            for sensor, part in (("accel", slice(0, 12)), ("gyro", slice(12, 33)))
+        )
+    )
+
+
+def _covariance(held: Any, part: Any, sensor: str) -> np.ndarray | None:
+    """(21, 21), or (12, 12) of an accelerometer, from the fit or from the part of a calibration."""
+    count = 12 if sensor == "accel" else 21
+    if hasattr(held, "degrees_of_freedom"):
+        first = 0 if sensor == "accel" else 12
+        whole = np.asarray(held.covariance)[first : first + count, first : first + count]
+        return whole if np.isfinite(whole).all() else None
+    stored = getattr(part, "covariance", None)
+    return None if stored is None or len(stored.values) < count else np.asarray(stored.values)[:count, :count]
+
+
+def _known(triad: Triad | None, covariance: np.ndarray) -> Any:
+    """Mean and root of a sensor, of all but the bias."""
+    if triad is None:
+        return None
+    error = np.sqrt(np.diag(covariance))
+    # the biases are left out, and what was held has no error
+    taken = np.flatnonzero((error > 0) & ~np.isin(np.arange(len(covariance)), (9, 10, 11)))
+    scaled = covariance[np.ix_(taken, taken)] / np.outer(error[taken], error[taken])
+    values, vectors = np.linalg.eigh(scaled)
+    kept = values > _FLAT * values[-1]
+    root = np.zeros((_SIZE, _SIZE))
+    root[np.ix_(np.arange(kept.sum()), taken)] = (vectors[:, kept] / np.sqrt(values[kept])).T / error[taken]
+    return np.concatenate([np.ravel(getattr(triad, name)) for name in _FIELDS]), root
+
+
+def _of_sheet(sheet: Mapping[str, Any]) -> Prior:
+    found: dict[str, Any] = {}
+    for sensor, given in sheet.items():
+        if sensor not in _SHEET or not isinstance(given, Mapping) or set(given) - set(_SHEET[sensor]):
+            raise DataError(f"prior has {sensor!r}: {given!r}; expected accel and gyro with {', '.join(_SHEET['gyro'])}")
+        sizes = {name: float(value) for name, value in given.items()}
+        if not all(np.isfinite(size) and size > 0 for size in sizes.values()):
+            raise DataError(f"prior of {sensor} has {sizes}; expected standard deviations above zero, in SI units")
+        aside = np.ones((3, 3), dtype=bool) if sensor == "gyro" else np.triu(np.ones((3, 3), dtype=bool))
+        scale = np.where(np.eye(3, dtype=bool), 1 / sizes.get("scale", np.inf), aside / sizes.get("misalignment", np.inf))
+        bias, cross = (np.full(count, 1 / sizes.get(name, np.inf)) for count, name in ((3, "bias"), (9, "g_sensitivity")))
+        mean = np.concatenate([np.eye(3).ravel(), np.zeros(12)])
+        found[sensor] = (mean, np.diag(np.concatenate([scale.ravel(), bias, cross])))
+    return Prior(**found)
+
+
+def known_of(prior: Prior | None) -> int:
+    """Number of parameters of the accelerometer that a prior knows."""
+    return 0 if prior is None or prior.accel is None else int(np.linalg.matrix_rank(np.asarray(prior.accel[1])))
+
+
+def complete(prior: Prior | None, held: np.ndarray | None = None) -> Prior:
+    """A prior with rows for all parameters of both sensors, of zeros where nothing is known; `held` holds the g-sensitivity at zero."""
+    parts = []
+    for known in (prior.accel, prior.gyro) if prior is not None else (None, None):
+        mean, root = (np.zeros(_SIZE), np.zeros((_SIZE, _SIZE))) if known is None else known
+        parts.append((mean, np.concatenate([root, np.zeros((9, _SIZE))])))
+    if held is not None:
+        parts[1][1][_SIZE:, 12:] = np.diag(1 / held)
+    return Prior(*parts)
+
+
+def conflict(fit: Fit) -> float:
+    """Level at which prior and data contradict each other: chi-square of the prior's residuals, each over its own expected variance."""
+    r = np.asarray(fit.prior_residuals)
+    slope = np.asarray(fit.prior_jacobian)
+    if not r.size:
+        return 1.0
+    share = np.asarray(identifiability(fit).leverage(slope))
+    used = np.any(slope != 0, axis=1) & (share < 1 - 1e-9)
+    if not used.any():
+        return 1.0
+    largest = float(np.max(r[used] ** 2 / (1 - share[used])))
+    return float(min(1.0, used.sum() * scipy.special.chdtrc(1, largest)))

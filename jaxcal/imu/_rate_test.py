@@ -1,0 +1,366 @@
+"""`rate_test`: a gyroscope from the raw log of a rate table; `scale_figures`: how far a response is from a straight line, in ppm."""
+
+import re
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+import scipy.special
+
+from .._errors import DataError
+from .._precision import host_float64
+from .._results import Result, Row
+from .._types import AnyArray
+from ._known import TriadFit, rate_table
+from ._model import Triad
+from ._recording import means
+from ._rests import static_intervals
+from ._session import Region, listed
+
+_AXES = "xyz"
+#: of the variance at rest; the motor of a table shakes more the faster it turns
+_MULTIPLES = (4, 10, 30, 100, 300, 1000)
+_TOLERANCE = 0.2  # share by which a rate may differ from the one that was set, before its scale is calibrated
+_PIECES = 8
+_LEAST_REPEATS = 6  # degrees of freedom of repeated rates from which their scatter is the error of a mean
+_COLLINEAR = 1e-2
+_LABEL = re.compile(r"([xyz])[ _]*([+-]?\d+(?:\.\d+)?)|(rest|still|pose|static)[ _-]?\d*", re.IGNORECASE)
+_PPM = 1e6
+
+
+class ScaleFigures(eqx.Module):
+    """How far the response of one axis is from a straight line: each in ppm, NaN where the rates cannot show it.
+
+    Attributes
+    ----------
+    scale, offset : of the line by least squares: reading per input, and reading.
+    nonlinearity : largest difference from the line, of the mean at any input, over the output at the largest input.
+    nonlinearity_noise : what noise alone exceeds once in twenty tests.
+    asymmetry : scale for positive inputs less that for negative ones, over their mean.
+    asymmetry_interval : (2,) limits of 95 %.
+    repeatability : standard deviation of the reading at an input that is set again, over the output at the largest input.
+    hysteresis : largest difference at an input between coming from below and from above, over the output at the largest input.
+    hysteresis_noise : what noise alone exceeds once in twenty tests.
+    residual : (m,) reading less the line, over the output at the largest input, ppm.
+    """
+
+    scale: float
+    offset: float
+    nonlinearity: float
+    nonlinearity_noise: float
+    asymmetry: float
+    asymmetry_interval: AnyArray
+    repeatability: float
+    hysteresis: float
+    hysteresis_noise: float
+    residual: AnyArray
+
+
+def _reach(freedom: float, number: int) -> float:
+    """Size that the largest of so many independent deviations exceeds once in twenty times."""
+    return float(scipy.special.stdtrit(freedom, 0.5 + 0.95 ** (1 / max(number, 1)) / 2))
+
+
+@host_float64
+def scale_figures(inputs: Any, readings: Any, sigma: Any = None) -> ScaleFigures:
+    r"""Nonlinearity, asymmetry, repeatability and hysteresis of one axis, in ppm.
+
+    .. math:: y_i = K\,x_i + y_0 + r_i,\qquad \text{nonlinearity} = \frac{\max_x|\bar r(x)|}{K\max|x|},\qquad
+              \text{asymmetry} = \frac{2 (K_+ - K_-)}{K_+ + K_-}
+
+    Parameters
+    ----------
+    inputs : (m,) rates, or specific forces, in the order in which they were set: hysteresis depends on it. An input that is set again
+        shows the repeatability.
+    readings : (m,) mean readings.
+    sigma : standard deviation of a mean reading, one or (m,); it serves where hardly any input was repeated.
+
+    Returns
+    -------
+    ScaleFigures
+
+    Raises
+    ------
+    DataError
+        For fewer than three different inputs, or where neither repeated inputs nor `sigma` tell the noise.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.imu import scale_figures
+    >>> rate = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
+    >>> found = scale_figures(rate, 1.01 * rate + 1e-4 * rate**3, sigma=1e-6)
+    >>> print(round(found.nonlinearity), round(found.asymmetry))
+    119 0
+
+    References
+    ----------
+    IEEE Std 952-1997 and Std 1431-2004 (scale factor tests), Std 1293-1998, and Std 528 for the words.
+    """
+    x, y = (np.asarray(part, dtype=float) for part in (inputs, readings))
+    if x.ndim != 1 or x.shape != y.shape or not (np.isfinite(x).all() and np.isfinite(y).all()):
+        raise DataError(f"inputs have shape {x.shape}, readings {y.shape}; expected finite numbers, (m,) both")
+    levels, which, number = np.unique(x, return_inverse=True, return_counts=True)
+    if len(levels) < 3:
+        raise DataError(f"the inputs have {len(levels)} different values; a straight line is tested with three or more")
+    mean = np.bincount(which, y) / number
+    repeats = int(np.sum(number - 1))
+    between = np.sum((y - mean[which]) ** 2)
+    if sigma is None and repeats < 1:
+        raise DataError("no input was set twice; give sigma=, the standard deviation of a mean reading, or repeat some inputs")
+    spread = np.sqrt(between / repeats) if repeats else np.nan
+    known = sigma is not None and repeats < _LEAST_REPEATS
+    error, freedom = (float(np.sqrt(np.mean(np.square(sigma)))), np.inf) if known else (float(spread), float(repeats))
+    columns = np.stack([x, np.ones_like(x)], axis=1)
+    inner = np.linalg.inv(columns.T @ columns)
+    scale, offset = inner @ columns.T @ y
+    left, full = y - columns @ np.array([scale, offset]), scale * np.abs(x).max()
+    level = np.stack([levels, np.ones_like(levels)], axis=1)
+    open_ = error * np.sqrt(np.maximum(1 / number - np.einsum("ij,jk,ik->i", level, inner, level), 0))
+    curved = np.abs(np.bincount(which, left) / number)
+    asymmetry, interval = _asymmetry(x, y, error, freedom)
+    hysteresis, least = _hysteresis(x, left, which, error, freedom)
+    over = _PPM / abs(full)
+    noise = _reach(freedom, len(levels) - 2) * float(open_.max())
+    return ScaleFigures(
+        float(scale), float(offset), float(curved.max() * over), noise * over, asymmetry, interval, float(spread * over),
+        hysteresis * over, least * over, left * over,
+    )  # fmt: skip
+
+
+def _asymmetry(x: np.ndarray, y: np.ndarray, error: float, freedom: float) -> tuple[float, np.ndarray]:
+    """In ppm, with its interval; NaN without two inputs of each sign, or one and zero."""
+    columns = np.stack([np.maximum(x, 0), np.minimum(x, 0), np.ones_like(x)], axis=1)
+    if np.linalg.matrix_rank(columns) < 3:
+        return np.nan, np.full(2, np.nan)
+    inner = np.linalg.inv(columns.T @ columns)
+    up, down, _ = inner @ columns.T @ y
+    apart = np.array([1.0, -1.0, 0.0])
+    half = scipy.special.stdtrit(freedom, 0.975) * error * np.sqrt(apart @ inner @ apart)
+    over = 2 * _PPM / (up + down)
+    value = (up - down) * over
+    return float(value), value + abs(half * over) * np.array([-1.0, 1.0])
+
+
+def _hysteresis(x: np.ndarray, left: np.ndarray, which: np.ndarray, error: float, freedom: float) -> tuple[float, float]:
+    """Largest difference between inputs that were reached from below and from above, and what noise would make of it."""
+    step = np.concatenate([[0.0], np.diff(x)])
+    found = []
+    for level in range(which.max() + 1):
+        up, down = (left[(which == level) & side] for side in (step > 0, step < 0))
+        if len(up) and len(down):
+            found.append((abs(up.mean() - down.mean()), error * np.sqrt(1 / len(up) + 1 / len(down))))
+    if not found:
+        return np.nan, np.nan
+    size, noise = np.array(found).T
+    return float(size.max()), float(_reach(freedom, len(found)) * noise.max())
+
+
+class RateTest(Result):
+    """A gyroscope on a rate table.
+
+    Attributes
+    ----------
+    fit : `TriadFit` of matrix, bias and, where the positions allow it, g-sensitivity; None where not every axis was turned.
+    figures : axis -> `ScaleFigures`.
+    start, stop : (m,) samples of the stretches of constant rate; axis : (m,) index of the axis turned about, -1 at rest.
+    rates : (m, 3) of the table, rad/s. readings : (m, 3) means. sigma : (m, 3) standard deviation of a mean by the noise inside a stretch.
+    verdict : "good", or "weak" where an axis is missing or no rate was repeated.
+    reason : sentences. warnings : sentences.
+    """
+
+    fit: TriadFit | None
+    figures: dict[str, ScaleFigures]
+    start: AnyArray
+    stop: AnyArray
+    axis: AnyArray
+    rates: AnyArray
+    readings: AnyArray
+    sigma: AnyArray
+    verdict: str = eqx.field(static=True)
+    reason: str = eqx.field(static=True)
+    warnings: tuple[str, ...] = eqx.field(static=True, default=())
+
+    @property
+    def gyro(self) -> Triad | None:
+        """The gyroscope, where every axis was turned."""
+        return None if self.fit is None else self.fit.triad
+
+    def _rows(self) -> list[Row]:
+        rows = []
+        for axis, one in self.figures.items():
+            rows += [
+                Row(f"{axis} scale", one.scale),
+                Row(f"{axis} nonlinearity", one.nonlinearity, unit="ppm", remark=f"noise alone: up to {one.nonlinearity_noise:.2g}"),
+                Row(f"{axis} asymmetry", one.asymmetry, *one.asymmetry_interval, "ppm"),
+                Row(f"{axis} repeatability", one.repeatability, unit="ppm"),
+                Row(f"{axis} hysteresis", one.hysteresis, unit="ppm", remark=f"noise alone: up to {one.hysteresis_noise:.2g}"),
+            ]
+        return [row for row in rows if np.isfinite(row.value)]
+
+
+@host_float64
+def rate_test(
+    log: Any, rates: Any = None, *, regions: Any = None, latitude: float | None = None, servo: float = 0.0, raw: bool = False
+) -> RateTest:
+    r"""A gyroscope from the raw log of a rate table: triad, and figures of every axis in ppm.
+
+    Stretches of constant rate are found, their means fitted as `rate_table` does, and every axis judged by `scale_figures`.
+
+    Parameters
+    ----------
+    log : `jaxcal.Log` with a gyroscope; with an accelerometer in m/s^2 and six faces up there is a g-sensitivity too.
+    rates : rates that the table was set to, rad/s, without sign. The gyroscope itself shows axis and sign, so that its scale must be
+        right to a fifth.
+    regions : instead of `rates`, (label, start, stop) of every stretch, in samples. A label is an axis and a rate in deg/s, "z +100", or
+        "rest". `read_regions` reads them from a file.
+    latitude : rad, to take off the Earth's rate; it needs the accelerometer.
+    servo : relative standard deviation of the table's rate.
+    raw : whether the gyroscope is in counts, whose scale the largest rate tells.
+
+    Returns
+    -------
+    RateTest
+
+    Raises
+    ------
+    DataError
+        If no stretch of constant rate is found, or its rate is none of `rates`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> rng = np.random.default_rng(0)
+    >>> set_to = [(axis, sign * size) for axis in range(3) for sign in (1, -1) for size in (1.0, 2.0, 1.0)]
+    >>> w = np.concatenate([np.tile(rate * np.eye(3)[axis], (400, 1)) for axis, rate in set_to])
+    >>> log = jaxcal.Log(None, gyro=1.01 * w + 1e-3 * rng.normal(size=w.shape), rate=100.0)
+    >>> found = jaxcal.imu.rate_test(log, [1.0, 2.0])
+    >>> print(found.verdict, found.gyro.matrix.diagonal().round(3))
+    good [1.01 1.01 1.01]
+
+    References
+    ----------
+    IEEE Std 952-1997, section 12 (scale factor); IEEE Std 1431-2004.
+    """
+    gyro = None if getattr(log, "gyro", None) is None else np.asarray(log.gyro, dtype=float)
+    if gyro is None or gyro.ndim != 2 or gyro.shape[1] != 3:
+        raise DataError("The log has no gyroscope with three axes, which a rate table calibrates.")
+    if (rates is None) == (regions is None):
+        raise DataError("give either rates=, those that the table was set to, or regions=, a rate for every stretch")
+    if regions is not None:
+        start, stop, set_to = _labelled(listed(regions), len(gyro))
+    else:
+        found = static_intervals(gyro, log.rate, multiples=_MULTIPLES)
+        start, stop = _apart(gyro, found.start, found.stop)
+        set_to = _assigned(means(gyro, start, stop), rates, raw)
+    readings = means(gyro, start, stop)
+    pieces = np.stack([means(gyro, *_cut(start, stop, k)) for k in range(_PIECES)])
+    sigma = np.std(pieces, axis=0, ddof=1) / np.sqrt(_PIECES)
+    axis = np.where(np.any(set_to != 0, axis=1), np.argmax(np.abs(set_to), axis=1), -1)
+    notes: list[str] = []
+    figures = {}
+    for i, name in enumerate(_AXES):
+        turned = np.flatnonzero(axis == i)
+        if len(turned) < 2:
+            continue
+        # rests count where the sensor was mounted as in the turns: another face up has another g-sensitivity
+        here = np.zeros(len(axis), dtype=bool)
+        here[max(turned[0] - 1, 0) : turned[-1] + 2] = True
+        here &= (axis == i) | (axis == -1)
+        if len(np.unique(set_to[here, i])) < 3:
+            continue
+        figures[name] = scale_figures(set_to[here, i], readings[here, i], sigma[here, i])
+    if not figures:
+        raise DataError("No axis was turned at two rates or more besides rest; set the table to several rates of both signs.")
+    missing = [name for i, name in enumerate(_AXES) if not {1.0, -1.0} <= set(np.sign(set_to[axis == i, i]))]
+    fit = None if missing else _fitted(log, start, stop, readings, set_to, latitude, servo, notes)
+    weak = [f"Axis {', '.join(missing)} was not turned in both directions, so that there is no matrix."] if missing else []
+    if all(np.isnan(one.repeatability) for one in figures.values()):
+        weak.append("No rate was set twice: intervals know only the noise inside a stretch. Set some rates again.")
+    worst = max(figures, key=lambda name: figures[name].nonlinearity)
+    one = figures[worst]
+    text = f"Nonlinearity up to {one.nonlinearity:.3g} ppm of the largest output, about {worst}"
+    text = f"{text}; noise alone gives up to {one.nonlinearity_noise:.2g}."
+    return RateTest(
+        fit, figures, start, stop, axis, set_to, readings, sigma, "weak" if weak else "good", " ".join([*weak, text]),
+        (*notes, *(fit.warnings if fit is not None else ())),
+    )  # fmt: skip
+
+
+def _cut(start: np.ndarray, stop: np.ndarray, piece: int) -> tuple[np.ndarray, np.ndarray]:
+    """Ends of one of the equal pieces of every stretch."""
+    length = (stop - start) / _PIECES
+    return start + np.floor(piece * length).astype(int), start + np.floor((piece + 1) * length).astype(int)
+
+
+def _apart(gyro: np.ndarray, start: np.ndarray, stop: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Stretches that are long enough; an axis that does not change in one is at the end of its range, and no reading."""
+    least = np.array([np.nanstd(gyro[i:j], axis=0).min() for i, j in zip(start, stop, strict=True)])
+    kept = (stop - start >= 2 * _PIECES) & (least > 0)
+    if not kept.any():
+        raise DataError("No stretch of constant rate is found; hold every rate for 3 s or more, or give regions=")
+    return start[kept], stop[kept]
+
+
+def _assigned(readings: np.ndarray, rates: Any, raw: bool) -> np.ndarray:
+    """(m, 3) rates of the table: of those it was set to, the one that the largest axis is nearest to."""
+    known = np.unique(np.abs(np.asarray(rates, dtype=float)))
+    known = known[known > 0]
+    if known.ndim != 1 or not len(known) or not np.isfinite(known).all():
+        raise DataError(f"rates={rates!r}; expected the rates that the table was set to, in rad/s")
+    rest = np.median(readings, axis=0)
+    turned = readings - rest
+    if raw:
+        turned = turned * known[-1] / np.abs(turned).max()
+    axis = np.argmax(np.abs(turned), axis=1)
+    size = turned[np.arange(len(axis)), axis]
+    with_rest = np.concatenate([[0.0], known])
+    nearest = with_rest[np.argmin(np.abs(np.abs(size)[:, None] - with_rest), axis=1)]
+    # the fastest stretch is no rest, whatever the rates are
+    wrong = (np.abs(np.abs(size) - nearest) > _TOLERANCE * np.where(nearest > 0, nearest, known[0])) | (
+        (np.abs(size) == np.abs(size).max()) & (nearest == 0)
+    )
+    if wrong.any():
+        k = int(np.argmax(wrong))
+        raise DataError(
+            f"a stretch reads {abs(size[k]):.4g} rad/s about {_AXES[axis[k]]}, which is none of the rates {known.round(4).tolist()} rad/s. "
+            "Check rates=, in rad/s, and the unit of the gyroscope"
+        )
+    set_to = np.zeros((len(axis), 3))
+    set_to[np.arange(len(axis)), axis] = np.sign(size) * nearest
+    return set_to
+
+
+def _labelled(regions: list[Region], samples: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Ends and rates of labelled stretches, in the order of time."""
+    start, stop, set_to = [], [], []
+    for label, first, last in sorted(regions, key=lambda region: region[1]):
+        match = _LABEL.fullmatch(label.strip())
+        if match is None:
+            raise DataError(f"The label {label!r} is no rate; expected an axis and a rate in deg/s, such as z +100, or rest")
+        if not 0 <= first < last <= samples or last - first < 2 * _PIECES:
+            raise DataError(
+                f"The region {label} goes from sample {first} to {last}; expected {2 * _PIECES} or more of the {samples} samples"
+            )
+        start.append(first)
+        stop.append(last)
+        set_to.append(np.zeros(3) if match[3] else np.deg2rad(float(match[2])) * np.eye(3)[_AXES.index(match[1].lower())])
+    return np.array(start), np.array(stop), np.array(set_to)
+
+
+def _fitted(
+    log: Any, start: np.ndarray, stop: np.ndarray, readings: np.ndarray, set_to: np.ndarray, latitude: float | None, servo: float,
+    notes: list[str],
+) -> TriadFit:  # fmt: skip
+    """The triad, with its g-sensitivity where the accelerometer was in enough positions."""
+    force = None if log.accel is None else means(np.asarray(log.accel, dtype=float), start, stop)
+    if force is not None:
+        columns = np.concatenate([set_to, np.ones((len(force), 1)), force], axis=1)
+        size = np.linalg.svd(columns / np.linalg.norm(columns, axis=0), compute_uv=False)
+        if size[-1] < _COLLINEAR * size[0]:
+            force = None
+            notes.append("The faces up do not tell a g-sensitivity from the bias; turn with each of the six faces up to have one.")
+    if force is None and latitude is not None:
+        raise DataError("latitude= needs the accelerometer with each of the six faces up, which tells where up is")
+    return rate_table(readings, set_to, force, latitude=latitude, servo=servo)

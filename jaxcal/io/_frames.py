@@ -1,0 +1,61 @@
+"""Recordings in memory: data frames of pandas and polars, datasets of xarray, dictionaries and arrays, as tables like those of files.
+
+None of these libraries is imported here: an object of one of them has loaded it already, and is known by where its class comes from.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from .._errors import DataError
+from ._readers._arrays import arrays_of_columns, table_of_arrays
+from ._table import Table
+
+_TAKEN = (
+    "a path, a jaxcal.Log, a pandas or polars data frame, an xarray dataset, a dictionary of arrays, or an array of columns with its rate"
+)
+
+
+def table_of(source: Any) -> Table:
+    """The columns of an object in memory, copied, with their names."""
+    library, kind = type(source).__module__.partition(".")[0], type(source).__name__
+    if library == "polars" and kind in ("DataFrame", "LazyFrame"):
+        frame = source.collect() if kind == "LazyFrame" else source
+        return table_of_arrays({one.name: np.array(one.to_numpy()) for one in frame.get_columns()})
+    if library == "pandas" and kind in ("DataFrame", "Series"):
+        return table_of_arrays(_of_pandas(source.to_frame() if kind == "Series" else source))
+    if library == "xarray" and kind in ("Dataset", "DataArray"):
+        return table_of_arrays(_of_xarray(source if kind == "Dataset" else source.to_dataset(name=str(source.name or "y"))))
+    if isinstance(source, dict):
+        return table_of_arrays({str(name): np.array(values) for name, values in source.items()})
+    if isinstance(source, list | tuple) or hasattr(source, "__array__"):
+        return arrays_of_columns(np.array(source))
+    raise DataError(f"a recording cannot be made of {kind} objects; expected {_TAKEN}")
+
+
+def _of_pandas(frame: Any) -> dict[str, Any]:
+    columns = {} if type(frame.index).__name__ == "RangeIndex" else {str(frame.index.name or "time"): _moments(frame.index)}
+    return columns | {str(name): _moments(frame[name]) for name in frame.columns}
+
+
+def _moments(column: Any) -> np.ndarray:
+    """Values of a column; times with a zone in UTC."""
+    return np.array(column.dt.tz_convert("UTC").dt.tz_localize(None) if _zoned(column) and hasattr(column, "dt") else
+                    column.tz_convert("UTC").tz_localize(None) if _zoned(column) else column)  # fmt: skip
+
+
+def _zoned(column: Any) -> bool:
+    return getattr(column.dtype, "tz", None) is not None
+
+
+def _of_xarray(dataset: Any) -> dict[str, Any]:
+    """Coordinates and variables along one dimension: the one called time, or the first of the first variable."""
+    first = next(iter(dataset.data_vars.values()), None)
+    if first is None or not first.dims:
+        raise DataError("the dataset has no variable with a dimension; it takes variables such as gyro along time")
+    along = "time" if "time" in dataset.dims else first.dims[0]
+    found = {str(along): dataset.coords[along].to_numpy()} if along in dataset.coords else {}
+    for name, variable in dataset.data_vars.items():
+        if along in variable.dims:
+            found[str(name)] = variable.transpose(along, ...).to_numpy()
+    return {name: np.array(values) for name, values in found.items()}

@@ -1,0 +1,66 @@
+"""`jaxcal rate-table`, `jaxcal vibration`, the six-position test and a calibration found by its device, end to end."""
+
+import json
+
+import numpy as np
+import pytest
+
+import jaxcal
+
+DEGREE = np.pi / 180
+HEADER = "acc_x [m/s^2],acc_y [m/s^2],acc_z [m/s^2],gyr_x [rad/s],gyr_y [rad/s],gyr_z [rad/s]"
+
+
+def save(path, accel, gyro):
+    np.savetxt(path, np.concatenate([accel, gyro], axis=1), delimiter=",", fmt="%.7g", header=HEADER, comments="")
+
+
+def test_a_rate_table(call, folder):
+    rng = np.random.default_rng(0)
+    rates = [axis * rate for axis in np.eye(3) for rate in np.array([0, 50, 100, 50, 0, -50, -100, -50]) * DEGREE]
+    w = np.concatenate([np.tile(rate, (400, 1)) for rate in rates])
+    accel = np.tile([0, 0, 9.81], (len(w), 1)) + 0.01 * rng.normal(size=w.shape)
+    save(folder / "sweep.csv", accel, 1.01 * w + 1e-3 * rng.normal(size=w.shape))
+    found = call("rate-table", "sweep.csv", "--rate", "100", "--rates", "50,100", "--device", "unit 7")
+    assert (found.status, found.err) == (0, "")
+    for text in ("scale factor, with intervals of 95 %", "x nonlinearity", "good: Nonlinearity up to"):
+        assert text in found.out
+    stored = jaxcal.Calibration.load(folder / "sweep-rate-table" / "calibration.json")
+    assert stored.imu.gyro.model.matrix.diagonal() == pytest.approx(1.01 * np.ones(3), abs=1e-3)
+    assert json.loads((folder / "sweep-rate-table" / "rate_table.json").read_text())["schema"] == "jaxcal.RateTest/1"
+    # the calibration is found by the name of the device, and by the date of the file of the log
+    assert call("apply", ".", "sweep.csv", "--rate", "100", "--device", "unit 7", "--out", "corrected.csv").status == 0
+    assert call("apply", ".", "sweep.csv", "--rate", "100", "--out", "c.csv").status == 2
+    for words, status, reason in (
+        ((), 2, "either --rates"),
+        (("--rates", "fast"), 2, "expected numbers in deg/s"),
+        (("--rates", "3000"), 1, "none of the rates"),
+    ):
+        refused = call("rate-table", "sweep.csv", "--rate", "100", *words)
+        assert (refused.status, reason in refused.reason) == (status, True)
+
+
+def test_a_block_and_a_shaker(call, folder):
+    rng = np.random.default_rng(0)
+    up = np.concatenate([sign * np.eye(3)[[axis]] for axis in range(3) for sign in (1, -1)])
+    force = np.concatenate([np.concatenate([np.tile(u, (300, 1)), u + rng.normal(size=(50, 3))]) for u in up])
+    accel = 9.81 * 1.02 * force + 0.01 * rng.normal(size=force.shape)
+    save(folder / "block.csv", accel, 1e-3 * rng.normal(size=force.shape) + 0.2 * rng.normal(size=force.shape) * (np.abs(force) > 1.2))
+    found = call("imu", "block.csv", "--rate", "100", "--gravity", "9.81", "--method", "six_position", "--json", "block.json")
+    assert (found.status, found.err) == (0, "")
+    document = json.loads((folder / "block.json").read_text())
+    assert (document["method"], document["verdict"]) == ("six_position", "good")
+    assert np.diag(document["sensors"]["accel"]["matrix"]) == pytest.approx(1.02 * np.ones(3), abs=2e-3)
+
+    # a shaker moves its sensor to and fro: its mean acceleration is zero
+    shaken = (np.repeat([0.0, 5.0, 0.0], 2500) * np.sin(2 * np.pi * 31.7 * np.arange(7500) / 200))[:, None] * [0, 0, 1]
+    save(
+        folder / "shaker.csv",
+        [0, 0, 9.81] + shaken + 1e-4 * shaken**2 + 0.01 * rng.normal(size=(7500, 3)),
+        1e-3 * rng.normal(size=(7500, 3)),
+    )
+    found = call("vibration", "shaker.csv", "--rate", "200", "--json", "shaker.json")
+    assert found.status == 0
+    assert "ug/g^2" in found.out
+    low, high = json.loads((folder / "shaker.json").read_text())["interval"][5]
+    assert low < 1e-4 < high < 2e-3

@@ -1,0 +1,416 @@
+"""Wrong calls and impossible inputs: each ends with a sentence that says what to type, before any fit, and leaves nothing behind."""
+
+import re
+import shlex
+
+import numpy as np
+import pytest
+
+from jaxcal.cli import main
+
+RATE = 50.0
+IMU = "time [s],gyro_x [rad/s],gyro_y [rad/s],gyro_z [rad/s],accel_x [m/s^2],accel_y [m/s^2],accel_z [m/s^2]"
+MAG = "time [s],accel_x [m/s^2],accel_y [m/s^2],accel_z [m/s^2],mag_x [uT],mag_y [uT],mag_z [uT]"
+
+# the calls, with the words that their sentence must have; files are those of `logs` below
+
+#: the call was wrong
+CALLS = """
+noise                                      | needs a log: jaxcal noise LOG.csv. To see how it works: jaxcal demo
+info                                       | needs a log: jaxcal info LOG.csv
+mag                                        | needs a log: jaxcal mag LOG.csv
+north                                      | needs a table of readings, or a log: jaxcal north table.csv --latitude 39.93
+apply                                      | needs CALIBRATION: jaxcal apply calibration.json LOG.csv --out corrected.csv
+apply device.json rest.csv                 | needs --out: jaxcal apply calibration.json LOG.csv --out corrected.csv
+convert rest.csv                           | needs OUT: jaxcal convert LOG.csv LOG.npz
+diff device.json                           | needs SECOND: jaxcal diff old.json new.json
+export device.json                         | needs --to: jaxcal export calibration.json --to kalibr
+batch rest.csv                             | needs --out: jaxcal batch logs/ --task noise --out fleet
+simulate noise                             | needs --out
+simulate noise --out a.csv                 | give the noise of a sensor, as in --gyro
+simulate north --out a.csv                 | needs --latitude
+rest.csv                                   | is a file, and the first word is the command: jaxcal info rest.csv
+gone.bag                                   | is a file, and the first word is the command
+nois rest.csv                              | Did you mean "noise"?
+magnetometer tumble.csv                    | there is no command magnetometer; use: jaxcal mag
+spectrum rest.csv                          | use: jaxcal psd
+accel rest.csv                             | use: jaxcal imu
+inspect rest.csv                           | use: jaxcal info
+correct device.json rest.csv               | use: jaxcal apply
+frobnicate rest.csv                        | there is no command frobnicate; the commands are demo, info, noise
+simulate nois                              | takes what to simulate: noise, temperature, imu, mag, north
+noise rest.csv tumble.csv                  | To work on each: jaxcal batch rest.csv tumble.csv --task noise --out fleet
+mag rest.csv tumble.csv                    | To work on each: jaxcal batch rest.csv tumble.csv --task mag --out fleet
+psd rest.csv tumble.csv                    | one after the other: jaxcal psd rest.csv
+noise rest.csv device.json                 | To correct it with a calibration first: jaxcal noise rest.csv --calibration device.json
+mag rest.csv device.json                   | To correct it first: jaxcal apply device.json rest.csv --out corrected.npz
+diff device.json device.json device.json   | compares two calibrations, and these are 3
+noise rest.csv 100                         | 100 belongs to no option: numbers stand behind the name of an option, as in --rate 100
+noise rest.csv --robust yes                | --robust takes no value here; leave out yes
+demo extra                                 | has no use for extra
+noise -                                    | and not its standard input: save the log first (cat > log.csv), then: jaxcal noise log.csv
+mag /dev/stdin                             | then: jaxcal mag log.csv
+noise https://example.org/log.csv          | https://example.org/log.csv is an address; download the log first
+noise 'logs/*.csv'                         | for all files of a pattern: jaxcal batch 'logs/*.csv' --task noise --out fleet
+noise rest                                 | rest does not exist. Did you mean rest.csv?
+noise rset.csv                             | Did you mean rest.csv?
+noise nowhere/rest.csv                     | because there is no folder nowhere
+noise device.json                          | is a calibration and not a log; jaxcal apply device.json LOG --out corrected.npz applies it
+noise noise.json                           | holds results of jaxcal and is not a log; give the log that they came from
+noise report.html                          | is a report and not a log; give the log that it was made from
+noise picture.png                          | is a picture and not a log
+info device.json                           | is a calibration and not a log
+north device.json                          | is a calibration and not a log
+north folder                               | is a folder; jaxcal north takes one file
+apply rest.csv device.json --out a.csv     | the calibration comes first: jaxcal apply device.json rest.csv --out a.csv
+apply rest.csv tumble.csv --out a.csv      | rest.csv is a log, and a calibration is asked for: a file calibration.json
+apply noise.json rest.csv --out a.csv      | holds results of jaxcal; the calibration is the file calibration.json
+apply folder rest.csv --out a.csv          | is a folder; give the calibration in it
+apply gone.json rest.csv --out a.csv       | gone.json does not exist
+apply device.json rest.csv --out a.bag     | expected a name that ends in .csv or .npz
+apply device.json rest.csv --out rest.csv  | rest.csv is the log that is read; it would be overwritten
+apply device.json device.json --out a.csv  | is a calibration and not a log
+convert gone.npz rest.csv                  | the log comes first: jaxcal convert rest.csv gone.npz
+convert rest.csv tumble.csv                | tumble.csv: expected a name that ends in .npz or .parquet
+export rest.csv --to kalibr                | rest.csv is a log, and a calibration is asked for
+export noise.json --to kalibr              | the calibration is the file calibration.json
+export device.json --to excel              | Choose from: "kalibr", "openvins"
+export device.json --to kalibr --ids accel=1 | only px4 and ardupilot find sensors by ids
+export device.json --to px4 --ids accel=x  | expected accel=NUMBER,gyro=NUMBER,mag=NUMBER
+export device.json --to kalibr --density lots | expected upper_limit, a number, or gyro=VALUE,accel=VALUE
+export device.json device.json --to kalibr | --to kalibr takes one calibration
+diff rest.csv device.json                  | rest.csv is a log, and a calibration is asked for
+diff device.json device.json --significance 5 | expected a probability between 0 and 1, such as 0.01
+noise rest.csv --calibration tumble.csv    | --calibration tumble.csv is a log, and a calibration is asked for
+mag tumble.csv --against gone.json         | --against gone.json: gone.json does not exist
+noise rest.csv --field 50                  | --field is an option of jaxcal mag and simulate, not of jaxcal noise
+noise rest.csv --gravity 9.81              | --gravity is an option of jaxcal imu, north and export, not of jaxcal noise
+noise rest.csv --kind mdev                 | --kind is an option of jaxcal allan, not of jaxcal noise
+mag tumble.csv --terms QN                  | --terms is an option of jaxcal noise, not of jaxcal mag
+imu rest.csv --angles 0,90                 | --angles is an option of jaxcal north, not of jaxcal imu
+psd rest.csv --workers 2                   | --workers is an option of jaxcal batch, not of jaxcal psd
+noise rest.csv --unit gyro=deg/s           | has no option --unit; use --units
+noise rest.csv --output a                  | has no option --output; use --out
+noise rest.csv -o a                        | has no option -o; use --out
+noise rest.csv --fs 100                    | has no option --fs; use --rate
+noise rest.csv --html a.html               | use --report FILE.html
+noise rest.csv --kalibr                    | use --export kalibr
+noise rest.csv --confidense 0.9            | Did you mean "--confidence"?
+noise rest.csv --frobnicate                | jaxcal noise --help lists those it has
+cache --clean                              | Did you mean "--clear"?
+noise rest.csv --rate                      | --rate stands without its value
+noise rest.csv --band 1                    | --band 1: a value is missing
+noise rest.csv --rate fast                 | --rate fast: expected a number
+noise rest.csv --seed 1.5x                 | --seed 1.5x: expected a whole number
+noise rest.csv --rate 100Hz                | give the number alone, in the unit of --help: --rate 100
+noise rest.csv --rate 0.1kHz               | --rate 100
+noise rest.csv --confidence 95%            | --confidence 0.95
+noise rest.csv --rate 0,01                 | numbers have a decimal point: --rate 0.01
+noise rest.csv --start 01:30               | times are in seconds: --start 90
+noise rest.csv --stop 1:00:00              | times are in seconds: --stop 3600
+noise rest.csv --start 10min               | --start 600
+imu poses.csv --latitude 39.9N             | --latitude 39.9
+imu poses.csv --latitude 33.9S             | --latitude -33.9
+noise rest.csv --rate -100                 | positive number of Hz
+noise rest.csv --rate 0                    | positive number of Hz
+noise rest.csv --rate nan                  | positive number of Hz
+noise rest.csv --rate inf                  | positive number of Hz
+noise rest.csv --confidence 95             | a level between 0 and 1; 0.95 is 95 %
+noise rest.csv --start 3 --stop 2          | nothing lies between; the start comes first
+noise rest.csv --band 10 1                 | the shortest first
+noise rest.csv --band 0 1                  | the shortest first
+noise rest.csv --terms QNX                 | expected letters of QNBKRM
+noise rest.csv --terms NN                  | each once
+noise rest.csv --method whittel            | Did you mean "whittle"?
+noise rest.csv --units gyro=furlong/s      | 'furlong/s' is not a unit of gyro
+noise rest.csv --units speed=m/s           | unknown quantity 'speed'
+noise rest.csv --units deg/s               | not of the form quantity=value
+noise rest.csv --columns gyros=1,2,3       | unknown quantity 'gyros'
+noise rest.csv --format xls                | expected one of csv, npy
+noise rest.csv --data angle                | Choose from: "rate", "phase"
+noise rest.csv --missing nothing           | --missing nothing: expected a number
+noise rest.csv --export word               | unknown format 'word'; expected one of kalibr
+noise rest.csv --plot a.doc                | a name that ends in .png, .svg or .pdf
+noise rest.csv --json folder               | folder is a folder; give the name of a file in it
+noise rest.csv --json rest.csv             | is the log that is read; it would be overwritten
+noise rest.csv --report nowhere/a.html     | cannot write into
+noise rest.csv --json a --report ./a       | two outputs have the same file name
+noise rest.csv --out tumble.csv            | cannot write into
+noise rest.csv --config gone.toml          | there is no such file
+noise rest.csv --config device.json        | is not TOML
+noise rest.csv --config odd.toml           | term
+allan rest.csv --kind xdev                 | "oadev"
+allan rest.csv --m 1,two                   | numbers of samples such as 1,10,100
+allan rest.csv --alpha 7                   | Choose from: -2, -1, 0, 1, 2
+psd rest.csv --sided 3                     | Choose from: 2, 1
+mag tumble.csv --field 0.47                | 0.47 looks like G: --field 47
+mag tumble.csv --field 47000               | 47000 looks like nT: --field 47
+mag tumble.csv --field 470                 | 470 looks like mG: --field 47
+mag tumble.csv --field 5                   | the norm of the field in uT, which is 20 to 70 on Earth
+mag tumble.csv --field -47                 | 20 to 70 on Earth
+mag tumble.csv --inclination 120           | degrees between -90 and 90
+mag tumble.csv --place 39.93 32.86         | --place 39.93 32.86 --date 2026-05-31
+mag tumble.csv --date 2026-05-31           | --place and --date go together
+mag tumble.csv --place 39.93,32.86 --date 2026-05-31 | --place 39.93 32.86
+mag tumble.csv --place 132.86 39.93 --date 2026-05-31 | the latitude comes first: --place 39.93 132.86
+mag tumble.csv --place 39.93 32.86 --date 31.05.2026 | write year, month, day: --date 2026-05-31
+mag tumble.csv --place 39.93 32.86 --date 2026/05/31 | --date 2026-05-31
+mag tumble.csv --place 39.93 32.86 --date 'May 31, 2026' | --date 2026-05-31
+mag tumble.csv --place 39.93 32.86 --date 05/06/2026 | may be 05 June 2026 or 06 May 2026
+mag tumble.csv --place 39.93 32.86 --date 2026-05-31T10:00:00Z | --date 2026-05-31
+mag tumble.csv --place 39.93 32.86 --date yesterday | is no day; write year, month, day
+mag tumble.csv --place 39.93 32.86 --date 1875-01-01 | --date 1875-01-01
+mag tumble.csv --place 39.93 32.86 --date 2026-05-31 --field 47 | exclude one another
+mag tumble.csv --joint                     | --joint goes with --align accel or gyro
+mag tumble.csv --limit 0                   | degrees above 0
+mag tumble.csv --loss hubert               | Did you mean "huber"?
+imu poses.csv --gravity 1                  | 1 looks like g
+imu poses.csv --gravity 980.6              | 980.6 looks like cm/s^2
+imu poses.csv --gravity 9.5                | gravity is 9.76 to 9.84 on Earth. --latitude and --height give it
+imu poses.csv --latitude 95                | degrees between -90 and 90
+imu poses.csv --height 20000               | m above sea level, -500 to 9000
+imu poses.csv --earth-rate                 | --earth-rate needs --latitude
+temperature warm.csv --degree 3            | goes with --model polynomial
+temperature warm.csv --model polynomial    | needs --degree
+temperature warm.csv --lag soon            | expected auto, or a number from 0
+temperature warm.csv --play -1             | expected auto, or a number from 0
+north table.csv --latitude 95              | degrees between -90 and 90
+north table.csv --gravity 32.17            | 32.17 looks like ft/s^2
+north table.csv --hemisphere east          | Choose from: "north", "south"
+north table.csv --gyro N=0.01              | N has no unit; use one of deg/sqrt(h)
+north table.csv --gyro N=0.01deg/h         | 'deg/h' is not a unit of N of a gyro
+north table.csv --prior s_a                | expected NAME=STANDARD_DEVIATION
+north table.csv --noise gone.json          | --noise takes the noise.json of jaxcal noise, or a calibration
+north table.csv --angles a,b               | expected degrees with commas between them, such as 0,90,180,270
+batch --out fleet                          | needs logs: files, folders or patterns
+batch nowhere/ --out fleet                 | there are no logs at nowhere
+batch rest.csv --out tumble.csv            | this is a file; give a folder
+batch rest.csv --task fly --out fleet      | Choose from: "noise", "mag"
+batch rest.csv --out fleet --set a         | expected NAME=VALUE, such as confidence=0.9
+batch rest.csv --out fleet --set gravity=9.8 | task 'noise' has no option gravity
+batch rest.csv --out fleet --workers 0     | a whole number, at least 1
+batch rest.csv --out fleet --timeout 0     | a positive number of seconds
+batch rest.csv --out fleet --scheduler tcp://127.0.0.1:1 --timeout 3 | exclude --scheduler
+simulate noise --out a.doc --gyro N=1deg/sqrt(h) | .csv or .npz
+simulate noise --out a.csv --gyro N=0.25   | N has no unit
+simulate noise --out a.csv --gyro Z=1deg   | with a term of QNBKR
+simulate noise --out a.csv --gyro N=1deg/sqrt(h) --duration 0 | expected a log of 2 to
+simulate imu --out a.csv --poses 1         | expected 2 poses or more
+simulate mag --out a.csv --noise -1        | expected --noise of 0 or more
+simulate north --out a.csv --latitude 40 --attitude 1,2 | expected roll, pitch and azimuth in degrees
+"""
+
+#: the data do not allow an answer
+DATA = """
+noise tumble.csv                           | the sensor moves in
+noise poses.csv                            | jaxcal noise needs a sensor at rest
+noise bumped.csv                           | It is still from
+temperature rest.csv                       | no temperature; name its column with --columns temperature=NAME
+temperature shaken.csv                     | jaxcal temperature needs a sensor at rest
+mag still_mag.csv                          | the field comes from one side all the time
+mag rest.csv                               | no magnetometer of three axes; name its columns with --columns mag=mx,my,mz
+imu rest.csv                               | the sensor rests in one attitude all the time
+imu gyro_only.csv                          | no accelerometer
+noise rest.csv --units accel=g             | the unit is m/s^2. Give --units accel=m/s^2
+noise grams.csv --units accel=m/s^2        | the unit is g. Give --units accel=g
+mag tumble.csv --units mag=nT              | the unit is uT. Give --units mag=uT
+mag tumble.csv --units mag=mT              | the unit is uT. Give --units mag=uT
+imu poses.csv --units gyro=deg/s           | the unit is rad/s. Give --units gyro=rad/s
+noise folder                               | the folder holds no readable log
+noise two                                  | jaxcal batch two --task noise --out fleet
+noise rest.csv --rate 200                  | contradicts the time stamps, which say 50 Hz
+noise rest.csv --columns gyro=99           | gyro wants column 99
+noise rest.csv --columns gyro=wx,wy,wz     | wx
+noise rest.csv --topics /imu0              | choose with --columns
+noise rest.csv --raw                       | belongs to logs of flight controllers
+noise rest.csv --start 1000                | Choose another start and stop
+noise rest.csv --format npy                | rest.csv
+noise notes.txt                            | notes.txt
+noise empty.csv                            | empty
+noise header.csv                           | no rows
+noise one.csv                              | one.csv
+noise bytes.csv                            | bytes.csv
+noise cut.npz                              | cut.npz
+noise cut.parquet                          | cut.parquet
+noise cut.bag                              | cut.bag
+noise wrong_name.npy                       | damaged, or misnamed
+noise pointer.csv                          | git lfs pull
+noise standing.csv                         | standing.csv
+noise missing.csv                          | gyro_x
+noise nothing.csv                          | nothing.csv
+noise nameless.csv                         | --columns
+noise odd_unit.csv                         | which is no unit of gyro that is known
+noise counts.csv                           | --units gyro=
+noise oops.csv                             | oops
+noise short.csv                            | too short
+noise huge.csv                             | huge.csv
+noise attitude.csv                         | --columns
+noise no_time.csv                          | --rate
+noise still_mag.csv --columns gyro=4:6     | still_mag.csv
+north no_angle.csv                         | no column with an angle
+north no_sensor.csv                        | neither accelerometer nor gyro readings
+north bad_unit.csv                         | is not a unit of gyro
+north bad_cell.csv                         | line 3: 'soon' is not a number
+north header_only.csv                      | it takes one row per position
+north degrees.csv                          | look like
+north rest.csv                             | a test takes rests on several positions
+north table.csv --noise rest.csv           | --noise takes the noise.json of jaxcal noise, or a calibration
+allan rest.csv --m 0                       | cluster size 0 is outside
+allan rest.csv --m 100000                  | cluster size 100000 is outside
+allan rest.csv --kind mtie --robust        | --robust is for adev, oadev, hdev and ohdev
+allan warm_only.csv                        | neither gyroscope, accelerometer nor magnetometer
+mag tumble.csv --penalty -1                | The penalty is -1
+mag tumble.csv --field 47 --field-error 2  | The field error is 2
+mag tumble.csv --align gyro                | the log has no gyro; name its columns with --columns gyro=...
+mag tumble.csv --method minmax --loss huber | takes no loss
+temperature cold.csv                       | a thermal model needs at least 2 degC
+export device.json --to kalibr             | run jaxcal noise on a log of the sensor at rest
+diff device.json device.json               | have no part in common that could be compared
+apply broken.json rest.csv --out a.csv     | broken.json
+noise other.json                           | other.json
+"""
+
+
+def cases(text, status):
+    for line in text.strip().splitlines():
+        call, words = (part.strip() for part in line.split(" | "))
+        yield pytest.param(call, status, words, id=call)
+
+
+def saved(path, header, rows):
+    np.savetxt(path, rows, delimiter=",", fmt="%.9g", header=header, comments="")
+
+
+def turning(samples, seed):
+    """(n, 3) directions of a vector that stands still in space, seen from a sensor that tumbles."""
+    angle = np.cumsum(np.random.default_rng(seed).normal(size=(samples, 2)) * 0.02 + 0.06, axis=0)
+    return np.stack([np.cos(angle[:, 0]) * np.sin(angle[:, 1]), np.sin(angle[:, 0]) * np.sin(angle[:, 1]), np.cos(angle[:, 1])], axis=1)
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory):
+    """A folder with every file that the calls name."""
+    folder = tmp_path_factory.mktemp("logs")
+    random = np.random.default_rng(0)
+    n = 2000
+    time = np.arange(n) / RATE
+    noise = random.normal(size=(n, 6)) * np.repeat([1e-2, 5e-2], 3)
+    rest = np.column_stack([time, noise + np.array([0, 0, 0, 0, 0, 9.80665])])
+    saved(folder / "rest.csv", IMU, rest)
+    saved(folder / "grams.csv", IMU.replace("m/s^2", "g"), np.column_stack([rest[:, :4], rest[:, 4:] / 9.80665]))
+    tumble = turning(600, 1)
+    slow = np.arange(600) / 10.0
+    saved(folder / "tumble.csv", MAG, np.column_stack([slow, 9.8 * tumble, 47.0 * turning(600, 2) + random.normal(size=(600, 3)) * 0.2]))
+    flat = np.column_stack([slow, rest[:600, 4:], np.array([20.0, 5.0, 40.0]) + random.normal(size=(600, 3)) * 0.2])
+    saved(folder / "still_mag.csv", MAG, flat)
+    saved(folder / "poses.csv", IMU, moving(n, random))
+    bumped = rest.copy()
+    bumped = np.column_stack([np.arange(6000) / RATE, np.concatenate([rest[:, 1:]] * 3)])
+    bumped[5000:, 4:] = bumped[5000:, [6, 4, 5]]
+    saved(folder / "bumped.csv", IMU, bumped)
+    saved(folder / "gyro_only.csv", IMU.partition(",accel")[0], rest[:, :4])
+    warm = 20.0 + 25.0 * time / time[-1]
+    saved(folder / "warm.csv", IMU + ",temperature [degC]", np.column_stack([rest, warm]))
+    saved(folder / "shaken.csv", IMU + ",temperature [degC]", np.column_stack([moving(n, random), warm]))
+    saved(folder / "cold.csv", IMU + ",temperature [degC]", np.column_stack([rest, np.full(n, 20.0)]))
+    saved(folder / "warm_only.csv", "time [s],temperature [degC]", np.column_stack([time, warm]))
+    content(folder, rest)
+    tables(folder)
+    return folder
+
+
+def moving(n, random):
+    """Rows of an inertial unit that turns all the time, consistently in both sensors."""
+    rate = np.stack([0.8 * np.sin(np.arange(n) / 90), 0.7 * np.cos(np.arange(n) / 70), 0.5 * np.sin(np.arange(n) / 50)], axis=1)
+    down, force = np.array([0.0, 0.0, 9.80665]), []
+    for step in rate:
+        force.append(down)
+        down = down - np.cross(step, down) / RATE
+        down *= 9.80665 / np.linalg.norm(down)
+    return np.column_stack([np.arange(n) / RATE, rate, force]) + np.column_stack([np.zeros(n), 1e-3 * random.normal(size=(n, 6))])
+
+
+def content(folder, rest):
+    """Files that hold no log, or one that allows no answer."""
+
+    def change(name, spoil, header=IMU):
+        rows = rest.copy()
+        saved(folder / name, header, spoil(rows))
+
+    def put(column, value):
+        def spoil(rows):
+            rows[:, column] = value
+            return rows
+
+        return spoil
+
+    text = {
+        "notes.txt": "once upon a time\nthere was a log\n" * 20, "empty.csv": "", "header.csv": IMU + "\n",
+        "one.csv": IMU + "\n0,0,0,0,0,0,9.8\n", "pointer.csv": "version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 100\n",
+        "wrong_name.npy": IMU + "\n0,0,0,0,0,0,9.8\n", "odd.toml": '[noise]\nterm = "N"\n',
+        "report.html": "<!doctype html>\n<p>jaxcal</p>\n",
+        "device.json": '{\n  "schema": "jaxcal.calibration/1"\n}\n', "noise.json": '{\n  "schema": "jaxcal.noise/1"\n}\n',
+        "other.json": '{"data": [1, 2, 3]}\n', "broken.json": '{\n  "schema": "jaxcal.calibration/1",\n  "imu": 3\n}\n',
+    }  # fmt: skip
+    for name, words in text.items():
+        (folder / name).write_text(words)
+    binary = {
+        "bytes.csv": bytes(range(256)) * 40, "cut.npz": b"PK\x03\x04" + bytes(40), "cut.parquet": b"PAR1" + bytes(40),
+        "cut.bag": b"#ROSBAG V2.0\n", "picture.png": b"\x89PNG\r\n\x1a\n" + bytes(40),
+    }  # fmt: skip
+    for name, data in binary.items():
+        (folder / name).write_bytes(data)
+    change("standing.csv", put(0, 0.0))
+    change("missing.csv", put(1, np.nan))
+    change("nothing.csv", put(slice(1, None), np.nan))
+    change("huge.csv", put(1, 1e300))
+    change("short.csv", lambda rows: rows[:20])
+    change("nameless.csv", lambda rows: rows[:, 1:5], "a,b,c,d")
+    change("odd_unit.csv", lambda rows: rows[:, :4], "time [s],gyro_x [furlong],gyro_y [furlong],gyro_z [furlong]")
+    change("counts.csv", lambda rows: np.column_stack([rows[:, 0], np.round(rows[:, 1:4] * 1e4)]), "time [s],gyro_x,gyro_y,gyro_z")
+    change("attitude.csv", lambda rows: rows[:, :4], "time [s],roll [deg],pitch [deg],yaw [deg]")
+    change("no_time.csv", lambda rows: rows[:, 1:], IMU.partition(",")[2])
+    lines = (folder / "rest.csv").read_text().splitlines()
+    for i in range(10, len(lines), 20):
+        lines[i] = lines[i].replace(lines[i].split(",")[2], "oops")
+    (folder / "oops.csv").write_text("\n".join(lines))
+    (folder / "folder").mkdir()
+    (folder / "folder" / "readme.md").write_text("nothing here\n")
+    (folder / "two").mkdir()
+    for name in ("a.csv", "b.csv"):
+        (folder / "two" / name).write_text((folder / "short.csv").read_text())
+
+
+def tables(folder):
+    """Tables of turntable readings."""
+    head, rows = (
+        "angle [deg],mounting,dwell [s],accel [m/s^2],gyro [deg/h]",
+        "0,x,60,0.1,11\n90,x,60,-0.1,1\n180,x,60,-0.1,-11\n270,x,60,0.1,-1\n",
+    )
+    made = {
+        "table.csv": f"{head}\n{rows}", "header_only.csv": f"{head}\n", "no_angle.csv": f"{head.replace('angle [deg]', 'place')}\n{rows}",
+        "no_sensor.csv": "angle [deg],mounting,dwell [s]\n0,x,60\n90,x,60\n", "bad_unit.csv": f"{head.replace('deg/h', 'furlong')}\n{rows}",
+        "bad_cell.csv": f"{head}\n0,x,60,0.1,11\n90,x,soon,-0.1,1\n", "degrees.csv": f"{head.replace('deg/h', 'rad/s')}\n{rows}",
+    }  # fmt: skip
+    for name, words in made.items():
+        (folder / name).write_text(words)
+
+
+@pytest.mark.parametrize(("call", "status", "words"), [*cases(CALLS, 2), *cases(DATA, 1)])
+def test_a_wrong_call_says_what_to_type(logs, monkeypatch, capsys, call, status, words):
+    monkeypatch.chdir(logs)
+    before = sorted(logs.rglob("*"))
+    found = main(shlex.split(call))
+    out, err = capsys.readouterr()
+    reason = " ".join(err.split())
+    assert found == status, out + err
+    assert reason.startswith("jaxcal: ")
+    assert words in reason
+    assert 25 < len(reason) < 700
+    assert not re.search(r"(?<!--rate )\bnan\b|Traceback|Warning:|=\{|\bTrue\b|(?<!time=)\bNone\b", reason)
+    assert status == 1 or (out == "" and reason.endswith("--help)"))
+    assert sorted(logs.rglob("*")) == before
+
+
+def test_there_are_enough_of_them():
+    assert len([*cases(CALLS, 2), *cases(DATA, 1)]) >= 150

@@ -1,0 +1,88 @@
+"""What people expect of a repository: examples of every public name, a short README, forms, workflows, and one version everywhere."""
+
+import importlib
+import inspect
+import json
+import pathlib
+import pkgutil
+import re
+import subprocess
+import tomllib
+
+import pytest
+
+import jaxcal
+
+ROOT = pathlib.Path(__file__).resolve().parents[1]
+PARTS = ["jaxcal", *(f"jaxcal.{module.name}" for module in pkgutil.iter_modules(jaxcal.__path__) if module.ispkg and module.name != "cli")]
+
+
+def public(part):
+    """Classes and functions that a package exports."""
+    module = importlib.import_module(part)
+    names = [name for name in vars(module) if not name.startswith("_")] if part != "jaxcal" else ["Calibration", "Log", "read"]
+    found = {name: getattr(module, name) for name in names}
+    return {name: one for name, one in found.items() if inspect.isclass(one) or inspect.isroutine(one)}
+
+
+@pytest.mark.parametrize("part", PARTS)
+def test_every_public_name_has_an_example(part):
+    without = [name for name, one in public(part).items() if ">>>" not in (inspect.getdoc(one) or "")]
+    assert without == []
+
+
+def test_the_readme_fits_on_three_screens():
+    assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) < 120
+
+
+def test_type_checkers_are_told_that_there_are_types():
+    assert (ROOT / "jaxcal" / "py.typed").exists()
+
+
+def test_one_version_everywhere():
+    yaml = pytest.importorskip("yaml")
+    version = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
+    assert yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))["version"] == version
+
+
+def test_workflows_run_what_contributors_run():
+    yaml = pytest.importorskip("yaml")
+    jobs = yaml.safe_load((ROOT / ".github" / "workflows" / "ci.yml").read_text(encoding="utf-8"))["jobs"]
+    everything, alone = jobs["everything"], jobs["tests"]
+    assert everything["strategy"]["matrix"]["python"] == ["3.11", "3.12", "3.13"]
+    assert ".ci/run" in [step.get("run") for step in everything["steps"]]
+    assert alone["strategy"]["matrix"]["os"] == ["macos-latest", "windows-latest"]
+    assert "python -m pytest" in [step.get("run") for step in alone["steps"]]
+
+
+def test_forms_ask_for_a_log_and_for_what_info_says():
+    yaml = pytest.importorskip("yaml")
+    for name in ("problem", "format"):
+        form = yaml.safe_load((ROOT / ".github" / "ISSUE_TEMPLATE" / f"{name}.yml").read_text(encoding="utf-8"))
+        wanted = {item["id"]: item for item in form["body"] if item.get("validations", {}).get("required")}
+        assert {"info", "log"} <= set(wanted)
+        assert "jaxcal info LOG" in wanted["info"]["attributes"]["label"]
+
+
+def pyright(*words, cwd):
+    """What pyright says, as JSON."""
+    found = subprocess.run(["pyright", "--outputjson", *words], cwd=cwd, capture_output=True, text=True, check=False)
+    return json.loads(found.stdout)
+
+
+@pytest.mark.long
+def test_types_of_the_interface_are_known(tmp_path):
+    found = pyright("--verifytypes", "jaxcal", "--ignoreexternal", cwd=tmp_path)["typeCompleteness"]
+    unknown = [symbol["name"] for symbol in found["symbols"] if symbol["isExported"] and not symbol["isTypeKnown"]]
+    assert found["completenessScore"] >= 0.95, unknown
+
+
+@pytest.mark.long
+def test_a_strict_checker_finds_nothing_in_a_script_of_the_readme(tmp_path):
+    for page in ("README.md", "docs/quickstart.md"):
+        code = re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(encoding="utf-8"), re.DOTALL)
+        (tmp_path / f"{pathlib.Path(page).stem.lower()}_script.py").write_text("\n".join(code))
+    (tmp_path / "pyrightconfig.json").write_text('{"typeCheckingMode": "strict", "pythonVersion": "3.11"}')
+    found = pyright(cwd=tmp_path)
+    assert found["summary"]["filesAnalyzed"] == 2
+    assert [one["message"] for one in found["generalDiagnostics"]] == []
