@@ -38,6 +38,16 @@ class Check(Result):
     verdict : "good", or "weak" where an error is larger than expected beyond chance of 5 %.
     reason : a sentence.
     warnings : none.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> from jaxcal.magnetometer import body_field, check, scenario
+    >>> m = body_field(scenario("all"), 50.0) + 0.1 * np.random.default_rng(0).normal(size=(360, 3))
+    >>> seen = check(jaxcal.magnetometer.fit(m[:200]), m[200:])
+    >>> seen.verdict, seen.count
+    ('good', 160)
     """
 
     norm: float
