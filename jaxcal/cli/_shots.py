@@ -58,11 +58,11 @@ def ready(path: Path, reading: Reading, needs_time: bool) -> tuple[Reading, list
     import jaxcal
 
     try:
-        read_log(path, reading)
+        read_log(path, reading, "mag")
     except jaxcal.DataError:
         timeless = dataclasses.replace(reading, rate=1.0)
         try:
-            read_log(path, timeless)
+            read_log(path, timeless, "mag")
         except jaxcal.DataError:
             return reading, said  # the command says why
         return timeless, [*said, "there are no times, and a fit of norms needs none: the rows stand 1 s apart; give them with --rate"]

@@ -237,7 +237,7 @@ def refusal(method: str, dip: float, reason: str) -> MagFit:
     )  # fmt: skip
 
 
-def expected(error: np.ndarray) -> str:
+def expected(error: Any) -> str:
     """The heading error of a good fit, in words."""
     level, tilted = np.rad2deg(error)
     where = f"at level and {tilted:.2g} at 20 degrees of tilt" if np.isfinite(tilted) else "in the plane"
