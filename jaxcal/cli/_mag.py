@@ -126,7 +126,7 @@ def mag(
         raise CallError("--headings gives the rotation itself: leave out --align and --joint")
     if currents is not None and (joint or model == "planar"):
         raise CallError("--currents goes with fits of norms in all attitudes: leave out --joint and --model planar")
-    must_exist(against)
+    must_exist(against, option="--against")
     if next:
         _advise(log, reading, running, limit, inclination)
         return
