@@ -121,7 +121,8 @@ class Job(eqx.Module):
         at_rest = pieces(fit.model, data)
         vertical, size = at_rest.vertical[: len(start)], options.gravity - at_rest.norm[: len(start)]
         seen = observability(vertical, not options.misalignment)
-        if not seen.condition <= SINGULAR and not known_of(options.prior):
+        # with turns the joint fit tells what both determine: six faces and the turns between them show the misalignment
+        if not seen.condition <= SINGULAR and record.gyro is None and not known_of(options.prior):
             return Refusal(seen.sentence, seen)
         accel = jax.tree.map(np.asarray, fit.model.accel)
         if record.gyro is None:
