@@ -8,7 +8,6 @@ from ._model import Imu as Imu, Triad as Triad, gravity as gravity, in_conventio
 from ._motion import Motion as Motion, motion as motion
 from ._multi import multi_position as multi_position
 from ._nonlinear import TERMS as TERMS, Nonlinear as Nonlinear, with_terms as with_terms
-from ._prior import Prior as Prior
 from ._rate_test import RateTest as RateTest, ScaleFigures as ScaleFigures, rate_test as rate_test, scale_figures as scale_figures
 from ._rectification import Rectification as Rectification, vibration_rectification as vibration_rectification
 from ._residuals import Poses as Poses, Turns as Turns, Weighted as Weighted, residuals as residuals, weighted as weighted
