@@ -13,7 +13,7 @@ from ._rectification import Rectification as Rectification, vibration_rectificat
 from ._residuals import Poses as Poses, Turns as Turns, Weighted as Weighted, residuals as residuals, weighted as weighted
 from ._rests import StillIntervals as StillIntervals, static_intervals as static_intervals, windowed_variance as windowed_variance
 from ._result import ImuFit as ImuFit, Observability as Observability, observability as observability
-from ._session import faces as faces, ferraris as ferraris, read_regions as read_regions
+from ._session import faces as faces, ferraris as ferraris, joined as joined, read_regions as read_regions
 from ._simulate import (
     MEMS as MEMS,
     MEMS_NOISE as MEMS_NOISE,
