@@ -22,7 +22,7 @@ _GYROSCOPES = (
 #: the same of accelerometers, in g; here powers of two beside a norm near 1 are evidence
 _ACCELEROMETERS = (*(2.0**-n for n in range(8, 16)), *(1e-3 * mg for mg in (0.061, 0.122, 0.244, 0.488, 0.732, 3.9)))
 #: counts per g, and per deg/s, that a size of raw counts may mean
-_COUNTS_PER_G = (16384, 8192, 4096, 2048, 1024, 256)
+_COUNTS_PER_G = (16384, 8192, 4096, 2048, 1024, 256, 64)
 _MATCH = 4e-4
 
 

@@ -26,6 +26,16 @@ _PART = re.compile(r"(.+)_(\d+)")
 _VARIANT = re.compile(r"uncalibrated|uncal|total|raw|calibrated|accelerometer|acceleration|accel|acc|[^a-z0-9]")
 _LFS = b"version https://git-lfs.github.com/spec/"
 _SHOWN, _MOST = 8, 10_000
+#: first bytes of files that are no log, what they are, and what to do
+_OTHERS = (
+    ((b"\xd0\xcf\x11\xe0",), "an Excel workbook of the old kind (XLS)", "save the sheet that holds the log as CSV"),
+    ((b"\x80\x02", b"\x80\x03", b"\x80\x04", b"\x80\x05"), "a pickle, which can run any program", "save the arrays with numpy.savez"),
+    ((b"ARROW1", b"FEA1"), "an Arrow (Feather) file", "save it as Parquet"),
+    ((b"7z\xbc\xaf", b"Rar!", b"\xfd7zXZ", b"BZh", b"\x28\xb5\x2f\xfd"), "a packed file of a kind that is not unpacked", "unpack it"),
+    ((b"%PDF", b"\x89PNG", b"\xff\xd8\xff", b"GIF8", b"RIFF"), "a document, picture or sound", "give the log itself"),
+)
+_PAGE = re.compile(rb"\s*(?:<!doctype html|<html|<\?xml|404: not found|<!--)", re.IGNORECASE)
+_JSON = re.compile(rb"\s*(?:\[\s*)?\{\s*[\"}]")
 
 
 def find(path: pathlib.Path) -> tuple[str, list[pathlib.Path]]:
@@ -37,15 +47,21 @@ def find(path: pathlib.Path) -> tuple[str, list[pathlib.Path]]:
     if (path / "timestamps.txt").is_file() and (path / "data").is_dir():
         return "oxts", [path]
     logs: dict[pathlib.Path, str] = {}
+    refused = ""
     for i, file in enumerate(sorted(file for file in path.iterdir() if file.is_file() and not file.name.startswith("."))):
         if i == _MOST:
             raise DataError(f"the folder holds more than {_MOST} files; give one log")
         try:
             kind = detect(file)
-        except (DataError, OSError):
+        except DataError as error:
+            refused = refused or (f"{file.name}: {error}" if "Git LFS" in str(error) else "")
+            continue
+        except OSError:
             continue
         if kind != "csv" or file.name.lower().endswith(_TEXT):
             logs[file] = kind
+    if not logs and refused:
+        raise DataError(refused)
     if not logs:
         raise DataError("the folder holds no readable log and no ROS 2 recording (metadata.yaml); give a log file")
     files, kinds = list(logs), set(logs.values())
@@ -102,6 +118,7 @@ def detect(path: pathlib.Path) -> str:
         size = re.search(rb"size (\d{1,18})", head)
         held = f" of {int(size[1])} bytes" if size else ""
         raise DataError(f"this is a Git LFS pointer, not the recording{held} that it stands for: run `git lfs pull` in the repository")
+    _refuse_others(head)
     for magic, kind in _MAGIC.items():
         if head.startswith(magic):
             wanted = {_SQLITE: ".db3", _MCAP: ".mcap"}.get(magic, path.suffix)
@@ -116,6 +133,20 @@ def detect(path: pathlib.Path) -> str:
     if suffix in (".npz", ".npy", ".parquet", ".mcap", ".db3", ".bag", ".ulg", ".mat", ".h5", ".hdf5"):
         raise DataError(f"the name ends in {path.suffix}, but the file does not begin as such a file does; it is damaged, or misnamed")
     return "csv"
+
+
+def _refuse_others(head: bytes) -> None:
+    """Say what a file is that is no log by its first bytes."""
+    for marks, what, advice in _OTHERS:
+        if head.startswith(marks):
+            raise DataError(f"this is {what}: {advice}, and read that")
+    if _PAGE.match(head):
+        raise DataError("this is a page of the web or XML, not the log itself: download the file as it is (on GitHub: Raw)")
+    if _JSON.match(head):
+        raise DataError(
+            "this is JSON, of which every writer has its own kind: export the log as CSV, or write its values as a table with a line of "
+            "column names (in Python: pandas.DataFrame(...).to_csv)"
+        )
 
 
 def _is_mat4(head: bytes) -> bool:

@@ -256,6 +256,8 @@ def finished(
     provenance = origin | {
         "columns": signals.columns, "units": signals.units, "jaxcal": importlib.metadata.version("jaxcal"), "epoch_ns": signals.epoch_ns
     }  # fmt: skip
+    if len(signals.imus) > 1:
+        provenance["imus"] = signals.imus
     if phase:
         differentiate(signals)
     return _build(signals, provenance)
@@ -304,7 +306,9 @@ def named(path: pathlib.Path) -> Iterator[None]:
     try:
         yield
     except JaxcalError as error:
-        raise type(error)(f"{shown(path)}: {error}") from error.__cause__
+        named = type(error)(f"{shown(path)}: {error}")
+        named.__dict__.update(error.__dict__)
+        raise named from error.__cause__
 
 
 @contextlib.contextmanager

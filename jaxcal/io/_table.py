@@ -11,10 +11,13 @@ from .._quality import all_finite
 from .._units import si_unit
 from . import _guess
 from ._choose import HOW, select
-from ._clock import Clock, check_rate, clock_of, label_of, no_clock, refuse_restarts, stated_rate
+from ._clock import check_rate, clock_of, label_of, no_clock, refuse_restarts, stated_rate
 from ._columns import SENSORS, Columns, listing, scale
 from ._evidence import Turning, turning
+from ._mixed import own_clocks
+from ._names import COUNTS, RELATIVE, bracketed
 from ._saved import Saved
+from ._stamps import Clock
 
 
 @dataclasses.dataclass
@@ -56,7 +59,7 @@ class Signals:
     """What goes into a `Log`, and the columns and units it was taken from.
 
     `nominal` is a rate that the file states beside stamps; `choices` are what `jaxcal.io.inspect` shows, and `sources` all topics that
-    there are, as sentences.
+    there are, as sentences; `imus` are the `topics` of each IMU in the log, where there are several.
     """
 
     time: np.ndarray | None
@@ -70,6 +73,7 @@ class Signals:
     nominal: float | None = None
     choices: list[Choice] = dataclasses.field(default_factory=list)
     sources: list[str] = dataclasses.field(default_factory=list)
+    imus: list[str] = dataclasses.field(default_factory=list)
 
 
 # a value too large to convert becomes infinite, and that is counted as missing
@@ -96,6 +100,8 @@ def interpret(
     if missing is not None:
         raw = {name: [_without(column, missing) for column in values] for name, values in raw.items()}
     period = clock.period if clock is not None else 1.0 / signals.rate if signals.rate else None
+    if clock is not None and "time" in found.guessed and (apart := own_clocks(table, found, clock)):
+        problems.append(apart)
     guesses = _units(table, found, raw, units, period, clock, signals, problems)
     if problems:
         raise DataError("; and ".join(problems))
@@ -168,11 +174,11 @@ def _set_time(
     if not clock.reason and "time" not in found.guessed:
         return
     where = f"column{'s' * (len(clock.columns) > 1)} {_label(clock.columns, table.names)}"
-    unit = "dates" if clock.unit == "date" else "s and ns" if clock.unit == "s + ns" else clock.unit
-    why = f" ({clock.reason})" if clock.reason and clock.reason not in ("dates", "s and ns") else ""
+    unit = "dates" if clock.unit == "date" else clock.unit
+    why = f" ({clock.reason})" if clock.reason and clock.reason != "dates" else ""
     option = "" if clock.unit == "date" else f" --units time={clock.other}"
-    if clock.unit == "s + ns":
-        note = f"time: {where}, s and ns; override with --columns time=0 --units time=s"
+    if clock.unit.startswith("s + "):
+        note = f"time: {where}, {clock.reason}; override with --columns time=0 --units time=s"
     elif clock.unit == "date":
         note = f"time: {where}, {unit}{why}; override with --columns time=0"
     else:
@@ -340,6 +346,14 @@ def _stack(columns: list[np.ndarray]) -> np.ndarray:
 def _refuse_unknown_unit(name: str, header: str) -> None:
     """A unit in square brackets is a statement: where it is not understood, nothing is guessed against it."""
     match = re.search(r"\[([^\]]*[A-Za-z][^\]]*)\]", header)
+    inside = bracketed(header) or ""
+    if name == "mag" and (RELATIVE.fullmatch(inside) or header.lower().endswith(("_flux", " a.u.", "_au"))):
+        raise DataError(
+            f"the header {header!r} says that mag is relative to some field, without a unit; give the size of one, as in "
+            "units={'mag': '50 uT'} (--units mag='50 uT')"
+        )
+    if COUNTS.fullmatch(inside):
+        match = re.search(r"(.+)", inside)
     if match:
         raise DataError(
             f"the header {header!r} gives {match[1]!r}, which is no unit of {name} that is known; give the unit, or the size of one count, "
