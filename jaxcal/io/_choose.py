@@ -26,7 +26,7 @@ _FILES = {
     "mag": r"mag(?![a-z])|magnet|compass",
 }
 #: words in the name of a column that make it look like a sensor's
-_LIKE = re.compile(r"gyr|angular|omega|rotrate|rotationrate|acc|mag(?:n|_|$|[xyz])|compass", re.IGNORECASE)
+_LIKE = re.compile(r"gyr|angular|omega|rotrate|rotation(?!vector)|acc|mag(?:n|_|$|[xyz])|compass", re.IGNORECASE)
 #: words of values that are not as the sensor gave them
 _FILTERED = re.compile(r"filt(?!er.?off)|lpf|smooth|(?<![a-z])(?:avg|mean|true|ref|est|ekf|kalman|fused)(?![a-z])", re.IGNORECASE)
 _CLOCKS = re.compile(r"time|stamp", re.IGNORECASE)

@@ -1,5 +1,7 @@
 """Which files are the recording, and in which format."""
 
+import contextlib
+import os
 import pathlib
 import re
 import struct
@@ -8,6 +10,7 @@ from .._errors import DataError
 from ._archive import zip_kind
 from ._choose import file_kind
 from ._columns import SENSORS
+from ._names import parse
 
 #: formats that are read, as `format=` names them
 FORMATS = ("csv", "npy", "npz", "parquet", "rosbag1", "rosbag2", "mat", "hdf5", "ulog", "dataflash", "zip", "oxts")
@@ -21,6 +24,7 @@ _MAGIC = {
 _USER_BLOCKS = (512, 1024, 2048)
 #: names of text tables; anything else that is text (notes, configuration) is no log
 _TEXT = (".csv", ".tsv", ".txt", ".dat", ".csv.gz", ".tsv.gz", ".txt.gz", ".dat.gz")
+_LOGS = (*_TEXT, ".bag", ".db3", ".mcap", ".ulg", ".bin", ".npz", ".npy", ".parquet", ".mat", ".h5", ".hdf5")
 _PART = re.compile(r"(.+)_(\d+)")
 #: words by which the files of one sensor differ: Accelerometer, AccelerometerUncalibrated, TotalAcceleration
 _VARIANT = re.compile(r"uncalibrated|uncal|total|raw|calibrated|accelerometer|acceleration|accel|acc|[^a-z0-9]")
@@ -63,7 +67,7 @@ def find(path: pathlib.Path) -> tuple[str, list[pathlib.Path]]:
     if not logs and refused:
         raise DataError(refused)
     if not logs:
-        raise DataError("the folder holds no readable log and no ROS 2 recording (metadata.yaml); give a log file")
+        raise DataError(f"the folder holds no readable log and no ROS 2 recording (metadata.yaml){_below(path)}; give a log file")
     files, kinds = list(logs), set(logs.values())
     if len(files) == 1:
         return kinds.pop(), files
@@ -82,11 +86,32 @@ def sensor_files(files: list[pathlib.Path]) -> list[pathlib.Path]:
     kept = []
     for file in files:
         kind = file_kind(file.name.partition(".")[0])
-        if kind in SENSORS:
+        if kind is None and _names_sensors(file):
+            kept.append(file)
+        elif kind in SENSORS:
             kept.append(file)
             found.setdefault(kind, []).append(re.sub(_VARIANT, "", file.name.lower()))
     twice = any(len(set(names)) > 1 for names in found.values())
     return [] if twice or len(files) < 2 or not found else kept
+
+
+def _names_sensors(file: pathlib.Path) -> bool:
+    """Whether one of the first lines of a text file names the axes of a sensor."""
+    with contextlib.suppress(OSError), file.open("rb") as opened:
+        words = re.split(r"[,;\t\n]", opened.read(2048).decode("utf-8", "replace"))
+        return any((one := parse(word.strip('" #\r'))) is not None and one.kind in SENSORS for word in words if word.strip())
+    return False
+
+
+def _below(folder: pathlib.Path) -> str:
+    """Logs in the folders below one, for a message."""
+    found: list[str] = []
+    for looked, (here, folders, files) in enumerate(os.walk(folder)):
+        folders[:] = sorted(name for name in folders if not name.startswith("."))
+        found += [str(pathlib.Path(here, name).relative_to(folder)) for name in sorted(files) if name.lower().endswith(_LOGS)]
+        if len(found) > 3 or looked > 50:
+            break
+    return f"; below it there are {', '.join(one.encode('ascii', 'backslashreplace').decode() for one in found[:3])}" if found else ""
 
 
 def _parts(files: list[pathlib.Path]) -> list[pathlib.Path]:

@@ -39,7 +39,7 @@ def refuse_mixed(table, columns: dict[str, list[int]]) -> None:
         if not 2 <= kinds <= _MOST or np.mean(turns) < _TURNS:
             continue
         smooth = _smoother(table, chosen, code)
-        if smooth > 3.0 or (named and smooth > 0.8):
+        if smooth > 3.0 or (named and (smooth > 0.8 or np.mean(turns) > 0.9)):
             shown = ", ".join(sorted({str(value) for value in values.tolist()})[:6])
             raise DataError(
                 f"column {i} ({table.names[i]}) names {kinds} devices or sensors whose rows take turns ({shown}): they are "

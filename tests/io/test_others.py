@@ -199,6 +199,13 @@ def test_a_guess_near_two_units_is_said(tmp_path):
     assert any("mdeg/s at rest" in sentence for sentence in read(path, quiet=True).warnings)
 
 
+def test_coarse_stamps_do_not_turn_radians_into_degrees(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text(table("timestamp,ax,ay,az,gx,gy,gz", SECONDS, A, W))
+    log = read(path, quiet=True)
+    assert (log.provenance["units"]["gyro"], log.rate) == ("rad/s", pytest.approx(RATE))
+
+
 def test_a_start_and_a_rate_above_the_samples(tmp_path):
     path = tmp_path / "ACC.csv"
     counts = np.round(ACCEL / G * 64)

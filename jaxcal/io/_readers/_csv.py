@@ -159,6 +159,12 @@ def _parsed_ahead(layout: Layout, reads: Iterator[Callable[[], bytes]]) -> Itera
     import polars as pl
 
     threads = os.cpu_count() or 1
+    first = list(itertools.islice(reads, 2))
+    if len(first) < 2:
+        for read in first:
+            yield _parse(pl, read, layout)
+        return
+    reads = itertools.chain(first, reads)
     with ThreadPoolExecutor(threads) as pool:
         ahead = collections.deque()
         try:

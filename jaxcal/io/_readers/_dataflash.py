@@ -261,7 +261,7 @@ def _batches(log: DataFlash, label: str, signals: Signals) -> Part:
     for i, start, end in zip(mine.tolist(), starts.tolist(), ends.tolist(), strict=True):
         head, part = everything[i], data[start:end]
         rate, count = float(head["smp_rate"]), int(head["smp_cnt"])
-        if not part.size or not rate > 0:
+        if not part.size or not 1e-3 < rate < 1e9:
             cut += 1
             continue
         block = np.stack([part[axis].reshape(len(part), -1) for axis in "xyz"], axis=-1)
@@ -269,7 +269,7 @@ def _batches(log: DataFlash, label: str, signals: Signals) -> Part:
         order = np.arange(width) + part["seqno"].astype(np.int64)[:, None] * width
         keep = order < count
         cut += int(keep.sum() < count)
-        stamps.append(int(head["SampleUS"]) * 1000 + np.round(order[keep] * (1e9 / rate)).astype(np.int64))
+        stamps.append(int(head["SampleUS"]) * 1000 + np.round(np.clip(order[keep] * (1e9 / rate), 0, 1e17)).astype(np.int64))
         values.append(block[keep] / float(head["mul"]))
     if not stamps:
         raise DataError(f"{label}: the batches hold no samples; choose other records with topics= (--topics)")
