@@ -100,6 +100,13 @@ def steps_fit(differences: np.ndarray, size: float) -> bool:
     return bool(np.mean(np.abs(near / refined - whole)) < 0.09)
 
 
+def _may_fit(differences: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+    """Of which steps differences may be multiples at all: as `steps_fit` begins, for all sizes together."""
+    least, half, few, most = (np.searchsorted(np.sort(differences), times * sizes) for times in (0.02, 0.5, 4.5, 300.0))
+    near = most - least
+    return (near >= 30) & (half - least <= 0.02 * near) & (few - least >= 3)
+
+
 def _differences(values: np.ndarray) -> list[np.ndarray]:
     """Steps from sample to sample of every channel, equal samples left out."""
     found = []
@@ -126,8 +133,9 @@ def step_unit(sensor: str, values: np.ndarray) -> tuple[str, str] | None:
     }[sensor]
     found: dict[str, float] = {}
     for unit, sizes in hypotheses.items():
-        for size, known in sizes:
-            if sum(steps_fit(difference, size) for difference in differences) > len(differences) / 2:
+        likely = np.sum([_may_fit(difference, np.array([size for size, _ in sizes])) for difference in differences], axis=0)
+        for (size, known), channels in zip(sizes, likely.tolist(), strict=True):
+            if channels > len(differences) / 2 and sum(steps_fit(one, size) for one in differences) > len(differences) / 2:
                 found[unit] = known
                 break
     if len(found) != 1:

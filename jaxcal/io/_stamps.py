@@ -116,20 +116,19 @@ def from_digits(column: np.ndarray) -> np.ndarray | None:
     A count of any unit passes through all digits; times of day never show seconds or minutes beyond 59, and jump where a minute begins.
     """
     values = column[np.isfinite(column)].astype(np.float64) if column.dtype.kind in "iuf" else np.zeros(0)
-    if len(values) < 20 or values.min() < 0:
+    if len(values) < 20 or values.min() < 0 or values.max() >= 240_000e6:
         return None
     for size in (1.0, 1e3, 1e6):
-        digits = np.asarray(column, np.float64) / size
-        with np.errstate(invalid="ignore"):
-            hours, minutes, seconds = digits // 1e4, digits // 100 % 100, digits % 100
-            clock = hours * 3600 + minutes * 60 + seconds
-            steps = np.diff(clock)
-            if not (np.nanmax(hours) < 24 and np.nanmax(minutes) < 60 and np.nanmax(seconds) < 60 and np.ptp(values) > 40 * size):
-                continue
-        begun = np.diff(minutes) != 0
+        hours, minutes, seconds = values / size // 1e4, values / size // 100 % 100, values / size % 100
+        if hours.max() >= 24 or minutes.max() >= 60 or seconds.max() >= 60 or np.ptp(values) <= 40 * size:
+            continue
+        clock = hours * 3600 + minutes * 60 + seconds
+        steps, begun = np.diff(clock), np.diff(minutes) != 0
         typical = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
-        if np.any(begun) and typical > 0 and np.nanmax(np.abs(steps[begun])) < max(5 * typical, 2.0):
-            return clock
+        if np.any(begun) and typical > 0 and np.abs(steps[begun]).max() < max(5 * typical, 2.0):
+            out = np.full(len(column), np.nan)
+            out[np.isfinite(column)] = clock
+            return out
     return None
 
 
