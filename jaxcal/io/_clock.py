@@ -221,7 +221,8 @@ def refuse_restarts(clock: Clock) -> None:
     for at, drop in zip(back[long].tolist()[:1000], drops[long].tolist(), strict=False):
         wrapped = any(abs(drop - wrap) < max(0.01 * wrap, 20 * period) for wrap in wraps)
         after = seconds[at + 1 : at + 21]
-        goes_on = len(after) > 3 and np.nanmedian(np.abs(np.diff(after))) < 5 * period and np.nanmax(after) < seconds[at]
+        after = after[np.isfinite(after)]
+        goes_on = len(after) > 3 and np.median(np.abs(np.diff(after))) < 5 * period and after.max() < seconds[at]
         if not wrapped and goes_on:
             restarts.append(at + 1)
     if restarts:
