@@ -38,7 +38,8 @@ def answer(
     try:
         before = _stat(pathlib.Path(path))
         known, (start, stop) = reading_options(reading)
-        log, others = _read(path, known | ({"topics": topics} if topics else {}), each and not topics)
+        own: dict[str, Any] = {"topics": topics} if topics else {}
+        log, others = _read(path, known | own, each and not topics)
         document["log"] |= {"each": each, "others": others}
         if _stat(pathlib.Path(path)) != before:
             raise _Changed("the file changed while it was read; run again when it is complete")
@@ -66,7 +67,8 @@ def _read(path: str, known: dict[str, Any], each: bool) -> tuple[Log, list[str]]
     except SeveralError as several:
         if not several.imus:
             raise
-        return read(path, quiet=True, **known | {"topics": several.imus[0]}), several.imus[1:]
+        first: dict[str, Any] = {"topics": several.imus[0]}
+        return read(path, quiet=True, **known | first), several.imus[1:]
     taken = set(log.provenance["columns"].get("topics", ()))
     return log, [one for one in log.provenance.get("imus", ()) if set(one.split(",")) != taken]
 

@@ -26,7 +26,8 @@ def meanings(table, shared: str, known: dict[int, Name]) -> list[Name | None]:
     if not any(one is not None and one.kind in _SENSORS for one in found):
         for i, name in enumerate(names):
             # only what says nothing, or of which the end alone was understood, is looked at again
-            if name and (found[i] is None or found[i].kind in ("attitude", "motion")):
+            one = found[i]
+            if name and (one is None or one.kind in ("attitude", "motion")):
                 found[i] = loosened(name[len(shared) :]) or found[i]
     return found
 
@@ -86,7 +87,8 @@ def _numbered(names: list[str], found: list[Name | None]) -> None:
     groups: dict[tuple[str, str], dict[int, int]] = {}
     for i, name in enumerate(names):
         match = re.fullmatch(r"([A-Za-z][A-Za-z _./:-]*[A-Za-z])[ _.-]?(\d)(\s*[\[(].*)?", name.strip())
-        if match and (found[i] is None or found[i].kind not in _SENSORS):
+        one = found[i]
+        if match and (one is None or one.kind not in _SENSORS):
             groups.setdefault((match[1].lower(), match[3] or ""), {})[int(match[2])] = i
     for (stem, tail), places in groups.items():
         if sorted(places) not in ([0, 1, 2], [1, 2, 3]):

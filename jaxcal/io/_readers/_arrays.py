@@ -54,7 +54,8 @@ def read_npz(path: pathlib.Path) -> Table:
         arrays = {name: archive[name] for name in archive.files}
     saved = arrays.pop("jaxcal", None)
     system = arrays.pop("units", np.array(""))
-    table = _group_table({name: _upright(array) if array.ndim == 2 and array.dtype.kind in "iuf" else array for name, array in arrays.items()})
+    arrays |= {name: _upright(array) for name, array in arrays.items() if array.ndim == 2 and array.dtype.kind in "iuf"}
+    table = _group_table(arrays)
     if str(system) == "SI":  # as `jaxcal apply` and `jaxcal simulate` write
         quantities = [(parse_name(name) or ("",))[0] for name in table.names]
         table.names = [f"{name} [{si_unit(one)}]" if one else name for name, one in zip(table.names, quantities, strict=True)]

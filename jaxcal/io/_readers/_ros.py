@@ -123,7 +123,7 @@ def _messages(readers: list[Any], topic: str, numbers: int, version: int) -> Ite
     """Header stamps and float64 of the messages of a topic, some thousand at a time."""
     for reader in readers:
         own = [c for c in reader.connections if c.topic == topic and c.msgtype in _TYPES]
-        messages = iter(reader.messages(connections=own) if own else ())
+        messages: Iterator[Any] = iter(reader.messages(connections=own) if own else ())
         while raws := [raw for _, _, raw in itertools.islice(messages, _CHUNK)]:
             yield _decode(raws, numbers, version, topic)
 
