@@ -8,7 +8,7 @@ import dataclasses
 import numpy as np
 
 from .._errors import DataError
-from .._units import STANDARD_GRAVITY, factor, find_unit
+from .._units import STANDARD_GRAVITY, factor, find_unit, to_si
 from ._evidence import (
     Turning,
     all_integer,
@@ -36,6 +36,8 @@ _RANGES = {
 }
 #: median of specific force over gravity, and field in uT, that a stated unit may give
 _FORCE, _FIELD = (0.6, 1.7), (5.0, 1000.0)
+#: temperatures at which sensors are read, degC
+_CELSIUS = (-80.0, 200.0)
 #: deg/s beyond which no common gyroscope goes
 _FASTEST = 8000.0
 
@@ -54,6 +56,10 @@ def accel_unit(values: np.ndarray, stated: str | None, where: str, period: float
     """Unit of an accelerometer, in whose values gravity must be."""
     norm, whole = median_norm(values), values.shape[1] == 3
     seen = f"median norm {norm:.4g}"
+    if whole and abs(norm - 1.0) < 1e-3 and normalised(values) is not None and float(np.ptp(norms(values))) < 1e-4:
+        # noise alone would give lengths that differ
+        reason = "every vector has the length 1; uncertain, normalised vectors are no specific force"
+        return Guess(stated or "g", reason, "m/s^2", False)
     if stated is None:
         stays = gravity_stays(values, period) if whole else np.nan
         if whole and stays < 0.45:
@@ -233,11 +239,25 @@ def _contradict_gyro(values, stated: str, where: str, steps, turns: Turning | No
 
 
 def temperature_unit(values: np.ndarray, stated: str | None, where: str) -> Guess:
-    """As stated, else K above 200, else degC."""
+    """As stated, else K or degC, whichever is a temperature at which sensors work; an error where none is."""
     median = float(np.nanmedian(values))
+    low, high = _CELSIUS
     if stated is not None:
+        found = find_unit(stated, "temperature")
+        if found and not low <= float(to_si(median, found, "temperature")) <= high:
+            said = f"the unit of temperature is stated as {stated} ({where}), but its median {median:.4g} is none that a sensor has"
+            raise DataError(f"{said}; give the unit that is right with units={{'temperature': ...}} (--units temperature=...)")
         return Guess(stated, where, stated)
-    return Guess("K", f"median {median:.4g}", "degC") if median > 200 else Guess("degC", f"median {median:.4g}", "K")
+    if low <= median <= high:
+        # a device at 75 degF is a device at rest, and one at 75 degC a rare one
+        sure = not 60 < median < 110
+        return Guess("degC", f"median {median:.4g}" + ("" if sure else "; uncertain, could be degF"), "K" if sure else "degF", sure)
+    if low + 273.15 <= median <= high + 273.15:
+        return Guess("K", f"median {median:.4g}", "degC")
+    raise DataError(
+        f"the unit of temperature cannot be told (median {median:.4g}): these may be raw counts; give the size of one, as in "
+        "units={'temperature': '0.01 degC'} (--units temperature='0.01 degC')"
+    )
 
 
 def factor_of(unit: str, sensor: str) -> float | None:

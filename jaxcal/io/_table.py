@@ -149,6 +149,8 @@ def _set_time(
 ) -> None:  # fmt: skip
     """Stamps, or a rate in their place."""
     if clock is None:
+        if "time" not in columns and (signals.rate or stated):
+            _place_by_counter(table, found, float(signals.rate or (stated or (0.0,))[0]), signals)
         if signals.rate is None and stated is not None:
             signals.rate = stated[0]
             signals.notes.append(f"rate: {stated[0]:g} Hz, as {stated[1]}; override with --rate")
@@ -189,6 +191,23 @@ def _set_time(
         signals.warnings.append(f"a guess, which nothing in the file supports: {note}")
 
 
+def _place_by_counter(table: Table, found: Any, rate: float, signals: Signals) -> None:
+    """Stamps from a column that counts samples, where it skips some: without a clock nothing else tells that they were lost."""
+    for i, one in enumerate(found.names):
+        if one is None or one.kind != "counter" or table.columns[i].dtype.kind not in "iuf":
+            continue
+        counts = np.asarray(table.columns[i], np.float64)
+        steps = np.diff(counts)
+        lost = steps > 1
+        if np.isfinite(counts).all() and np.all(steps >= 1) and np.any(lost) and np.mean(steps == 1) > 0.95 and not np.any(counts % 1):
+            signals.time = (counts - counts[0]) / rate
+            signals.warnings.append(
+                f"{table.names[i]} counts the samples and skips {int((steps[lost] - 1).sum())} of them in {np.count_nonzero(lost)} places: "
+                "these are missing"
+            )
+            return
+
+
 def _units(
     table: Table, found: Any, raw: dict[str, Any], units: dict[str, str], period: float | None, clock: Clock | None, signals: Signals,
     problems: list[str],
@@ -216,9 +235,9 @@ def _units(
                 _refuse_unknown_unit(name, first)
             guesses[name] = _unit(name, values[name], stated, where, period, turns, name in units, signals.warnings)
         except DataError as error:
-            if name == "mag" and name in found.guessed and stated is None and len(raw) > 1:
-                # the other sensors need no field
-                signals.warnings.append(f"mag is left out: {error}")
+            if name in found.guessed and len(raw) > 1 and ((name == "mag" and stated is None) or name == "temperature"):
+                # the other sensors need neither a field nor a temperature
+                signals.warnings.append(f"{name} is left out: {error}")
             else:
                 problems.append(str(error))
     for name in set(raw) - set(guesses):

@@ -121,6 +121,7 @@ READ = {
                       [[str(i) for i in range(N)]], cells(np.round(GYRO / 0.00122173047), "%.0f"),
                       cells(np.round(ACCEL / G / 0.00048828125), "%.0f")),
     ),
+    "two lines of names": ("log.csv", lambda: table("t,accel,,,gyro,,\n,x,y,z,x,y,z", MS, A, W)),
     "a flag that flips": (
         "log.csv", lambda: table("timestamp,ax,ay,az,mag_ready,gps", epoch(1e3), A, [[str(i % 2) for i in range(N)]],
                                  [["yes" if i % 5 else "no" for i in range(N)]]),
@@ -189,6 +190,30 @@ def test_a_table_that_no_reading_can_be_right_for_is_refused(which, tmp_path):
     path.write_text(text(), encoding="utf-8")
     with pytest.raises(DataError, match=said):
         read(path, quiet=True)
+
+
+def test_a_counter_that_skips_numbers_tells_of_lost_samples(tmp_path):
+    path = tmp_path / "log_50Hz.csv"
+    kept = [i for i in range(N) if i not in (100, 101, 250)]
+    path.write_text(table("counter,ax,ay,az", [[str(i) for i in kept]], cells(ACCEL[kept])))
+    log = read(path, quiet=True)
+    assert (log.rate, len(log.time), [gap.samples for gap in log.gaps]) == (RATE, N, [2, 1])
+    assert "counter counts the samples and skips 3 of them in 2 places: these are missing" in log.warnings
+
+
+@pytest.mark.parametrize(("value", "said"), [("-3920", "raw counts"), ("2534", "raw counts"), ("75.2", "could be degF")])
+def test_a_temperature_that_no_sensor_has_is_left_out(value, said, tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text(table("time_ms,ax,ay,az,temp", MS, A, same(value)))
+    log = read(path, quiet=True)
+    assert (log.temperature is None) == (said == "raw counts")
+    assert any(said in sentence for sentence in log.warnings)
+
+
+def test_normalised_vectors_are_a_guess(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text(table("time_ms,ax,ay,az", MS, cells(ACCEL / np.linalg.norm(ACCEL, axis=1, keepdims=True), "%.7f")))
+    assert any("normalised vectors are no specific force" in sentence for sentence in read(path, quiet=True).warnings)
 
 
 def test_a_guess_near_two_units_is_said(tmp_path):

@@ -310,6 +310,15 @@ def _names(head: list[str], delimiter: str, width: int) -> list[str] | None:
         if above and not _are_units(above):
             units = [_bare(unit) for unit in names]
             return [f"{name} [{unit}]" if unit.strip("- ") else name for name, unit in zip(above, units, strict=True)]
+    if names and len(head) > 1 and len(set(names)) < len(names) and (above := _fields(head[-2], delimiter, width)):
+        # a line of groups above the axes, as pandas and workbooks have them, each group named once or over every axis
+        filled, group = [], ""
+        for word in above:
+            group = word if word and not word.startswith("Unnamed") else group
+            filled.append(group)
+        joined = [f"{one}_{name}" if one and name else one or name for one, name in zip(filled, names, strict=True)]
+        if sum(parse_name(one) is not None for one in joined) > sum(parse_name(one) is not None for one in names):
+            return joined
     # a comment may happen to have as many words as there are columns
     return None if names and _is_comment(head[-1]) and not any(map(parse_name, names)) else names
 
@@ -320,7 +329,7 @@ def _fields(line: str, delimiter: str, width: int) -> list[str] | None:
     bare = line.strip().lstrip("#%/").strip() if comment else line
     for mark in dict.fromkeys((delimiter, ",", ";", "\t", " ") if comment else (delimiter,)):
         row = split(bare, mark)
-        if _effective(row) == width and not _is_data(row):
+        if width in (len(row), _effective(row)) and not _is_data(row):
             return [field.strip().strip('"') for field in row[:width]]
     return None
 
