@@ -8,10 +8,10 @@ from .._errors import DataError
 from ._columns import SENSORS
 from ._names import plain
 
-#: names of columns that say which device, or which person, a row is of
-_IDENTITY = re.compile(
-    r"(?:id|.*(?:device|sensor|node|mac|address|board|imu|unit|channel|port)(?:id|name|number|no|nr|index|type)?|type|source|name|tag|"
-    r"place|location|position|side|foot|limb|hand|leg|.*(?:subject|user|person|sensor|device|node|imu)(?:id)?)"
+#: names of columns that say which device a row is of, and those that may say so or something else
+_DEVICE = re.compile(r".*(?:device|sensor|node|mac|address|board|imu)(?:id|name|number|no|nr|index|type)?")
+_PERHAPS = re.compile(
+    r"id|type|source|name|tag|place|location|position|side|foot|limb|hand|leg|unit|channel|port|.*(?:subject|user|person)(?:id)?"
 )
 _LOOK, _MOST = 20_000, 64
 #: part of the rows at which the device changes that makes it taking turns; a label of what is done changes seldom
@@ -28,8 +28,9 @@ def refuse_mixed(table, columns: dict[str, list[int]]) -> None:
         values = column[:_LOOK]
         if len(values) < 20:
             return
-        named = bool(_IDENTITY.fullmatch(plain(table.names[i]))) if table.names[i] else False
-        if column.dtype.kind != "O" and not named:
+        name = plain(table.names[i])
+        device, perhaps = bool(_DEVICE.fullmatch(name)), bool(_PERHAPS.fullmatch(name))
+        if column.dtype.kind != "O" and not device and not perhaps:
             continue
         code = _codes(values)
         if code is None:
@@ -39,8 +40,9 @@ def refuse_mixed(table, columns: dict[str, list[int]]) -> None:
         if not 2 <= kinds <= _MOST or np.mean(turns) < _TURNS:
             continue
         smooth = _smoother(table, chosen, code)
-        if smooth > 3.0 or (named and (smooth > 0.8 or np.mean(turns) > 0.9)):
-            shown = ", ".join(sorted({str(value) for value in values.tolist()})[:6])
+        # an id may as well be a count that begins again
+        if smooth > 3.0 or (device and (smooth > 0.8 or np.mean(turns) > 0.9)) or (perhaps and kinds <= 8 and smooth > 1.3):
+            shown = ", ".join(sorted({f"{value:g}" if isinstance(value, float) else str(value) for value in values.tolist()})[:6])
             raise DataError(
                 f"column {i} ({table.names[i]}) names {kinds} devices or sensors whose rows take turns ({shown}): they are "
                 "recordings of their own, mixed in one table; keep the rows of one of them in a file and read that"

@@ -126,6 +126,7 @@ READ = {
         "log.csv", lambda: table("timestamp,ax,ay,az,mag_ready,gps", epoch(1e3), A, [[str(i % 2) for i in range(N)]],
                                  [["yes" if i % 5 else "no" for i in range(N)]]),
     ),
+    "an id that begins again": ("log.csv", lambda: table("timestamp,ax,ay,az,id", epoch(1e3), A, [[str(i % 16) for i in range(N)]])),
     "clocks of two sensors that agree": (
         "log.csv", lambda: table("ts_accel,accel_x,accel_y,accel_z,ts_gyro,gyro_x,gyro_y,gyro_z", epoch(1e9), A, epoch(1e9, 0.002), W)
     ),
