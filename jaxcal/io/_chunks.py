@@ -28,7 +28,7 @@ from ._readers._streams import Rows
 from ._readers._text import open_text, sniff
 
 #: rows of messages looked at together, and the step in periods from which samples are missing
-_BLOCK, _GAP = 1 << 20, 1.5
+_BLOCK, _GAP = 1 << 16, 1.5
 _TIME = ("time", "timestamp", "stamp", "t")
 _HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 
