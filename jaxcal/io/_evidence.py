@@ -70,6 +70,20 @@ def all_integer(values: np.ndarray) -> bool:
     return bool(len(seen) and np.all(seen == np.round(seen)) and np.ptp(seen) >= 5)
 
 
+def noise_floor(values: np.ndarray) -> float:
+    """Standard deviation of the noise of a sample, by differences, where the values move least: the tenth part of some 50 stretches."""
+    seen = values[:LOOK]
+    seen = seen[np.isfinite(seen).all(axis=1)]
+    width = max(8, len(seen) // 50)
+    count = len(seen) // width
+    if not count:
+        return 0.0
+    steps = np.abs(np.diff(seen[: count * width].reshape(count, width, -1), axis=1))
+    # 1.4826 for the median absolute deviation of normal noise, sqrt(2) for a difference of two
+    each = 1.4826 / np.sqrt(2.0) * np.median(np.median(steps, axis=1), axis=1)
+    return float(np.quantile(each, 0.1))
+
+
 def normalised(values: np.ndarray) -> float | None:
     """The length that all vectors have to a part in a thousand although they turn: directions, no measurements. None for others."""
     seen = thinned(values)

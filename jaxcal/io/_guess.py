@@ -16,6 +16,7 @@ from ._evidence import (
     field_size,
     gravity_stays,
     median_norm,
+    noise_floor,
     normalised,
     norms,
     spread,
@@ -36,6 +37,8 @@ _RANGES = {
 }
 #: median of specific force over gravity, and field in uT, that a stated unit may give
 _FORCE, _FIELD = (0.6, 1.7), (5.0, 1000.0)
+#: noise of a sample, where the unit is not known: common sensors have 0.03 to 0.5 deg/s, which is 0.0005 to 0.009 rad/s
+_NOISY = 0.02
 #: temperatures at which sensors are read, degC
 _CELSIUS = (-80.0, 200.0)
 #: deg/s beyond which no common gyroscope goes
@@ -191,6 +194,9 @@ def gyro_unit(values: np.ndarray, stated: str | None, where: str, turns: Turning
         return Guess("deg/s", f"assumed: never far from {middle:.3g}, as on a turntable; mdeg/s at rest would look so too", "mdeg/s", False)
     if largest > 35:
         return Guess("deg/s", f"reaches {largest:.3g}; 35 rad/s would be 2005 deg/s", "rad/s")
+    floor = noise_floor(values)
+    if floor > _NOISY:
+        return Guess("deg/s", f"assumed: noise of {floor:.2g} from sample to sample where it moves least is much for rad/s", "rad/s", False)
     block = max(1, len(lengths) // 100)
     lengths = np.median(lengths[: len(lengths) // block * block].reshape(-1, block), axis=1)
     quiet, lively = np.quantile(lengths, [0.1, 0.9])
