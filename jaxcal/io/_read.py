@@ -98,7 +98,7 @@ def read(
     -------
     Log
         `notes` tell what was guessed, `warnings` what was mended, `provenance` the file (name, size, sha256), the format, and
-        the columns and units used.
+        the columns and units used. Of a log with several IMUs `provenance["imus"]` holds the `topics` of each.
 
     Raises
     ------
