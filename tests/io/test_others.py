@@ -148,6 +148,43 @@ def test_a_table_of_another_program_is_read(which, tmp_path):
     assert (log.gyro is None) == (log.provenance["columns"].get("gyro") is None)
 
 
+def axes(form):
+    return ",".join(form.format(axis) for axis in "xyz")
+
+
+DEVICES = {
+    "EuRoC or TUM-VI": lambda: table(f"#timestamp [ns],{axes('w_RS_S_{} [rad s^-1]')},{axes('a_RS_S_{} [m s^-2]')}", epoch(1e9), W, A),
+    "phyphox": lambda: table('"Time (s)","X (rad/s)","Y (rad/s)","Z (rad/s)"', cells(TIME, "%.9E"), cells(GYRO, "%.9E")),
+    "VMU931": lambda: table("", same("gyroscope"), MS, cells(np.round(GYRO / DEG * 16.384) / 16.384, "%.9f"))[1:],
+    "WitMotion": lambda: table(
+        f"Time(s),{axes('a{}(g)')},{axes('w{}(deg/s)')},{axes('Angle{}(deg)')}", moments("%H:%M:%S.%f"), cells(ACCEL / G),
+        cells(GYRO / DEG), same("1"), same("2"), same("3"),
+    ),
+    "BROAD": lambda: table(f"{axes('imu_gyr_{}')},{axes('imu_acc_{}')},{axes('imu_mag_{}')},t", W, A, M, cells(TIME)),
+    "ROS": lambda: table(
+        f"__time,/imu/header/seq,{axes('/imu/angular_velocity/{}')},{axes('/imu/linear_acceleration/{}')}", cells(TIME), MS, W, A
+    ),
+    "VectorNav": lambda: table(f"TimeStartup,{axes('UncompAccel.{}')},{axes('UncompGyro.{}')}", epoch(1e9), A, W),
+    "Xsens MT": lambda: table(
+        f"// Sample rate: 50.0Hz\nCounter\t{axes('Acc_{}')}\t{axes('Gyr_{}')}".replace(",", "\t"),
+        [[str(i) for i in range(N)]], A, W, mark="\t",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("device", DEVICES)
+def test_a_device_that_is_known_needs_no_guess(device, tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text(DEVICES[device]())
+    log = read(path, quiet=True)
+    assert any(note.startswith(f"device: the columns are those of {device}") for note in log.notes)
+    assert not any(warning.startswith("a guess") for warning in log.warnings)
+    assert log.rate == pytest.approx(RATE, rel=2e-3)
+    np.testing.assert_allclose(log.gyro, GYRO, atol=1e-3)
+    if log.accel is not None:
+        np.testing.assert_allclose(log.accel, ACCEL, atol=1e-3)
+
+
 def taking_turns(head, middle):
     rows = []
     for i in range(N):
