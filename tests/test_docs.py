@@ -14,7 +14,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[1]
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
 COMMANDS = (
     "demo", "noise", "allan", "psd", "temperature", "imu", "mag", "north", "apply", "convert", "export", "diff", "info", "batch",
-    "simulate", "cache",
+    "simulate", "cache", "rate-table", "vibration",
 )  # fmt: skip
 
 
@@ -50,7 +50,7 @@ def test_names_are_there(page):
         for part in dotted.strip(".").split("."):
             found = getattr(found, part)
     code = " ".join(re.findall(r"```[a-z]*\n.*?```|`[^`\n]+`", text, re.DOTALL))
-    for command in re.findall(r"(?:^|`|venv/bin/)jaxcal (\w+)", code, re.MULTILINE):
+    for command in re.findall(r"(?:^|`|venv/bin/)jaxcal (\w[\w-]*)", code, re.MULTILINE):
         assert command in (*COMMANDS, "COMMAND"), command
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 #: commands that take a log, and what else they are called
-LOGS = ("info", "noise", "allan", "psd", "temperature", "imu", "mag", "north")
+LOGS = ("info", "noise", "allan", "psd", "temperature", "imu", "rate-table", "vibration", "mag", "north")
 #: options of every command that reads a log
 READING_OPTIONS = {"--columns", "--units", "--rate", "--topics", "--raw", "--data", "--missing", "--format"}
 #: commands that `jaxcal batch --task` can do
@@ -252,7 +252,9 @@ def not_a_calibration(path: Path, option: str = "") -> str | None:
         return f"{head}: {_not_there(path, 'apply')}" if option else _not_there(path, "apply")
     if path.is_dir():
         there = path / "calibration.json"
-        return f"{head} is a folder; give the calibration in it" + (f": {there}" if there.exists() else ", a file such as calibration.json")
+        return f"{head} is a folder; give the calibration in it" + (
+            f": {there}" if there.exists() else ", a file such as calibration.json. jaxcal apply takes the latest one with --device NAME"
+        )
     kind = kind_of(path)
     if kind == "result":
         there = path.with_name("calibration.json")

@@ -34,7 +34,6 @@ from ._turntable import rate_table, vibration
 _COMMANDS = (
     demo, info, noise, allan, psd, temperature, imu, rate_table, vibration, mag, north, apply, convert, export, diff, batch, cache,
 )  # fmt: skip
-_NAMES = tuple(command.__name__.replace("_", "-") for command in _COMMANDS)
 _SIMULATE = (simulate_noise, simulate_temperature, simulate_imu, simulate_mag, simulate_north)
 DONE, DATA, CALL, FAULT, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 3, 130, 141
 
@@ -117,11 +116,16 @@ def run(argv: list[str]) -> int:
         return FAULT
 
 
+def _names() -> list[str]:
+    """Commands as they are typed."""
+    return [command.__name__.replace("_", "-") for command in _COMMANDS]
+
+
 @functools.cache
 def _options() -> dict[str, set[str]]:
     """Command -> names of its options; those of all kinds together for simulate."""
     app, found = _application(), {}
-    for name in (*_NAMES, "simulate"):
+    for name in (*_names(), "simulate"):
         parts = [app[name]] if name != "simulate" else [app[name][command.__name__.removeprefix("simulate_")] for command in _SIMULATE]
         found[name] = {one for part in parts for argument in part.assemble_argument_collection() for one in argument.names if one[0] == "-"}
     return found
@@ -132,7 +136,7 @@ def _complain(text: str) -> None:
 
 
 def _help_command(argv: list[str]) -> str:
-    known = {*_NAMES, "simulate"}
+    known = {*_names(), "simulate"}
     words = [word for word in argv[:1] if word in known]
     words += [word for word in argv[1:2] if words == ["simulate"] and word in KINDS]
     return " ".join(["jaxcal", *words, "--help"])

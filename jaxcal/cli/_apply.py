@@ -34,7 +34,11 @@ def apply(
     if kind_of(log) == "calibration" and kind_of(calibration) != "calibration":
         raise CallError(f"the calibration comes first: jaxcal apply {log} {calibration} --out {out}")
     if calibration.is_dir() != (device is not None):
-        raise CallError("--device goes with a folder of calibrations, and a folder with --device")
+        raise CallError(
+            f"{calibration} is a folder; give the calibration in it, or --device NAME to choose the calibration of a device"
+            if device is None
+            else f"--device goes with a folder of calibrations; {calibration} is none"
+        )
     if device is None:
         must_be_calibration(calibration)
 

@@ -34,6 +34,16 @@ class Motion(Result):
     residual : rms of the specific force that is left, m/s^2: linear acceleration of the hand.
     verdict : "good", or "weak" where the delay is not known to a sample.
     reason : a sentence or more. warnings : sentences.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.imu import MEMS, motion, simulate
+    >>> log = simulate(poses=18, rate=50, still=3, turn=2, seed=0)
+    >>> ends = np.array([[0, 1500]] + [[1600 + 250 * k, 1750 + 250 * k] for k in range(17)])
+    >>> found = motion(log, MEMS, gravity=9.81, rests=ends)
+    >>> found.turns, found.lever_arm.shape
+    (17, (3, 3))
     """
 
     delay: float
@@ -47,9 +57,11 @@ class Motion(Result):
     warnings: tuple[str, ...] = eqx.field(static=True, default=())
 
     def _rows(self) -> list[Row]:
-        rows = [Row("delay of the gyroscope", self.delay, *self.delay_interval, "s")]
+        low, high = self.delay_interval
+        rows = [Row("delay of the gyroscope", self.delay, low, high, "s")]
         for i, j in np.ndindex(3, 3):
-            rows.append(Row(f"arm of axis {'xyz'[i]} along {'xyz'[j]}", self.lever_arm[i, j], *self.lever_arm_interval[i, j], "m"))
+            low, high = self.lever_arm_interval[i, j]
+            rows.append(Row(f"arm of axis {'xyz'[i]} along {'xyz'[j]}", self.lever_arm[i, j], low, high, "m"))
         return rows
 
 

@@ -27,6 +27,15 @@ class Prior(AbstractPrior):
     ----------
     accel, gyro : (mean (21,), root (21, 21)) of matrix, bias and g-sensitivity by rows: root @ (value - mean) has standard deviation one.
         A row of zeros says nothing. None for a sensor of which nothing is known.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.imu import Prior
+    >>> mean = np.concatenate([np.eye(3).ravel(), np.zeros(12)])
+    >>> known = Prior(accel=(mean, np.zeros((21, 21))), gyro=(mean, np.diag(np.repeat([100.0, 0.0], [9, 12]))))
+    >>> float(1 / known.gyro[1][0, 0])
+    0.01
     """
 
     accel: Any = None

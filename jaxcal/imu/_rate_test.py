@@ -42,6 +42,15 @@ class ScaleFigures(eqx.Module):
     hysteresis : largest difference at an input between coming from below and from above, over the output at the largest input.
     hysteresis_noise : what noise alone exceeds once in twenty tests.
     residual : (m,) reading less the line, over the output at the largest input, ppm.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.imu import scale_figures
+    >>> rate = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
+    >>> found = scale_figures(rate, 1.01 * rate + 1e-4 * rate**3, sigma=1e-6)
+    >>> round(float(found.scale), 3), round(float(found.nonlinearity))
+    (1.01, 119)
     """
 
     scale: float
@@ -109,8 +118,9 @@ def scale_figures(inputs: Any, readings: Any, sigma: Any = None) -> ScaleFigures
     if sigma is None and repeats < 1:
         raise DataError("no input was set twice; give sigma=, the standard deviation of a mean reading, or repeat some inputs")
     spread = np.sqrt(between / repeats) if repeats else np.nan
-    known = sigma is not None and repeats < _LEAST_REPEATS
-    error, freedom = (float(np.sqrt(np.mean(np.square(sigma)))), np.inf) if known else (float(spread), float(repeats))
+    error, freedom = float(spread), float(repeats)
+    if sigma is not None and repeats < _LEAST_REPEATS:
+        error, freedom = float(np.sqrt(np.mean(np.square(sigma)))), np.inf
     columns = np.stack([x, np.ones_like(x)], axis=1)
     inner = np.linalg.inv(columns.T @ columns)
     scale, offset = inner @ columns.T @ y
@@ -167,6 +177,17 @@ class RateTest(Result):
     rates : (m, 3) of the table, rad/s. readings : (m, 3) means. sigma : (m, 3) standard deviation of a mean by the noise inside a stretch.
     verdict : "good", or "weak" where an axis is missing or no rate was repeated.
     reason : sentences. warnings : sentences.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> set_to = [(axis, sign * size) for axis in range(3) for sign in (1, -1) for size in (1.0, 2.0, 1.0)]
+    >>> w = np.concatenate([np.tile(rate * np.eye(3)[axis], (400, 1)) for axis, rate in set_to])
+    >>> log = jaxcal.Log(None, gyro=1.01 * w + 1e-3 * np.random.default_rng(0).normal(size=w.shape), rate=100.0)
+    >>> found = jaxcal.imu.rate_test(log, [1.0, 2.0])
+    >>> len(found.rates), sorted(found.figures)
+    (18, ['x', 'y', 'z'])
     """
 
     fit: TriadFit | None
@@ -189,10 +210,11 @@ class RateTest(Result):
     def _rows(self) -> list[Row]:
         rows = []
         for axis, one in self.figures.items():
+            low, high = one.asymmetry_interval
             rows += [
                 Row(f"{axis} scale", one.scale),
                 Row(f"{axis} nonlinearity", one.nonlinearity, unit="ppm", remark=f"noise alone: up to {one.nonlinearity_noise:.2g}"),
-                Row(f"{axis} asymmetry", one.asymmetry, *one.asymmetry_interval, "ppm"),
+                Row(f"{axis} asymmetry", one.asymmetry, low, high, "ppm"),
                 Row(f"{axis} repeatability", one.repeatability, unit="ppm"),
                 Row(f"{axis} hysteresis", one.hysteresis, unit="ppm", remark=f"noise alone: up to {one.hysteresis_noise:.2g}"),
             ]

@@ -28,6 +28,17 @@ class Rectification(Result):
     power : (k,) mean square of the vibration in every window, (m/s^2)^2, the three axes together.
     mean : (k, 6) readings in every window.
     verdict, reason, warnings : "good", or "weak" where no shift is seen.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> rng, level = np.random.default_rng(0), np.repeat([0.0, 5.0, 10.0, 0.0], 3000)
+    >>> shaken = level[:, None] * rng.normal(size=(12000, 3)) * [0, 0, 1]
+    >>> force = [0, 0, 9.81] + shaken + 1e-5 * shaken**2 + 0.01 * rng.normal(size=(12000, 3))
+    >>> found = jaxcal.imu.vibration_rectification(jaxcal.Log(None, accel=force, rate=200.0))
+    >>> found.coefficient.shape, found.verdict
+    ((6,), 'weak')
     """
 
     coefficient: AnyArray

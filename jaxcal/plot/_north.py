@@ -114,7 +114,7 @@ def _azimuth(ax: "Axes", result: AlignmentFit) -> None:
     low, high = (end / _DEG for end in result.interval["psi"])
     half = (high - low) / 2
     x = centre + _SPAN / 2 * half * np.linspace(-1, 1, 201)
-    density = _student_density((x - centre) / sigma, float(result.freedom[2])) / sigma
+    density = student_density((x - centre) / sigma, float(result.freedom[2])) / sigma
     inner = np.abs(x - centre) <= half
     ax.fill_between(x[inner], density[inner], color=SHADE)
     ax.plot(x, density, color=SERIES[0], linewidth=1.2)
@@ -124,7 +124,7 @@ def _azimuth(ax: "Axes", result: AlignmentFit) -> None:
     ax.set_title(f"azimuth {centre:.{digits}f} ± {half:.{digits}f} degrees (95 %)", loc="left", fontsize=10, color=INK)
 
 
-def _student_density(t: np.ndarray, freedom: float) -> np.ndarray:
+def student_density(t: np.ndarray, freedom: float) -> np.ndarray:
     """Density of Student's t; of a normal variable for infinitely many degrees of freedom."""
     if not np.isfinite(freedom):
         return np.exp(-0.5 * t**2) / np.sqrt(2.0 * np.pi)

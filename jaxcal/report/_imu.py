@@ -8,10 +8,10 @@ import numpy as np
 
 from .._log import Log
 from .._results import plain
+from .._units import STANDARD_GRAVITY
 from ..imu import ImuFit
-from ..plot import imu
+from ._charts import Chart, Curve, charts
 from ._html import Markup, join, numbers, provenance, recording, scroll, section, table, tag, warnings_of
-from ._page import picture
 
 _SENSORS = (("Accelerometer", 0, "m/s²"), ("Gyroscope", 12, "rad/s"))
 
@@ -25,10 +25,14 @@ def document(found: ImuFit, log: Log | None) -> dict[str, Any]:
             names = [name.removeprefix(f"{sensor}.") for name in found.names[first:last]]
             sensors[sensor] = {name: plain(getattr(triad, name)) for name in ("matrix", "bias", "g_sensitivity")}
             sensors[sensor]["intervals"] = dict(zip(names, plain(found.interval[first:last]), strict=True))
+    further = {
+        name: {"value": plain(float(value)), "interval": plain(interval)}
+        for name, value, interval in list(zip(found.names, found.values, found.interval, strict=True))[33:]
+    }
     return {
         "schema": "jaxcal.imu/1", "version": importlib.metadata.version("jaxcal"), "verdict": found.verdict, "reason": found.reason,
         "warnings": list(found.warnings), "convention": found.convention, "method": found.method, "gravity": found.gravity,
-        "rate": found.rate, "poses": len(found.residual_norm), "turns": len(found.residual_turn), "sensors": sensors,
+        "rate": found.rate, "poses": len(found.residual_norm), "turns": len(found.residual_turn), "sensors": sensors, "further": further,
         "residuals": {name: plain(getattr(found, f"residual_{name}")) for name in ("norm", "turn", "rest")},
         "held_out": {"norm": plain(found.held_out[0]), "turn": plain(found.held_out[1])},
         "condition": None if found.observability is None else plain(found.observability.condition), "temperature": plain(found.temperature),
@@ -55,8 +59,10 @@ def page(found: ImuFit, log: Log | None, version: str) -> tuple[str, str, Markup
     if found.gyro is not None and np.any(found.gyro.g_sensitivity):
         caption = "Gyroscope: sensitivity to specific force (readings per m/s²)"
         tables.append(_table(found, caption, ("x", "y", "z"), lambda i: range(24 + 3 * i, 27 + 3 * i)))
-    note = "Shaded: one standard deviation. Hollow: weighed down by the robust loss."
-    figure = picture(imu(found)[0], "imu", "Residuals", "Residuals of every pose and turn: norms, angles after turns, still rates.", note)
+    if further := found.names[33:]:
+        caption = "Further terms (readings per power of SI units), with intervals of 95 %"
+        tables.append(scroll(table(("", "value"), [(name, _cell(found, i)) for i, name in enumerate(further, 33)], caption), caption))
+    figure = charts(_residuals(found))
     held = []
     if np.isfinite(found.held_out[0]):
         text = f"On poses and turns that a fit of the others did not see: {found.held_out[0]:.2g} m/s² rms in the norm"
@@ -100,3 +106,31 @@ def _cell(found: ImuFit, k: int) -> Markup:
     low, high = found.interval[k]
     known = tag("span", f"{low:.6g} to {high:.6g}", class_="small exact") if high > low else tag("span", "(fixed)", class_="small")
     return join((f"{found.values[k]:.6g} ", known))
+
+
+def _residuals(found: ImuFit) -> list[Chart]:
+    """Residuals of every pose and turn; hollow dots are weighed down by the robust loss."""
+    down = [np.asarray(which, dtype=int) for which in found.down_weighted]
+
+    def dots(name: str, values: Any, color: int, hollow: Any = ()) -> Curve:
+        return Curve(name, "dots", np.arange(1, len(values) + 1), values, color=color, hollow=hollow)
+
+    note = "Hollow: weighed down by the robust loss."
+    norm, turns = -np.asarray(found.residual_norm), np.asarray(found.residual_turn)
+    shown = [
+        Chart("imu-norm", "Norm of the specific force less gravity, at rest", f"One dot a pose; {found.sigma[0]:.2g} m/s² rms. {note}",
+              "Pose", "Norm less gravity", (("mm/s²", 1e-3), ("mg", STANDARD_GRAVITY * 1e-3)), [dots("norm", norm, 0, down[0])])
+    ]  # fmt: skip
+    if found.gyro is not None and len(turns):
+        shown.append(
+            Chart("imu-turn", "Angle after each turn", f"Between the vertical that the gyroscope predicts and the accelerometer's. {note}",
+                  "Turn", "Angle after the turn", (("deg", np.pi / 180), ("mrad", 1e-3)), [dots("angle", turns, 1, down[1])])
+        )  # fmt: skip
+    if found.gyro is not None and len(found.residual_rest):
+        rates = np.asarray(found.residual_rest).T
+        shown.append(
+            Chart("imu-rest", "Still rate less the model", "One dot a pose and axis.", "Pose", "Still rate less model",
+                  (("deg/h", np.pi / 180 / 3600), ("mdeg/s", np.pi / 180e3), ("rad/s", 1.0)),
+                  [dots(axis, rate, i) for i, (axis, rate) in enumerate(zip("xyz", rates, strict=True))])
+        )  # fmt: skip
+    return shown

@@ -7,13 +7,18 @@ from typing import Any
 import numpy as np
 
 from .._errors import DataError
-from ..alignment import UNITS, AlignmentFit, Readings, verdict_name
-from ..plot import north
+from .._units import STANDARD_GRAVITY
+from ..alignment import UNITS, AlignmentFit, Positions, Readings, verdict_name
+from ..plot._north import student_density
+from ._charts import Chart, Curve, charts
 from ._html import Markup, each, join, numbers, scroll, section, table, tag
 from ._noise import number
-from ._page import picture
 
 _DEG = math.pi / 180
+_SENSORS = (
+    ("accel", "Specific force of the accelerometer", (("m/s²", 1.0), ("mg", STANDARD_GRAVITY * 1e-3))),
+    ("gyro", "Rate of the gyroscope", (("deg/h", _DEG / 3600), ("rad/s", 1.0))),
+)
 _MEANING = {
     "phi": "roll of the table", "theta": "pitch of the table", "psi": "azimuth of the table's x axis, from north towards east",
     "b_a": "bias of the accelerometer", "s_a": "scale error of the accelerometer", "b_g": "bias of the gyro",
@@ -53,9 +58,7 @@ def page(result: AlignmentFit, readings: Any, version: str) -> tuple[str, str, M
             f"log is {type(readings).__name__}; the page of an alignment shows what was read: give the Readings that were fitted"
         )
     lead = f"{len(readings.positions)} positions, {float(np.sum(readings.positions.dwell)):g} s in all"
-    about = "Readings against the table angle with the fitted model, and the distribution of the azimuth."
-    text = "Points: readings with their 95 % intervals. Lines: fitted model. Below: distribution of the azimuth, 95 % shaded."
-    figure = picture(north(readings, result)[0], "north", "Readings and azimuth", about, text)
+    figure = charts([*_readings(readings, result), *_azimuth(result)])
     said = [result.observability]
     if result.p_value is not None:
         said.append(
@@ -63,6 +66,48 @@ def page(result: AlignmentFit, readings: Any, version: str) -> tuple[str, str, M
         )
     notes = section("Notes", "notes", tag("ul", each("li", [*said, *result.notes])))
     return "Alignment", lead, join((_found(result), section("Readings", "readings", figure, _numbers(readings, result)), notes))
+
+
+def _readings(readings: Readings, result: AlignmentFit) -> list[Chart]:
+    """Readings against the table angle, with what the model says at every angle."""
+    positions, turning, shown = readings.positions, np.linspace(0.0, 2.0 * np.pi, 121), []
+    mean = {name: float(np.mean(getattr(positions, name))) for name in ("rate", "width")}
+    words, models = np.array(positions.mounting), {}
+    for word in ("x", "y"):
+        if word in positions.mounting:
+            moving = Positions(turning, word, start=0.0, **mean)  # one instant: no drift
+            models[word] = dict(zip(("accel", "gyro"), result.model.measure(moving, lever_arm=readings.lever_arm), strict=True))
+    for name, title, units in _SENSORS:
+        if getattr(readings, name) is None:
+            continue
+        values, variance = np.asarray(getattr(readings, name)), readings.variance(name)
+        angle, curves = np.mod(positions.angle / _DEG, 360.0), []
+        half = None if variance is None else 1.96 * np.sqrt(np.asarray(variance))
+        for color, word in enumerate(dict.fromkeys(words)):
+            here = (words == word) & np.isfinite(values)
+            if here.any() and word != "fixed z":
+                ends = (None, None) if half is None else (values[here] - half[here], values[here] + half[here])
+                curves.append(Curve(f"mounting {word}", "dots", angle[here], values[here], *ends, color=color, label=f"{word}, read"))
+            if word in models:
+                model = np.asarray(models[word][name])
+                curves.append(Curve(f"mounting {word}", "line", turning / _DEG, model, color=color, label=f"{word}, model"))
+        about = "Dots: readings" + (" with their 95 % intervals." if half is not None else ".") + " Lines: fitted model."
+        shown.append(Chart(f"north-{name}", title, about, "Table angle (deg)", title.partition(" of")[0], units, curves))
+    return shown
+
+
+def _azimuth(result: AlignmentFit) -> list[Chart]:
+    """Distribution of the azimuth, where there is one."""
+    std = float(np.asarray(result.azimuth_std))
+    if result.psi is None or not 0 < std < math.inf:
+        return []
+    low, high = result.interval["psi"]
+    x = result.psi + (high - low) * np.linspace(-1.0, 1.0, 121)
+    density = student_density((x - result.psi) / std, float(result.freedom[2])) / std * _DEG
+    about = f"Azimuth {result.psi / _DEG:.4g}°, 95 % between {low / _DEG:.4g}° and {high / _DEG:.4g}° (dashed)."
+    curve = Curve("density", "line", x / _DEG, density, np.zeros(len(x)), density, label="density")
+    return [Chart("north-azimuth", "Distribution of the azimuth", about, "Azimuth (deg)", "Density (1/deg)", (("", 1.0),), [curve],
+                  [low / _DEG, high / _DEG])]  # fmt: skip
 
 
 def _shown(name: str) -> tuple[float, str]:

@@ -1,7 +1,7 @@
 """The frame of a page: head, style, script, nothing from outside; and figures in its colours.
 
-Where a page has curves to explore, uPlot and `explore.js` stand in it. A content security policy names them by their hashes, so that
-nothing else can run, and nothing can be loaded or sent.
+Where a page has curves to explore, uPlot stands in it, with `explore.js` or `charts.js`. A content security policy names them by their
+hashes, so that nothing else can run, and nothing can be loaded or sent.
 """
 
 import base64
@@ -147,9 +147,11 @@ def page(title: str, lead: str, body: Markup, footer: str, facts: Iterable[tuple
     style, scripts = _STYLE, []
     if 'class="sphere"' in body:
         scripts = [_asset("sphere.js")]
-    if 'class="explore"' in body:
+    drawn = [script for name, script in (("explore", "explore.js"), ("charts", "charts.js")) if f'class="{name}"' in body]
+    if drawn:
         style = _asset("uPlot.min.css") + style
-        scripts += [f"/*\n{_asset('uPlot.LICENSE')}\n*/\n{_asset('uPlot.iife.min.js')}", _asset("explore.js")]
+        library = f"/*\n{_asset('uPlot.LICENSE')}\n*/\n{_asset('uPlot.iife.min.js')}"
+        scripts += [library, _asset("tools.js"), *map(_asset, drawn)]
         footer = f"{footer}. Charts: {_LIBRARY}."
     if scripts:
         style = _asset("explore.css") + style

@@ -7,14 +7,14 @@ import numpy as np
 
 from .._errors import DataError
 from .._log import Log
-from .._units import si_unit
-from ..plot import temperature
-from ..plot._style import SENSORS, display_unit, number_label
+from .._units import noise_factor, noise_units, si_unit
+from ..plot._style import SENSORS, display_unit, number_label, unit_label
 from ..temperature import TemperatureFit
+from ._charts import Chart, Curve, charts
 from ._html import Markup, definitions, join, numbers, recording, scroll, section, table, tag, warnings_of
 from ._noise import about_log, by_channel, by_sensor, channels_of, number, sensor_of
-from ._page import picture
 
+_FINE = 160  # temperatures at which a curve is drawn
 _MEANING = (
     ("rms", "What the model leaves of the means over 0.1 °C, over all temperatures. It is not a noise coefficient."),
     ("worst degree", "The same in the worst window of 1 °C. A model that misses a jump shows it here."),
@@ -125,11 +125,37 @@ def _sentence(fit: TemperatureFit, scale: float, unit: str) -> str:
 def _figures(results: dict[str, TemperatureFit]) -> Markup:
     parts = []
     for sensor, channels in by_sensor(results).items():
-        title, about = f"{SENSORS[sensor]}: change of bias with temperature", "Means over 0.1 degC, the fitted curves and their intervals."
-        caption = "Points: means over 0.1 °C. Lines: model with interval. Dotted: jumps."
-        parts.append(picture(temperature(channels), f"thermal-{sensor}", title, about, caption))
+        parts.append(charts([_chart(sensor, channels)]))
         parts += [_numbers(name, fit, sensor) for name, fit in channels.items()]
     return section("Bias and temperature", "plots", *parts)
+
+
+def _chart(sensor: str, channels: dict[str, TemperatureFit]) -> Chart:
+    """Means and curves of every axis, each from its value in the middle of its range."""
+    curves = []
+    for i, (name, fit) in enumerate(channels.items()):
+        model, axis = fit.model, name.partition("_")[2]
+        middle = float(np.asarray(model.curve.value(np.asarray((model.low + model.high) / 2))))
+        t = _temperatures(fit)
+        line, (low, high) = np.asarray(model.curve.value(t)), fit.interval_at(t)
+        means = np.asarray(fit.bins.b) - middle
+        curves.append(Curve(axis, "dots", np.asarray(fit.bins.t), means, color=i, label=f"{axis}, mean"))
+        curves.append(Curve(axis, "line", t, line - middle, low - middle, high - middle, color=i, label=f"{axis}, model"))
+    scaled = any(fit.model.scale for fit in channels.values())
+    units = (("", 1.0),) if scaled else tuple((unit_label(unit), noise_factor("B", sensor, unit)) for unit in noise_units("B", sensor))
+    title = f"{SENSORS[sensor]}: change of {'scale factor' if scaled else 'bias'} with temperature"
+    about = "Dots: means over 0.1 °C. Lines: fitted curves with their intervals. Dashed: jumps."
+    jumps = [step.centre for fit in channels.values() for step in fit.steps]
+    return Chart(f"thermal-{sensor}", title, about, "Temperature (°C)", "Change", units, curves, jumps)
+
+
+def _temperatures(fit: TemperatureFit) -> np.ndarray:
+    """Where a curve is drawn: evenly, and closely about each jump, which is narrow."""
+    low, high = float(fit.model.low), float(fit.model.high)
+    parts = [np.linspace(low, high, _FINE)]
+    parts += [step.centre + step.width * np.linspace(-8.0, 8.0, 33) for step in fit.steps]
+    found = np.unique(np.concatenate(parts))
+    return found[(found >= low) & (found <= high)]
 
 
 def _numbers(name: str, fit: TemperatureFit, sensor: str) -> Markup:

@@ -82,11 +82,11 @@ export device.json device.json --to kalibr | --to kalibr takes one calibration
 diff rest.csv device.json                  | rest.csv is a log, and a calibration is asked for
 diff device.json device.json --significance 5 | expected a probability between 0 and 1, such as 0.01
 noise rest.csv --calibration tumble.csv    | --calibration tumble.csv is a log, and a calibration is asked for
-mag tumble.csv --against gone.json         | --against gone.json: gone.json does not exist
+mag tumble.csv --against gone.json         | gone.json does not exist
 noise rest.csv --field 50                  | --field is an option of jaxcal mag and simulate, not of jaxcal noise
 noise rest.csv --gravity 9.81              | --gravity is an option of jaxcal imu, north and export, not of jaxcal noise
 noise rest.csv --kind mdev                 | --kind is an option of jaxcal allan, not of jaxcal noise
-mag tumble.csv --terms QN                  | --terms is an option of jaxcal noise, not of jaxcal mag
+mag tumble.csv --terms QN                  | --terms is an option of jaxcal noise and imu, not of jaxcal mag
 imu rest.csv --angles 0,90                 | --angles is an option of jaxcal north, not of jaxcal imu
 psd rest.csv --workers 2                   | --workers is an option of jaxcal batch, not of jaxcal psd
 noise rest.csv --unit gyro=deg/s           | has no option --unit; use --units

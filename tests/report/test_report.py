@@ -111,7 +111,7 @@ def test_page_needs_nothing_from_outside_and_runs_nothing_but_its_own(text):
     scripts = re.findall(r"<script>(.*?)</script>", text, re.DOTALL)
     assert rules["default-src"] == rules["base-uri"] == rules["form-action"] == "'none'"
     assert rules["script-src"].split() == [hashed(script) for script in scripts]
-    assert len(scripts) == 2
+    assert len(scripts) == 3
     assert rules["style-src"].split() == [hashed(style) for style in re.findall(r"<style>(.*?)</style>", text, re.DOTALL)]
 
 

@@ -1,0 +1,89 @@
+"""Charts of a few curves to explore: the data that `charts.js` draws from, and the same curves as static figures."""
+
+import json
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ._explore import short
+from ._html import Markup, tag
+from ._svg import Mark, figure, linear_axis
+
+
+class Curve(NamedTuple):
+    """Dots with intervals, or a line with the band of its interval.
+
+    `name` is that of the switch, `label` that beside a value; `hollow` are indices of dots that count less, `words` a remark on each.
+    """
+
+    name: str
+    kind: str
+    x: Any
+    y: Any
+    low: Any = None
+    high: Any = None
+    color: int = 0
+    label: str = ""
+    hollow: Sequence[int] = ()
+    words: Sequence[str] = ()
+
+
+class Chart(NamedTuple):
+    """Curves over one abscissa; `units` are (label, size) to choose from, the first one first; `marks` are abscissas of dotted lines."""
+
+    prefix: str
+    title: str
+    about: str
+    x: str
+    y: str
+    units: Sequence[tuple[str, float]]
+    curves: Sequence[Curve]
+    marks: Sequence[float] = ()
+
+
+def charts(found: Sequence[Chart]) -> Markup:
+    """The charts where scripts run, else static figures."""
+    text = json.dumps([_data(one) for one in found], ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    # nothing in the document may end the element
+    document = tag("script", Markup(text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")), type="application/json")
+    return tag("div", document, tag("div", *map(_static, found), class_="static"), class_="charts")
+
+
+def _data(chart: Chart) -> dict[str, Any]:
+    curves = []
+    for one in chart.curves:
+        data: dict[str, Any] = {"name": one.name, "label": one.label, "kind": one.kind, "color": one.color, "x": short(one.x, 6)}
+        data |= {"y": short(one.y, 6), "hollow": [int(i) for i in one.hollow], "words": list(one.words) or None}
+        data |= {name: None if values is None else short(values, 5) for name, values in (("low", one.low), ("high", one.high))}
+        curves.append(data)
+    return {"title": chart.title, "about": chart.about, "x": chart.x, "y": chart.y, "units": [list(unit) for unit in chart.units],
+            "curves": curves, "marks": short(chart.marks, 6)}  # fmt: skip
+
+
+def _static(chart: Chart) -> Markup:
+    unit, size = chart.units[0]
+    marks: list[Mark] = []
+    values = [np.asarray(part, dtype=float) / size for one in chart.curves for part in (one.y, one.low, one.high) if part is not None]
+    x = linear_axis(chart.x, [one.x for one in chart.curves], 0.02)
+    y = linear_axis(f"{chart.y} ({unit})" if unit else chart.y, values)
+    for place in chart.marks:
+        marks.append(Mark("line", [place, place], [y.low, y.high], "ink", look="thin dashed"))
+    for one in chart.curves:
+        across, up = np.asarray(one.x, dtype=float), np.asarray(one.y, dtype=float) / size
+        ends = None if one.low is None else [np.asarray(end, dtype=float) / size for end in (one.low, one.high)]
+        if one.kind == "line":
+            marks += [] if ends is None else [Mark("band", across, ends[0], one.color, ends[1])]
+            marks.append(Mark("line", across, up, one.color))
+            continue
+        if ends is not None:
+            apart = np.full(len(across), np.nan)
+            bars = np.stack([across, across, apart], axis=1).ravel(), np.stack([*ends, apart], axis=1).ravel()
+            marks.append(Mark("line", *bars, one.color, look="thin"))
+        hollow = np.isin(np.arange(len(across)), np.asarray(one.hollow, dtype=int))
+        for there, look in ((~hollow, "small" if len(across) > 60 else ""), (hollow, "faint")):
+            if there.any():
+                marks.append(Mark("dots", across[there], up[there], one.color, look=look))
+    colors = {one.color: one.name for one in chart.curves}
+    names = [colors.get(i, "") for i in range(max(colors) + 1)] if len(set(colors.values())) > 1 else []
+    return figure(chart.prefix, chart.title, chart.about, x, y, marks, names)
