@@ -159,7 +159,7 @@ def detect(path: pathlib.Path) -> str:
         return "mat"
     if suffix in (".npz", ".npy", ".parquet", ".mcap", ".db3", ".bag", ".ulg", ".mat", ".h5", ".hdf5"):
         raise DataError(f"the name ends in {path.suffix}, but the file does not begin as such a file does; it is damaged, or misnamed")
-    return "json" if suffix == ".json" else "csv"
+    return "json" if suffix == ".json" or _JSON.match(head) else "csv"
 
 
 def _refuse_others(head: bytes) -> None:
@@ -169,11 +169,6 @@ def _refuse_others(head: bytes) -> None:
             raise DataError(f"this is {what}: {advice}, and read that")
     if _PAGE.match(head):
         raise DataError("this is a page of the web or XML, not the log itself: download the file as it is (on GitHub: Raw)")
-    if _JSON.match(head):
-        raise DataError(
-            "this is JSON, of which every writer has its own kind: export the log as CSV, or write its values as a table with a line of "
-            "column names (in Python: pandas.DataFrame(...).to_csv)"
-        )
 
 
 def _is_mat4(head: bytes) -> bool:
