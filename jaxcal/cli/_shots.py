@@ -8,6 +8,8 @@ from ._options import CallError, Reading, read_log
 from ._readings import column_of
 
 _PEEK, _SMALL = 20_000, 5_000_000  # bytes
+_NO_TIMES = "there are no times, and a fit of norms needs none: the rows stand 1 s apart; give them with --rate"
+_COUNTS = "whole numbers without a unit are counts, and so are all results (T stands for a count); give it with --units mag=uT"
 
 
 class Shots(NamedTuple):
@@ -53,20 +55,27 @@ def ready(path: Path, reading: Reading, needs_time: bool) -> tuple[Reading, list
     said: list[str] = []
     if not needs_time and not reading.columns and reading.format in (None, "csv", "json"):
         reading, said = _by_position(path, reading)
-    if needs_time or reading.rate is not None:
-        return reading, said
+    timeless = [] if needs_time or reading.rate is not None else [({"rate": 1.0}, [_NO_TIMES])]
+    counted = [] if reading.units else [({"units": ("mag=1 T",)}, [_COUNTS])]
+    both = [({**one, **other}, [*word, *more]) for one, word in counted for other, more in timeless]
+    for options, words in [({}, []), *timeless, *counted, *both]:
+        tried = dataclasses.replace(reading, **options)
+        if _has_readings(path, tried, "units" in options):
+            return tried, [*said, *words]
+    return reading, said  # the command says why
+
+
+def _has_readings(path: Path, reading: Reading, whole: bool) -> bool:
+    """Whether a log can be read like this and has a magnetometer of three axes, of whole numbers if these are to be counts."""
+    import numpy as np
+
     import jaxcal
 
     try:
-        read_log(path, reading, "mag")
-    except jaxcal.DataError:
-        timeless = dataclasses.replace(reading, rate=1.0)
-        try:
-            read_log(path, timeless, "mag")
-        except jaxcal.DataError:
-            return reading, said  # the command says why
-        return timeless, [*said, "there are no times, and a fit of norms needs none: the rows stand 1 s apart; give them with --rate"]
-    return reading, said
+        mag = read_log(path, reading, "mag").mag
+    except (jaxcal.DataError, jaxcal.UnitError):
+        return False
+    return mag is not None and mag.shape[1] == 3 and not (whole and np.any(mag[np.isfinite(mag)] % 1))
 
 
 def _by_position(path: Path, reading: Reading) -> tuple[Reading, list[str]]:
@@ -103,5 +112,5 @@ def _by_position(path: Path, reading: Reading) -> tuple[Reading, list[str]]:
     said = ["three columns of numbers are readings of the magnetometer"]
     if not reading.units and not np.any(values % 1):
         chosen["units"] = ("mag=1 T",)
-        said.append("whole numbers without a unit are counts, and so are all results (T stands for a count); give it with --units mag=uT")
+        said.append(_COUNTS)
     return dataclasses.replace(reading, **chosen), said

@@ -146,7 +146,7 @@ def detect(path: pathlib.Path) -> str:
         held = f" of {int(size[1])} bytes" if size else ""
         raise DataError(f"this is a Git LFS pointer, not the recording{held} that it stands for: run `git lfs pull` in the repository")
     suffix = path.suffix.lower()
-    _refuse_others(head, suffix)
+    _refuse_others(head)
     for magic, kind in _MAGIC.items():
         if head.startswith(magic):
             wanted = {_SQLITE: ".db3", _MCAP: ".mcap"}.get(magic, path.suffix)
@@ -159,21 +159,16 @@ def detect(path: pathlib.Path) -> str:
         return "mat"
     if suffix in (".npz", ".npy", ".parquet", ".mcap", ".db3", ".bag", ".ulg", ".mat", ".h5", ".hdf5"):
         raise DataError(f"the name ends in {path.suffix}, but the file does not begin as such a file does; it is damaged, or misnamed")
-    return "json" if suffix == ".json" else "csv"
+    return "json" if suffix == ".json" or _JSON.match(head) else "csv"
 
 
-def _refuse_others(head: bytes, suffix: str) -> None:
+def _refuse_others(head: bytes) -> None:
     """Say what a file is that is no log by its first bytes."""
     for marks, what, advice in _OTHERS:
         if head.startswith(marks):
             raise DataError(f"this is {what}: {advice}, and read that")
     if _PAGE.match(head):
         raise DataError("this is a page of the web or XML, not the log itself: download the file as it is (on GitHub: Raw)")
-    if suffix != ".json" and _JSON.match(head):
-        raise DataError(
-            "this is JSON, of which every writer has its own kind: export the log as CSV, or write its values as a table with a line of "
-            "column names (in Python: pandas.DataFrame(...).to_csv)"
-        )
 
 
 def _is_mat4(head: bytes) -> bool:

@@ -201,7 +201,7 @@ def test_lists_of_readings_as_json(call, folder):
     forms = {
         "rows": rows,
         "records": [{"x": x, "y": y, "z": z, "stamp": "a"} for x, y, z in rows],
-        "deep": {"made": "by hand", "poses": [{"heading": 0, "samples": [{"x": x, "y": y, "z": z} for x, y, z in rows]}]},
+        "deep": {"made": "by hand", "poses": [{"heading": 0, "samples": [{"mag": row, "roll": 0.5} for row in rows]}]},
     }
     for name, content in forms.items():
         (folder / f"{name}.json").write_text(json.dumps(content))

@@ -335,3 +335,15 @@ def test_a_joint_fit_of_correlated_noise_is_as_certain_as_it_says():
         assert "correlated noise" in found.causes
         away.append((found.model.hard_iron - [0.3, -0.2, 0.1]) / found.hard_iron_error)
     assert 0.5 < cases.rms(away) < 1.6
+
+
+def test_headings_of_a_sensor_with_other_axes():
+    """x forward, y left and z up, as some flight controllers have it: half a turn about x from x forward, y right and z down."""
+    attitudes, m, up = poses(40, 0.002, 1)
+    half = np.diag([1.0, -1.0, -1.0])
+    sensor = MagModel(half @ np.asarray(TURNED.soft_iron), half @ np.asarray(TURNED.hard_iron))
+    plain = MagModel(half @ np.asarray(cases.MILD.soft_iron) @ half, sensor.hard_iron)
+    found = align(m @ half, plain, Headings(attitudes[:, 0], up))
+    assert found.verdict == "good"
+    np.testing.assert_allclose(found.model.soft_iron, sensor.soft_iron, atol=4e-3)
+    assert found.angle < np.deg2rad(6)

@@ -33,7 +33,7 @@ def read_json(path: pathlib.Path) -> Table:
     except ValueError as error:
         raise DataError(f"this is no JSON: {error}") from None
     if not columns:
-        raise DataError(f"there are no readings in it; {_EXPECTED}")
+        raise DataError(f"this is JSON, but there are no readings in it; {_EXPECTED}")
     try:
         values = [np.array(column, dtype=float) for _, column in columns]
     except OverflowError:

@@ -25,6 +25,7 @@ _FEWEST = 5
 _ROUNDS, _SETTLED, _EXACT = 6, 1e-6, 1e-12
 DELAY = 0.05  # s, standard deviation of delays as they are, before anything is measured
 _OPEN = 0.5  # of it: a delay known no better was not determined
+_FAR = np.deg2rad(45.0)
 _LEVEL = 0.5  # length of the mean unit vertical, one for a sensor at level and zero for one turned all over
 
 
@@ -227,10 +228,15 @@ class Headings(eqx.Module):
         y, up, headings = y[kept], up[kept], headings[kept]
         data = {"y": filled(y, y[:1]), "f": filled(up, up[:1]), "angle": filled(headings)}
         data |= {"weight": filled(np.ones(len(y))), "base": np.eye(3)}
-        rotation, _, matrix, fits = _turned(heading_residuals, {}, data)
-        before = _values(heading_residuals, {"rho": np.zeros(3)}, data)
-        spread = np.sqrt([np.sum(np.square(off)) / len(y) for off in (before, fits[0].residuals)])
-        return alignment_of(model, rotation, np.eye(3), matrix, spread, len(y), "headings", fits[-1])
+
+        def away(base: np.ndarray) -> float:
+            return float(np.sqrt(np.sum(np.square(_values(heading_residuals, {"rho": np.zeros(3)}, data | {"base": base}))) / len(y)))
+
+        # far from the truth the headings have other minima: the 24 ways to exchange axes are tried
+        base = np.eye(3) if away(np.eye(3)) < _FAR else min(permutations(), key=away)
+        rotation, _, matrix, fits = _turned(heading_residuals, {}, data | {"base": base})
+        spread = np.array([away(base), np.sqrt(np.sum(np.square(fits[0].residuals)) / len(y))])
+        return alignment_of(model, rotation, base, matrix, spread, len(y), "headings", fits[-1])
 
 
 Aid = Accelerometer | Gyroscope | Headings
