@@ -3,6 +3,7 @@
     python benchmarks/fleet.py                                  everything, 1,000 logs (half an hour on two cores, 2.5 GB of disk)
     python benchmarks/fleet.py --logs 100 --kill-logs 40        reduced
     python benchmarks/fleet.py --only speed                     one part: speed, kill, workers, dask, bad
+    python benchmarks/fleet.py --only bad                       1,000 small logs, a tenth of them bad: as they are, killed, on Dask
     python benchmarks/fleet.py --folder /scratch/fleet          where logs and results go; by default a temporary folder
 
 The task is "noise": the Whittle fit of Q, N, B and K with intervals, six channels of 10^5 samples a log. All logs differ. Programs come
@@ -11,6 +12,8 @@ something only on a machine that does nothing else; processor times are printed 
 """
 
 import argparse
+import gzip
+import io
 import json
 import multiprocessing
 import os
@@ -23,6 +26,7 @@ import sys
 import tempfile
 import textwrap
 import time
+import zipfile
 
 import numpy as np
 
@@ -258,6 +262,7 @@ def dask(paths, folder, arguments):
         assert same
 
 
+ROWS = b"".join(b"0.%03d,0.1,0.2,%d.5\n" % (i, i % 7) for i in range(500))
 #: bad logs by kind: what ends in a sentence, and in nothing else
 BAD = {
     "empty.csv": b"",
@@ -268,57 +273,116 @@ BAD = {
     "counter.csv": b"sample_idx,gx [deg/s],gy [deg/s],gz [deg/s]\n" + b"".join(b"%d,0.1,0.2,%d.5\n" % (i, i % 7) for i in range(500)),
     "wrong_unit.csv": b"time_s,ax [g],ay [g],az [g]\n"
     + b"".join(b"%d.%02d,0.1,0.2,9.%d\n" % (i // 100, i % 100, 7 + i % 3) for i in range(500)),
+    "no_gravity.csv": b"time_s,ax,ay,az\n" + b"".join(b"%d.%02d,0.%d,0.2,0.%d\n" % (i // 100, i % 100, i % 9, i % 4) for i in range(500)),
+    "two_devices.csv": b"time_ms,device,ax,ay,az\n"
+    + b"".join(b"%d,d%d,0.1,0.2,9.%d\n" % (10 * (i // 2), i % 2, i % 9) for i in range(500)),
     "wide.csv": b"1.0," * 200_000 + b"1\n",
+    "twice.csv": b"t,gx,gy,gz\n" + 2 * ROWS,
+    "backwards.csv": b"t,gx,gy,gz\n" + b"".join(reversed(ROWS.splitlines(keepends=True)))[:40] * 200,
+    "huge.csv": b"t,gx,gy,gz\n" + ROWS.replace(b"0.1", b"1e999"),
+    "page.csv": b"<!DOCTYPE html><html><body>404</body></html>",
+    "list.txt": b'[{"time": 1, "x": 2}]' * 100,
+    "book.dat": b"\xd0\xcf\x11\xe0" + bytes(600),
     "damaged.ulg": b"ULog\x01\x12\x35\x01" + bytes(range(256)) * 8,
+    "damaged.bin": b"\xa3\x95\x80" + bytes(range(256)) * 8,
+    "damaged.bag": b"#ROSBAG V2.0\n" + bytes(range(256)) * 8,
+    "damaged.db3": b"SQLite format 3\0" + bytes(range(256)) * 8,
     "damaged.parquet": b"PAR1" + bytes(range(256)) * 8 + b"PAR1",
     "damaged.h5": b"\x89HDF\r\n\x1a\n" + bytes(range(256)) * 8,
     "damaged.mat": b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + bytes(range(256)) * 4,
     "caf\udce9.csv": b"no text, in a file whose name is none",
-    "twice.csv": b"t,gx,gy,gz\n" + 2 * b"".join(b"0.%03d,0.1,0.2,%d.5\n" % (i, i % 7) for i in range(500)),
+    "new\nline.csv": b"no text, in a file whose name has two lines",
 }  # fmt: skip
 
 
+def bombs():
+    """Files that unpack to far more than a log can be."""
+    arrays, packed = io.BytesIO(), gzip.compress(b"0.0,1.0,2.0,3.0\n" * 5_000_000, 9)
+    np.savez_compressed(arrays, gyro=np.zeros((5_000_000, 3)), rate=100.0)
+    archive = io.BytesIO()
+    with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as file:
+        file.writestr("log.csv", "0.0,1.0,2.0,3.0\n" * 10_000_000)
+    return {"bomb.npz": arrays.getvalue(), "bomb.csv.gz": packed, "bomb.dat": archive.getvalue()}
+
+
 def bad(paths, folder, arguments):
-    """The command on many small logs, a tenth of which are bad in every way."""
+    """The command on many small logs, a tenth of which are bad in every way: as it is, killed again and again, and on a Dask cluster."""
     logs = folder / "bad"
     logs.mkdir()
-    rng, number = np.random.default_rng(0), arguments.logs
+    rng, number, kinds = np.random.default_rng(0), arguments.logs, list((BAD | bombs()).items())
     for i in range(number):
         if i % 10 == 9:
-            name, content = list(BAD.items())[i // 10 % len(BAD)]
+            name, content = kinds[i // 10 % len(kinds)]
             (logs / f"unit{i:04d}_{name}").write_bytes(content)
             continue
-        rows = 0.001 * rng.standard_normal((1000, 3))
+        rows = 0.001 * rng.standard_normal((300, 3))
         text = "".join(f"{t / 100:.2f},{x:.6f},{y:.6f},{z:.6f}\n" for t, (x, y, z) in enumerate(rows))
         (logs / f"unit{i:04d}.csv").write_text("time_s,gx [rad/s],gy [rad/s],gz [rad/s]\n" + text)
-    (logs / "unit9999_bomb.npz").write_bytes(b"")
-    np.savez_compressed(logs / "unit9999_bomb.npz", gyro=np.zeros((5_000_000, 3)), rate=100.0)
-    words = [
-        sys.executable,
-        "-m",
-        "jaxcal.cli",
-        "batch",
-        str(logs),
-        "--task",
-        "allan",
-        "--out",
-        str(folder / "bad-out"),
-        "--set",
-        "m=octave",
-    ]
+    good = 9 * number // 10
+
+    def words(out, *more):
+        return [sys.executable, "-m", "jaxcal.cli", "batch", str(logs), "--task", "allan", "--set", "m=octave", "--out", str(out), *more]
+
+    def told(title, out, done, seconds):
+        manifest = json.loads((out / "manifest.json").read_text())
+        count = manifest["count"]
+        lost = [name for name, text in results(out).items() if b'"trace"' in text or b"its worker process died" in text]
+        print(f"{title}: {count['logs']} logs, {count['done']} results, {count['failed']} sentences, status {done.returncode}, "
+              f"{len(lost)} by a worker that was lost or a fault, {seconds:.0f} s", flush=True)  # fmt: skip
+        assert done.returncode == 0, done.stderr[-2000:]
+        assert (count["done"], count["failed"], len(lost)) == (good, number - good, 0), lost
+        return [row["reason"] for row in manifest["logs"] if row["status"] == "failed"]
+
+    print(f"\n{number} logs, {number - good} of them bad, of {len(kinds)} kinds")
     begin = time.perf_counter()
-    done = subprocess.run(words, capture_output=True, text=True, check=False)
-    manifest = json.loads((folder / "bad-out" / "manifest.json").read_text())
-    sentences = [row["reason"] for row in manifest["logs"] if row["status"] == "failed"]
-    count = manifest["count"]
-    lost = [name for name, text in results(folder / "bad-out").items() if b'"trace"' in text or b"its worker process died" in text]
-    print(f"\n{count['logs']} logs, of which {count['logs'] - 9 * number // 10} are bad: {count['done']} results, "
-        f"{len(sentences)} sentences, "
-          f"status {done.returncode}, {len(lost)} by a worker that was lost or a fault, {time.perf_counter() - begin:.0f} s")  # fmt: skip
+    done = subprocess.run(words(folder / "bad-out"), capture_output=True, text=True, check=False)
+    sentences = told("as it is", folder / "bad-out", done, time.perf_counter() - begin)
     for reason in sorted({reason.partition(": ")[2][:110] for reason in sentences}):
         print(f"    {reason}")
-    assert done.returncode == 0, done.stderr[-2000:]
-    assert (count["done"], len(sentences), len(lost)) == (9 * number // 10, number // 10 + 1, 0)
+    nothing = folder / "only-bad"
+    nothing.mkdir()
+    (nothing / "empty.csv").touch()
+    status = subprocess.run(
+        [*words(folder / "none")[:4], str(nothing), *words(folder / "none")[5:]], capture_output=True, check=False
+    ).returncode
+    print(f"a folder with a bad log alone: status {status}")
+    assert status == 1
+    expected = results(folder / "bad-out")
+
+    rng, out, kills, begin = random.Random(0), folder / "bad-killed", 0, time.perf_counter()
+    while kills < arguments.kills:
+        before = len(list((out / "results").glob("*.json"))) if out.exists() else 0
+        wanted = before + rng.randint(1, max(1, 2 * (number - before) // (arguments.kills + 1 - kills)))
+        process = subprocess.Popen(words(out), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)
+        while process.poll() is None and (not out.exists() or len(list((out / "results").glob("*.json"))) < min(wanted, number - 1)):
+            time.sleep(0.01)
+        if process.poll() is None:
+            # half of them the command alone, whose workers must go by themselves; half with the workers
+            (os.killpg if rng.random() < 0.5 else os.kill)(process.pid, signal.SIGKILL)
+            kills += 1
+        process.wait()
+        broken = [path for path in (out / "results").glob("*.json") if not path.read_text().endswith("}\n")]
+        assert not broken, broken
+    done = subprocess.run(words(out), capture_output=True, text=True, check=False)
+    told(f"killed at {kills} random moments, then run to the end", out, done, time.perf_counter() - begin)
+    left = [path.name for path in [*out.glob(".jaxcal-*"), *(out / "results").glob(".*")]]
+    print(f"results equal to those of an undisturbed run: {results(out) == expected}; left behind: {left}")
+    assert results(out) == expected
+    assert not left
+    try:
+        from distributed import LocalCluster
+    except ImportError:
+        print("Dask: not installed (pip install distributed)")
+        return
+    begin = time.perf_counter()
+    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+        out = folder / "bad-dask"
+        done = subprocess.run(words(out, "--scheduler", cluster.scheduler_address), capture_output=True, text=True, check=False)
+        alive = len(cluster.scheduler_info["workers"])
+    told("on a local Dask cluster", out, done, time.perf_counter() - begin)
+    print(f"results equal to those of processes: {results(out) == expected}; workers of the cluster at the end: {alive} of 2")
+    assert results(out) == expected
+    assert alive == 2
 
 
 def keep():

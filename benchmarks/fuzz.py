@@ -1,12 +1,14 @@
 """Mutated logs before every reader: each is read or refused with a JaxcalError, in bounded time and memory.
 
-    python benchmarks/fuzz.py                     100,000 inputs, counts printed for every reader and outcome
-    python benchmarks/fuzz.py --each 200          200 inputs for each reader
+    python benchmarks/fuzz.py --out fuzz.txt      1,000,000 inputs; counts appended to the file for every part of a reader
+    python benchmarks/fuzz.py --inputs 20000      fewer
     python benchmarks/fuzz.py --only ulog --seed 17 --each 1 --keep out     one input again, kept as a file
 
-Inputs follow from the name of the reader and a number alone. They are made and read in a process of their own, with a limit on
-its memory and on the time of each input, and with a hook that sees files opened for writing, programs started, code run and
-pickles loaded. Exit status 1: something crashed; the lines say with which number.
+Inputs follow from the name of the reader and a number alone. One process makes and reads them, one after the other, in a folder in
+memory, with a hook that sees files opened for writing, programs started, code run and pickles loaded. Another process watches it: an
+input that takes more than 20 s ends it, and it begins again behind that input. The peak of the memory of the process, and of the process
+in which jaxcal reads Parquet, MATLAB and HDF5, may be 1 GB above what they held when they began. Exit status 1: something crashed; the
+lines say with which number.
 """
 
 import argparse
@@ -15,14 +17,14 @@ import contextlib
 import gzip
 import io
 import json
+import mmap
+import multiprocessing
 import os
 import pathlib
 import random
 import resource
-import select
 import sqlite3
 import struct
-import subprocess
 import sys
 import tempfile
 import time
@@ -35,17 +37,16 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests"), str(ROOT / "tests" / "io")]
 
 #: s for one input, and bytes beyond what the process holds when it begins
 LIMIT_S, LIMIT_BYTES = 20.0, 1 << 30
-SAMPLES = 80
+SAMPLES = 40
 SUFFIX = {
     "csv": ".csv", "headers": ".csv", "zip": ".zip",
     "npy": ".npy", "npz": ".npz", "parquet": ".parquet", "bag1": ".bag", "sqlite3": ".db3", "mcap": ".mcap",
     "ulog": ".ulg", "dataflash": ".bin", "mat5": ".mat", "hdf5": ".h5", "mat73": ".mat", "calibration": ".json",
 }  # fmt: skip
-#: share of the inputs, by what a reader's inputs cost and how much of it is ours
+#: thousands of the inputs in a million, by what a reader's inputs cost and how much of it is ours
 SHARE = {
-    "csv": 14, "headers": 30, "zip": 6, "npy": 8, "npz": 10, "parquet": 6, "bag1": 6, "sqlite3": 6, "mcap": 8, "ulog": 14, "dataflash": 14,
-    "mat5": 6,
-    "hdf5": 4, "mat73": 2, "calibration": 6,
+    "csv": 25, "headers": 40, "zip": 5, "npy": 90, "npz": 40, "parquet": 120, "bag1": 110, "sqlite3": 25, "mcap": 80, "ulog": 80,
+    "dataflash": 80, "mat5": 25, "hdf5": 40, "mat73": 10, "calibration": 230,
 }  # fmt: skip
 
 
@@ -81,16 +82,20 @@ def seeds(folder):
     def add(name, path):
         found[name].append(path.read_bytes())
 
-    rows = "".join(",".join(f"{v:.6g}" for v in row) + "\n" for row in table)
+    rows = "".join(",".join(f"{v:.6g}" for v in row) + "\n" for row in table[:30])
     found["csv"] += [
         b"time [s],gyro_x,gyro_y,gyro_z,accel_x [m/s^2],accel_y [m/s^2],accel_z [m/s^2]\n" + rows.encode(),
         rows.encode(),
-        b"# made in a test\nt;gx;gy;gz\n" + "".join(";".join(f"{v:.4f}" for v in r[:4]) + "\n" for r in table).replace(".", ",").encode(),
-        b'"date","gx","gy","gz"\n' + "".join(f'"2024-01-01T00:00:{i / 2:09.6f}",{i % 7}.5,1,2\n' for i in range(SAMPLES)).encode(),
+        b"# made in a test\nt;gx;gy;gz\n"
+        + "".join(";".join(f"{v:.4f}" for v in r[:4]) + "\n" for r in table[:30]).replace(".", ",").encode(),
+        b'"date","gx","gy","gz"\n' + "".join(f'"2024-01-01T00:00:{i / 2:09.6f}",{i % 7}.5,1,2\n' for i in range(30)).encode(),
         gzip.compress(b"t,gx,gy,gz\n" + rows.encode(), mtime=0),
         ("t,gx\n" + "1,2\n" * 40).encode("utf-16"),
     ]
-    found["headers"] += [layouts.case(number)[1] for number in range(48)]
+    # few rows, so that what a name or a unit costs is most of the cost
+    for number in range(48):
+        name, content, _ = layouts.case(number)
+        found["headers"].append(b"\n".join(content.split(b"\n")[: 120 if number % 6 == 0 else 32]) + b"\n")
     for members in ({"log.csv": rows}, {"Gyroscope.csv": "t,x,y,z\n" + rows, "Accelerometer.csv": "t,x,y,z\n" + rows}):
         packed = io.BytesIO()
         with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -390,7 +395,7 @@ def zipped(draw, content, others):
     out = io.BytesIO()
     with (
         warnings.catch_warnings(),
-        zipfile.ZipFile(out, "w", draw.choice([zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2])) as archive,
+        zipfile.ZipFile(out, "w", draw.choice([zipfile.ZIP_STORED] * 5 + [zipfile.ZIP_DEFLATED] * 4 + [zipfile.ZIP_BZIP2])) as archive,
     ):
         warnings.simplefilter("ignore")
         for name, member in members.items():
@@ -493,13 +498,17 @@ def mutate(reader, number, found):
 
 # the process that reads
 
+#: what it tells while it works: number of the part, and of the input in it
+STATE = struct.Struct("<qq")
 
-def worker(folder):
-    """Read what standard input names, "reader number", and say what came of it, a line for each."""
+
+def worker(folder, parts, first, state, out):
+    """Read all inputs of the `parts`, (reader, seed, number), from the input `first` of the first on, and write a line for each part."""
     import jaxcal
+    from jaxcal.io._readers._sandbox import sandbox
 
-    answers = os.fdopen(os.dup(1), "w")
-    os.dup2(2, 1)  # nothing that a library prints is an answer
+    with open(state, "r+b") as file:
+        told = mmap.mmap(file.fileno(), STATE.size)
     found = seeds(pathlib.Path(tempfile.mkdtemp(dir=folder)))
     place = pathlib.Path(folder, "in")
     place.mkdir()
@@ -508,20 +517,53 @@ def worker(folder):
         for content in contents:
             take(jaxcal, reader, content, place)
     seen = watch(place)
-    now = int(pathlib.Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
-    resource.setrlimit(resource.RLIMIT_AS, (now + LIMIT_BYTES, now + LIMIT_BYTES))
+    warnings.simplefilter("error")  # no warning of a library reaches a user
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    answers.write("ready\n")
-    answers.flush()
-    for line in sys.stdin:
-        reader, number = line.split()
-        content = mutate(reader, int(number), found)
-        seen.clear()
-        outcome = take(jaxcal, reader, content, place)
-        if seen:
-            outcome = f"crash did {seen[0]}"
-        answers.write(outcome.replace("\n", " ") + "\n")
-        answers.flush()
+    own = resource.getpagesize() * int(pathlib.Path("/proc/self/statm").read_text().split()[0])
+    resource.setrlimit(resource.RLIMIT_AS, (own + LIMIT_BYTES, own + LIMIT_BYTES))
+    begun = held()
+    aside = held(sandbox._process.pid)
+    for part, (reader, seed, number) in enumerate(parts):
+        tally, longest, start = collections.Counter(), 0.0, time.process_time()
+        for i in range(first if part == 0 else 0, number):
+            before = time.perf_counter()
+            STATE.pack_into(told, 0, part, i + 1)
+            content = mutate(reader, seed + i, found)
+            seen.clear()
+            outcome = take(jaxcal, reader, content, place)
+            if seen:
+                outcome = f"crash did {seen[0]}"
+            longest = max(longest, time.perf_counter() - before)
+            tally[outcome.split(" ")[0]] += 1
+            if outcome.startswith("crash"):
+                out.write(f"  {reader} --seed {seed + i}: {outcome}\n".replace("\0", "?"))
+        used = time.process_time() - start
+        more = [held() - begun, held(sandbox._process.pid) - aside if sandbox._process is not None else 0]
+        out.write(line(reader, seed, tally, 1000 * used / max(sum(tally.values()), 1), longest, more))
+        if max(more) > LIMIT_BYTES:
+            out.write(f"  {reader} --seed {seed}: crash more than {LIMIT_BYTES} bytes in this part or before\n")
+        out.flush()
+
+
+def held(process="self"):
+    """Peak of the memory that a process held, bytes."""
+    try:
+        text = pathlib.Path(f"/proc/{process}/status").read_text()
+    except OSError:
+        return 0
+    return 1024 * next((int(one.split()[1]) for one in text.splitlines() if one.startswith("VmHWM")), 0)
+
+
+def line(reader, seed, tally, each, longest, more):
+    words = [f"{tally[name]:8}" for name in ("read", "refused", "memory", "crash")]
+    memory = f"{more[0] / 1e6:7.0f} {more[1] / 1e6:8.0f}"
+    return f"{reader:12} {seed:9} {sum(tally.values()):8} {' '.join(words)} {each:8.2f} {longest:8.2f} {memory}\n"
+
+
+HEAD = (
+    f"{'reader':12} {'from':>9} {'inputs':>8} {'read':>8} {'refused':>8} {'memory':>8} {'crash':>8} {'ms cpu':>8} {'most s':>8} "
+    f"{'MB':>7} {'MB aside':>7}\n"
+)  # fmt: skip
 
 
 def take(jaxcal, reader, content, place):
@@ -591,111 +633,89 @@ def watch(place):
 # the process that watches
 
 
-class Reading:
-    """A worker, started again when it dies."""
+def watched(parts, out):
+    """Have all parts read, whatever an input does to the process; lines go to the file `out`."""
+    # in memory: a disk that is busy is no fault of a reader
+    room = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
+    part = first = 0
+    with tempfile.TemporaryDirectory(dir=room, ignore_cleanup_errors=True) as folder, tempfile.NamedTemporaryFile(dir=room) as state:
+        state.write(bytes(STATE.size))
+        state.flush()
+        begins = 0
+        while part < len(parts):
+            begins += 1
+            own = pathlib.Path(folder, str(begins))
+            own.mkdir()
+            process = multiprocessing.get_context("spawn").Process(target=begin, args=(str(own), parts[part:], first, state.name, str(out)))
+            process.start()
+            before, looks, late = b"", 0.0, False
+            while process.is_alive() and not late:
+                # looks are counted rather than time, which goes on while a machine is held
+                process.join(1.0)
+                now = pathlib.Path(state.name).read_bytes()
+                looks = looks + 1.0 if now == before else 0.0
+                # to begin takes a while
+                late, before = looks > (LIMIT_S if any(now) else 300.0), now
+            if late:
+                process.kill()
+            process.join()
+            if process.exitcode == 0:
+                return
+            at, i = STATE.unpack(before)
+            reader, seed, _ = parts[part + at]
+            why = f"no answer in {LIMIT_S:g} s" if late else f"status {process.exitcode}"
+            with open(out, "a") as file:
+                file.write(f"  {reader} --seed {seed + i - 1}: crash {why}\n")
+            if begins > 100:
+                raise SystemExit("the process ends again and again")
+            part, first = part + at, i
+            state.seek(0)
+            state.write(bytes(STATE.size))
+            state.flush()
 
-    def __init__(self):
-        # in memory: a disk that is busy is no fault of a reader
-        room = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
-        self.folder = tempfile.TemporaryDirectory(dir=room, ignore_cleanup_errors=True)
-        self.count = 0
-        self.process = None
 
-    def start(self):
-        self.count += 1
-        folder = pathlib.Path(self.folder.name, str(self.count))
-        folder.mkdir()
-        environment = os.environ | {"JAX_PLATFORMS": "cpu", "POLARS_MAX_THREADS": "1", "OMP_NUM_THREADS": "1", "RUST_BACKTRACE": "0"}
-        self.process = subprocess.Popen(
-            [sys.executable, __file__, "--worker", str(folder)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-            env=environment,
-        )  # fmt: skip
-        os.set_blocking(self.process.stderr.fileno(), False)
-        if self.line(120.0) != "ready":
-            raise SystemExit(f"the worker did not start: {(self.process.stderr.read() or b'').decode()[-2000:]}")
-
-    def line(self, seconds):
-        ready, _, _ = select.select([self.process.stdout], [], [], seconds)
-        return self.process.stdout.readline().decode().strip() if ready else None
-
-    def read(self, reader, number):
-        if self.process is None:
-            self.start()
-        self.process.stdin.write(f"{reader} {number}\n".encode())
-        self.process.stdin.flush()
-        answer = self.line(LIMIT_S)
-        said = self.process.stderr.read() or b""
-        if answer:
-            return answer
-        if answer is None:
-            self.process.kill()
-        status = self.process.wait()
-        self.process = None
-        last = said.decode(errors="replace").strip().splitlines()[-1:]
-        return f"crash no answer in {LIMIT_S:g} s" if answer is None else f"crash the process died with status {status} {last}"
-
-    def stop(self):
-        if self.process is not None:
-            self.process.kill()
-            self.process.wait()
-        self.folder.cleanup()
+def begin(folder, parts, first, state, out):
+    os.environ |= {"JAX_PLATFORMS": "cpu", "POLARS_MAX_THREADS": "1", "OMP_NUM_THREADS": "1", "RUST_BACKTRACE": "0"}
+    with open(out, "a", buffering=1) as file:
+        worker(folder, parts, first, state, file)
 
 
 def main():
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--inputs", type=int, default=100_000)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--inputs", type=int, default=1_000_000)
     parser.add_argument("--each", type=int)
     parser.add_argument("--only", default=",".join(SHARE))
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--seconds", type=float, default=float("inf"), help="stop after this time")
+    parser.add_argument("--out", type=pathlib.Path, help="file to which the lines are appended; by default they are printed at the end")
     parser.add_argument("--keep", type=pathlib.Path, help="folder for the inputs that crash, or for all of --each 1")
-    parser.add_argument("--worker")
     options = parser.parse_args()
-    if options.worker:
-        worker(options.worker)
-        return 0
     names = options.only.split(",")
     total = sum(SHARE[name] for name in names)
     counts = {name: options.each or round(options.inputs * SHARE[name] / total) for name in names}
-    reading, began = Reading(), time.perf_counter()
-    reading.start()
-    deadline = time.perf_counter() + options.seconds
-    print(
-        f"{'reader':12} {'inputs':>8} {'read':>8} {'refused':>8} {'memory':>7} {'crashes':>8} {'ms each':>8} {'longest s':>10}", flush=True
-    )
-    crashes, done = [], 0
-    for i, name in enumerate(names):
-        tally, longest, start = collections.Counter(), 0.0, time.perf_counter()
-        # what is left of the time, in equal parts
-        until = start + (deadline - start) / (len(names) - i)
-        for number in range(options.seed, options.seed + counts[name]):
-            before = time.perf_counter()
-            if before > until:
-                break
-            outcome = reading.read(name, number)
-            longest = max(longest, time.perf_counter() - before)
-            tally[outcome.split(" ")[0]] += 1
-            if time.perf_counter() - before > 1.0:
-                print(f"  {name} --seed {number}: {time.perf_counter() - before:.1f} s", flush=True)
-            if outcome == "memory" and tally["memory"] <= 3:
-                print(f"  {name} --seed {number}: refused for want of memory", flush=True)
-            if outcome.startswith("crash"):
-                crashes.append((name, number, outcome))
-                print(f"  {name} --seed {number}: {outcome}", flush=True)
-        ran = sum(tally.values())
-        done += ran
-        each = 1000 * (time.perf_counter() - start) / max(ran, 1)
-        print(
-            f"{name:12} {ran:8} {tally['read']:8} {tally['refused']:8} {tally['memory']:7} {tally['crash']:8} {each:8.1f} {longest:10.2f}",
-            flush=True,
-        )
-    reading.stop()
-    print(f"{'total':12} {done:8}, {len(crashes)} crashes, {time.perf_counter() - began:.0f} s")
+    rounds = max(1, min(50, sum(counts.values()) // 20_000))
+    # every reader comes up in every round, so that a run that is cut short has met all of them
+    parts = []
+    for k in range(rounds):
+        for name, count in counts.items():
+            start, stop = count * k // rounds, count * (k + 1) // rounds
+            if stop > start:
+                parts.append((name, options.seed + start, stop - start))
+    out = options.out or pathlib.Path(tempfile.mkstemp(suffix=".txt")[1])
+    with out.open("a") as file:
+        file.write(HEAD)
+    began = time.perf_counter()
+    watched(parts, out)
+    text = out.read_text()
+    crashes = [one.split() for one in text.splitlines() if one.startswith("  ")]
+    last = f"{sum(counts.values())} inputs, {len(crashes)} crashes, {time.perf_counter() - began:.0f} s"
+    with out.open("a") as file:
+        file.write(last + "\n")
+    print(last if options.out else text + last)
     if options.keep and (crashes or options.each == 1):
         with tempfile.TemporaryDirectory() as folder:
             found = seeds(pathlib.Path(folder))
         options.keep.mkdir(parents=True, exist_ok=True)
-        for name, number in {(name, number) for name, number, _ in crashes} or {(names[0], options.seed)}:
+        for name, number in {(words[0], int(words[2].rstrip(":"))) for words in crashes} or {(names[0], options.seed)}:
             (options.keep / f"{name}-{number}{SUFFIX[name]}").write_bytes(mutate(name, number, found))
     return 1 if crashes else 0
 

@@ -405,7 +405,7 @@ def guided(runs):
     """
     limit = np.deg2rad(1.0)
     print("\n| log | in its order | guided | ratio | at stop | error at stop, degrees | within the limit |\n|---|---|---|---|---|---|---|")
-    for noise, share in ((0.01, 1.0), (0.005, 0.3), (0.02, 0.3)):
+    for noise, share in ((0.01, 1.0), (0.005, 0.1), (0.02, 0.1)):
         rows = []
         for seed in range(int(share * runs)):
             plain, reached, stopped, found = replayed(_faults.simulate(("white", noise), seed)[0], limit)

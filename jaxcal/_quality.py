@@ -166,9 +166,11 @@ def _resolution(sensor: str, names: list[str], values: np.ndarray, notes: list[s
         if len(steps) < 10:
             continue
         smallest = steps.min()
+        if steps.max() > 1e5 * smallest:
+            continue
         counts = steps / smallest
         # multiples of one step, few enough of them that this is no accident
-        if counts.max() < 1e5 and np.abs(counts - np.round(counts)).max() < 0.01:
+        if np.abs(counts - np.round(counts)).max() < 0.01:
             found.append((name, f"{smallest:.4g}"))
     if found:
         same = len({step for _, step in found}) == 1 and len(found) == len(names)

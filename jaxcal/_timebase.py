@@ -72,6 +72,11 @@ def place(stamps: np.ndarray, rate: float | None, equal: Callable[[np.ndarray, n
     if not kept.any():
         raise DataError(f"no two of the {len(stamps)} time stamps follow each other without a gap; {ADVICE}")
     estimate = len(kept) / float(kept.sum())
+    rises = np.flatnonzero(steps > 0) + 1 if not even else np.zeros(0, np.int64)
+    if len(rises) > 3:
+        # the first and the last of the stamps that several samples share may be shared by fewer of them
+        inner = steps[rises[0] : rises[-1]][regular[rises[0] : rises[-1]]]
+        estimate = len(inner) / float(inner.sum()) if inner.any() else estimate
     # no more digits than the stamps carry, so that 0.01 s steps give 100 Hz
     carried = np.spacing(np.abs(stamps[[0, -1]]).max()) / (stamps[-1] - stamps[0])
     estimate = float(f"{estimate:.{int(np.clip(-np.log10(carried), 6, 12))}g}")

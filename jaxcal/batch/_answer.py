@@ -2,6 +2,7 @@
 
 import contextlib
 import datetime
+import functools
 import importlib.metadata
 import os
 import pathlib
@@ -11,26 +12,35 @@ from typing import Any
 
 from .._errors import DataError, JaxcalError
 from .._files import json_text, shown
+from .._log import Log
 from ..io import read
 from ..io._find import find
 from ..io._read import fingerprint as fingerprint_of
+from ..io._readers._streams import SeveralError
 from ._tasks import identity, perform, reading_options
 
 SCHEMA = "jaxcal.batch/1"
 
 
-def answer(path: str, task: Any, options: dict[str, Any], reading: dict[str, Any]) -> tuple[str, float]:
+def answer(
+    path: str, task: Any, options: dict[str, Any], reading: dict[str, Any], each: bool = False, topics: str = ""
+) -> tuple[str, float]:
     """The text of the result file of the log at `path`, and the seconds it took.
+
+    With `each` the result names the other IMUs of the log, which are read with these `topics` in turn.
 
     A log that cannot be answered gives a result too: `status` is then "failed" and `reason` a sentence. `again` tells that the
     reason may be gone the next time (a missing file, memory), so that a run taken up again tries it again.
     """
     begin = time.perf_counter()
-    document = _begun(path, task, options, reading)
+    begun = functools.partial(_begun, path, task, options, reading, topics)
+    document = begun()
     try:
         before = _stat(pathlib.Path(path))
         known, (start, stop) = reading_options(reading)
-        log = read(path, quiet=True, **known)
+        own: dict[str, Any] = {"topics": topics} if topics else {}
+        log, others = _read(path, known | own, each and not topics)
+        document["log"] |= {"each": each, "others": others}
         if _stat(pathlib.Path(path)) != before:
             raise _Changed("the file changed while it was read; run again when it is complete")
         document["log"] |= {"sha256": log.provenance["sha256"], "bytes": log.provenance["size"], "date": _date(log.provenance, before)}
@@ -44,13 +54,28 @@ def answer(path: str, task: Any, options: dict[str, Any], reading: dict[str, Any
     except (KeyboardInterrupt, GeneratorExit):
         raise
     except BaseException as fault:  # a panic of a reader is no Exception, and a task may end with SystemExit
-        text = json_text(_failed(_begun(path, task, options, reading) | {"log": document["log"]}, fault, path))
+        text = json_text(_failed(begun() | {"log": document["log"]}, fault, path))
     return text, time.perf_counter() - begin
 
 
-def lost(path: str, task: Any, options: dict[str, Any], reading: dict[str, Any], reason: str) -> str:
+def _read(path: str, known: dict[str, Any], each: bool) -> tuple[Log, list[str]]:
+    """The log, by default that of its first IMU, and with `each` the topics of its other IMUs."""
+    if not each or known.get("topics") is not None:
+        return read(path, quiet=True, **known), []
+    try:
+        log = read(path, quiet=True, **known)
+    except SeveralError as several:
+        if not several.imus:
+            raise
+        first: dict[str, Any] = {"topics": several.imus[0]}
+        return read(path, quiet=True, **known | first), several.imus[1:]
+    taken = set(log.provenance["columns"].get("topics", ()))
+    return log, [one for one in log.provenance.get("imus", ()) if set(one.split(",")) != taken]
+
+
+def lost(path: str, task: Any, options: dict[str, Any], reading: dict[str, Any], topics: str = "", *, reason: str) -> str:
     """The text of the result file of a log whose worker gave no answer."""
-    return json_text(_failed(_begun(path, task, options, reading), _Changed(reason), path))
+    return json_text(_failed(_begun(path, task, options, reading, topics), _Changed(reason), path))
 
 
 def fingerprint(path: str | os.PathLike[str]) -> tuple[int | None, str | None]:
@@ -68,9 +93,18 @@ class _Changed(DataError):
     """A reason that may be gone the next time."""
 
 
-def _begun(path: str, task: Any, options: dict[str, Any], reading: dict[str, Any]) -> dict[str, Any]:
+def _begun(path: str, task: Any, options: dict[str, Any], reading: dict[str, Any], topics: str) -> dict[str, Any]:
     full = os.fsencode(os.path.abspath(path)).decode("utf-8", "backslashreplace")  # a name need not be text
-    known = {"path": full, "name": os.path.basename(full), "bytes": None, "sha256": None, "date": None}
+    known = {
+        "path": full,
+        "name": os.path.basename(full),
+        "topics": topics,
+        "each": False,
+        "others": [],
+        "bytes": None,
+        "sha256": None,
+        "date": None,
+    }
     versions = {name: importlib.metadata.version(name) for name in ("jaxcal", "jax", "numpy")}
     return {"schema": SCHEMA, "log": known, "task": identity(task, options, reading), "versions": versions}
 

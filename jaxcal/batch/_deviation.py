@@ -20,6 +20,9 @@ from ..allan._kernels._route import MANY
 from ..allan._kinds import Kind, cluster_sizes, find_kind
 from ..io._chunks import Chunks, array_chunks, open_chunks
 
+#: rate= may differ from the stamps by this much
+_RATE_TOLERANCE = 0.005
+
 T = TypeVar("T", bound=Any)
 
 
@@ -35,15 +38,16 @@ def deviation(
 
     Parameters
     ----------
-    source : a path to a .npy, .npz, Parquet, HDF5 or text file, an array or memory map (n,) or (n, channels), or a list of these, each a
-        record of its own.
+    source : a path to a .npy, .npz, Parquet, HDF5 or text file, to a PX4 ULog, an ArduPilot DataFlash log or a ROS recording, an array or
+        memory map (n,) or (n, channels), or a list of these, each a record of its own.
     rate : sampling rate in Hz, one for all logs, or a list with one for each.
     kind : statistic, see `jaxcal.allan.deviation`.
     m : cluster sizes in samples, see there; for a record longer than `chunk` not "all".
     confidence : level of the intervals, 0.95 by default.
     alpha : noise type for the degrees of freedom (2 .. -2), instead of the one identified at each cluster size.
-    columns : channels by number (arrays, .npy, text) or name (Parquet, text), arrays by name (.npz, HDF5). By default all that hold
-        numbers and are no time by their name.
+    columns : channels by number (arrays, .npy, text) or name (Parquet, text), arrays by name (.npz, HDF5), or one topic of a log of
+        messages (``"sensor_gyro:0"``, ``"IMU:0"``, ``"/imu"``), whose channels are in SI, and NaN where its stamps leave samples out. By
+        default all that hold numbers and are no time by their name, or the only topic.
     chunk : samples in memory at a time.
     exact : cluster size up to which every overlapped difference of a longer record is taken; mdev and tdev end there.
     workers : threads for the logs of a list that are longer than `chunk`, have several channels, or take a statistic of the whole record;
@@ -172,6 +176,8 @@ def _stretch(empty: Accumulator, source: Any, columns: Any, start: int, stop: in
 
 
 def _one(record: Chunks, rate: Any, chunk: int, exact: int, options: dict[str, Any], shared: Any = None) -> Deviation:
+    if record.rate is not None and abs(checked_rate(rate) / record.rate - 1.0) > _RATE_TOLERANCE:
+        raise DataError(f"rate={rate:g} Hz contradicts the time stamps, which say {record.rate:.6g} Hz")
     if record.samples <= chunk:
         y = record.read(0, record.samples)
         return _deviation(y[:, 0] if record.flat else y, rate, **options)

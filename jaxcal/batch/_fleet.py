@@ -62,6 +62,7 @@ class Entry:
     seconds : of computation; None where there was none.
     kept : whether the result was there already.
     file : result file; None without a folder.
+    topics : of several IMUs in one log the topics of the one that this is about; "" for the first, or the only one.
 
     Examples
     --------
@@ -89,7 +90,13 @@ class Entry:
     seconds: float | None
     file: pathlib.Path | None
     kept: bool = False
+    topics: str = ""
     _text: str | None = dataclasses.field(default=None, repr=False)
+
+    @property
+    def name(self) -> str:
+        """Name of the log as printable text, with its IMU where that is not the first."""
+        return shown(self.path) + (f" {self.topics}" if self.topics else "")
 
     @property
     def document(self) -> dict[str, Any]:
@@ -275,7 +282,7 @@ def _one(name: str, done: Sequence[Entry], number: int, along: dict[str, np.ndar
             f"{name} = {values[i]:.4g}{' ' * bool(unit)}{unit}, {abs(scores[i]):.1f} robust standard deviations {side} the "
             f"median {median:.4g} of {n} logs (limit {limit:.1f})"
         )
-        found.append(Outlier(shown(done[i].path), str(done[i].path), float(values[i]), float(scores[i]), reason))
+        found.append(Outlier(done[i].name, str(done[i].path), float(values[i]), float(scores[i]), reason))
     trends = [trend for what, at in along.items() if (trend := _trend(name, what, at, values, unit, number * len(along)))]
     known = own[np.isfinite(own)] * (median if by_factors else 1.0)
     return Spread(

@@ -32,7 +32,7 @@ _MANIFEST_EVERY = 30.0  # s
 def run(
     paths: Any, task: Any = "noise", *, executor: Executor | None = None, out: Any = None, resume: bool = True, workers: int | None = None,
     options: dict[str, Any] | None = None, reading: dict[str, Any] | None = None, timeout: float | int | None = None,
-    memory: float | int | None = None, progress: Callable[[int, int, str], None] | None = None,
+    memory: float | int | None = None, progress: Callable[[int, int, str], None] | None = None, each: bool = False,
 ) -> Fleet:  # fmt: skip
     """One task on many logs: a result for each, what they have in common, and which stand out.
 
@@ -70,6 +70,8 @@ def run(
     memory : bytes beyond which a worker is given up with its log. By default each has an equal share of four fifths of the memory that
         there is, and 2 GB at least; `math.inf` for no limit. Not for an executor.
     progress : called as progress(done, total, name) after each log.
+    each : a result for every IMU of a log that holds several (ULog, DataFlash, bags, groups of HDF5), instead of the one that
+        `jaxcal.read` takes by default, of which a warning in the result tells.
 
     Returns
     -------
@@ -104,7 +106,9 @@ def run(
     logs, unreadable = find_logs(paths, None if store is None else store.folder)
     if not logs and not unreadable:
         raise DataError(f"no logs at {paths!r}; give files, folders or patterns such as 'logs/*.csv'")
-    job = _Run(logs, unreadable, (task, options, reading), store, progress or (lambda done, total, name: None))
+    if each and reading.get("topics") is not None:
+        raise DataError("each= reads every IMU of a log, and topics= in reading= one of them; leave one out")
+    job = _Run(logs, unreadable, (task, options, reading), store, progress or (lambda done, total, name: None), bool(each))
     with contextlib.nullcontext() if store is None else store.held():
         job.work(executor, workers, timeout, memory, resume=bool(resume))
         return job.finished()
@@ -137,6 +141,7 @@ def _check(task: Any, options: dict, reading: dict, executor: Any, workers: Any,
 @dataclasses.dataclass
 class _Job:
     path: pathlib.Path
+    topics: str = ""  # of the IMU; "" for the first
     lost: int = 0
     over: str = ""  # which limit it broke
 
@@ -149,19 +154,21 @@ class _Job:
 
 
 class _Run:
-    def __init__(self, logs: list, unreadable: dict, call: tuple[Any, dict, dict], store: Store | None, report: Any) -> None:
-        self.logs, self.unreadable, self.call, self.store, self.report = logs, unreadable, call, store, report
+    def __init__(self, logs: list, unreadable: dict, call: tuple[Any, dict, dict], store: Store | None, report: Any, each: bool) -> None:
+        self.logs, self.unreadable, self.call, self.store, self.report, self.each = logs, unreadable, call, store, report, each
         self.identity = json.loads(json.dumps(identity(*call)))
-        self.entries: dict[pathlib.Path, Entry] = {}
+        self.entries: dict[tuple[pathlib.Path, str], Entry] = {}
+        # the IMUs of each log by their topics; those beside the first are known when that was read
+        self.imus: dict[pathlib.Path, list[str]] = {path: [""] for path in [*unreadable, *logs]}
         self.noted = time.monotonic()
 
     def work(self, executor: Executor | None, workers: int | None, timeout: float | None, memory: float | None, *, resume: bool) -> None:
         """Have every log computed that has no result yet."""
         for folder, reason in self.unreadable.items():
             text = lost(str(folder), *self.call, reason=f"the folder cannot be listed: {reason}")
-            self._keep(folder, text)
-            self._enter(folder, text, None)
-        waiting = collections.deque(_Job(path) for path in (self._left(self.store) if resume and self.store else self.logs))
+            self._keep(_Job(folder), text)
+            self._enter(_Job(folder), text, None)
+        waiting = collections.deque(self._left(self.store) if resume and self.store else map(_Job, self.logs))
         if not waiting:
             return
         cores = os.cpu_count() or 1
@@ -181,17 +188,35 @@ class _Run:
                 with contextlib.suppress(OSError, ValueError):  # a full disk must not hide what went wrong
                     self._note()
 
-    def _left(self, store: Store) -> list[pathlib.Path]:
+    def _left(self, store: Store) -> list[_Job]:
         """The logs without a result that matches."""
         with ThreadPoolExecutor(min(4, os.cpu_count() or 1)) as pool:  # hashing lets go of the interpreter
-            known: dict[pathlib.Path, tuple[Entry, Future]] = {}
+            known: dict[pathlib.Path, tuple[list[str], dict[str, Entry], Future]] = {}
             for path in self.logs:
-                found = store.load(path)
+                found = self._loaded(store, path, "")
                 # only a log with a result of this task is worth the time
-                if found is not None and found.get("task") == self.identity and not found.get("again"):
-                    known[path] = self._entry(path, found, None, None, kept=True), pool.submit(fingerprint, path)
-        self.entries |= {path: entry for path, (entry, sha256) in known.items() if sha256.result()[1] == entry.sha256 is not None}
-        return [path for path in self.logs if path not in self.entries]
+                if found is None:
+                    continue
+                imus = ["", *(found["log"]["others"] if self.each else [])]
+                loaded = {one: self._loaded(store, path, one) for one in imus}
+                entries = {
+                    one: self._entry(_Job(path, one), each, None, None, kept=True) for one, each in loaded.items() if each is not None
+                }
+                known[path] = imus, entries, pool.submit(fingerprint, path)
+        for path, (imus, entries, sha256) in known.items():
+            same = {one: entry for one, entry in entries.items() if sha256.result()[1] == entry.sha256 is not None}
+            if "" in same:
+                self.imus[path] = imus
+                self.entries |= {(path, one): entry for one, entry in same.items()}
+        return [_Job(path, one) for path in self.logs for one in self.imus[path] if (path, one) not in self.entries]
+
+    def _loaded(self, store: Store, path: pathlib.Path, topics: str) -> dict[str, Any] | None:
+        """A result of this task that need not be tried again."""
+        found = store.load(path, topics)
+        if found is None or found.get("task") != self.identity or found.get("again"):
+            return None
+        # what was read without `each` does not say which other IMUs there are
+        return found if not self.each or topics or found["log"].get("each") else None
 
     def _hand_out(self, pool: Any, waiting: collections.deque, timeout: float | None, memory: float | None) -> None:
         """Give the logs to the pool as it has room, and keep what comes back."""
@@ -201,7 +226,7 @@ class _Run:
         def fill() -> None:
             while waiting and pool.room:
                 job = waiting.popleft()
-                flying[asked(pool.submit, answer, str(job.path), *self.call)] = job
+                flying[asked(pool.submit, answer, str(job.path), *self.call, self.each, job.topics)] = job
 
         def asked(function: Callable, *arguments: Any) -> Any:
             try:
@@ -228,13 +253,16 @@ class _Run:
                 if text is None:
                     waiting.appendleft(job)
                 else:
-                    self._keep(job.path, text)  # before a worker is given the next: what is lost by a kill is what workers hold
+                    if self.each and not job.topics:
+                        self.imus[job.path] = ["", *json.loads(text)["log"]["others"]]
+                        waiting.extend(_Job(job.path, one) for one in self.imus[job.path][1:])
+                    self._keep(job, text)  # before a worker is given the next: what is lost by a kill is what workers hold
             try:
                 fill()
             finally:  # what is on the disk is in the manifest too, where the executor takes no more
                 for job, text, seconds in back:
                     if text is not None:
-                        self._enter(job.path, text, seconds)
+                        self._enter(job, text, seconds)
 
     def _outcome(self, job: _Job, future: Future, killed: bool) -> tuple[str | None, float | None]:
         """Text of the result file, or None to try again; and seconds."""
@@ -256,29 +284,34 @@ class _Run:
         return self._lost(job, f"the executor gave it back with {type(fault).__name__}: {said}"), None
 
     def _lost(self, job: _Job, reason: str) -> str:
-        return lost(str(job.path), *self.call, reason=f"{shown(job.path)}: {reason}")
+        return lost(str(job.path), *self.call, job.topics, reason=f"{shown(job.path)}: {reason}")
 
     def _stopped(self, error: BaseException) -> DataError:
-        done = f"{sum(entry.status == 'done' for entry in self.entries.values())} of {len(self.logs)} logs are done"
+        done = f"{sum(entry.status == 'done' for entry in self.entries.values())} of {self._total} logs are done"
         kept = f" and kept in {self.store.folder}; the same call goes on from there" if self.store is not None else ""
         return DataError(f"the executor takes no more logs ({type(error).__name__}: {error}). {done}{kept}")
 
-    def _keep(self, path: pathlib.Path, text: str) -> None:
+    def _keep(self, job: _Job, text: str) -> None:
         """A result goes to the disk before anything else."""
         if self.store is not None:
-            write_atomically(self.store.file_of(path), text)
+            write_atomically(self.store.file_of(job.path, job.topics), text)
 
-    def _enter(self, path: pathlib.Path, text: str, seconds: float | None) -> None:
+    def _enter(self, job: _Job, text: str, seconds: float | None) -> None:
         """Take up a result that is kept."""
-        self.entries[path] = self._entry(path, json.loads(text), seconds, text if self.store is None else None)
-        self.report(len(self.entries), len(self.logs) + len(self.unreadable), shown(path))
+        entry = self._entry(job, json.loads(text), seconds, text if self.store is None else None)
+        self.entries[job.path, job.topics] = entry
+        self.report(len(self.entries), self._total, entry.name)
         if time.monotonic() - self.noted > _MANIFEST_EVERY:
             self._note()
 
-    def _entry(self, path: pathlib.Path, found: dict[str, Any], seconds: float | None, text: str | None, *, kept: bool = False) -> Entry:
-        log, file = found["log"], None if self.store is None else self.store.file_of(path)
+    @property
+    def _total(self) -> int:
+        return sum(map(len, self.imus.values()))
+
+    def _entry(self, job: _Job, found: dict[str, Any], seconds: float | None, text: str | None, *, kept: bool = False) -> Entry:
+        log, file = found["log"], None if self.store is None else self.store.file_of(job.path, job.topics)
         return Entry(
-            path=path, status=found["status"], reason=found["reason"], again=bool(found["again"]),
+            path=job.path, topics=job.topics, status=found["status"], reason=found["reason"], again=bool(found["again"]),
             coefficients={name: Coefficient(*row) for name, row in dict(found["coefficients"] or {}).items()},
             warnings=tuple(found["warnings"]), sha256=log["sha256"], date=log["date"] and log["date"][0], seconds=seconds, file=file,
             kept=kept, _text=text,
@@ -288,10 +321,10 @@ class _Run:
         """Write the manifest, where there is a folder."""
         self.noted = time.monotonic()
         if self.store is not None:
-            write_manifest(self.store.folder, self._ordered(), self.identity, len(self.logs) + len(self.unreadable))
+            write_manifest(self.store.folder, self._ordered(), self.identity, self._total)
 
     def _ordered(self) -> list[Entry]:
-        return [self.entries[path] for path in [*self.unreadable, *self.logs] if path in self.entries]
+        return [self.entries[path, one] for path, imus in self.imus.items() for one in imus if (path, one) in self.entries]
 
     def finished(self) -> Fleet:
         """The fleet, and the files about it."""
@@ -310,10 +343,10 @@ def _overview(fleet: Fleet, identity: dict[str, Any]) -> dict[str, Any]:
     said: dict[str, list[str]] = {}
     for entry in fleet.done:
         for sentence in entry.warnings:
-            said.setdefault(sentence, []).append(shown(entry.path))
+            said.setdefault(sentence, []).append(entry.name)
     return {
-        "task": identity, "logs": len(fleet), "names": [shown(entry.path) for entry in fleet.done],
-        "dates": [entry.date for entry in fleet.done], "failed": [(shown(entry.path), entry.reason) for entry in fleet.failed],
+        "task": identity, "logs": len(fleet), "names": [entry.name for entry in fleet.done],
+        "dates": [entry.date for entry in fleet.done], "failed": [(entry.name, entry.reason) for entry in fleet.failed],
         "warnings": sorted(said.items(), key=lambda item: -len(item[1])),
         "spread": {name: dataclasses.asdict(one) for name, one in fleet.spread.items()},
     }  # fmt: skip

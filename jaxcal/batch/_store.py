@@ -23,7 +23,7 @@ from ._fleet import Coefficient, Entry
 _HELD: set[str] = set()  # folders that this process writes to: a lock of the system does not tell its threads apart everywhere
 _GUARD = threading.Lock()
 #: the first columns of the table, and their types in Parquet
-_FIRST = dict.fromkeys(("log", "status", "reason", "date", "sha256"), "String") | {"seconds": "Float64", "warnings": "Int64"}
+_FIRST = dict.fromkeys(("log", "topics", "status", "reason", "date", "sha256"), "String") | {"seconds": "Float64", "warnings": "Int64"}
 
 
 class Store:
@@ -33,16 +33,19 @@ class Store:
         self.folder = folder
         self.results = folder / "results"
 
-    def file_of(self, log: str | os.PathLike[str]) -> pathlib.Path:
-        """The result file of a log: its name in plain characters, and a part of its path's hash, for logs of one name in two folders."""
+    def file_of(self, log: str | os.PathLike[str], topics: str = "") -> pathlib.Path:
+        """The result file of a log, or of one of its IMUs: its name in plain characters, and a part of its path's hash, for logs of one
+        name in two folders.
+        """
         path = os.path.abspath(log)
         name = re.sub(r"[^A-Za-z0-9_-]+", "_", os.path.basename(path).rsplit(".", 1)[0]).strip("_")[:80] or "log"
-        return self.results / f"{name}-{hashlib.sha256(os.fsencode(path)).hexdigest()[:10]}.json"
+        key = os.fsencode(path) + (b"\0" + topics.encode() if topics else b"")
+        return self.results / f"{name}-{hashlib.sha256(key).hexdigest()[:10]}.json"
 
-    def load(self, log: str | os.PathLike[str]) -> dict[str, Any] | None:
+    def load(self, log: str | os.PathLike[str], topics: str = "") -> dict[str, Any] | None:
         """The result of a log; None where there is none, or the file is not one of ours."""
         try:
-            document = json.loads(self.file_of(log).read_text(encoding="utf-8"))
+            document = json.loads(self.file_of(log, topics).read_text(encoding="utf-8"))
         except (OSError, ValueError, RecursionError):
             return None
         ours = isinstance(document, dict) and document.get("schema") == SCHEMA and document.get("status") in ("done", "failed")
@@ -99,7 +102,8 @@ def write_manifest(folder: pathlib.Path, entries: Sequence[Entry], identity: dic
     """What was run, with which versions, and every log with its status, reason and result file."""
     rows = [
         {
-            "log": _text(os.path.abspath(entry.path)), "status": entry.status, "reason": entry.reason, "again": entry.again,
+            "log": _text(os.path.abspath(entry.path)), "topics": entry.topics,
+            "status": entry.status, "reason": entry.reason, "again": entry.again,
             "sha256": entry.sha256, "date": entry.date, "seconds": None if entry.seconds is None else round(entry.seconds, 3),
             "result": None if entry.file is None else f"{entry.file.parent.name}/{entry.file.name}",
         }
@@ -123,7 +127,7 @@ def write_summary(folder: pathlib.Path, entries: Sequence[Entry]) -> None:
     kinds = _FIRST | {column: "Float64" for name in names for column in _columns(name, name in bounded)}
     rows = []
     for entry in entries:
-        row = [_text(entry.path), entry.status, entry.reason, entry.date, entry.sha256, entry.seconds, len(entry.warnings)]
+        row = [_text(entry.path), entry.topics, entry.status, entry.reason, entry.date, entry.sha256, entry.seconds, len(entry.warnings)]
         for name in names:
             one = entry.coefficients.get(name, Coefficient(None))
             row += [one.value, one.low, one.high] if name in bounded else [one.value]

@@ -9,6 +9,7 @@ key "class" names the one that is meant.
 """
 
 import dataclasses
+import functools
 import json
 import math
 import os
@@ -121,6 +122,7 @@ def _object(value: Any, kind: Any, path: str) -> Any:
         raise DataError(f"{path} makes no {kind.__name__}: {error}") from error
 
 
+@functools.lru_cache(256)
 def _hints(kind: type) -> dict[str, Any]:
     """Types of the fields of a class; none where one was imported for type checkers alone."""
     try:

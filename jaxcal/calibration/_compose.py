@@ -6,7 +6,7 @@ Accelerometer and gyroscope are one affine model of six axes, y = M x + b, in wh
 from typing import Any
 
 import numpy as np
-from scipy.linalg import block_diag
+import scipy  # loads its parts when they are first used
 
 from .._errors import DataError
 from .._types import AnyArray
@@ -94,7 +94,7 @@ def _carried(new: Any, old: Any, sensor: str, m: AnyArray) -> Covariance | None:
     if covariance is None or covariance.values.shape != (size, size):
         return None
     own, felt = (m[3:, 3:] if sensor == "gyro" else m[:3, :3]), m[3:, :3]
-    slope = block_diag(np.kron(own, np.eye(3)), own, np.kron(own, np.eye(3)))[:size, :size]
+    slope = scipy.linalg.block_diag(np.kron(own, np.eye(3)), own, np.kron(own, np.eye(3)))[:size, :size]
     values = slope @ covariance.values @ slope.T
     accel = _parts(new).get("accel")
     if sensor == "gyro" and np.any(felt) and accel is not None and accel.covariance is not None:
@@ -114,7 +114,7 @@ def _magnetometer(new: Part[MagModel] | None, old: Part[MagModel] | None) -> Par
     if new.covariance is not None and new.covariance.parameters[6:] == ("b_x", "b_y", "b_z"):
         # A_raw = S^-T A S^-1 and b_raw = S b + h, A as its six entries
         c = np.linalg.inv(s)
-        slope = block_diag(entries(c.T @ UNITS @ c).T, s)
+        slope = scipy.linalg.block_diag(entries(c.T @ UNITS @ c).T, s)
         covariance = Covariance(new.covariance.parameters, slope @ new.covariance.values @ slope.T)
     model = MagModel(s @ new.model.soft_iron, old.model.hard_iron + s @ new.model.hard_iron)
     return Part(model, si_unit("mag"), new.field, covariance, None, new.verdict, new.verdict_reason)

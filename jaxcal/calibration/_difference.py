@@ -7,8 +7,7 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
-from scipy.linalg import polar, solve_sylvester
-from scipy.special import chdtrc
+import scipy  # loads its parts when they are first used
 
 from .._precision import host_float64
 from .._types import AnyArray
@@ -144,7 +143,7 @@ def _magnetometer(a: Part[Any], b: Part[Any], notes: Sequence[str]) -> PartDiffe
     names = ["correction " + _AXES[i] + _AXES[j] for i, j in QUADRIC] + [f"hard iron {axis}" for axis in _AXES] + further
     values, spreads, turns = [], [], []
     for part in (a, b):
-        turn, shape = polar(np.linalg.inv(part.model.soft_iron))
+        turn, shape = scipy.linalg.polar(np.linalg.inv(part.model.soft_iron))
         scale = a.field / part.field if known else 1.0  # type: ignore[operator]
         turns.append(turn)
         numbers = part.parameters
@@ -164,7 +163,7 @@ def _magnetometer(a: Part[Any], b: Part[Any], notes: Sequence[str]) -> PartDiffe
 def _of_root(spread: AnyArray, root: AnyArray, scale: float) -> AnyArray:
     """Covariance of scale W and of the hard iron, from that of A = W W and of the hard iron."""
     slope = np.eye(len(spread))
-    slope[:6, :6] = scale * np.transpose([entries(solve_sylvester(root, root, unit)) for unit in UNITS])
+    slope[:6, :6] = scale * np.transpose([entries(scipy.linalg.solve_sylvester(root, root, unit)) for unit in UNITS])
     return slope @ spread @ slope.T
 
 
@@ -241,7 +240,7 @@ def _part(
             kept = size > _RANK * size[-1]
             along = ways.T @ change
             chi, freedom = float(np.sum(along[kept] ** 2 / size[kept])), int(kept.sum())
-            probability = float(chdtrc(freedom, chi))
+            probability = float(scipy.special.chdtrc(freedom, chi))
             if np.any(np.abs(along[~kept]) > 1e-2):
                 said.append("part of the change is in directions that neither calibration leaves open")
     return PartDifference(name, tuple(names), tuple(units), np.asarray(first), np.asarray(second), error, chi, freedom, probability,

@@ -33,8 +33,12 @@ def apply(
     """Correct a log with a calibration: temperature first, then bias, scale factor, misalignment, iron."""
     if kind_of(log) == "calibration" and kind_of(calibration) != "calibration":
         raise CallError(f"the calibration comes first: jaxcal apply {log} {calibration} --out {out}")
-    if device is not None and not calibration.is_dir():
-        raise CallError(f"--device {device} takes the latest calibration of a folder, and {calibration} is none; leave --device out")
+    if calibration.is_dir() != (device is not None):
+        raise CallError(
+            f"{calibration} is a folder; give the calibration in it, or --device NAME to choose the calibration of a device"
+            if device is None
+            else f"--device goes with a folder of calibrations; {calibration} is none"
+        )
     if device is None:
         must_be_calibration(calibration)
 

@@ -52,6 +52,9 @@ class FleetRunning:
             "GB of memory beyond which a log is given up; by default an equal share for every worker. Not with --scheduler.",
         ),
     ] = None  # fmt: skip
+    each: Annotated[
+        bool, Parameter(help="A result for every IMU of a log that holds several (ULog, DataFlash, bags, HDF5), not only for the first.")
+    ] = False
     again: Annotated[bool, Parameter(help="Compute every log anew, also those that are done.")] = False
     quiet: Quiet = False
     config: Annotated[
@@ -104,7 +107,7 @@ def batch(
         fleet = jaxcal.batch.run(
             list(paths), task, executor=executor, out=out, resume=not running.again, workers=running.workers or threads,
             options=options, reading=known, timeout=running.timeout,
-            memory=None if running.memory is None else 1e9 * running.memory, progress=move,
+            memory=None if running.memory is None else 1e9 * running.memory, progress=move, each=running.each,
         )  # fmt: skip
     _show(screen, fleet)
     if not fleet.done:

@@ -126,7 +126,7 @@ def mag(
         raise CallError("--headings gives the rotation itself: leave out --align and --joint")
     if currents is not None and (joint or model == "planar"):
         raise CallError("--currents goes with fits of norms in all attitudes: leave out --joint and --model planar")
-    must_exist(against)
+    must_exist(against, option="--against")
     if next:
         _advise(log, reading, running, limit, inclination)
         return
@@ -249,11 +249,8 @@ def _fit(log: Any, align: str, joint: bool, options: dict[str, Any], given: Shot
         aid = Headings(given.headings[kept], None if up is None else up[kept])
     if given.currents:
         powered = fit_current(log.mag[kept], {name: values[kept] for name, values in given.currents.items()}, aid=aid, **options)
-        if powered.fit is None or powered.fit.model is None:
-            raise jaxcal.DataError(
-                f"the readings without the fields of the currents determine no calibration: {powered.fit and powered.fit.reason}"
-            )
-        found, mag = powered.fit, np.asarray(powered.correct(log.mag, np.column_stack(list(given.currents.values()))))
+        found: Any = powered.fit
+        mag = np.asarray(powered.correct(log.mag, np.column_stack(list(given.currents.values()))))
     else:
         warmth = {} if log.temperature is None else _conditions(log.temperature[kept])
         found, mag = jaxcal.magnetometer.fit(log.mag[kept], conditions=warmth, aid=aid, joint=joint and aid is not None, **options), log.mag

@@ -135,11 +135,11 @@ class Running:
     ] = None
 
 
-def must_exist(*paths: Path | None) -> None:
+def must_exist(*paths: Path | None, option: str = "") -> None:
     """Raise a `CallError` for a file that is not there."""
     for path in paths:
         if path is not None and not path.exists():
-            raise CallError(f"{path} does not exist")
+            raise CallError(f"{option} {path}: {path} does not exist" if option else f"{path} does not exist")
 
 
 def must_be_log(path: Path, command: str) -> None:

@@ -10,8 +10,7 @@ import re
 from typing import Any
 
 import numpy as np
-from scipy.linalg import block_diag
-from scipy.optimize import linprog
+import scipy  # loads its parts when they are first used
 
 from .._errors import DataError, ExportError
 from .._types import AnyArray
@@ -195,7 +194,7 @@ def gtsam(calibration: Calibration, options: Options) -> Product:
         lines += [
             "# covariance of the bias estimate, accelerometer first; releases spell the setter differently",
             "bias_covariance = np.array([",
-            *(f"    {listed(row)}," for row in block_diag(*blocks)),
+            *(f"    {listed(row)}," for row in scipy.linalg.block_diag(*blocks)),
             "])",
             'for name in ("setBiasAccOmegaInit", "setBiasAccOmegaInt"):',
             "    if hasattr(params, name):",
@@ -258,7 +257,7 @@ def _exact_rotation(turn: AnyArray) -> AnyArray:
     half = np.where(size < 1e-13, 1e-15, 0.5 * unit)[:, None]  # the first are written as exact zeros
     off, scale = (turn - near).ravel(), 5e-10
     rows = np.vstack([np.hstack([steps, -half / scale]), np.hstack([-steps, -half / scale])])
-    found = linprog([0, 0, 0, 1.0], A_ub=rows, b_ub=np.concatenate([off, -off]) / scale, bounds=[(None, None)] * 4)
+    found = scipy.optimize.linprog([0, 0, 0, 1.0], A_ub=rows, b_ub=np.concatenate([off, -off]) / scale, bounds=[(None, None)] * 4)
     if not found.success or not np.any(found.x[:3]):
         return near
     angles = found.x[:3] * scale

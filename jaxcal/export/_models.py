@@ -3,7 +3,7 @@
 from typing import Any
 
 import numpy as np
-from scipy.linalg import polar
+import scipy  # loads its parts when they are first used
 
 from .._errors import DataError, ExportError
 from .._types import AnyArray
@@ -88,7 +88,7 @@ def symmetric(calibration: Calibration, mounting: str, warnings: list[str]) -> A
     full = correction(mag.model.soft_iron)
     if np.linalg.det(full) < 0:
         raise ExportError("the soft iron mirrors the axes, which a symmetric matrix cannot hold; exchange or negate an axis of the log")
-    turn, shape = polar(full)
+    turn, shape = scipy.linalg.polar(full)
     lost = angle(turn)
     if lost > 1e-3:
         warnings.append(f"magnetometer: a rotation of {lost:.3g} degrees not written; {mounting} could hold it")

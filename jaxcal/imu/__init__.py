@@ -8,13 +8,12 @@ from ._model import Imu as Imu, Triad as Triad, gravity as gravity, in_conventio
 from ._motion import Motion as Motion, motion as motion
 from ._multi import multi_position as multi_position
 from ._nonlinear import TERMS as TERMS, Nonlinear as Nonlinear, with_terms as with_terms
-from ._prior import Prior as Prior
 from ._rate_test import RateTest as RateTest, ScaleFigures as ScaleFigures, rate_test as rate_test, scale_figures as scale_figures
 from ._rectification import Rectification as Rectification, vibration_rectification as vibration_rectification
 from ._residuals import Poses as Poses, Turns as Turns, Weighted as Weighted, residuals as residuals, weighted as weighted
 from ._rests import StillIntervals as StillIntervals, static_intervals as static_intervals, windowed_variance as windowed_variance
 from ._result import ImuFit as ImuFit, Observability as Observability, observability as observability
-from ._session import faces as faces, ferraris as ferraris, read_regions as read_regions
+from ._session import faces as faces, ferraris as ferraris, joined as joined, read_regions as read_regions
 from ._simulate import (
     MEMS as MEMS,
     MEMS_NOISE as MEMS_NOISE,

@@ -34,7 +34,7 @@ _RADIANS = {"rad/s": 1.0, "deg/s": np.pi / 180}
 
 
 class Options(eqx.Module):
-    """What the fit may do; noise as (N, B) of both sensors in SI."""
+    """What the fit may do; noise as (N, B, K) of both sensors in SI."""
 
     gravity: float
     convention: str
@@ -42,8 +42,8 @@ class Options(eqx.Module):
     g_sensitivity: bool
     misalignment: bool
     loss: AbstractLoss | None
-    accel_noise: tuple[float, float]
-    gyro_noise: tuple[float, float]
+    accel_noise: tuple[float, float, float]
+    gyro_noise: tuple[float, float, float]
     latitude: float | None
     prior: Prior | None = None
     held: np.ndarray | None = None  # (9,) standard deviations with which the g-sensitivity is held at zero
@@ -77,8 +77,8 @@ def excess(residual: np.ndarray, base: np.ndarray, parameters: Any) -> float:
     return float(scipy.optimize.brentq(surplus, floor, max(2 * top, 2 * floor), xtol=1e-18 * top, rtol=1e-10))  # type: ignore[arg-type]
 
 
-def coefficients(noise: Any, sensor: str) -> tuple[float, float]:
-    """White noise N and flicker B of a sensor, largest axis, in SI; zero where nothing is known.
+def coefficients(noise: Any, sensor: str) -> tuple[float, float, float]:
+    """White noise N, flicker B and random walk K of a sensor, largest axis, in SI; zero where nothing is known.
 
     `noise` is {"accel": ..., "gyro": ...}, channel -> noise as `jaxcal.noise.characterise` gives it, or has these as its `noise`.
     """
@@ -91,20 +91,20 @@ def coefficients(noise: Any, sensor: str) -> tuple[float, float]:
     if not (held is None or isinstance(held, Mapping) or hasattr(held, sensor)):
         raise DataError('noise must be {"accel": ..., "gyro": ...} with a Noise, or a dictionary of N and B, for each sensor')
     sizes = []
-    for term in ("N", "B"):
+    for term in ("N", "B", "K"):
         # a fit of an axis holds its coefficients one level below
         found = [part(part(one, "noise") if part(one, "noise") is not None else one, term) for one in axes or [part(held, sensor)]]
         values = np.array([np.max(np.nan_to_num(np.asarray(value, dtype=float))) for value in found if value is not None])
         sizes.append(float(values.max(initial=0.0)))
         if not (np.isfinite(sizes[-1]) and np.all(values >= 0)):
             raise DataError(f"noise of {sensor}: {term} is {found!r}; expected a number that is not negative")
-    return sizes[0], sizes[1]
+    return sizes[0], sizes[1], sizes[2]
 
 
-def mean_variance(noise: tuple[float, float], duration: np.ndarray) -> np.ndarray:
-    """Variance of a mean over so many seconds: N^2/t, and the flat part of the Allan variance."""
-    white, flicker = noise
-    return white**2 / duration + 2 * np.log(2) / np.pi * flicker**2
+def mean_variance(noise: tuple[float, float, float], rests: Rests) -> np.ndarray:
+    """Variance of the means of rests: N^2/t, the flat part of the Allan variance, and what the bias walks from the middle of the record."""
+    white, flicker, walk = noise
+    return white**2 / rests.duration + 2 * np.log(2) / np.pi * flicker**2 + walk**2 * np.abs(rests.time)
 
 
 def nominal_start(model: Triad, mean: np.ndarray, gravity: float) -> Triad:
@@ -186,12 +186,12 @@ def _sized(data: Weighted, found: Pieces, rests: Rests, options: Options, model:
     gyro, across_norm = model.gyro, found.vertical[: len(rests.accel)] @ np.linalg.inv(model.accel.matrix)
     count, valid = len(rests.accel), np.isfinite(turns.sigma)
     given = np.max([options.accel_noise, options.gyro_noise], axis=1) > 0
-    base = mean_variance(options.accel_noise, rests.duration) if given[0] else rests.norm_variance(across_norm)
+    base = mean_variance(options.accel_noise, rests) if given[0] else rests.norm_variance(across_norm)
     variance = base + excess(found.norm[:count], base, paid[0])
 
     scale = np.abs(np.diag(gyro.matrix))
     scatter = rests.gyro_variance()
-    still = mean_variance(options.gyro_noise, rests.duration)[:, None] * scale**2 if given[1] else scatter
+    still = mean_variance(options.gyro_noise, rests)[:, None] * scale**2 if given[1] else scatter
     rest: Any = found.rest
     still = still + np.array([excess(rest[:count, axis], still[:, axis], paid[2 + axis]) for axis in range(3)])
 

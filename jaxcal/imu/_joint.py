@@ -121,7 +121,8 @@ class Job(eqx.Module):
         at_rest = pieces(fit.model, data)
         vertical, size = at_rest.vertical[: len(start)], options.gravity - at_rest.norm[: len(start)]
         seen = observability(vertical, not options.misalignment)
-        if not seen.condition <= SINGULAR and not known_of(options.prior):
+        # with turns the joint fit tells what both determine: six faces and the turns between them show the misalignment
+        if not seen.condition <= SINGULAR and record.gyro is None and not known_of(options.prior):
             return Refusal(seen.sentence, seen)
         accel = jax.tree.map(np.asarray, fit.model.accel)
         if record.gyro is None:
@@ -151,11 +152,11 @@ class Job(eqx.Module):
         if drift:
             notes.append("The gyroscope's bias drifts during the record (F test, 1 %); a linear drift is part of the fit. Let it warm up.")
         if near is not None:
-            start = Imu(near[0].accel, near[0].gyro, moving, near[0].north)
-            return Begun(rests, fit, vertical, start, turns, scale, seen, tuple(notes))
+            return Begun(rests, fit, vertical, dataclasses.replace(near[0], drift=moving), turns, scale, seen, tuple(notes))
         matrix = np.eye(3) / scale if self.raw else self.model.gyro.matrix
         gyro = eqx.tree_at(lambda t: (t.matrix, t.bias, t.g_sensitivity), self.model.gyro, (matrix, bias, cross))
-        return Begun(rests, fit, vertical, Imu(accel, gyro, moving, self.model.north), turns, scale, seen, tuple(notes))
+        start = dataclasses.replace(self.model, accel=accel, gyro=gyro, drift=moving)
+        return Begun(rests, fit, vertical, start, turns, scale, seen, tuple(notes))
 
     def joint(self, begun: Begun, near: bool, rounds: int) -> Joint:
         """The fit of one set of rests, in so many rounds of finding the size of the errors."""
@@ -275,6 +276,12 @@ def _result(
         down_weighted=(np.flatnonzero(weight[:count] < 0.5), np.flatnonzero(np.min(pairs, axis=1, initial=1) < 0.5)),
         cost=0.5 * np.array([np.sum(found.norm[:count] ** 2), np.sum(turned**2) if len(turned) else np.nan]),
     )  # fmt: skip
+    if fit.model.accel_drift is not None:
+        size = np.abs(np.asarray(fit.model.accel_drift)).max() * np.ptp(rests.time)
+        notes = [*notes, f"The accelerometer's bias drifts by {size:.2g} over the recording, in readings; the bias is that of its middle."]
+    if fit.model.accel_warm_up is not None:
+        size = np.abs(np.asarray(fit.model.accel_warm_up)).max()
+        notes = [*notes, f"The accelerometer's bias warms up by {size:.2g} during the recording, in readings; the bias is the settled one."]
     still = 3 * (count - 1 - 3 * options.g_sensitivity) if len(turned) else 0
     own_norms = float(np.sum(np.asarray(leverage(fit))[:slots]))  # the turns tell some of the accelerometer, too
     by_field = {"accel": count - own_norms, "gyro": 2 * len(turned) - own, "gyro.bias": still, "gyro.g_sensitivity": still}
@@ -286,6 +293,6 @@ def _result(
     for shift in [np.outer(lack.shift, lack.shift) for lack in missing] + ([] if lost is None else [lost]):
         plain = plain + np.asarray(framed(fit.model, options.convention, placed(fit.names, shift, made.names))[1][0])
     plain, robust = (np.asarray(placed(made.names, np.asarray(matrix), result.names)) for matrix in (plain, robust))
-    asked = tuple(lack.term for lack in missing if lack.term is not None)
+    asked = tuple(dict.fromkeys(lack.term for lack in missing if lack.term is not None))
     result = dataclasses.replace(result, covariance=plain, robust_covariance=robust, degrees_of_freedom=freedom, asked=asked)
     return finished(result, fit, options, notes, explain, [lack.sentence for lack in missing])

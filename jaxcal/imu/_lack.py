@@ -20,8 +20,9 @@ _TWICE = 2.0  # flicker alone can make norms scatter more than the white noise o
 _ALIKE = 1.5  # terms whose sums of squares differ by less cannot be told apart
 _APART = 0.05  # share of a term, in length, that the parameters must not be able to stand for
 _SENSORS = {"accel": "accelerometer", "gyro": "gyroscope"}
-#: term -> field of `Nonlinear`
-_NAMES = {"a quadratic term": "quadratic", "a cubic term": "cubic", "an asymmetry of sign": "asymmetry"}
+#: term -> name in `jaxcal.imu.TERMS`
+_NAMES = {"a quadratic term": "quadratic", "a cubic term": "cubic", "an asymmetry of sign": "asymmetry", "a linear drift": "drift",
+          "a drift of a warm-up": "warm_up", "a term of the squared specific force": "g_squared"}  # fmt: skip
 _NUDGE = 1e-3  # of a finite difference, in the unit of the readings
 
 
@@ -56,8 +57,8 @@ def lacks(joint: Joint, rests: Rests) -> list[Lack]:
         shift = np.zeros(len(names))
         shift[own] = change
         kind = f"{name} {size(name, coefficient)}" + (f" (or {' or '.join(also)}, which these data cannot tell from it)" if also else "")
-        term = f"{sensor}.{_NAMES[name]}" if name in _NAMES else None
-        add = f" Add it by its name, {term}." if term else " Let the sensor warm up."
+        term = None if "drift" in name and joint.data.turns is None else f"{sensor}.{_NAMES[name]}"
+        add = (" Let the sensor warm up." if "drift" in name else "") + (f" Add it by its name, {term}." if term else "")
         told = f"The {what} ask for {kind} of the {_SENSORS[sensor]}, which the model lacks (p = {max(level, 1e-300):.1g})"
         found.append(Lack(shift, f"{told}; the intervals count what it would change.{add}", term))
 
@@ -70,7 +71,7 @@ def lacks(joint: Joint, rests: Rests) -> list[Lack]:
             return f"of {1e3 * np.abs(coefficient).max() / STANDARD_GRAVITY:.2g} mg over the recording"
         return f"of {1e3 * np.abs(coefficient).max() / STANDARD_GRAVITY:.2g} mg at 1 g"
 
-    norms, own = slice(0, slots), np.char.startswith(names, "accel.")
+    norms, own = slice(0, slots), np.char.startswith(names, "accel")
     left = int(np.sum(np.any(slope[norms] != 0, axis=1)) - np.linalg.matrix_rank(slope[norms][:, own])) - 3
     shapes = _shapes(force, rests, duration)
     terms, what = _norm_terms(joint, shapes), "poses"
@@ -88,6 +89,15 @@ def lacks(joint: Joint, rests: Rests) -> list[Lack]:
         lambda name, coefficient: f"of {100 * np.abs(coefficient).max():.2g} % of the rate at {np.rad2deg(fast):.3g} deg/s",
         "turns", "gyro",
     )  # fmt: skip
+    # the axes of the still rates have nothing in common: each is tested by itself
+    for axis in range(3):
+        squared = force[:, axis] ** 2 / STANDARD_GRAVITY**2 / np.asarray(joint.data.poses.gyro_sigma)[:, axis]
+        judged(
+            slice(3 * slots - 2 + axis, 6 * slots - 2, 3), ~(np.char.startswith(names, "accel") | np.char.startswith(names, "gyro.matrix")),
+            {"a term of the squared specific force": squared[:, None]},
+            lambda name, coefficient: f"of {np.rad2deg(np.abs(coefficient / _scale(fit.model.gyro)).max()):.2g} deg/s at 1 g",
+            "still rates", "gyro",
+        )  # fmt: skip
     return found
 
 
@@ -161,7 +171,8 @@ def _turn_terms(joint: Joint, fast: float) -> dict[str, np.ndarray]:
 
 def _best(r: np.ndarray, own: np.ndarray, terms: dict[str, np.ndarray]) -> tuple[str, list[str], np.ndarray, np.ndarray, float] | None:
     """The term that leaves the least, those as good, the change of the parameters, the coefficients, and the level of its F test."""
-    freedom = len(r) - np.linalg.matrix_rank(own) - 3
+    count = next(iter(terms.values())).shape[1]
+    freedom = len(r) - np.linalg.matrix_rank(own) - count
     if freedom < _LEAST:
         return None
     plain, _ = _left(r, own)
@@ -172,13 +183,13 @@ def _best(r: np.ndarray, own: np.ndarray, terms: dict[str, np.ndarray]) -> tuple
     tried = {name: _left(r, np.concatenate([own, -x], axis=1)) for name, x in terms.items()}
     name = min(tried, key=lambda key: np.sum(tried[key][0] ** 2))
     left, solution = tried[name]
-    ratio = (np.sum(plain**2) - np.sum(left**2)) / 3 / max(np.sum(left**2) / freedom, 1e-300)
-    level = float(scipy.special.fdtrc(3, freedom, ratio))
+    ratio = (np.sum(plain**2) - np.sum(left**2)) / count / max(np.sum(left**2) / freedom, 1e-300)
+    level = float(scipy.special.fdtrc(count, freedom, ratio))
     # what is left out of the fit must be predicted better, too
     if level >= _LEVEL or _predicted(left, np.concatenate([own, terms[name]], axis=1)) >= _predicted(plain, own):
         return None
     also = [key for key, (other, _) in tried.items() if key != name and np.sum(other**2) < _ALIKE * np.sum(left**2)]
-    return name, also, solution[:-3], solution[-3:], level
+    return name, also, solution[:-count], solution[-count:], level
 
 
 def _left(r: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

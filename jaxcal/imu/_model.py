@@ -148,6 +148,9 @@ class Imu(eqx.Module):
     ----------
     accel, gyro : `Triad`, or a subclass with its own fields, `measure` and `correct`; None for a sensor that is missing.
     drift : (3,) drift of the gyroscope's bias, readings per s; None where there is none.
+    accel_drift : (3,) drift of the accelerometer's bias, readings per s; None where there is none. The bias is that of the middle.
+    accel_warm_up : (3,) readings by which the accelerometer's bias is off at the beginning; it settles with a quarter of the recording as
+        its time constant, and the bias is the settled one. None where there is none.
     north : (2,) horizontal part of the Earth's rate in the first pose, as cosine and sine of a heading; None where the Earth's rate is
         left out.
 
@@ -163,6 +166,8 @@ class Imu(eqx.Module):
     gyro: Any = None
     drift: Any = None
     north: Any = None
+    accel_drift: Any = None
+    accel_warm_up: Any = None
 
     @property
     def plain(self) -> bool:

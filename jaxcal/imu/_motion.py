@@ -57,9 +57,11 @@ class Motion(Result):
     warnings: tuple[str, ...] = eqx.field(static=True, default=())
 
     def _rows(self) -> list[Row]:
-        rows = [Row("delay of the gyroscope", self.delay, *self.delay_interval, "s")]
+        low, high = self.delay_interval
+        rows = [Row("delay of the gyroscope", self.delay, low, high, "s")]
         for i, j in np.ndindex(3, 3):
-            rows.append(Row(f"arm of axis {'xyz'[i]} along {'xyz'[j]}", self.lever_arm[i, j], *self.lever_arm_interval[i, j], "m"))
+            low, high = self.lever_arm_interval[i, j]
+            rows.append(Row(f"arm of axis {'xyz'[i]} along {'xyz'[j]}", self.lever_arm[i, j], low, high, "m"))
         return rows
 
 

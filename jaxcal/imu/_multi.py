@@ -76,7 +76,8 @@ def multi_position(
     g_sensitivity : whether to fit the gyroscope's sensitivity to specific force.
     loss : of `jaxcal.fitting`; `Huber()` bounds the influence of a disturbed pose. None for least squares.
     latitude : rad, to account for the Earth's rate: vertical part known, heading of the first pose fitted.
-    noise : {"accel": noise, "gyro": noise}, each a `jaxcal.noise.Noise` or {"N": ..., "B": ...} in SI, for weights by dwell and turn.
+    noise : {"accel": noise, "gyro": noise}, each a `jaxcal.noise.Noise` or {"N": ..., "B": ..., "K": ...} in SI; or what
+        `jaxcal.noise.characterise` returns, or a `Calibration` with noise. It weighs rests by their length and by what the bias wanders.
     raw : whether the log holds counts: scales are then found from the data. Otherwise it is in m/s^2 and rad/s.
     threshold : multiple of the accelerometer's variance at rest below which the sensor is still; None compares 2 to 10. Each is compared
         with bounds on the gyroscope's variance, and what promises the smallest errors on norms and turns left out is taken.

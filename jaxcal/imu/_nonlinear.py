@@ -15,7 +15,9 @@ from ._model import Imu, Triad
 _ROUNDS = 4  # of the fixed point: a term of 1 % of the reading is then off by 1e-10 of it
 #: fields of `Nonlinear`, and which sensor may have them
 _FIELDS = {"quadratic": "both", "cubic": "both", "asymmetry": "both", "g_squared": "gyro"}
-TERMS = tuple(f"{sensor}.{field}" for sensor in ("accel", "gyro") for field, of in _FIELDS.items() if of in ("both", sensor))
+#: terms of the accelerometer's bias in time, which are fields of `Imu`
+_IN_TIME = {"accel.drift": "accel_drift", "accel.warm_up": "accel_warm_up"}
+TERMS = (*(f"{sensor}.{field}" for sensor in ("accel", "gyro") for field, of in _FIELDS.items() if of in ("both", sensor)), *_IN_TIME)
 
 
 class Nonlinear(Triad):
@@ -104,6 +106,11 @@ def with_terms(model: Imu, terms: Iterable[str]) -> Imu:
     for term in terms:
         if term not in TERMS:
             raise DataError(f"There is no term {term!r}; known are {', '.join(TERMS)}, or 'auto' for what the log asks for.")
+        if term in _IN_TIME:
+            if model.gyro is None:
+                raise DataError(f"The term {term} needs a log with a gyroscope.")
+            model = dataclasses.replace(model, **{_IN_TIME[term]: np.zeros(3)})
+            continue
         sensor, field = term.split(".")
         held = getattr(model, sensor)
         if held is None:

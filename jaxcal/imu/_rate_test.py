@@ -118,8 +118,9 @@ def scale_figures(inputs: Any, readings: Any, sigma: Any = None) -> ScaleFigures
     if sigma is None and repeats < 1:
         raise DataError("no input was set twice; give sigma=, the standard deviation of a mean reading, or repeat some inputs")
     spread = np.sqrt(between / repeats) if repeats else np.nan
-    known = sigma is not None and repeats < _LEAST_REPEATS
-    error, freedom = (float(np.sqrt(np.mean(np.square(sigma)))), np.inf) if known else (float(spread), float(repeats))
+    error, freedom = float(spread), float(repeats)
+    if sigma is not None and repeats < _LEAST_REPEATS:
+        error, freedom = float(np.sqrt(np.mean(np.square(sigma)))), np.inf
     columns = np.stack([x, np.ones_like(x)], axis=1)
     inner = np.linalg.inv(columns.T @ columns)
     scale, offset = inner @ columns.T @ y
@@ -209,10 +210,11 @@ class RateTest(Result):
     def _rows(self) -> list[Row]:
         rows = []
         for axis, one in self.figures.items():
+            low, high = one.asymmetry_interval
             rows += [
                 Row(f"{axis} scale", one.scale),
                 Row(f"{axis} nonlinearity", one.nonlinearity, unit="ppm", remark=f"noise alone: up to {one.nonlinearity_noise:.2g}"),
-                Row(f"{axis} asymmetry", one.asymmetry, *one.asymmetry_interval, "ppm"),
+                Row(f"{axis} asymmetry", one.asymmetry, low, high, "ppm"),
                 Row(f"{axis} repeatability", one.repeatability, unit="ppm"),
                 Row(f"{axis} hysteresis", one.hysteresis, unit="ppm", remark=f"noise alone: up to {one.hysteresis_noise:.2g}"),
             ]

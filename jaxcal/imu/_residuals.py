@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._compile import filter_jit
-from .._precision import host_float64, is_traced
+from .._precision import array_module, host_float64, is_traced
 from .._types import Array
 from ._integrate import attitude, closed_form
 from ._model import EARTH_RATE, Imu, inverse
@@ -143,9 +143,26 @@ def _norths(north: Array, vertical: Array, rotation: Array, sigma: Array) -> Arr
     return jnp.concatenate([start[None, :], rest])
 
 
+def warm_up(time: Any, known: Any) -> Any:
+    """What is left of a warm-up at a time, one at the first and exp(-4) at the last of the poses that are `known`."""
+    xp = array_module(time)
+    first, last = xp.min(xp.where(known, time, xp.inf)), xp.max(xp.where(known, time, -xp.inf))
+    return xp.exp(-4 * (time - first) / (last - first))
+
+
+def _settled(model: Imu, poses: Poses) -> Array:
+    """Readings of the accelerometer without what its bias wanders during the recording."""
+    accel = poses.accel
+    if model.accel_drift is not None:
+        accel = accel - poses.time[:, None] * model.accel_drift[None, :]
+    if model.accel_warm_up is not None:
+        accel = accel - warm_up(poses.time, jnp.isfinite(poses.sigma))[:, None] * model.accel_warm_up[None, :]
+    return accel
+
+
 @filter_jit
 def _pieces(model: Imu, poses: Poses, turns: Turns | None, gravity: Array, latitude: Array | None) -> Pieces:
-    force = model.accel.correct(poses.accel)
+    force = model.accel.correct(_settled(model, poses))
     size = jnp.sqrt(jnp.sum(force**2, axis=-1))
     vertical = force / size[:, None]
     norm = gravity - size

@@ -304,7 +304,7 @@ def finished(
         weak.append(f"The prior contradicts the recording (p = {apart:.1g}): the device has changed, or the prior is another's.")
     if poses < _FEW_POSES and options.misalignment and options.prior is None:
         weak.append(f"There are {poses} poses, 18 to 24 are advised.")
-    if seen.condition > _ILL and options.prior is None:
+    if seen.condition > _ILL and options.prior is None and not gyro:
         weak.append(seen.sentence)
     if gyro and turns < _FEW_TURNS and options.prior is None:
         weak.append(f"There are {turns} turns, 10 or more are advised.")

@@ -2,6 +2,7 @@
 
 import csv
 import dataclasses
+import itertools
 import json
 import re
 from collections.abc import Iterable, Mapping
@@ -12,6 +13,7 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .._errors import DataError
+from .._log import Log
 from .._precision import host_float64
 from ._known import checked_gravity, six_position
 from ._model import Triad
@@ -22,6 +24,8 @@ from ._result import POOR, UNKNOWN, ImuFit, parts_of, relative_error
 _LABEL = re.compile(r"([xyz])[ _-]?(p|up|a|down|rot|turn)", re.IGNORECASE)
 _KINDS = {"p": 1, "up": 1, "a": -1, "down": -1, "rot": 0, "turn": 0}
 _REST = re.compile(r"(rest|still|pose|static)[ _-]?\d*", re.IGNORECASE)
+_SENSORS = ("accel", "gyro")
+_SAME_RATE = 0.01
 _FACE = float(np.cos(np.deg2rad(25.0)))
 _EXPECTED = (
     "expected x_p, x_a, y_p, y_a, z_p, z_a for an axis up or down, and x_rot, y_rot, z_rot for a turn about it; or rest for each rest"
@@ -38,7 +42,8 @@ def read_regions(path: Any, rate: float) -> list[Region]:
     Parameters
     ----------
     path : JSON as imucal writes it, {"x_p": {"start": 540, "end": 1271}, ...}, in samples; or CSV with the columns label, start and stop,
-        in samples, or in s where the header says `start [s]`. The end is not part of a region.
+        in samples, or in s where the header says `start [s]`. The end is not part of a region. A CSV with the column label alone has a row
+        for each sample, such as the log itself: rows in a row with the same label are a region, and rows without a label none.
     rate : Hz.
 
     Returns
@@ -73,6 +78,8 @@ def read_regions(path: Any, rate: float) -> list[Region]:
     rows = list(csv.DictReader(text.splitlines()))
     columns = {re.sub(r"\W.*", "", str(name).strip().lower()): str(name) for name in (rows[0] if rows else {})}
     found = {key: next((columns[word] for word in words if word in columns), None) for key, words in _NAMES.items()}
+    if found["label"] is not None and found["start"] is None and found["stop"] is None:
+        return _runs([str(row[found["label"]] or "").strip() for row in rows], str(path))
     if None in found.values():
         raise DataError(f"{path} lacks the column {next(key for key, name in found.items() if name is None)}; expected label,start,stop")
     factor = rate if "[s]" in str(found["start"]) else 1.0
@@ -80,6 +87,51 @@ def read_regions(path: Any, rate: float) -> list[Region]:
         return listed([(row[found["label"]], *(factor * float(row[found[end]]) for end in ("start", "stop"))) for row in rows], str(path))
     except (TypeError, ValueError) as error:
         raise DataError(f"{path}: {error}; expected numbers as start and stop of every region") from error
+
+
+def _runs(labels: list[str], where: str) -> list[Region]:
+    """Regions of rows that are labelled one by one."""
+    edges = [0, *(i for i in range(1, len(labels)) if labels[i] != labels[i - 1]), len(labels)]
+    return listed([(labels[i], i, j) for i, j in itertools.pairwise(edges) if j > i and labels[i]], where)
+
+
+def joined(logs: Mapping[str, Any]) -> tuple[Log, list[Region]]:
+    """One log and its regions from a session that was cut up into a log for each region.
+
+    Parameters
+    ----------
+    logs : label -> `jaxcal.Log`, such as {"x_p": log, "x_a": log, ..., "z_rot": log}; of one rate, with the same sensors.
+
+    Returns
+    -------
+    The logs one after the other, and (label, start, stop) of each, for `ferraris`.
+
+    Raises
+    ------
+    DataError
+        If there is none, or rates or sensors differ.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> from jaxcal.imu import joined
+    >>> up, down = (jaxcal.Log(None, accel=sign * np.ones((100, 3)), rate=50.0) for sign in (1, -1))
+    >>> log, regions = joined({"x_p": up, "x_a": down})
+    >>> len(log.time), regions
+    (200, [('x_p', 0, 100), ('x_a', 100, 200)])
+    """
+    if not logs:
+        raise DataError("there is no log; expected a mapping from labels to logs")
+    parts, first = list(logs.values()), next(iter(logs.values()))
+    for label, log in logs.items():
+        if abs(log.rate / first.rate - 1) > _SAME_RATE or any((getattr(log, x) is None) != (getattr(first, x) is None) for x in _SENSORS):
+            raise DataError(
+                f"the log {label} has another rate or other sensors than {next(iter(logs))}; a session has one device at one rate"
+            )
+    ends = np.cumsum([0, *(len(log.time) for log in parts)]).tolist()
+    sensors = {x: np.concatenate([getattr(log, x) for log in parts]) for x in _SENSORS if getattr(first, x) is not None}
+    return Log(None, **sensors, rate=first.rate), [(label, i, j) for label, (i, j) in zip(logs, itertools.pairwise(ends), strict=True)]
 
 
 def listed(regions: Any, where: str = "regions") -> list[Region]:

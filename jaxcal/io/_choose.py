@@ -8,8 +8,10 @@ import numpy as np
 from .._errors import DataError
 from . import _guess
 from ._columns import AXES, SENSORS, Columns, listing, resolve
-from ._names import Name, bracketed, is_counter, parse, plain, unit_of
+from ._mixed import refuse_mixed
+from ._names import Name, bracketed, is_counter, plain, unit_of
 from ._profiles import matching
+from ._spelling import meanings
 
 HOW = (
     "say which is which, by number or name, with columns={'time': 0, 'gyro': [1, 2, 3], 'accel': [4, 5, 6]} "
@@ -24,7 +26,10 @@ _FILES = {
     "mag": r"mag(?![a-z])|magnet|compass",
 }
 #: words in the name of a column that make it look like a sensor's
-_LIKE = re.compile(r"gyr|angular|omega|rotrate|rotationrate|acc|mag(?:n|_|$|[xyz])|compass", re.IGNORECASE)
+_LIKE = re.compile(r"gyr|angular|omega|rotrate|rotation(?!vector)|acc|mag(?:n|_|$|[xyz])|compass", re.IGNORECASE)
+#: words of values that are not as the sensor gave them
+_FILTERED = re.compile(r"filt(?!er.?off)|lpf|smooth|(?<![a-z])(?:avg|mean|true|ref|est|ekf|kalman|fused)(?![a-z])", re.IGNORECASE)
+_CLOCKS = re.compile(r"time|stamp", re.IGNORECASE)
 _NOT_LIKE = re.compile(r"covar|bias|std|status|accura|calib|norm|total|abs|count|clip|temp|image|max|min|magnitude", re.IGNORECASE)
 
 
@@ -46,22 +51,20 @@ def select(table, columns: Columns) -> Selection:
     """Sensors and temperature of a table; time is left to `_clock`, but for what is explicit."""
     names, count = table.names, len(table.columns)
     explicit = resolve(columns, names, count)
-    profile, known = matching(names, table.preamble, table.stem)
+    profile, known = matching(names if any(names) else _labelled(table), table.preamble, table.stem)
     shared = _shared_prefix(names)
-    meanings = [known.get(i) or (parse(name[len(shared) :]) if name else None) for i, name in enumerate(names)]
-    if not known:
-        _rolls(names, meanings)
-    found = Selection({}, {}, meanings, set(), profile.name if profile else "")
+    read = meanings(table, shared, known)
+    found = Selection({}, {}, read, set(), profile.name if profile else "")
     if profile:
         found.notes.append(f"device: the columns are those of {profile.name}" + (f"; {profile.sign}" if profile.sign else ""))
-    if any(names):
+    if any(names) or known:
         _by_name(table, columns, found)
         _by_file(table, columns, found)
     if set(explicit) - {"time"}:
         found.columns = {}
     for quantity, indices in explicit.items():
         found.columns[quantity] = indices
-        meaning = meanings[indices[0]]
+        meaning = read[indices[0]]
         found.units.pop(quantity, None)
         inside = bracketed(names[indices[0]])
         kind = meaning.kind if meaning else ""
@@ -73,8 +76,18 @@ def select(table, columns: Columns) -> Selection:
         _refuse_or_position(table, columns, found)
     found.guessed = set(found.columns) - set(explicit)
     if not set(explicit) - {"time"}:
+        refuse_mixed(table, found.columns)
         _tell_unused(table, found)
     return found
+
+
+def _labelled(table) -> list[str]:
+    """Names for a table without: of five columns that begin with the word of a sensor, that word and what the others are."""
+    if len(table.columns) == 5 and table.columns[0].dtype.kind == "O":
+        words = {str(value).strip() for value in table.columns[0] if value is not None}
+        if len(words) == 1:
+            return [f"{next(iter(words))}_{part}" for part in ("word", "time", *AXES)]
+    return table.names
 
 
 def _shared_prefix(names: list[str]) -> str:
@@ -97,22 +110,6 @@ def _present(table, index: int) -> bool:
     return is_number(table, index) and (column.dtype.kind != "f" or bool(np.isfinite(column).any()))
 
 
-def _rolls(names: list[str], meanings: list[Name | None]) -> None:
-    """Rates about the axes of roll, pitch and yaw: GyroR, GyroP, GyroY, and p, q, r."""
-    low = [plain(name) for name in names]
-    for stem in ("gyro", "gyr", "rate", "omega", ""):
-        for axes in (("r", "p", "y"), ("roll", "pitch", "yaw"), ("p", "q", "r")):
-            wanted = [stem + axis for axis in axes]
-            if (not stem and axes != ("p", "q", "r")) or not all(word in low for word in wanted):
-                continue
-            taken = [meanings[low.index(word)] for word in wanted]
-            if sum(one is not None and one.kind == "gyro" for one in meanings) > sum(one is not None for one in taken):
-                continue
-            for word, axis in zip(wanted, AXES, strict=True):
-                meanings[low.index(word)] = Name("gyro", axis, None, 0, stem + "rpy")
-            return
-
-
 def _groups(table, meanings: list[Name | None], kind: str) -> dict[tuple[int, str], dict[str, int]]:
     """Columns of one kind by sensor: number and stem -> axis -> column; a sensor without a value is none."""
     found: dict[tuple[int, str], dict[str, int]] = {}
@@ -133,6 +130,8 @@ def _by_name(table, columns: Columns, found: Selection) -> None:
         if not groups:
             continue
         whole = [key for key, axes in groups.items() if len(axes) == 3]
+        # noise and calibration ask for what the sensor gave
+        whole.sort(key=lambda key: bool(_FILTERED.search(" ".join(table.names[i] for i in groups[key].values()))))
         key = whole[0] if whole else next(iter(groups))
         axes = groups[key]
         if not whole:  # axes of one sensor that are spelled differently
@@ -180,9 +179,8 @@ def _by_file(table, columns: Columns, found: Selection) -> None:
     """Columns that are called x, y, z belong to the sensor that names the file."""
     if found.profile or set(found.columns) & set(SENSORS) or any(sensor in columns for sensor in SENSORS):
         return
-    low = [re.sub(r"^axis|axis$|^raw|^value", "", plain(re.sub(r"[\[(].*?[\])]", "", name))) for name in table.names]
-    axes = [low.index(axis) for axis in AXES if axis in low and _present(table, low.index(axis))]
     kind = file_kind(table.stem)
+    axes = _bare_axes(table, found)
     if len(axes) != 3 or kind is None:
         return
     if kind == "linear":
@@ -196,6 +194,22 @@ def _by_file(table, columns: Columns, found: Selection) -> None:
         found.notes.append(
             f"{kind}: the columns {', '.join(table.names[i] for i in axes)} are those of the {kind}, as the name of the file says"
         )
+
+
+def _bare_axes(table, found: Selection) -> list[int]:
+    """Columns that are called x, y, z, alone or with words that all three share."""
+    bare = [re.sub(r"[\[(].*?[\])]", "", name).lower() for name in table.names]
+    low = [re.sub(r"^axis|axis$|^raw|^value", "", plain(name)) for name in bare]
+    axes = [low.index(axis) for axis in AXES if axis in low and _present(table, low.index(axis))]
+    if axes:
+        return axes
+    groups: dict[str, dict[str, int]] = {}
+    for i, name in enumerate(bare):
+        match = re.search(r"(?<![a-z0-9])([xyz])(?![a-z0-9])", name)
+        if match and found.names[i] is None and _present(table, i):
+            groups.setdefault(name[: match.start()] + "?" + name[match.end() :], {})[match[1]] = i
+    whole = [[axes[axis] for axis in AXES] for axes in groups.values() if len(axes) == 3]
+    return whole[0] if len(whole) == 1 else []
 
 
 def _refuse_or_position(table, columns: Columns, found: Selection) -> None:
@@ -225,6 +239,9 @@ def _by_position(table, columns: Columns, found: Selection) -> None:
         time = [i for i in rising if i not in counters][:1] or None
         numeric = [i for i in numeric if i not in counters]
     left = [i for i in numeric if i not in (time or [])]
+    if len(left) not in (3, 6, 9):
+        # the number of a person or of a sensor
+        left = [i for i in left if np.ptp(table.columns[i]) > 0] if len(table.columns[0]) > 10 else left
     label = _label(table)
     if label and len(left) == 3:
         found.columns |= {label: left} | ({"time": time} if time else {})
@@ -234,6 +251,10 @@ def _by_position(table, columns: Columns, found: Selection) -> None:
         rises = f" (column {time[0]} rises, as time does)" if time else ""
         raise DataError(f"{listing(table.names, count)}{rises}: 3, 6 or 9 columns besides time can be told apart, not {len(left)}; {HOW}")
     triples = [left[i : i + 3] for i in range(0, len(left), 3)]
+    apart = [triple for triple in triples if triple[2] - triple[0] != 2]
+    if apart:
+        shown = ", ".join(map(str, apart[0]))
+        raise DataError(f"{listing(table.names, count)}: columns {shown} do not stand side by side as axes do; {HOW}")
     kind = file_kind(table.stem) if len(triples) == 1 else None
     try:
         if kind in SENSORS:
@@ -279,8 +300,11 @@ def _tell_unused(table, found: Selection) -> None:
     strange = [
         i for i, name in enumerate(table.names)
         if i not in used and found.names[i] is None and _LIKE.search(name) and not (_NOT_LIKE.search(name) or is_counter(name))
-        and _present(table, i)
+        and _present(table, i) and not _CLOCKS.search(name)
     ]  # fmt: skip
+    if strange and not set(found.columns) & set(SENSORS):
+        shown = ", ".join(f"{i} ({table.names[i]})" for i in strange[:9]) + (" ..." if len(strange) > 9 else "")
+        raise DataError(f"the columns {shown} look like those of a sensor, but which axis of which is not understood; {HOW}")
     if strange:
         shown = ", ".join(f"{i} ({table.names[i]})" for i in strange[:9]) + (" ..." if len(strange) > 9 else "")
         found.warnings.append(

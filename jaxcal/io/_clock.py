@@ -14,19 +14,8 @@ from .._errors import DataError
 from ._choose import Selection, increasing
 from ._columns import listing, scale
 from ._names import is_counter
+from ._stamps import DAY, SECONDS, Clock, from_digits, is_fraction, pair, since_midnight, unit_by_step
 
-_SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-#: where an epoch since 1970 begins, by unit
-_EPOCH = {"s": (1e9, 4e9), "ms": (1e12, 4e12), "us": (1e15, 4e15), "ns": (1e18, 4e18)}
-#: ticks of 100 ns since 1601 (Windows) and since the year 1 (.NET), and days since the year 0 (MATLAB), of this century
-_TICKS = ((1.25e17, 1.6e17, "1e-7 s", 0.0, "Windows"), (6.3e17, 6.7e17, "1e-7 s", 0.0, ".NET"), (7.3e5, 7.7e5, "d", 5e-5, "MATLAB"))
-#: upper end of the median step of each unit, and between which steps the one below it is a guess
-_STEPS = {
-    True: (("ms", 300.0, (100.0, 1000.0)), ("us", 3e5, (1e5, 1e6)), ("ns", np.inf, (np.inf, np.inf))),
-    False: (("s", 0.5, (0.2, 3.0)), ("ms", 300.0, (100.0, 1000.0)), ("us", 3e5, (1e5, 1e6)), ("ns", np.inf, (np.inf, np.inf))),
-}
-#: Modified Julian Dates from 1968 to 2132, and the step (in d, 4 s) above which they may as well be seconds
-_MJD, _MJD_STEP, _DAY = (40_000.0, 100_000.0), 5e-5, 86400.0
 #: whole numbers that a counter of 16, 31 or 32 bits falls back by, and a clock at midnight
 _WRAPS = (2.0**16, 2.0**31, 2.0**32)
 _STATED = re.compile(
@@ -34,47 +23,6 @@ _STATED = re.compile(
     r"abtastrate|taxa|\bat)\b[\"']?\s*(?:\[?\(?hz\)?\]?)?[\s:=,;\"']*([0-9]+(?:[.,][0-9]+)?)\s*(k?hz)?", re.IGNORECASE,
 )  # fmt: skip
 _FILE_RATE = re.compile(r"(?<![0-9a-z.])([0-9]+(?:[.p][0-9]+)?)[ _-]?(k?hz)(?![a-z])", re.IGNORECASE)
-
-
-@dataclasses.dataclass
-class Clock:
-    """Stamps in s (or dates) from `columns`, their unit, why, and whether anything besides plausibility speaks for it."""
-
-    columns: list[int]
-    time: np.ndarray
-    unit: str
-    reason: str = ""
-    other: str = "s"
-    sure: bool = True
-    epoch_ns: int = 0
-
-    @property
-    def seconds(self) -> np.ndarray:
-        """Stamps in s from the first."""
-        if self.time.dtype.kind == "M":
-            ns = self.time.astype("datetime64[ns]").astype(np.int64)
-            return np.where(np.isnat(self.time), np.nan, (ns - ns[0]) * 1e-9)
-        return self.time
-
-    @property
-    def period(self) -> float:
-        """Median step that rises, s; NaN where none does."""
-        steps = np.diff(self.seconds)
-        steps = steps[np.isfinite(steps) & (steps > 0)]
-        return float(np.median(steps)) if len(steps) else np.nan
-
-    @property
-    def mean(self) -> float:
-        """Mean step, s."""
-        seconds = self.seconds[np.isfinite(self.seconds)]
-        return float(seconds.max() - seconds.min()) / max(len(seconds) - 1, 1) if len(seconds) else np.nan
-
-    @property
-    def distinct(self) -> float:
-        """Part of the samples that the stamps tell apart."""
-        seconds = self.seconds[: 1 << 16]
-        seconds = seconds[np.isfinite(seconds)]
-        return len(np.unique(seconds)) / len(seconds) if len(seconds) else 0.0
 
 
 def stated_rate(preamble: str, stem: str) -> tuple[float, str] | None:
@@ -128,6 +76,12 @@ def _candidates(table, found: Selection, wanted: list[int] | None) -> list[list[
         sets = [[whole, fraction[0]], *(one for one in sets if one != [whole])]
     elif fraction:
         sets += [[i] for i in fraction]
+    if not fraction:
+        parts = {i: SECONDS[one.unit] for i in named if (one := found.names[i]) is not None and one.unit in ("ms", "us", "ns")}
+        wholes = [one[0] for one in sets if one[0] not in parts]
+        pairs = [[j, i] for i, size in parts.items() for j in wholes if is_fraction(table, j, i, size)]
+        if pairs:
+            sets = [pairs[0], *(one for one in sets if one[0] not in pairs[0])]
     if table.days and table.clocks:
         day, clock = min(table.days), min(table.clocks)
         sets = [[day, clock], *(one for one in sets if one not in ([day], [clock]))]
@@ -182,15 +136,15 @@ def _read(table, indices: list[int], stated: str | None, rate: float | int | Non
                 "with columns= (--columns)"
             )
     if len(indices) == 2:
-        return _pair(table, indices, columns)
+        part = _named_unit(found, indices[1:])
+        return pair(table, indices, columns, SECONDS.get(part or "", 1e-9))
     (column,), (index,) = columns, indices
     if column.dtype.kind == "M":
         return Clock(indices, column, "date", "dates")
     if index in table.clocks:
-        # at midnight it begins again, and after an hour where the hours are missing
-        turn = _DAY if np.nanmax(column) >= 3600 else 3600.0
-        seconds = column + turn * np.cumsum(np.concatenate([[0], np.diff(column) < -turn / 2]))
-        return Clock(indices, seconds, "time of day", "times of day", epoch_ns=0)
+        return Clock(indices, since_midnight(column), "time of day", "times of day")
+    if stated is None and rate is None and (digits := from_digits(column)) is not None:
+        return Clock(indices, since_midnight(digits), "time of day", "times of day, written as digits")
     if stated == "sampletimefine":
         steps = np.diff(column)
         step = float(np.median(steps[steps > 0])) if np.any(steps > 0) else np.nan
@@ -203,7 +157,7 @@ def _read(table, indices: list[int], stated: str | None, rate: float | int | Non
     elif stated is not None:
         guess = (stated, "" if explicit else "from the name", True)
     else:
-        guess = _unit_by_step(column, _whole(table, index), rate)
+        guess = unit_by_step(column, _whole(table, index), rate)
     unit, reason, sure = guess
     factor, offset = scale(unit, "time")
     epoch = 0
@@ -221,63 +175,6 @@ def _whole(table, index: int) -> bool:
     return index in table.integer
 
 
-def _pair(table, indices: list[int], columns: list[np.ndarray]) -> Clock:
-    """A date and a time of day, or seconds and nanoseconds."""
-    if columns[0].dtype.kind == "M" and indices[1] in table.clocks:
-        ns = np.where(np.isfinite(columns[1]), np.round(columns[1] * 1e9), 0).astype(np.int64).astype("timedelta64[ns]")
-        time = columns[0] + ns
-        time[~np.isfinite(columns[1])] = np.datetime64("NaT")
-        return Clock(indices, time, "date", "a date and a time of day")
-    seconds, nanoseconds = (np.asarray(column).astype(np.float64) for column in columns)
-    if columns[0].dtype.kind == "M" or columns[1].dtype.kind == "M" or np.nanmin(nanoseconds) < 0 or np.nanmax(nanoseconds) >= 1e9:
-        shown = f"columns {indices[0]} and {indices[1]} ({', '.join(table.names[i] for i in indices)})"
-        raise DataError(
-            f"{shown} are not seconds and nanoseconds: the second must stay within 0 and 1e9; "
-            "name one time column with columns={'time': ...} (--columns time=...)"
-        )
-    first = seconds[np.isfinite(seconds)][0]
-    return Clock(indices, (seconds - first) + nanoseconds * 1e-9, "s + ns", "s and ns", "s", True, int(first) * 10**9)
-
-
-def _unit_by_step(stamps: np.ndarray, integer: bool, rate: float | int | None) -> tuple[str, str, bool]:
-    """Unit of stamps that no name tells: that which agrees with `rate`, that of an epoch, or by the median step."""
-    steps = np.diff(stamps)
-    steps = steps[(steps > 0) & np.isfinite(steps)]
-    if not len(steps):
-        raise DataError("the time column never rises; name another one with columns={'time': ...} (--columns time=...), or give rate=")
-    step = float(np.median(steps))
-    seen = f"median step {step:.3g}, {'integer' if integer else 'decimal'}"
-    start = float(stamps[np.isfinite(stamps)][0])
-    if not integer and _MJD[0] <= start <= _MJD[1]:
-        agrees = rate is not None and abs(1 / (step * _DAY) / rate - 1) < 0.05
-        # as seconds it would be a rate beyond 20 kHz
-        if agrees or (rate is None and step < _MJD_STEP):
-            return "mjd", f"{seen}, from {start:.6g} on: Modified Julian Dates", True
-    if rate is not None:
-        mean = (len(stamps) - 1) / float(np.nanmax(stamps) - np.nanmin(stamps))
-        for unit, seconds in _SECONDS.items():
-            if min(abs(1 / (step * seconds) / rate - 1), abs(mean / seconds / rate - 1)) < 0.05:
-                return unit, f"{seen}: agrees with a rate of {rate:g} Hz", True
-    for unit, (first, last) in _EPOCH.items():
-        # a rate far outside any sensor's means that a time since boot only looks like an epoch
-        if first <= start <= last and 0.1 < 1 / (step * _SECONDS[unit]) < 1e6:
-            return unit, f"starts at {start:.4g}, as time since 1970 does", True
-    for first, last, unit, most, who in _TICKS:
-        if first <= start <= last and (not most or step < most):
-            return unit, f"starts at {start:.6g}, as time in {who} does", True
-    rows = _STEPS[integer]
-    at = next(i for i, (_, upper, _) in enumerate(rows) if step < upper)
-    unit, _, (low, _) = rows[at]
-    below = rows[at - 1] if at else None
-    if step >= low and at + 1 < len(rows):
-        return unit, f"{seen}; uncertain, could be {rows[at + 1][0]}", False
-    if below and step <= below[2][1]:
-        return unit, f"{seen}; uncertain, could be {below[0]}", False
-    if integer and step < 4:
-        return unit, f"{seen}; uncertain, could be a counter", False
-    return unit, seen, True
-
-
 def _compare(table, best: Clock, other: Clock, found: Selection) -> Clock:
     """Two clocks must agree; one that is sure settles the unit of one that is not."""
     shown = [" and ".join(table.names[i] or str(i) for i in one.columns) for one in (best, other)]
@@ -286,8 +183,8 @@ def _compare(table, best: Clock, other: Clock, found: Selection) -> Clock:
     if abs(ratio - 1.0) < 0.02 + coarse:
         return dataclasses.replace(best, reason=f"{best.reason}; agrees with {shown[1]}", sure=best.sure or other.sure)
     if other.sure and not best.sure:
-        for unit, seconds in _SECONDS.items():
-            if abs(ratio * seconds / _SECONDS.get(best.unit, np.nan) - 1.0) < 0.02 + coarse:
+        for unit, seconds in SECONDS.items():
+            if abs(ratio * seconds / SECONDS.get(best.unit, np.nan) - 1.0) < 0.02 + coarse:
                 again = _read(table, best.columns, unit, None, found, explicit=False)
                 return dataclasses.replace(again, reason=f"agrees with {shown[1]}", sure=True)
     if best.sure and other.sure:
@@ -315,16 +212,17 @@ def refuse_restarts(clock: Clock) -> None:
     if not len(back) or not np.isfinite(period):
         return
     drops = seconds[back] - seconds[back + 1]
-    unit = _SECONDS.get(clock.unit, 1e-4 if clock.unit == "1e-4 s" else 1.0)
+    unit = SECONDS.get(clock.unit, 1e-4 if clock.unit == "1e-4 s" else 1.0)
     span = float(np.nanmax(seconds) - np.nanmin(seconds))
-    wraps = [size * unit for size in _WRAPS] + [size * tick for size in _WRAPS for tick in (1e-9, 1e-6, 1e-3)] + [_DAY]
+    wraps = [size * unit for size in _WRAPS] + [size * tick for size in _WRAPS for tick in (1e-9, 1e-6, 1e-3)] + [DAY]
     wraps = [wrap for wrap in wraps if wrap > 20 * period]
     long = drops > max(0.2 * span, 50 * period)
     restarts = []
     for at, drop in zip(back[long].tolist()[:1000], drops[long].tolist(), strict=False):
         wrapped = any(abs(drop - wrap) < max(0.01 * wrap, 20 * period) for wrap in wraps)
         after = seconds[at + 1 : at + 21]
-        goes_on = len(after) > 3 and np.nanmedian(np.abs(np.diff(after))) < 5 * period and np.nanmax(after) < seconds[at]
+        after = after[np.isfinite(after)]
+        goes_on = len(after) > 3 and np.median(np.abs(np.diff(after))) < 5 * period and after.max() < seconds[at]
         if not wrapped and goes_on:
             restarts.append(at + 1)
     if restarts:
@@ -343,7 +241,7 @@ def check_rate(clock: Clock, stated: tuple[float, str] | None, warnings: list[st
     rate = 1.0 / clock.period if clock.period else np.nan
     if not np.isfinite(rate):
         return
-    if rate > 20_000 and clock.unit in _SECONDS and clock.unit != "ns":
+    if rate > 20_000 and clock.unit in SECONDS and clock.unit != "ns":
         raise DataError(
             f"the clock {names} in {clock.unit} ({clock.reason or 'as given'}) would be {rate:.4g} Hz, which no recording has: its unit is "
             f"wrong; give it with units={{'time': '{clock.other}'}} (--units time={clock.other}), or the rate with rate= and "

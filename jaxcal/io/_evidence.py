@@ -22,7 +22,7 @@ _GYROSCOPES = (
 #: the same of accelerometers, in g; here powers of two beside a norm near 1 are evidence
 _ACCELEROMETERS = (*(2.0**-n for n in range(8, 16)), *(1e-3 * mg for mg in (0.061, 0.122, 0.244, 0.488, 0.732, 3.9)))
 #: counts per g, and per deg/s, that a size of raw counts may mean
-_COUNTS_PER_G = (16384, 8192, 4096, 2048, 1024, 256)
+_COUNTS_PER_G = (16384, 8192, 4096, 2048, 1024, 256, 64)
 _MATCH = 4e-4
 
 
@@ -70,6 +70,20 @@ def all_integer(values: np.ndarray) -> bool:
     return bool(len(seen) and np.all(seen == np.round(seen)) and np.ptp(seen) >= 5)
 
 
+def noise_floor(values: np.ndarray) -> float:
+    """Standard deviation of the noise of a sample, by differences, where the values move least: the tenth part of some 50 stretches."""
+    seen = values[:LOOK]
+    seen = seen[np.isfinite(seen).all(axis=1)]
+    width = max(8, len(seen) // 50)
+    count = len(seen) // width
+    if not count:
+        return 0.0
+    steps = np.abs(np.diff(seen[: count * width].reshape(count, width, -1), axis=1))
+    # 1.4826 for the median absolute deviation of normal noise, sqrt(2) for a difference of two
+    each = 1.4826 / np.sqrt(2.0) * np.median(np.median(steps, axis=1), axis=1)
+    return float(np.quantile(each, 0.1))
+
+
 def normalised(values: np.ndarray) -> float | None:
     """The length that all vectors have to a part in a thousand although they turn: directions, no measurements. None for others."""
     seen = thinned(values)
@@ -100,6 +114,13 @@ def steps_fit(differences: np.ndarray, size: float) -> bool:
     return bool(np.mean(np.abs(near / refined - whole)) < 0.09)
 
 
+def _may_fit(differences: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+    """Of which steps differences may be multiples at all: as `steps_fit` begins, for all sizes together."""
+    least, half, few, most = (np.searchsorted(np.sort(differences), times * sizes) for times in (0.02, 0.5, 4.5, 300.0))
+    near = most - least
+    return (near >= 30) & (half - least <= 0.02 * near) & (few - least >= 3)
+
+
 def _differences(values: np.ndarray) -> list[np.ndarray]:
     """Steps from sample to sample of every channel, equal samples left out."""
     found = []
@@ -126,8 +147,9 @@ def step_unit(sensor: str, values: np.ndarray) -> tuple[str, str] | None:
     }[sensor]
     found: dict[str, float] = {}
     for unit, sizes in hypotheses.items():
-        for size, known in sizes:
-            if sum(steps_fit(difference, size) for difference in differences) > len(differences) / 2:
+        likely = np.sum([_may_fit(difference, np.array([size for size, _ in sizes])) for difference in differences], axis=0)
+        for (size, known), channels in zip(sizes, likely.tolist(), strict=True):
+            if channels > len(differences) / 2 and sum(steps_fit(one, size) for one in differences) > len(differences) / 2:
                 found[unit] = known
                 break
     if len(found) != 1:

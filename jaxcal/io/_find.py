@@ -1,5 +1,7 @@
 """Which files are the recording, and in which format."""
 
+import contextlib
+import os
 import pathlib
 import re
 import struct
@@ -8,6 +10,7 @@ from .._errors import DataError
 from ._archive import zip_kind
 from ._choose import file_kind
 from ._columns import SENSORS
+from ._names import parse
 
 #: formats that are read, as `format=` names them
 FORMATS = ("csv", "npy", "npz", "parquet", "rosbag1", "rosbag2", "mat", "hdf5", "ulog", "dataflash", "zip", "oxts", "json")
@@ -21,11 +24,22 @@ _MAGIC = {
 _USER_BLOCKS = (512, 1024, 2048)
 #: names of text tables; anything else that is text (notes, configuration) is no log
 _TEXT = (".csv", ".tsv", ".txt", ".dat", ".csv.gz", ".tsv.gz", ".txt.gz", ".dat.gz")
+_LOGS = (*_TEXT, ".bag", ".db3", ".mcap", ".ulg", ".bin", ".npz", ".npy", ".parquet", ".mat", ".h5", ".hdf5")
 _PART = re.compile(r"(.+)_(\d+)")
 #: words by which the files of one sensor differ: Accelerometer, AccelerometerUncalibrated, TotalAcceleration
 _VARIANT = re.compile(r"uncalibrated|uncal|total|raw|calibrated|accelerometer|acceleration|accel|acc|[^a-z0-9]")
 _LFS = b"version https://git-lfs.github.com/spec/"
 _SHOWN, _MOST = 8, 10_000
+#: first bytes of files that are no log, what they are, and what to do
+_OTHERS = (
+    ((b"\xd0\xcf\x11\xe0",), "an Excel workbook of the old kind (XLS)", "save the sheet that holds the log as CSV"),
+    ((b"\x80\x02", b"\x80\x03", b"\x80\x04", b"\x80\x05"), "a pickle, which can run any program", "save the arrays with numpy.savez"),
+    ((b"ARROW1", b"FEA1"), "an Arrow (Feather) file", "save it as Parquet"),
+    ((b"7z\xbc\xaf", b"Rar!", b"\xfd7zXZ", b"BZh", b"\x28\xb5\x2f\xfd"), "a packed file of a kind that is not unpacked", "unpack it"),
+    ((b"%PDF", b"\x89PNG", b"\xff\xd8\xff", b"GIF8", b"RIFF"), "a document, picture or sound", "give the log itself"),
+)
+_PAGE = re.compile(rb"\s*(?:<!doctype html|<html|<\?xml|404: not found|<!--)", re.IGNORECASE)
+_JSON = re.compile(rb"\s*(?:\[\s*)?\{\s*[\"}]")
 
 
 def find(path: pathlib.Path) -> tuple[str, list[pathlib.Path]]:
@@ -37,19 +51,25 @@ def find(path: pathlib.Path) -> tuple[str, list[pathlib.Path]]:
     if (path / "timestamps.txt").is_file() and (path / "data").is_dir():
         return "oxts", [path]
     logs: dict[pathlib.Path, str] = {}
+    refused = ""
     for i, file in enumerate(sorted(file for file in path.iterdir() if file.is_file() and not file.name.startswith("."))):
         if i == _MOST:
             raise DataError(f"the folder holds more than {_MOST} files; give one log")
         try:
             kind = detect(file)
-        except (DataError, OSError):
+        except DataError as error:
+            refused = refused or (f"{file.name}: {error}" if "Git LFS" in str(error) else "")
+            continue
+        except OSError:
             continue
         if kind == "json":
             continue  # beside a log it describes the log
         if kind != "csv" or file.name.lower().endswith(_TEXT):
             logs[file] = kind
+    if not logs and refused:
+        raise DataError(refused)
     if not logs:
-        raise DataError("the folder holds no readable log and no ROS 2 recording (metadata.yaml); give a log file")
+        raise DataError(f"the folder holds no readable log and no ROS 2 recording (metadata.yaml){_below(path)}; give a log file")
     files, kinds = list(logs), set(logs.values())
     if len(files) == 1:
         return kinds.pop(), files
@@ -68,11 +88,32 @@ def sensor_files(files: list[pathlib.Path]) -> list[pathlib.Path]:
     kept = []
     for file in files:
         kind = file_kind(file.name.partition(".")[0])
-        if kind in SENSORS:
+        if kind is None and _names_sensors(file):
+            kept.append(file)
+        elif kind in SENSORS:
             kept.append(file)
             found.setdefault(kind, []).append(re.sub(_VARIANT, "", file.name.lower()))
     twice = any(len(set(names)) > 1 for names in found.values())
     return [] if twice or len(files) < 2 or not found else kept
+
+
+def _names_sensors(file: pathlib.Path) -> bool:
+    """Whether one of the first lines of a text file names the axes of a sensor."""
+    with contextlib.suppress(OSError), file.open("rb") as opened:
+        words = re.split(r"[,;\t\n]", opened.read(2048).decode("utf-8", "replace"))
+        return any((one := parse(word.strip('" #\r'))) is not None and one.kind in SENSORS for word in words if word.strip())
+    return False
+
+
+def _below(folder: pathlib.Path) -> str:
+    """Logs in the folders below one, for a message."""
+    found: list[str] = []
+    for looked, (here, folders, files) in enumerate(os.walk(folder)):
+        folders[:] = sorted(name for name in folders if not name.startswith("."))
+        found += [str(pathlib.Path(here, name).relative_to(folder)) for name in sorted(files) if name.lower().endswith(_LOGS)]
+        if len(found) > 3 or looked > 50:
+            break
+    return f"; below it there are {', '.join(one.encode('ascii', 'backslashreplace').decode() for one in found[:3])}" if found else ""
 
 
 def _parts(files: list[pathlib.Path]) -> list[pathlib.Path]:
@@ -104,6 +145,7 @@ def detect(path: pathlib.Path) -> str:
         size = re.search(rb"size (\d{1,18})", head)
         held = f" of {int(size[1])} bytes" if size else ""
         raise DataError(f"this is a Git LFS pointer, not the recording{held} that it stands for: run `git lfs pull` in the repository")
+    _refuse_others(head)
     for magic, kind in _MAGIC.items():
         if head.startswith(magic):
             wanted = {_SQLITE: ".db3", _MCAP: ".mcap"}.get(magic, path.suffix)
@@ -118,6 +160,20 @@ def detect(path: pathlib.Path) -> str:
     if suffix in (".npz", ".npy", ".parquet", ".mcap", ".db3", ".bag", ".ulg", ".mat", ".h5", ".hdf5"):
         raise DataError(f"the name ends in {path.suffix}, but the file does not begin as such a file does; it is damaged, or misnamed")
     return "json" if suffix == ".json" else "csv"
+
+
+def _refuse_others(head: bytes) -> None:
+    """Say what a file is that is no log by its first bytes."""
+    for marks, what, advice in _OTHERS:
+        if head.startswith(marks):
+            raise DataError(f"this is {what}: {advice}, and read that")
+    if _PAGE.match(head):
+        raise DataError("this is a page of the web or XML, not the log itself: download the file as it is (on GitHub: Raw)")
+    if _JSON.match(head):
+        raise DataError(
+            "this is JSON, of which every writer has its own kind: export the log as CSV, or write its values as a table with a line of "
+            "column names (in Python: pandas.DataFrame(...).to_csv)"
+        )
 
 
 def _is_mat4(head: bytes) -> bool:

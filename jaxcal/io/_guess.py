@@ -8,7 +8,7 @@ import dataclasses
 import numpy as np
 
 from .._errors import DataError
-from .._units import STANDARD_GRAVITY, factor, find_unit
+from .._units import STANDARD_GRAVITY, factor, find_unit, to_si
 from ._evidence import (
     Turning,
     all_integer,
@@ -16,6 +16,7 @@ from ._evidence import (
     field_size,
     gravity_stays,
     median_norm,
+    noise_floor,
     normalised,
     norms,
     spread,
@@ -36,6 +37,12 @@ _RANGES = {
 }
 #: median of specific force over gravity, and field in uT, that a stated unit may give
 _FORCE, _FIELD = (0.6, 1.7), (5.0, 1000.0)
+#: noise of a sample, where the unit is not known: common sensors have 0.03 to 0.5 deg/s, which is 0.0005 to 0.009 rad/s
+_NOISY = 0.02
+#: temperatures at which sensors are read, degC
+_CELSIUS = (-80.0, 200.0)
+#: deg/s beyond which no common gyroscope goes
+_FASTEST = 8000.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,6 +59,10 @@ def accel_unit(values: np.ndarray, stated: str | None, where: str, period: float
     """Unit of an accelerometer, in whose values gravity must be."""
     norm, whole = median_norm(values), values.shape[1] == 3
     seen = f"median norm {norm:.4g}"
+    if whole and abs(norm - 1.0) < 1e-3 and normalised(values) is not None and float(np.ptp(norms(values))) < 1e-4:
+        # noise alone would give lengths that differ
+        reason = "every vector has the length 1; uncertain, normalised vectors are no specific force"
+        return Guess(stated or "g", reason, "m/s^2", False)
     if stated is None:
         stays = gravity_stays(values, period) if whole else np.nan
         if whole and stays < 0.45:
@@ -142,6 +153,8 @@ def _by_size(sensor: str, size: float, seen: str, values: np.ndarray) -> Guess:
                     return Guess(unit, f"{seen}; {steps[1]}", other)
                 if steps and steps[0] != unit:
                     sure = False
+                if sensor == "accel" and unit == "mg" and sure and 961.0 < size < 990.0:
+                    return Guess(unit, f"{seen}; uncertain, could be cm/s^2", "cm/s^2", False)
                 # whole numbers near 1000 may be counts of 1/1024 g; one axis is no norm
                 sure = sure and not (whole and unit == "mg") and values.shape[1] == 3
                 return Guess(unit, seen + ("" if sure else "; uncertain"), other, sure)
@@ -158,16 +171,32 @@ def gyro_unit(values: np.ndarray, stated: str | None, where: str, turns: Turning
     if all_integer(values):
         raise DataError(undecided("gyro", "all values are whole numbers", values, "deg/s"))
     other = {"rad/s": "deg/s", "deg/s": "rad/s"}
+    if like := keeps_length(values):
+        raise DataError(
+            f"{like}, as gravity does and a rate does not: these columns hold an accelerometer; name them with columns={{'accel': ...}} "
+            "(--columns accel=...), or give the unit of a gyroscope all the same, as in units={'gyro': 'deg/s'} (--units gyro=deg/s)"
+        )
+    if largest > _FASTEST:
+        raise DataError(
+            f"the unit of gyro cannot be told: it reaches {largest:.4g}, and no common sensor does so in deg/s; it may be in mdeg/s, or "
+            "counts: give the unit, or the size of one, as in units={'gyro': 'mdeg/s'} (--units gyro=mdeg/s)"
+        )
     if steps:
         return Guess(steps[0], steps[1], other[steps[0]])
     if turns is not None and turns.unit:
         sure = bool(abs(turns.correlation) > 0.5)
         reason = f"states {abs(turns.slope) ** -1:.2g} times the turns of gravity or the field, r = {abs(turns.correlation):.2f}"
         return Guess(turns.unit, reason + ("" if sure else "; uncertain"), other[turns.unit], sure)
-    if largest > 35:
-        return Guess("deg/s", f"reaches {largest:.3g}; 35 rad/s would be 2005 deg/s", "rad/s")
     # of some 100 stretches
     lengths = norms(values)
+    middle = float(np.median(lengths)) if len(lengths) else 0.0
+    if largest > 35 and middle > 20 and np.ptp(np.quantile(lengths, [0.1, 0.9])) < 0.5 * middle:
+        return Guess("deg/s", f"assumed: never far from {middle:.3g}, as on a turntable; mdeg/s at rest would look so too", "mdeg/s", False)
+    if largest > 35:
+        return Guess("deg/s", f"reaches {largest:.3g}; 35 rad/s would be 2005 deg/s", "rad/s")
+    floor = noise_floor(values)
+    if floor > _NOISY:
+        return Guess("deg/s", f"assumed: noise of {floor:.2g} from sample to sample where it moves least is much for rad/s", "rad/s", False)
     block = max(1, len(lengths) // 100)
     lengths = np.median(lengths[: len(lengths) // block * block].reshape(-1, block), axis=1)
     quiet, lively = np.quantile(lengths, [0.1, 0.9])
@@ -177,6 +206,22 @@ def gyro_unit(values: np.ndarray, stated: str | None, where: str, turns: Turning
     if norm > 0.35:
         return Guess("deg/s", f"assumed: median norm {norm:.3g} at rest, much for rad/s", "rad/s", False)
     return Guess("rad/s", f"assumed: median norm {norm:.3g} at rest fits rad/s and deg/s", "deg/s", False)
+
+
+def keeps_length(values: np.ndarray) -> str | None:
+    """The sentence on vectors that turn, and whose length stays that of gravity all the while; None for others."""
+    if values.shape[1] != 3:
+        return None
+    seen = thinned(values)
+    lengths = np.linalg.norm(seen, axis=1)
+    if len(seen) < 50 or not lengths.all():
+        return None
+    middle = float(np.median(lengths))
+    near = any(0.9 < middle / one < 1.1 for one, _ in _SIZES["accel"].values())
+    turned = float(np.linalg.norm(np.mean(seen / lengths[:, None], axis=0)))
+    if near and turned < 0.9 and float(np.std(lengths)) < 0.15 * middle:
+        return f"the columns that are called those of the gyroscope turn, but keep the length {middle:.4g}"
+    return None
 
 
 def _contradict_gyro(values, stated: str, where: str, steps, turns: Turning | None, largest: float) -> None:
@@ -190,7 +235,7 @@ def _contradict_gyro(values, stated: str, where: str, steps, turns: Turning | No
         says = f"gravity or the field turns as it says in {right} (r = {abs(turns.correlation):.2f})"
     elif stated == "rad/s" and largest > 80:
         says, right = f"it reaches {largest:.4g}, which would be {largest / _DEG:.4g} deg/s", "deg/s"
-    elif stated == "deg/s" and largest > 8000:
+    elif stated == "deg/s" and largest > _FASTEST:
         says, right = f"it reaches {largest:.5g} deg/s, which no common sensor does: these may be raw counts", f"{1 / 16.4:.5g} deg/s"
     if says:
         raise DataError(
@@ -200,11 +245,25 @@ def _contradict_gyro(values, stated: str, where: str, steps, turns: Turning | No
 
 
 def temperature_unit(values: np.ndarray, stated: str | None, where: str) -> Guess:
-    """As stated, else K above 200, else degC."""
+    """As stated, else K or degC, whichever is a temperature at which sensors work; an error where none is."""
     median = float(np.nanmedian(values))
+    low, high = _CELSIUS
     if stated is not None:
+        found = find_unit(stated, "temperature")
+        if found and not low <= float(to_si(median, found, "temperature")) <= high:
+            said = f"the unit of temperature is stated as {stated} ({where}), but its median {median:.4g} is none that a sensor has"
+            raise DataError(f"{said}; give the unit that is right with units={{'temperature': ...}} (--units temperature=...)")
         return Guess(stated, where, stated)
-    return Guess("K", f"median {median:.4g}", "degC") if median > 200 else Guess("degC", f"median {median:.4g}", "K")
+    if low <= median <= high:
+        # a device at 75 degF is a device at rest, and one at 75 degC a rare one
+        sure = not 60 < median < 110
+        return Guess("degC", f"median {median:.4g}" + ("" if sure else "; uncertain, could be degF"), "K" if sure else "degF", sure)
+    if low + 273.15 <= median <= high + 273.15:
+        return Guess("K", f"median {median:.4g}", "degC")
+    raise DataError(
+        f"the unit of temperature cannot be told (median {median:.4g}): these may be raw counts; give the size of one, as in "
+        "units={'temperature': '0.01 degC'} (--units temperature='0.01 degC')"
+    )
 
 
 def factor_of(unit: str, sensor: str) -> float | None:

@@ -119,6 +119,7 @@ class Inspection:
         return self.summary()
 
 
+@np.errstate(invalid="ignore", over="ignore", divide="ignore")
 def inspect(
     path: str | os.PathLike[str],
     *,

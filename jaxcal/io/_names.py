@@ -82,10 +82,33 @@ _COUNTER = re.compile(
 #: words that say where a column comes from, not what it is
 _ORIGINS = _words(
     "imu field header msg data sensor sensors raw cal uncal calib uncalib calibrated uncalibrated value values val axis axe achse "
-    "asse adc body "
+    "asse adc body attr "
     "smooth in of the device phone input reading readings meas measured signal comp component channel ch ln wr low noise wide range "
     "mpu icm lsm bmi bno xsens mems filt filtered lpf avg"
 )
+
+
+#: words that make something else of a sensor's name
+_CHANGING = _words(
+    "bias biases offset off std stdev stddev var variance cov covariance sigma rms error err true truth ref reference gt groundtruth est "
+    "estimate estimated mean median max min peak target desired cmd command setpoint world earth nav global ned enu delta d dt integral "
+    "integrated free linear lin user dynamic gravity grav jerk diff pos position vel velocity quat euler angle angles temp temperature "
+    "scale factor misalignment drift residual innovation"
+)
+#: words of other scripts, in the order in which they are looked for
+OTHER_SCRIPTS = {
+    "\u52a0\u901f\u5ea6": "acc", "\u89d2\u901f\u5ea6": "gyro", "\u9640\u87ba\u4eea": "gyro", "\u30b8\u30e3\u30a4\u30ed": "gyro",
+    "\u78c1\u573a": "mag", "\u78c1\u529b": "mag", "\u5730\u78c1\u6c17": "mag", "\u65f6\u95f4": "time", "\u6642\u9593": "time",
+    "\u6642\u523b": "time", "\u6e29\u5ea6": "temperature", "\u89d2\u5ea6": "angle", "\u56db\u5143\u6570": "quat",
+    "\u8f74": "", "\u8ef8": "", "\uac00\uc18d\ub3c4": "acc", "\uac01\uc18d\ub3c4": "gyro", "\uc790\uc774\ub85c": "gyro",
+    "\uc2dc\uac04": "time", "\uc628\ub3c4": "temperature",
+    "\u0443\u0441\u043a\u043e\u0440\u0435\u043d\u0438\u0435": "acc", "\u0432\u0440\u0435\u043c\u044f": "time",
+    "\u0443\u0433\u043b\u043e\u0432\u0430\u044f \u0441\u043a\u043e\u0440\u043e\u0441\u0442\u044c": "gyro",
+    "\u0442\u0435\u043c\u043f\u0435\u0440\u0430\u0442\u0443\u0440\u0430": "temperature",
+}  # fmt: skip
+#: what a header says in the place of a unit where the values have none
+RELATIVE = re.compile(r"a\.?u\.?|arb(?:itrary)?\.?(?: units?)?|normali[sz]ed|local_flux|unitless|-", re.IGNORECASE)
+COUNTS = re.compile(r"lsb|counts?|adc|digits?", re.IGNORECASE)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -127,6 +150,11 @@ def unit_of(text: str, quantity: str) -> str | None:
 
 def _cut(name: str) -> list[list[str]]:
     """Words of a name, in lower case: cut where capitals begin, and as they stand."""
+    if not name.isascii():
+        low = name.lower()
+        for word, ours in OTHER_SCRIPTS.items():
+            if word in low:
+                name = low = low.replace(word, f" {ours} ")
     plain = unicodedata.normalize("NFKD", re.sub(r"\[[^\]]*\]|\([^)]*\)", " ", name)).encode("ascii", "ignore").decode()
     camel = re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", plain)
     whole = re.findall(r"[0-9A-Za-z]+", plain)
@@ -141,6 +169,8 @@ def plain(name: str) -> str:
 def is_counter(name: str) -> bool:
     """Whether a name is that of a row or packet counter, which is no time; a nameless index counts as one."""
     words = [word for word in _cut(name[:_LONGEST])[0] if not word.isdigit() and word not in ("imu", "data")]
+    if not words and any(letter.isalpha() and not letter.isascii() for letter in name):
+        return False  # a word of a script that is not known here
     return bool(_COUNTER.fullmatch("".join(words)))
 
 
@@ -203,7 +233,24 @@ def _sensors(words: list[str], index: re.Match[str] | None):
 
 def _spelled(words: list[str], quantity: str) -> str | None:
     """Unit that words at the end of a name spell."""
+    if quantity == "gyro" and words in (["rad"], ["deg"]):
+        return f"{words[0]}/s"  # gyro_rad holds rates all the same
     return next((unit for glue in ("", "_", "/", " ") if (unit := unit_of(glue.join(words), quantity))), None)
+
+
+def loosened(name: str) -> Name | None:
+    """What a name says behind or before words that are not known, such as the place of a sensor; None where one of them may change it."""
+    inside = re.search(r"\s*[\[(][^\])]*[\])]\s*$", name)
+    tail = inside[0] if inside else ""
+    for words in _cut(name[:_LONGEST]):
+        for before, after in ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0)):
+            kept, dropped = words[before : len(words) - after], words[:before] + words[len(words) - after :]
+            if not kept or any(word in _CHANGING for word in dropped):
+                continue
+            found = parse("_".join(kept) + tail)
+            if found is not None and found.axis in tuple(AXES) and found.kind not in OTHERS and found.kind not in ("time", "temperature"):
+                return dataclasses.replace(found, stem="".join(dropped) + found.stem)
+    return None
 
 
 def _kind(words: list[str]) -> tuple[str, int, str] | None:

@@ -1,12 +1,18 @@
 """Devices and apps whose tables do not say all that is needed: one row for each.
 
 A row says which columns hold what, in which unit; values are still compared with what is known of gravity, the field and of
-sensors, so that a row that is wrong for a file is contradicted rather than believed. What a table says by itself (EuRoC, TUM-VI, phyphox,
-AndroSensor, WitMotion, Physics Toolbox by the units in its header) needs no row.
+sensors, so that a row that is wrong for a file is contradicted rather than believed.
+
+Sources: the data sheets and manuals of the makers (VMU931 User Guide, Variense 2017: ms since power-up, g, deg/s; VectorNav: gauss, m/s^2,
+rad/s), the formats of the data sets (EuRoC MAV, TUM-VI, BROAD, KITTI, NaveGo), sensor_msgs of ROS (REP 103: SI), and the description of
+Gyroflow's .gcsv (docs.gyroflow.xyz).
 """
 
+import contextlib
 import dataclasses
+import math
 import re
+from collections.abc import Iterator
 
 from ._names import Name
 
@@ -19,7 +25,7 @@ class Profile:
 
     `needs` are patterns of column names that must all be there, `preamble` one of the text above the table, `file` one of the file's
     name. `columns` are (pattern with the axis as a group, or none, kind, unit), where the unit may be None: told from the values.
-    `sign` says what the device does differently, `rate` takes the sampling rate from the preamble.
+    `sign` says what the device does differently. `unit_from` takes the size of a unit from the preamble.
     """
 
     name: str
@@ -28,7 +34,7 @@ class Profile:
     preamble: str = ""
     file: str = ""
     sign: str = ""
-    unit_from: tuple[str, str, str] | None = None  # kind, pattern in the preamble, what its number is the reciprocal of
+    unit_from: tuple[tuple[str, str, str, int], ...] = ()  # kind, pattern in the preamble, unit, and the power of the number before it
 
 
 def _sensor_logger(file: str, kind: str, unit: str | None, sign: str = "") -> Profile:
@@ -58,9 +64,11 @@ PROFILES = (
         preamble=r"DeviceTag|OutputRate|Xsens DOT|Movella",
     ),
     Profile(
-        "Xsens MT", ("packetcounter",),
-        ((rf"acc_{_XYZ}", "accel", "m/s^2"), (rf"gyr_{_XYZ}", "gyro", "rad/s"), (rf"freeacc_{_XYZ}", "linear", "m/s^2")),
-        preamble=r"Update Rate|Filter Profile|Option Flags|Firmware Version",
+        "Xsens MT", ("(?:packet)?counter",),
+        ((rf"acc_{_XYZ}", "accel", "m/s^2"), (rf"gyr_{_XYZ}", "gyro", "rad/s"), (rf"freeacc_{_XYZ}", "linear", "m/s^2"),
+         (r"mag_[xyz]", "motion", None)),
+        preamble=r"Update Rate|Sample Rate|Filter Profile|Option Flags|Firmware Version",
+        sign="its magnetometer is relative to the field in which it was calibrated, and is not read",
     ),
     Profile(
         "Physics Toolbox", (rf"gf{_XYZ}",),
@@ -69,15 +77,15 @@ PROFILES = (
     ),
     Profile(
         "VectorNav", ("timestartup|timegpspps",),
-        ((rf"(?:uncomp)?(?:gyro|angularrate){_XYZ}", "gyro", "rad/s"), (rf"(?:uncomp)?accel{_XYZ}", "accel", "m/s^2"),
-         (rf"(?:uncomp)?mag{_XYZ}", "mag", "G"), ("timestartup", "time", "ns")),
+        ((rf"(?:uncomp)?(?:gyro|angularrate)\.?{_XYZ}", "gyro", "rad/s"), (rf"(?:uncomp)?accel\.?{_XYZ}", "accel", "m/s^2"),
+         (rf"(?:uncomp)?mag\.?{_XYZ}", "mag", "G"), ("timestartup", "time", "ns")),
     ),
     Profile(
         "Betaflight blackbox", (r"gyroadc\[0\].*",),
         ((r"gyroadc\[([012])\].*", "gyro", "deg/s"), (r"accsmooth\[([012])\].*", "accel", None),
          (r"gyrounfilt\[([012])\].*", "gyro", "deg/s"),
          (r"magadc\[([012])\].*", "mag", None), (r"time(?: \(us\))?", "time", "us")),
-        unit_from=("accel", r"acc_1G\W+(\d+)", "g"),
+        unit_from=(("accel", r"acc_1G\W+(\d+)", "g", -1),),
     ),
     Profile("NaveGo", ("fb_?x", "wb_?x"), ((rf"fb_?{_XYZ}", "accel", "m/s^2"), (rf"wb_?{_XYZ}", "gyro", "rad/s"))),
     Profile(
@@ -92,6 +100,46 @@ PROFILES = (
     Profile(
         "eSense", ("timestamp", rf"gyro_{_XYZ}_deg_per_s"),
         ((rf"accel_{_XYZ}_g", "accel", "g"), (rf"gyro_{_XYZ}_deg_per_s", "gyro", "deg/s")),
+    ),
+    Profile(
+        "EuRoC or TUM-VI", (r"timestamp \[ns\]", r"w_rs_s_x \[rad s\^-1\]"),
+        ((rf"w_rs_s_{_XYZ} .*", "gyro", "rad/s"), (rf"a_rs_s_{_XYZ} .*", "accel", "m/s^2"), (r"timestamp \[ns\]", "time", "ns")),
+    ),
+    Profile(
+        "OpenVINS or EuRoC ground truth", (r"time.*", "p_?x", "bwx", "bax"),
+        ((r"[pqvb].*", "motion", None), (r"time.*", "time", "ns")),
+    ),
+    Profile(
+        "BROAD", (r"imu_gyr.*_x", r"imu_acc.*_x", r"imu_mag.*_x"),
+        ((rf"imu_gyr.*_{_XYZ}", "gyro", "rad/s"), (rf"imu_acc.*_{_XYZ}", "accel", "m/s^2"), (rf"imu_mag.*_{_XYZ}", "mag", "uT")),
+    ),
+    Profile(
+        "phyphox", (r"time \(s\)", r"(?:gyroscope )?x \(rad/s\)|(?:linear )?acceleration x \(m/s\^?2\)|magnetic field x \([^a-z]t\)"),
+        ((rf"(?:gyroscope )?{_XYZ} \(rad/s\)", "gyro", "rad/s"), (rf"acceleration {_XYZ} \(m/s\^?2\)", "accel", "m/s^2"),
+         (rf"linear acceleration {_XYZ} \(m/s\^?2\)", "linear", "m/s^2"), (rf"magnetic field {_XYZ} .*", "mag", "uT"),
+         (r"time \(s\)", "time", "s")),
+    ),
+    Profile(
+        "VMU931", ("(?:gyroscope|accelerometer|magnetometer)_time",),
+        ((rf"gyroscope_{_XYZ}", "gyro", "deg/s"), (rf"accelerometer_{_XYZ}", "accel", "g"), (rf"magnetometer_{_XYZ}", "mag", "uT"),
+         (r"\w+_time", "time", "ms")),
+    ),
+    Profile(
+        "WitMotion", (r"a(?:cc)?x ?\(g\)", r"(?:w|as)x ?\((?:deg|\W+)/s\)", r"anglex.*"),
+        ((rf"a(?:cc)?{_XYZ} ?\(g\)", "accel", "g"), (rf"(?:w|as){_XYZ} ?\((?:deg|\W+)/s\)", "gyro", "deg/s"),
+         (rf"h{_XYZ} ?\(ut\)", "mag", "uT"), (rf"h{_XYZ}", "mag", None), (r"angle[xyz].*", "attitude", None)),
+    ),
+    Profile(
+        "ROS", (r".*angular_velocity[._/]x", r".*(?:header|covariance|frame_id|n(?:ano)?secs?|__time|%time).*"),
+        ((rf".*angular_velocity[._/]{_XYZ}", "gyro", "rad/s"), (rf".*linear_acceleration[._/]{_XYZ}", "accel or linear", "m/s^2"),
+         (rf".*magnetic_field[._/]{_XYZ}", "mag", "T")),
+    ),
+    Profile(
+        "Gyroflow", ("t", "gx", "gy", "gz"),
+        (("t", "time", None), (rf"g{_XYZ}", "gyro", None), (rf"a{_XYZ}", "accel", None), (rf"m{_XYZ}", "motion", None)),
+        preamble="GYROFLOW IMU LOG",
+        unit_from=(("time", r"tscale,([\d.eE+-]+)", "s", 1), ("gyro", r"gscale,([\d.eE+-]+)", "rad/s", 1),
+                   ("accel", r"ascale,([\d.eE+-]+)", "g", 1)),
     ),
 )  # fmt: skip
 
@@ -116,16 +164,25 @@ def matching(names: list[str], preamble: str, file: str) -> tuple[Profile | None
             continue
         if profile.file and not re.fullmatch(profile.file, file, re.IGNORECASE):
             continue
-        unit_from = profile.unit_from and re.search(profile.unit_from[1], preamble)
+        sizes = {kind: f"{number:.9g} {unit}" for kind, number, unit in _sizes(profile, preamble)}
         found: dict[int, Name] = {}
         for i, name in enumerate(low):
             for pattern, kind, unit in profile.columns:
                 if match := re.fullmatch(pattern, name):
                     axis = match[1] if match.groups() else ""
                     axis = "xyz"["012".index(axis)] if axis in tuple("012") else axis
-                    if unit_from and profile.unit_from and kind == profile.unit_from[0]:
-                        unit = f"{1 / float(unit_from[1]):.9g} {profile.unit_from[2]}" if float(unit_from[1]) else unit
-                    found[i] = Name(kind, axis, unit, 0, pattern)
+                    # the columns of one sensor are alike but for the axis
+                    stem = pattern + (name[: match.start(1)] if match.groups() else "")
+                    found[i] = Name(kind, axis, sizes.get(kind, unit), 0, stem)
                     break
         return profile, found
     return None, {}
+
+
+def _sizes(profile: Profile, preamble: str) -> Iterator[tuple[str, float, str]]:
+    """Kind, number and unit that the preamble gives."""
+    for kind, pattern, unit, power in profile.unit_from:
+        match = re.search(pattern, preamble)
+        with contextlib.suppress(ValueError, OverflowError, ZeroDivisionError):
+            if match and 0 < (number := float(match[1]) ** power) < math.inf:
+                yield kind, number, unit

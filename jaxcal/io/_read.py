@@ -2,6 +2,7 @@
 
 import concurrent.futures
 import contextlib
+import functools
 import hashlib
 import importlib.metadata
 import os
@@ -9,6 +10,8 @@ import pathlib
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
+
+import numpy as np
 
 from .._errors import DataError, ExportError, JaxcalError
 from .._files import clear_hidden, hidden_name, shown
@@ -33,6 +36,8 @@ from ._table import Choice, Signals, Table, interpret
 _TABLES = {"csv": read_csv, "npy": read_npy, "npz": read_npz, "parquet": read_parquet, "oxts": read_oxts, "json": read_json}
 _TREES = {"mat": read_mat, "hdf5": read_hdf5}
 _LOGS = {"ulog": read_px4, "dataflash": read_ardupilot}
+#: bytes of a file that is hashed before it is read, for which a thread costs more than it saves
+_SMALL = 1 << 20
 _SI = {name: si_unit(name) for name in (*SENSORS, "temperature")}
 _NAMES = {
     "csv": "a text table",
@@ -98,7 +103,7 @@ def read(
     -------
     Log
         `notes` tell what was guessed, `warnings` what was mended, `provenance` the file (name, size, sha256), the format, and
-        the columns and units used.
+        the columns and units used. Of a log with several IMUs `provenance["imus"]` holds the `topics` of each.
 
     Raises
     ------
@@ -217,6 +222,8 @@ def _in_memory(source: Any, other: Any, columns: Any, units: Any, rate: Any, dat
     return finished(table_of(source), {"file": f"a {type(source).__name__} in memory", "format": "memory"}, options, data == "phase")
 
 
+# what no number can hold becomes infinite or NaN, and is counted as missing
+@np.errstate(invalid="ignore", over="ignore", divide="ignore")
 def _read(path: pathlib.Path, format: str | None, options: dict[str, Any], topics: list[str] | None, raw: bool, phase: bool) -> Log:
     """The log, of which `options` say how a table is read."""
     with opened(path, format, options, topics, raw) as (found, origin):
@@ -247,11 +254,16 @@ def opened(
         raise DataError(f"this is {_NAMES[kind]}, and missing= (--missing) belongs to tables; leave it out")
     if raw and kind not in _LOGS:
         raise DataError(f"this is {_NAMES[kind]}, and raw=True (--raw) belongs to logs of flight controllers; leave it out")
-    with _faults(_NAMES[kind]), concurrent.futures.ThreadPoolExecutor(1) as pool:
-        # hashing lets go of the interpreter, so it costs nothing beside the parsing
-        digest = pool.submit(fingerprint, sources)
-        found = _parse(kind, sources, topics, options, raw)
-        size, sha256 = digest.result()
+    with _faults(_NAMES[kind]):
+        if all(source.is_file() and source.stat().st_size < _SMALL for source in sources):
+            size, sha256 = fingerprint(sources)
+            found = _parse(kind, sources, topics, options, raw)
+        else:
+            with concurrent.futures.ThreadPoolExecutor(1) as pool:
+                # hashing lets go of the interpreter, so it costs nothing beside the parsing
+                digest = pool.submit(fingerprint, sources)
+                found = _parse(kind, sources, topics, options, raw)
+                size, sha256 = digest.result()
     yield (
         found,
         {"file": shown(sources[0] if len(sources) == 1 and path.is_dir() else path), "size": size, "sha256": sha256, "format": kind},
@@ -273,11 +285,18 @@ def finished(
     if choices is not None:
         choices += signals.choices
     provenance = origin | {
-        "columns": signals.columns, "units": signals.units, "jaxcal": importlib.metadata.version("jaxcal"), "epoch_ns": signals.epoch_ns
+        "columns": signals.columns, "units": signals.units, "jaxcal": _version(), "epoch_ns": signals.epoch_ns
     }  # fmt: skip
+    if len(signals.imus) > 1:
+        provenance["imus"] = signals.imus
     if phase:
         differentiate(signals)
     return _build(signals, provenance)
+
+
+@functools.lru_cache(1)
+def _version() -> str:
+    return importlib.metadata.version("jaxcal")
 
 
 def _parse(kind: str, sources: list[pathlib.Path], topics: list[str] | None, options: dict[str, Any], raw: bool) -> Table | Signals:
@@ -323,7 +342,9 @@ def named(path: pathlib.Path) -> Iterator[None]:
     try:
         yield
     except JaxcalError as error:
-        raise type(error)(f"{shown(path)}: {error}") from error.__cause__
+        named = type(error)(f"{shown(path)}: {error}")
+        named.__dict__.update(error.__dict__)
+        raise named from error.__cause__
 
 
 @contextlib.contextmanager

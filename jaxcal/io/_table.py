@@ -11,10 +11,13 @@ from .._quality import all_finite
 from .._units import si_unit
 from . import _guess
 from ._choose import HOW, select
-from ._clock import Clock, check_rate, clock_of, label_of, no_clock, refuse_restarts, stated_rate
+from ._clock import check_rate, clock_of, label_of, no_clock, refuse_restarts, stated_rate
 from ._columns import SENSORS, Columns, listing, scale
 from ._evidence import Turning, turning
+from ._mixed import own_clocks
+from ._names import COUNTS, RELATIVE, bracketed
 from ._saved import Saved
+from ._stamps import Clock
 
 
 @dataclasses.dataclass
@@ -56,7 +59,7 @@ class Signals:
     """What goes into a `Log`, and the columns and units it was taken from.
 
     `nominal` is a rate that the file states beside stamps; `choices` are what `jaxcal.io.inspect` shows, and `sources` all topics that
-    there are, as sentences.
+    there are, as sentences; `imus` are the `topics` of each IMU in the log, where there are several.
     """
 
     time: np.ndarray | None
@@ -70,6 +73,7 @@ class Signals:
     nominal: float | None = None
     choices: list[Choice] = dataclasses.field(default_factory=list)
     sources: list[str] = dataclasses.field(default_factory=list)
+    imus: list[str] = dataclasses.field(default_factory=list)
 
 
 # a value too large to convert becomes infinite, and that is counted as missing
@@ -96,6 +100,8 @@ def interpret(
     if missing is not None:
         raw = {name: [_without(column, missing) for column in values] for name, values in raw.items()}
     period = clock.period if clock is not None else 1.0 / signals.rate if signals.rate else None
+    if clock is not None and "time" in found.guessed and (apart := own_clocks(table, found, clock)):
+        problems.append(apart)
     guesses = _units(table, found, raw, units, period, clock, signals, problems)
     if problems:
         raise DataError("; and ".join(problems))
@@ -143,6 +149,8 @@ def _set_time(
 ) -> None:  # fmt: skip
     """Stamps, or a rate in their place."""
     if clock is None:
+        if "time" not in columns and (signals.rate or stated):
+            _place_by_counter(table, found, float(signals.rate or (stated or (0.0,))[0]), signals)
         if signals.rate is None and stated is not None:
             signals.rate = stated[0]
             signals.notes.append(f"rate: {stated[0]:g} Hz, as {stated[1]}; override with --rate")
@@ -168,11 +176,11 @@ def _set_time(
     if not clock.reason and "time" not in found.guessed:
         return
     where = f"column{'s' * (len(clock.columns) > 1)} {_label(clock.columns, table.names)}"
-    unit = "dates" if clock.unit == "date" else "s and ns" if clock.unit == "s + ns" else clock.unit
-    why = f" ({clock.reason})" if clock.reason and clock.reason not in ("dates", "s and ns") else ""
+    unit = "dates" if clock.unit == "date" else clock.unit
+    why = f" ({clock.reason})" if clock.reason and clock.reason != "dates" else ""
     option = "" if clock.unit == "date" else f" --units time={clock.other}"
-    if clock.unit == "s + ns":
-        note = f"time: {where}, s and ns; override with --columns time=0 --units time=s"
+    if clock.unit.startswith("s + "):
+        note = f"time: {where}, {clock.reason}; override with --columns time=0 --units time=s"
     elif clock.unit == "date":
         note = f"time: {where}, {unit}{why}; override with --columns time=0"
     else:
@@ -181,6 +189,23 @@ def _set_time(
         signals.notes.insert(0, note)
     else:
         signals.warnings.append(f"a guess, which nothing in the file supports: {note}")
+
+
+def _place_by_counter(table: Table, found: Any, rate: float, signals: Signals) -> None:
+    """Stamps from a column that counts samples, where it skips some: without a clock nothing else tells that they were lost."""
+    for i, one in enumerate(found.names):
+        if one is None or one.kind != "counter" or table.columns[i].dtype.kind not in "iuf":
+            continue
+        counts = np.asarray(table.columns[i], np.float64)
+        steps = np.diff(counts)
+        lost = steps > 1
+        if np.isfinite(counts).all() and np.all(steps >= 1) and np.any(lost) and np.mean(steps == 1) > 0.95 and not np.any(counts % 1):
+            signals.time = (counts - counts[0]) / rate
+            signals.warnings.append(
+                f"{table.names[i]} counts the samples and skips {int((steps[lost] - 1).sum())} of them in {np.count_nonzero(lost)} places: "
+                "these are missing"
+            )
+            return
 
 
 def _units(
@@ -210,9 +235,9 @@ def _units(
                 _refuse_unknown_unit(name, first)
             guesses[name] = _unit(name, values[name], stated, where, period, turns, name in units, signals.warnings)
         except DataError as error:
-            if name == "mag" and name in found.guessed and stated is None and len(raw) > 1:
-                # the other sensors need no field
-                signals.warnings.append(f"mag is left out: {error}")
+            if name in found.guessed and len(raw) > 1 and ((name == "mag" and stated is None) or name == "temperature"):
+                # the other sensors need neither a field nor a temperature
+                signals.warnings.append(f"{name} is left out: {error}")
             else:
                 problems.append(str(error))
     for name in set(raw) - set(guesses):
@@ -340,6 +365,14 @@ def _stack(columns: list[np.ndarray]) -> np.ndarray:
 def _refuse_unknown_unit(name: str, header: str) -> None:
     """A unit in square brackets is a statement: where it is not understood, nothing is guessed against it."""
     match = re.search(r"\[([^\]]*[A-Za-z][^\]]*)\]", header)
+    inside = bracketed(header) or ""
+    if name == "mag" and (RELATIVE.fullmatch(inside) or header.lower().endswith(("_flux", " a.u.", "_au"))):
+        raise DataError(
+            f"the header {header!r} says that mag is relative to some field, without a unit; give the size of one, as in "
+            "units={'mag': '50 uT'} (--units mag='50 uT')"
+        )
+    if COUNTS.fullmatch(inside):
+        match = re.search(r"(.+)", inside)
     if match:
         raise DataError(
             f"the header {header!r} gives {match[1]!r}, which is no unit of {name} that is known; give the unit, or the size of one count, "

@@ -17,7 +17,8 @@ import numpy as np
 from .._compile import filter_jit
 from .._errors import DataError
 from .._types import Array
-from ..fitting import Fit, covariance, identifiability, solve
+from ..fitting import Fit, covariance, identifiability, is_white, leave_out, solve
+from ..fitting._serial import BLOCKS, doubt
 from ._design._coverage import covered
 from ._design._heading_error import rms_heading
 from ._ellipsoid._algebraic import extents, traced_start
@@ -25,7 +26,6 @@ from ._ellipsoid._causes import SERIAL
 from ._ellipsoid._kinds import basis_of, shape_and_centre
 from ._ellipsoid._orthogonal import CURVED
 from ._ellipsoid._residuals import surface_distances
-from ._ellipsoid._serial import BLOCKS, doubt, leave_out, white
 from ._ellipsoid._shape import Frame, model_of, radius_of
 from ._model import MagModel
 from ._result import NEAR_PLANAR, NEAR_PLANAR_SENTENCE, NOT_JUDGED, UNEVEN, MagFit, Reasons, expected, outliers, refusal
@@ -153,8 +153,8 @@ def fit_model(
     far = outliers(result.residual / field)
     identified, reasons, doubtful = identifiability(found), Reasons([], []), 0.0
     jacobian, left = np.asarray(found.jacobian), np.asarray(found.residuals)
-    if np.isfinite(result.covariance).all() and noise > 1e-9 * field and not white(jacobian, left):
-        matrix = leave_out(jacobian, left, np.zeros((count, count)))
+    if np.isfinite(result.covariance).all() and noise > 1e-9 * field and not is_white(jacobian, left):
+        matrix = leave_out(jacobian, left)
         error = np.asarray(rms_heading(functools.partial(changes_of, result), matrix, dip))
         said = (
             f"The noise is correlated from reading to reading; the errors are those between fits without parts of the log ({BLOCKS} parts)."

@@ -9,11 +9,11 @@ import scipy  # loads its parts when they are first used
 
 from .._results import Result, Row
 from .._types import AnyArray
+from ..fitting._serial import BLOCKS, doubt
 from ._design._heading_error import Information, heading_error
 from ._ellipsoid._algebraic import NotEllipsoid, ellipsoid_of, extents, nearest_quadric, sampson
 from ._ellipsoid._causes import Examined
 from ._ellipsoid._kinds import COUNT, ENTRIES, NAMES, PLANAR
-from ._ellipsoid._serial import BLOCKS, doubt
 from ._ellipsoid._shape import Found, radius_of, soft_iron_slopes
 from ._model import MagModel
 
@@ -237,7 +237,7 @@ def refusal(method: str, dip: float, reason: str) -> MagFit:
     )  # fmt: skip
 
 
-def expected(error: np.ndarray) -> str:
+def expected(error: Any) -> str:
     """The heading error of a good fit, in words."""
     level, tilted = np.rad2deg(error)
     where = f"at level and {tilted:.2g} at 20 degrees of tilt" if np.isfinite(tilted) else "in the plane"

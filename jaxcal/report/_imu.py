@@ -25,10 +25,14 @@ def document(found: ImuFit, log: Log | None) -> dict[str, Any]:
             names = [name.removeprefix(f"{sensor}.") for name in found.names[first:last]]
             sensors[sensor] = {name: plain(getattr(triad, name)) for name in ("matrix", "bias", "g_sensitivity")}
             sensors[sensor]["intervals"] = dict(zip(names, plain(found.interval[first:last]), strict=True))
+    further = {
+        name: {"value": plain(float(value)), "interval": plain(interval)}
+        for name, value, interval in list(zip(found.names, found.values, found.interval, strict=True))[33:]
+    }
     return {
         "schema": "jaxcal.imu/1", "version": importlib.metadata.version("jaxcal"), "verdict": found.verdict, "reason": found.reason,
         "warnings": list(found.warnings), "convention": found.convention, "method": found.method, "gravity": found.gravity,
-        "rate": found.rate, "poses": len(found.residual_norm), "turns": len(found.residual_turn), "sensors": sensors,
+        "rate": found.rate, "poses": len(found.residual_norm), "turns": len(found.residual_turn), "sensors": sensors, "further": further,
         "residuals": {name: plain(getattr(found, f"residual_{name}")) for name in ("norm", "turn", "rest")},
         "held_out": {"norm": plain(found.held_out[0]), "turn": plain(found.held_out[1])},
         "condition": None if found.observability is None else plain(found.observability.condition), "temperature": plain(found.temperature),
@@ -55,6 +59,9 @@ def page(found: ImuFit, log: Log | None, version: str) -> tuple[str, str, Markup
     if found.gyro is not None and np.any(found.gyro.g_sensitivity):
         caption = "Gyroscope: sensitivity to specific force (readings per m/s²)"
         tables.append(_table(found, caption, ("x", "y", "z"), lambda i: range(24 + 3 * i, 27 + 3 * i)))
+    if further := found.names[33:]:
+        caption = "Further terms (readings per power of SI units), with intervals of 95 %"
+        tables.append(scroll(table(("", "value"), [(name, _cell(found, i)) for i, name in enumerate(further, 33)], caption), caption))
     figure = charts(_residuals(found))
     held = []
     if np.isfinite(found.held_out[0]):

@@ -1,7 +1,9 @@
 """The folder of compiled programs: shown, bounded, cleared; other files in it stay."""
 
 import os
+import pathlib
 
+import numpy as np
 import pytest
 
 from jaxcal.cli._cache import bound
@@ -45,3 +47,45 @@ def test_beyond_the_bound_the_oldest_programs_go(programs):
     assert len(list(programs.iterdir())) == 11
     bound(programs, 999)
     assert sorted(path.name for path in programs.iterdir()) == ["jit_3-cache", *(f"jit_{i}-cache" for i in range(4, 10)), "notes.txt"]
+
+
+def test_a_second_command_finds_its_programs_without_a_trace(tmp_path, shell):
+    """What was traced leaves a file; a file that was cut is made anew, and the answer is the same each time."""
+    rng = np.random.default_rng(0)
+    u = rng.normal(size=(300, 3))
+    readings = 50e-6 * u / np.linalg.norm(u, axis=1, keepdims=True) + [1e-5, -2e-5, 5e-6] + 2e-7 * rng.normal(size=u.shape)
+    np.savez(tmp_path / "tumble.npz", time=np.arange(300) / 50.0, mag=readings)
+    folder = pathlib.Path(shell.environment["XDG_CACHE_HOME"]) / "jaxcal" / "xla"
+    answers, kept = [], []
+    for cut in (False, False, True):
+        files = sorted(folder.glob("program-*-cache"))
+        if cut:
+            files[0].write_bytes(files[0].read_bytes()[:100])
+        found = shell("mag", "tumble.npz", "--json", "mag.json", cwd=tmp_path)
+        assert (found.status, found.err) == (0, "")
+        answers.append(found.out)
+        kept.append({path.name: path.stat().st_size for path in folder.glob("program-*-cache")})
+    assert kept[0]
+    assert kept[1] == kept[0]
+    assert set(kept[2]) == set(kept[0])
+    assert min(kept[2].values()) > 1000
+    assert answers[1] == answers[0]
+    assert answers[2] == answers[0]
+
+
+def test_a_model_of_the_users_own_is_not_kept(tmp_path):
+    """Its class could change under the same name: its fit is traced in every process."""
+    from jaxcal import fitting
+    from jaxcal._compile import _stores, keep_programs
+
+    keep_programs(tmp_path)
+    try:
+        fitting.solve(own_residuals, {"level": 0.0}, np.array([1.0, 2.0, 4.0]))
+        assert not list(tmp_path.iterdir())
+    finally:
+        _stores.clear()
+
+
+def own_residuals(model, data):
+    """Of a mean."""
+    return model["level"] - data

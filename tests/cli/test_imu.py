@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxcal
-from jaxcal.imu import MEMS
+from jaxcal.imu import MEMS, MEMS_NOISE
 
 from .conftest import listing
 
@@ -41,6 +41,15 @@ def test_a_simulated_log_is_calibrated(call, folder):
     np.testing.assert_allclose(stored.imu.gyro.model.bias, document["sensors"]["gyro"]["bias"])
     np.testing.assert_allclose(stored.imu.gyro.model.g_sensitivity, MEMS.gyro.g_sensitivity, atol=1e-4)
     assert stored.imu.accel.covariance.parameters[0] == "matrix[0,0]"
+    # the same again with what is known before: the noise of the sensors, and the first calibration
+    channels = {f"{sensor}_{axis}": {"N": {"value": value}} for sensor, value in MEMS_NOISE.items() for axis in "xyz"}
+    (folder / "noise.json").write_text(json.dumps({"schema": "jaxcal.noise/1", "channels": channels}))
+    known = ("--noise", "noise.json", "--prior", "log-imu/calibration.json", "--device", "unit 7", "--calibration", "again.json")
+    assert call("imu", "log.csv", "--gravity", "9.80665", *known, "--quiet").status == 0
+    again = jaxcal.Calibration.load(folder / "again.json")
+    assert (again.device, again.imu.verdict) == ({"name": "unit 7"}, "good")
+    widths = [np.diff([one.imu.accel.interval.low[:9], one.imu.accel.interval.high[:9]], axis=0) for one in (stored, again)]
+    assert np.mean(widths[1]) < np.mean(widths[0])
 
 
 @pytest.mark.parametrize(

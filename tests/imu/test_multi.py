@@ -180,7 +180,11 @@ def test_too_little_is_refused_and_the_missing_is_named():
     assert "all alike" in alike.reason
     assert "Add poses with" in alike.reason
     faces = np.kron(np.eye(3), np.array([[1.0], [-1.0]]))[np.arange(cases.POSES) % 6]
-    six = fit(cases.recording(0, up=faces))
+    both = fit(cases.recording(0, up=faces))
+    assert both.verdict == "good"  # the turns show the misalignment that norms on six faces leave open
+    truth, free = cases.turned_truth(), both.standard_error > 0
+    assert np.mean((both.interval[free, 0] <= truth[free]) & (truth[free] <= both.interval[free, 1])) > 0.8
+    six = fit(_accel_only(cases.recording(0, up=faces)))
     assert six.verdict == "refused"
     assert "misalignment of x and y, misalignment of x and z, misalignment of y and z" in six.reason
     diagonal = multi_position(_accel_only(cases.recording(0, up=faces)), gravity=cases.GRAVITY, model="diagonal")

@@ -88,8 +88,36 @@ def test_terms_that_the_log_asks_for_are_added():
     assert any("asked for accel.quadratic" in sentence for sentence in found.warnings)
 
 
+@pytest.mark.long
+def test_a_drift_is_fitted_where_it_is_asked_for():
+    """2 mg over the recording, in readings; the bias is that of the middle."""
+    log, truth = log_of(2)
+    time = np.asarray(log.time) - np.mean(log.time)
+    drift = 0.02 / np.ptp(time)
+    drifting = jaxcal.Log(log.time, accel=log.accel + drift * time[:, None], gyro=log.gyro)
+    plain = multi_position(drifting, gravity=world.GRAVITY, held_out=False)
+    assert plain.verdict == "weak"
+    assert plain.asked[0] in ("accel.drift", "accel.warm_up")
+    found = multi_position(drifting, gravity=world.GRAVITY, held_out=False, terms=["accel.drift"])
+    assert found.verdict == "good"
+    free = found.standard_error > 0
+    assert np.mean((found.interval[free, 0] <= truth[free]) & (truth[free] <= found.interval[free, 1])) > 0.8
+    # three parameters more cost little, where the drift itself cost much
+    assert np.mean(np.abs(found.values - truth)[:9]) < 0.5 * np.mean(np.abs(plain.values - truth)[:9])
+
+
+def test_a_squared_sensitivity_of_the_gyroscope_is_named():
+    log, _ = log_of(0, poses=12)
+    known = np.array([[1, 0, 0]]) * 1e-4 * log.accel**2
+    found = multi_position(jaxcal.Log(log.time, accel=log.accel, gyro=log.gyro + known), gravity=world.GRAVITY, held_out=False)
+    assert (found.verdict, found.asked) == ("weak", ("gyro.g_squared",))
+    assert "still rates ask for a term of the squared specific force of 0.56 deg/s at 1 g" in found.reason
+
+
 def test_terms_that_there_are_not():
     log, _ = log_of(0, poses=12)
+    with pytest.raises(DataError, match="needs a log with a gyroscope"):
+        multi_position(jaxcal.Log(log.time, accel=log.accel), gravity=world.GRAVITY, terms=["accel.drift"])
     with pytest.raises(DataError, match="There is no term"):
         multi_position(log, gravity=world.GRAVITY, terms=["accel.quartic"])
     with pytest.raises(DataError, match="convention='upper' or 'lower'"):

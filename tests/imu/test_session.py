@@ -7,7 +7,7 @@ import pytest
 
 import jaxcal
 from jaxcal import DataError
-from jaxcal.imu import Triad, ferraris, multi_position, read_regions
+from jaxcal.imu import Triad, ferraris, joined, multi_position, read_regions
 
 from . import cases
 
@@ -63,6 +63,23 @@ def test_intervals_of_a_session_hold_the_truth(tmp_path):
     again = ferraris(both, REGIONS + [(label, i + 5400, j + 5400) for label, i, j in REGIONS], gravity=9.81)
     assert not any("once" in sentence for sentence in again.warnings)
     assert len(again.residual_turn) == 6
+
+
+def test_sessions_that_are_cut_up_or_labelled_row_by_row(tmp_path):
+    log = session(0)
+    parts = {label: jaxcal.Log(None, accel=log.accel[i:j], gyro=log.gyro[i:j], rate=100.0) for label, i, j in REGIONS}
+    whole, cut = ferraris(log, REGIONS, gravity=9.81), ferraris(*joined(parts), gravity=9.81)
+    np.testing.assert_allclose(cut.accel.matrix, whole.accel.matrix, atol=1e-12)
+    np.testing.assert_allclose(cut.gyro.matrix, whole.gyro.matrix, atol=1e-12)
+    rows = np.full(5400, "", dtype="<U5")
+    for label, i, j in REGIONS:
+        rows[i:j] = label
+    (tmp_path / "log.csv").write_text("t,label\n" + "\n".join(f"{k},{label}" for k, label in enumerate(rows)))
+    assert read_regions(tmp_path / "log.csv", 100.0) == REGIONS
+    with pytest.raises(DataError, match="another rate or other sensors"):
+        joined({"x_p": log, "x_a": jaxcal.Log(None, accel=log.accel, rate=100.0)})
+    with pytest.raises(DataError, match="there is no log"):
+        joined({})
 
 
 def test_labels_that_say_something_else(tmp_path):

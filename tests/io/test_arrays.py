@@ -84,8 +84,8 @@ def test_arrays_of_other_lengths_are_told(still, tmp_path):
 
 
 def test_arrays_without_a_log_are_listed(tmp_path):
-    np.savez(tmp_path / "log.npz", counts=np.ones((100, 6)), scale=np.ones(6))
-    with pytest.raises(DataError, match=r"'counts': \(100, 6\).*use the keys time, gyro, accel, mag, temperature"):
+    np.savez(tmp_path / "log.npz", counts=np.ones((100, 2, 3)), scale=2.0)
+    with pytest.raises(DataError, match=r"'counts': \(100, 2, 3\).*use the keys time, gyro, accel, mag, temperature"):
         read(tmp_path / "log.npz", quiet=True)
 
 

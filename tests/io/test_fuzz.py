@@ -13,8 +13,7 @@ READERS = "csv,headers,zip,npy,npz,parquet,bag1,sqlite3,mcap,ulog,dataflash,mat5
 def test_mutated_logs_are_read_or_refused():
     for module in ("polars", "rosbags", "h5py"):
         pytest.importorskip(module)
-    words = [sys.executable, str(SCRIPT), "--only", READERS, "--each", "100", "--seconds", "5"]
-    done = subprocess.run(words, capture_output=True, text=True, timeout=120, check=False)
+    words = [sys.executable, str(SCRIPT), "--only", READERS, "--each", "60"]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
-    total = int(done.stdout.splitlines()[-1].split()[1].rstrip(","))
-    assert total > 200  # even on a machine that is busy
+    assert done.stdout.splitlines()[-1].startswith("840 inputs, 0 crashes")

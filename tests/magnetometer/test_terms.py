@@ -35,7 +35,7 @@ def test_intervals_of_the_soft_iron_hold_it(field):
 
 def test_the_rotation_counts_in_the_soft_iron():
     turn, held = Rotation.from_rotvec([0.03, -0.02, 0.05]).as_matrix(), []
-    for seed in range(20):
+    for seed in range(12):
         rng = np.random.default_rng(seed)
         attitudes = scenario("all", samples=100, seed=seed)
         m = body_field(attitudes, 1.0, DIP) @ (SOFT @ turn).T + HARD + 0.01 * rng.normal(size=(100, 3))
@@ -92,7 +92,7 @@ def test_saturated_readings_are_named_and_left_out():
     assert np.mean(bare) > 0.01
 
 
-@pytest.mark.parametrize("step", [0.0, 0.002, 0.01, 0.05])
+@pytest.mark.parametrize("step", [0.0, 0.01])
 def test_coarse_readings_are_not_taken_for_saturated_ones(step):
     wrong = 0
     for seed in range(20):

@@ -18,6 +18,7 @@ from .._saved import parse_saved
 from .._table import Table
 from ._bounds import allowed, check_declared, require
 from ._sandbox import sandbox
+from ._streams import SeveralError
 
 _RATE = {
     "rate", "fs", "samplerate", "samplingrate", "freq", "frequency", "samplingfrequency", "samplefrequency", "sampfreq", "sfreq", "odr",
@@ -57,6 +58,7 @@ def read_npz(path: pathlib.Path) -> Table:
         arrays = {name: archive[name] for name in archive.files}
     saved = arrays.pop("jaxcal", None)
     system = arrays.pop("units", np.array(""))
+    arrays |= {name: _upright(array) for name, array in arrays.items() if array.ndim == 2 and array.dtype.kind in "iuf"}
     table = table_of_arrays(arrays)
     if str(system) == "SI":  # as `jaxcal apply` and `jaxcal simulate` write
         quantities = [(parse_name(name) or ("",))[0] for name in table.names]
@@ -182,7 +184,9 @@ def read_hdf5(path: pathlib.Path, topics: list[str] | None) -> Table:
     try:
         table = _table_of_tree(about, arrays, topics, "data set")
     except DataError as error:
-        raise DataError(f"{error}; not read: {'; '.join(left_out)}") if left_out else error from None
+        if left_out and not isinstance(error, SeveralError):
+            raise DataError(f"{error}; not read: {'; '.join(left_out)}") from None
+        raise
     table.notes += left_out
     rates = {float(value) for name, value in attributes.items() if not isinstance(value, str) and _is_rate(posixpath.basename(name))}
     if table.rate is None and len(rates) == 1 and next(iter(rates)) > 0:
@@ -230,7 +234,7 @@ def _table_of_tree(about: dict[str, Any], arrays: list[np.ndarray], topics: list
     names = [name for group in groups.values() for name in group]
     twice = {name for name in names if names.count(name) > 1}
     if twice and with_sensors:
-        raise DataError(f"several groups hold sensors: name one with topics= (--topics): {_listed(with_sensors)}")
+        raise SeveralError(f"several groups hold sensors: name one with topics= (--topics): {_listed(with_sensors)}", sorted(with_sensors))
     return _group_table({name: array for group in groups.values() for name, array in group.items() if name not in twice})
 
 

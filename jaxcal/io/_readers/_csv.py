@@ -19,7 +19,7 @@ import numpy as np
 from ..._errors import DataError
 from .._table import Table
 from ._bounds import require
-from ._text import MISSING, STAMPS, Layout, Text, open_text, sniff, split
+from ._text import MISSING, MONTHS, STAMPS, Layout, Text, open_text, sniff, split
 
 #: part of the rows that may be damaged before the table is refused
 _TOLERATED = 0.01
@@ -159,6 +159,12 @@ def _parsed_ahead(layout: Layout, reads: Iterator[Callable[[], bytes]]) -> Itera
     import polars as pl
 
     threads = os.cpu_count() or 1
+    first = list(itertools.islice(reads, 2))
+    if len(first) < 2:
+        for read in first:
+            yield _parse(pl, read, layout)
+        return
+    reads = itertools.chain(first, reads)
     with ThreadPoolExecutor(threads) as pool:
         ahead = collections.deque()
         try:
@@ -262,7 +268,7 @@ def _expected(text: Text, block: Block, rows: int) -> int:
 
 def _dates(column: Any) -> np.ndarray:
     """Dates with a time as datetime64[ns], in UTC where they carry a zone."""
-    text = column.str.strip_chars()
+    text = _months(column.str.strip_chars())
     parts = text.str.extract_groups(r"^([\d./-]+)(?:[T_]|,? +)([\d.,:]+\s*(?:[AaPp][Mm])?)").struct.unnest()
     day, clock = _days(parts.to_series(0)), _clocks(parts.to_series(1))
     whole = np.isfinite(clock)
@@ -275,9 +281,18 @@ def _dates(column: Any) -> np.ndarray:
     return values
 
 
+def _months(text: Any) -> Any:
+    """Dates with the names of months as digits."""
+    if text.head(1000).str.contains(r"^\d\d?[- ][A-Za-z]{3}").any():
+        for number, month in enumerate(MONTHS, 1):
+            text = text.str.replace(rf"(?i)^(\d\d?)[- ]{month}[a-z]*[- ]", f"${{1}}-{number:02d}-")
+    return text
+
+
 def _days(column: Any) -> np.ndarray:
     """Dates as datetime64[ns]: year first; or day first, unless that is no date."""
-    text = column.str.strip_chars().str.replace_all(r"[./]", "-")
+    text = _months(column.str.strip_chars()).str.replace_all(r"[./]", "-")
+    text = text.str.replace(r"^(\d\d?-\d\d?)-(\d\d)$", "$1-20$2")
     year_first = text.str.to_datetime("%Y-%m-%d", time_unit="ns", strict=False)
     orders = [text.str.to_datetime(form, time_unit="ns", strict=False) for form in ("%d-%m-%Y", "%m-%d-%Y")]
     # with slashes the month often stands first; where both are dates, that which moves less from row to row
@@ -308,6 +323,8 @@ def _repair(pl: Any, content: bytes, layout: Layout) -> tuple[Any, Faults]:
     ).with_row_index("number", offset=1)  # fmt: skip
     line = pl.col("line")
     lines = lines.with_columns(line.str.strip_chars(" \t\r" if layout.delimiter != "\t" else " \r")).drop_nulls("line")
+    if layout.delimiter in ",":
+        lines = lines.with_columns(line.str.strip_suffix(";"))
     lines = lines.filter((line != "") & ~line.str.contains(r"^(#|%|//)"))
     separator = layout.delimiter
     if separator == " ":

@@ -13,8 +13,9 @@ import numpy as np
 
 from ..._errors import DataError
 from ..._units import find_unit
+from .._columns import scale
 from .._table import Signals
-from ._streams import Part, first_of, gather, join, named
+from ._streams import Part, Rows, first_of, gather, imus_of, join, named, one_of
 from ._undo import undo_ardupilot, undo_compass
 
 _HEAD = b"\xa3\x95"
@@ -69,10 +70,10 @@ class DataFlash:
         """Whether there are records of a type, with these fields."""
         return name in self.formats and len(self.formats[name].offsets) > 0 and set(fields) <= set(self.formats[name].letters)
 
-    def rows(self, name: str) -> np.ndarray:
-        """Records of one type as a structured array with the log's field names; values as stored."""
+    def rows(self, name: str, offsets: np.ndarray | None = None, fields: list[str] | None = None) -> np.ndarray:
+        """Records of one type, all or those at `offsets`, as a structured array with the log's field names; values as stored."""
         form = self.formats[name]
-        return gather(self._content, form.offsets, form.dtype)
+        return gather(self._content, form.offsets if offsets is None else offsets, form.dtype[fields] if fields else form.dtype)
 
 
 def read_ardupilot(path: pathlib.Path, topics: list[str] | None, units: dict[str, str], raw: bool) -> Signals:
@@ -88,6 +89,7 @@ def read_ardupilot(path: pathlib.Path, topics: list[str] | None, units: dict[str
     present = "; ".join(f"{label} ({len(rows)} {'batches' if label.startswith('ISB') else 'records'})" for label, rows in streams.items())
     signals.sources = present.split("; ")
     chosen = _choose({label: len(rows) for label, rows in streams.items()}, topics, present, signals)
+    signals.imus = imus_of(list(streams), chosen if topics is None else [])
     parts: list[Part] = []
     for label in chosen:
         parts += [_batches(log, label, signals)] if label.startswith("ISB") else _records(log, label, streams[label], raw, signals)
@@ -99,19 +101,49 @@ def read_ardupilot(path: pathlib.Path, topics: list[str] | None, units: dict[str
     return signals
 
 
-def _streams(log: DataFlash) -> dict[str, np.ndarray]:
-    """Label, as `topics=` takes it -> records of one sensor."""
-    found: dict[str, np.ndarray] = {}
+def ardupilot_rows(path: pathlib.Path, wanted: str | None) -> Rows:
+    """Records of one sensor, such as ``"IMU:0"``, without the batches, which are bursts."""
+    log = DataFlash(path)
+    places = {label: offsets for label, (_, offsets) in _places(log).items()}
+    label = one_of(list(places), wanted)
+    form, offsets = _places(log)[label]
+    groups = _GROUPS[label.partition(":")[0]]
+
+    def rows(first: int, last: int) -> np.ndarray:
+        return log.rows(form, offsets[first:last])
+
+    def stamps(first: int, last: int) -> np.ndarray:
+        return _stamps(rows(first, last), label)
+
+    def values(first: int, last: int) -> np.ndarray:
+        found, out = rows(first, last), []
+        for name, prefix, unit in groups:
+            numbers, unit = _values(log, form, found, [prefix + axis for axis in "XYZ"], unit, name)
+            out.append(numbers * scale(unit, name)[0])
+        return np.concatenate(out, axis=1)
+
+    return Rows(len(offsets), dict.fromkeys((name for name, *_ in groups), 3), stamps, values)
+
+
+def _places(log: DataFlash) -> dict[str, tuple[str, np.ndarray]]:
+    """Label -> type of record, and where the records of that sensor begin."""
+    found: dict[str, tuple[str, np.ndarray]] = {}
     for name in filter(log.holds, log.formats):
-        old = _OLD.fullmatch(name)
+        old, form = _OLD.fullmatch(name), log.formats[name]
         group = old[1] if old else name
         if group not in _GROUPS:
             continue
-        rows = log.rows(name)
-        if "I" in log.formats[name].letters and rows["I"].dtype.kind in "iu":
-            found |= {f"{group}:{number}": rows[rows["I"] == number] for number in np.unique(rows["I"]).tolist()}
+        if "I" in form.letters and form.dtype["I"].kind in "iu":
+            number = log.rows(name, fields=["I"])["I"]
+            found |= {f"{group}:{one}": (name, form.offsets[number == one]) for one in np.unique(number).tolist()}
         else:
-            found.setdefault(f"{group}:{int(old[2]) - 1 if old else 0}", rows)
+            found.setdefault(f"{group}:{int(old[2]) - 1 if old else 0}", (name, form.offsets))
+    return dict(sorted(found.items()))
+
+
+def _streams(log: DataFlash) -> dict[str, np.ndarray]:
+    """Label, as `topics=` takes it -> records of one sensor."""
+    found = {label: log.rows(name, offsets) for label, (name, offsets) in _places(log).items()}
     if log.holds("ISBD") and log.holds("ISBH", "type", "instance", "N", "mul", "SampleUS", "smp_rate", "smp_cnt"):
         heads = log.rows("ISBH")
         for group, (kind, _, _) in _BATCHES.items():
@@ -139,10 +171,7 @@ def _records(log: DataFlash, label: str, rows: np.ndarray, raw: bool, signals: S
     group, _, number = label.partition(":")
     names = rows.dtype.names or ()
     form = next(name for name in (group, f"{group}{int(number) + 1}") if name in log.formats and log.formats[name].dtype == rows.dtype)
-    stamp = "SampleUS" if "SampleUS" in names and rows["SampleUS"].any() else next((one for one in _CLOCKS if one in names), "TimeUS")
-    if stamp not in names or rows[stamp].dtype.kind not in "iu":
-        raise DataError(f"{label} has no field {stamp} with whole numbers (it has {', '.join(names)}); choose other records with --topics")
-    stamps = rows[stamp].astype(np.int64) * _CLOCKS.get(stamp, 1000)
+    stamps = _stamps(rows, label)
     parameters, changed = _parameters(log) if raw else ({}, set())
     parts = []
     for name, prefix, unit in _GROUPS[group]:
@@ -170,6 +199,15 @@ def _records(log: DataFlash, label: str, rows: np.ndarray, raw: bool, signals: S
     elif not raw:
         signals.warnings.append(f"{label}: the log does not say whether these are calibrated or filtered")
     return parts
+
+
+def _stamps(rows: np.ndarray, label: str) -> np.ndarray:
+    """When records were taken, ns since boot."""
+    names = rows.dtype.names or ()
+    stamp = "SampleUS" if "SampleUS" in names and rows["SampleUS"].any() else next((one for one in _CLOCKS if one in names), "TimeUS")
+    if stamp not in names or rows[stamp].dtype.kind not in "iu":
+        raise DataError(f"{label} has no field {stamp} with whole numbers (it has {', '.join(names)}); choose other records with --topics")
+    return rows[stamp].astype(np.int64) * _CLOCKS.get(stamp, 1000)
 
 
 def _values(log: DataFlash, form: str, rows: np.ndarray, fields: list[str], unit: str, quantity: str) -> tuple[np.ndarray, str]:
@@ -223,7 +261,7 @@ def _batches(log: DataFlash, label: str, signals: Signals) -> Part:
     for i, start, end in zip(mine.tolist(), starts.tolist(), ends.tolist(), strict=True):
         head, part = everything[i], data[start:end]
         rate, count = float(head["smp_rate"]), int(head["smp_cnt"])
-        if not part.size or not rate > 0:
+        if not part.size or not 1e-3 < rate < 1e9:
             cut += 1
             continue
         block = np.stack([part[axis].reshape(len(part), -1) for axis in "xyz"], axis=-1)
@@ -231,7 +269,7 @@ def _batches(log: DataFlash, label: str, signals: Signals) -> Part:
         order = np.arange(width) + part["seqno"].astype(np.int64)[:, None] * width
         keep = order < count
         cut += int(keep.sum() < count)
-        stamps.append(int(head["SampleUS"]) * 1000 + np.round(order[keep] * (1e9 / rate)).astype(np.int64))
+        stamps.append(int(head["SampleUS"]) * 1000 + np.round(np.clip(order[keep] * (1e9 / rate), 0, 1e17)).astype(np.int64))
         values.append(block[keep] / float(head["mul"]))
     if not stamps:
         raise DataError(f"{label}: the batches hold no samples; choose other records with topics= (--topics)")

@@ -1,13 +1,15 @@
 """PX4 ULog: which topics are read, and what their fields mean."""
 
 import collections
+import dataclasses
 import pathlib
 
 import numpy as np
 
 from ..._errors import DataError
+from .._columns import scale
 from .._table import Signals
-from ._streams import Part, first_of, join, named
+from ._streams import Part, Rows, first_of, imus_of, join, named, one_of
 from ._ulog import Topic, ULog
 from ._undo import undo_px4
 
@@ -35,6 +37,7 @@ def read_px4(path: pathlib.Path, topics: list[str] | None, units: dict[str, str]
     signals.sources = present.split("; ")
     samples = {label: _samples(log, topic) for label, topic in found.items()}
     labels = _choose(samples, topics, present, signals)
+    signals.imus = imus_of(list(found), labels if topics is None else [])
     chosen = [found[label] for label in labels]
     parts = [part for topic in chosen for part in _parts(log, topic, raw, signals)]
     _one_temperature(log, parts, signals.notes)
@@ -46,6 +49,28 @@ def read_px4(path: pathlib.Path, topics: list[str] | None, units: dict[str, str]
     join(parts, units, signals)
     signals.columns = {"topics": labels}
     return signals
+
+
+def px4_rows(path: pathlib.Path, wanted: str | None) -> Rows:
+    """Rows of one topic, such as ``"sensor_gyro:0"``."""
+    log = ULog(path, frozenset(_ALL))
+    found = {topic.label: topic for topic in log.topics if topic.name in _ALL and "fifo" not in topic.name}
+    topic = found[one_of(list(found), wanted)]
+    fields = {"sensor_combined": ["gyro_rad", "accelerometer_m_s2"], "vehicle_magnetometer": ["magnetometer_ga"]}.get(topic.name, [*"xyz"])
+    sensors = dict.fromkeys(_ALL[topic.name], 3)
+    factor = scale(_UNITS["mag"], "mag")[0] if "mag" in sensors else 1.0
+
+    def part(first: int, last: int) -> Topic:
+        return dataclasses.replace(topic, offsets=topic.offsets[first:last])
+
+    def stamps(first: int, last: int) -> np.ndarray:
+        return _stamps(_rows(log, part(first, last), [], ["timestamp", "timestamp_sample"]), topic, [])
+
+    def values(first: int, last: int) -> np.ndarray:
+        rows = _rows(log, part(first, last), fields, [])
+        return np.concatenate([rows[field].reshape(last - first, -1) for field in fields], axis=1) * factor
+
+    return Rows(len(topic.offsets), sensors, stamps, values)
 
 
 def _choose(samples: dict[str, int], topics: list[str] | None, present: str, signals: Signals) -> list[str]:

@@ -11,7 +11,7 @@ import io
 import itertools
 import pathlib
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,7 @@ import numpy as np
 from ..._errors import DataError
 from .._table import Signals
 from ._bounds import require
-from ._streams import Part, join
+from ._streams import Part, Rows, SeveralError, join, one_of
 
 #: message type -> number of float64 after the header
 _TYPES = {"sensor_msgs/msg/Imu": 37, "sensor_msgs/msg/MagneticField": 12, "sensor_msgs/msg/Temperature": 2}
@@ -67,6 +67,65 @@ def read_ros(paths: list[pathlib.Path], version: int, topics: list[str] | None, 
     join(_parts(streams, units, signals), units, signals)
     signals.columns = {"topics": chosen}
     return signals
+
+
+def ros_rows(paths: list[pathlib.Path], version: int, wanted: str | None) -> Rows:
+    """Messages of one topic, in their order."""
+    stack = contextlib.ExitStack()
+    readers = [stack.enter_context(_open(path, version)) for path in paths]
+    kinds = {c.topic: c.msgtype for reader in readers for c in reader.connections if c.msgtype in _TYPES}
+    topics = [topic for topic in sorted(kinds) if not kinds[topic].endswith("Temperature")]
+    if wanted is not None and wanted not in topics:
+        raise DataError(f"columns=: {wanted} not among {', '.join(topics)}")
+    topic = wanted or one_of(topics, None)
+    numbers = _TYPES[kinds[topic]]
+    count = sum(reader.topics[topic].msgcount for reader in readers if topic in reader.topics)
+    head = next(_messages(readers, topic, numbers, version), (np.zeros(0, np.int64), np.zeros((0, numbers))))
+    found = _sensors(Stream(topic, kinds[topic], *head), Signals(None, {})) if len(head[0]) else {}
+    if not found:
+        raise DataError(f"{topic} holds no measurement; name another topic with columns=")
+    places = {"mag": slice(0, 3)} | {name: place for name, (place, _) in _IMU.items()}
+    cursor = _Cursor(lambda: _messages(readers, topic, numbers, version), stack)
+
+    def values(first: int, last: int) -> np.ndarray:
+        block = cursor.take(first, last)[1]
+        return np.concatenate([block[:, places[name]] for name in found], axis=1)
+
+    return Rows(count, dict.fromkeys(found, 3), lambda first, last: cursor.take(first, last)[0], values)
+
+
+class _Cursor:
+    """Messages by number from an iterator of blocks, which begins again where it is asked to go back; `files` stay open as long."""
+
+    def __init__(self, begin: Callable[[], Iterator[tuple[np.ndarray, np.ndarray]]], files: contextlib.ExitStack):
+        self._begin, self._files = begin, files
+        self._blocks, self._at, self._held = begin(), 0, list[tuple[np.ndarray, np.ndarray]]()
+
+    def take(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
+        if first < self._at:
+            self._blocks, self._at, self._held = self._begin(), 0, []
+        end = self._at + sum(len(stamps) for stamps, _ in self._held)
+        while end < last:
+            block = next(self._blocks, None)
+            if block is None:
+                raise DataError("the recording ends before the number of messages that its index lists; run `rosbag reindex` on a copy")
+            end += len(block[0])
+            if end <= first:
+                self._at, self._held = end, []
+                continue
+            self._held.append(block)
+        stamps, values = (np.concatenate([block[k] for block in self._held]) for k in (0, 1))
+        begin, self._held, self._at = self._at, [(stamps[first - self._at :], values[first - self._at :])], first
+        return stamps[first - begin : last - begin], values[first - begin : last - begin]
+
+
+def _messages(readers: list[Any], topic: str, numbers: int, version: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Header stamps and float64 of the messages of a topic, some thousand at a time."""
+    for reader in readers:
+        own = [c for c in reader.connections if c.topic == topic and c.msgtype in _TYPES]
+        messages: Iterator[Any] = iter(reader.messages(connections=own) if own else ())
+        while raws := [raw for _, _, raw in itertools.islice(messages, _CHUNK)]:
+            yield _decode(raws, numbers, version, topic)
 
 
 @contextlib.contextmanager
@@ -124,11 +183,25 @@ def _choose(found: list[Any], topics: list[str] | None, present: str, notes: lis
         names = sorted({c.topic for c in found if c.msgtype == kind})
         raw = [name for name in names if "raw" in name.lower()] if len(names) > 1 else names
         if len(raw) != min(len(names), 1):
-            raise DataError(f"several topics of type {kind.split('/')[-1]}: name those to read with topics= (--topics): {present}")
+            raise SeveralError(
+                f"several topics of type {kind.split('/')[-1]}: name those to read with topics= (--topics): {present}", _imus(found)
+            )
         chosen += raw
         if len(names) > 1:
             notes.append(f"topic: {raw[0]}, the raw one of {', '.join(names)}; override with --topics")
     return chosen
+
+
+def _imus(found: list[Any]) -> list[str]:
+    """The topics of each IMU: one of type Imu, and the others beside it in the tree of names."""
+    of = {c.topic: c.msgtype for c in found}
+    first = [topic for topic, kind in sorted(of.items()) if kind == next(iter(_TYPES))]
+    parents = [topic.rpartition("/")[0] for topic in first]
+    return [
+        ",".join([topic, *(other for other in sorted(of) if other not in first and other.rpartition("/")[0] == parent and parent)])
+        if parents.count(parent) == 1 else topic
+        for topic, parent in zip(first, parents, strict=True)
+    ]  # fmt: skip
 
 
 def _stream(readers: list[Any], topic: str, version: int, warnings: list[str]) -> Stream:

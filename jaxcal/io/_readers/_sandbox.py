@@ -24,7 +24,7 @@ import numpy as np
 
 #: s for a file, and s more for each byte; bytes of memory beyond what the process holds, and more for each byte of the file
 _SECONDS, _SECONDS_PER_BYTE = 10.0, 1e-6
-_MEMORY, _MEMORY_PER_BYTE = 2 << 30, 64
+_MEMORY, _MEMORY_PER_BYTE = 3 << 28, 64
 #: data sets and groups looked at, and MATLAB classes whose layout is not public
 _MOST = 10_000
 _OPAQUE = ("table", "timetable", "datetime", "duration", "string")

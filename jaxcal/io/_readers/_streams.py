@@ -1,6 +1,7 @@
 """What logs of messages have in common: records gathered in whole arrays, and sensors with stamps of their own put on one set of stamps."""
 
 import dataclasses
+from collections.abc import Callable
 
 import numpy as np
 
@@ -23,6 +24,19 @@ class Part:
     stamps: np.ndarray
     values: np.ndarray
     unit: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Rows:
+    """Rows of one topic that are read when they are asked for: `stamps(first, last)` in ns, `values(first, last)` in SI, (n, channels).
+
+    `sensors` are their names and how many channels each has.
+    """
+
+    count: int
+    sensors: dict[str, int]
+    stamps: Callable[[int, int], np.ndarray]
+    values: Callable[[int, int], np.ndarray]
 
 
 def gather(content: np.ndarray, offsets: np.ndarray, dtype: np.dtype) -> np.ndarray:
@@ -49,6 +63,17 @@ def named(labels: list[str], wanted: str, present: str) -> str:
     return matching[0]
 
 
+def one_of(labels: list[str], wanted: str | None) -> str:
+    """The one label that `wanted` names, or the only one that there is."""
+    if not labels:
+        raise DataError("there is no sensor in it that can be read in chunks; convert it once with `jaxcal convert LOG LOG.npz`")
+    if wanted is not None:
+        return named(labels, wanted, ", ".join(labels))
+    if len(labels) > 1:
+        raise DataError(f"there are {', '.join(labels)}, each with stamps of its own; name one of them with columns=")
+    return labels[0]
+
+
 def first_of(labels: list[str], samples: dict[str, int], warnings: list[str]) -> list[str]:
     """Of several sensors of one kind the first that has about as many samples as any, with a sentence on the others."""
     if len(labels) > 1:
@@ -58,6 +83,21 @@ def first_of(labels: list[str], samples: dict[str, int], warnings: list[str]) ->
         warnings.append(f"{taken} is read, the first of {len(labels)} sensors of its kind; {others}: read another with topics= (--topics)")
         return [taken]
     return labels
+
+
+class SeveralError(DataError):
+    """Several sensors of one kind, of which none is the first; `imus` are the `topics` of each."""
+
+    def __init__(self, message: str, imus: list[str] | None = None):
+        super().__init__(message)
+        self.imus = imus or []
+
+
+def imus_of(labels: list[str], chosen: list[str]) -> list[str]:
+    """The `topics` of each IMU: the first of every kind that was chosen, the second of every kind, and so on."""
+    names = list(dict.fromkeys(label.partition(":")[0] for label in chosen))
+    numbers = sorted({int(number) for name, _, number in (label.partition(":") for label in labels) if name in names and number.isdigit()})
+    return [",".join(one for name in names if (one := f"{name}:{number}") in labels) for number in numbers]
 
 
 def join(parts: list[Part], units: dict[str, str], signals: Signals) -> None:

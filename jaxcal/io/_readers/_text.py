@@ -14,8 +14,9 @@ from collections.abc import Callable, Iterator
 
 from ..._errors import DataError
 from .._columns import SENSORS
-from .._names import parse_name, unit_of
+from .._names import OTHER_SCRIPTS, parse_name, unit_of
 from ._bounds import check_declared
+from ._labelled import relabelled
 
 _HEAD = 1 << 18
 #: two threads with blocks of 4 MiB read as fast as they parse, and hold little
@@ -24,14 +25,20 @@ MISSING = ("", "NA", "N/A", "n/a", "null", "NULL", "None", "none", "-", "--", "N
 COMMENTS = ("#", "%", "//")
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?(?:inf(?:inity)?)", re.IGNORECASE)
 _COMMA_NUMBER = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
-_DAY = r"(?:\d{4}[-/.]\d\d?[-/.]\d\d?|\d\d?[-/.]\d\d?[-/.]\d{4})"
+MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
+_DAY = (
+    r"(?:\d{4}[-/.]\d\d?[-/.]\d\d?|\d\d?[-/.]\d\d?[-/.](?:\d{4}|\d\d(?!\d))|"
+    rf"\d\d?[- ](?i:{'|'.join(MONTHS)})[a-z]{{0,6}}[- ]\d{{4}})"
+)
 #: also minutes and seconds alone, which is what is left of a time in a table that passed through a spreadsheet
 _TIME_OF_DAY = r"(?:\d\d?:\d\d:\d\d(?:[.,:]\d+)?(?:\s*[AaPp][Mm])?|\d\d?:\d\d[.,]\d+)"
 _DATE = re.compile(rf"{_DAY}(?:[T_]|,? +){_TIME_OF_DAY}\s*(?:Z|UTC|[+-]\d\d:?\d\d)?")
 _DAY_ALONE, _CLOCK = re.compile(_DAY), re.compile(_TIME_OF_DAY)
+_ANY = re.compile("|".join(f"(?:{form.pattern})" for form in (_NUMBER, _COMMA_NUMBER, _DATE, _DAY_ALONE, _CLOCK)), re.IGNORECASE)
 #: kinds of columns that hold text to be turned into stamps
 STAMPS = ("date", "day", "clock")
 _LOOK = 500
+_CONTROL = bytes([*range(9), *range(14, 32)])
 #: fields in a line, beyond which no log goes, and characters of a line that are looked at
 WIDEST, _LONGEST_LINE = 5000, 1 << 20
 
@@ -111,8 +118,14 @@ def open_text(path: pathlib.Path) -> Text:
     if not text.strip():
         raise DataError("the file is empty")
     content = None
+    table = relabelled(text)
     # polars reads UTF-8 and ends lines at \n
-    if encoding.startswith("utf-16") or ("\n" not in text and "\r" in text):
+    if table is not None:
+        everything = b"".join(_unpacked(path, 0)) if packed else path.read_bytes()
+        text = table(everything.decode(encoding, errors="replace").replace("\r\n", "\n").replace("\r", "\n"))
+        content, text = text.encode(), text[:_HEAD]
+        first = content[:_HEAD]
+    elif encoding not in ("utf-8-sig", "latin-1") or ("\n" not in text and "\r" in text):
         everything = b"".join(_unpacked(path, 0)) if packed else path.read_bytes()
         content = everything.decode(encoding, errors="replace").replace("\r\n", "\n").replace("\r", "\n").encode()
         first = content[:_HEAD]
@@ -142,15 +155,25 @@ def _gzip_faults() -> Iterator[None]:
 def _encoding(head: bytes) -> str:
     if head.startswith((b"\xff\xfe", b"\xfe\xff")):
         return "utf-16"
-    control = sum(byte < 9 or 13 < byte < 32 for byte in head[:4096])
+    control = len(head[:4096]) - len(head[:4096].translate(None, _CONTROL))
     if b"\0" in head or control > 0.01 * len(head[:4096]):
         raise DataError("this is neither text nor a format that is known by its first bytes; convert it to CSV or NPZ")
     try:
         head.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         if error.start < len(head) - 4:
-            return "latin-1"
+            return _older(head)
     return "utf-8-sig"
+
+
+def _older(head: bytes) -> str:
+    """Latin-1, or the encoding of Chinese systems where that gives words which are known."""
+    line = b"\n".join(head.split(b"\n", 5)[:5])
+    try:
+        text = line.decode("gb18030")
+    except UnicodeDecodeError:
+        return "latin-1"
+    return "gb18030" if any(word in text for word in OTHER_SCRIPTS) else "latin-1"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -184,8 +207,11 @@ def sniff(text: str) -> Layout:
     lines = [part for line in lines for part in line.rstrip("\r").split("\r")][:_LOOK]
     _refuse_wide(lines)
     best: tuple[str, int, dict[int, list[str]]] | None = None
-    for mark in (";", "\t", ",", " "):
-        rows = {i: split(line, mark) for i, line in enumerate(lines) if line.strip() and not _is_comment(line)}
+    ended = [line.rstrip() for line in lines if line.strip()]
+    ended = len(ended) > 2 and sum(line.endswith(";") and line.count(";") == 1 and "," in line for line in ended) > 0.9 * len(ended)
+    for mark in (",",) if ended else (";", "\t", ",", " "):
+        known = {i: line.rstrip("; ") if ended else line for i, line in enumerate(lines) if line.strip() and not _is_comment(line)}
+        rows = {i: split(line, mark) for i, line in known.items()}
         rows_of_numbers = {i: row for i, row in rows.items() if _is_data(row)}
         widths = [_effective(row) for row in rows_of_numbers.values()]
         if not widths:
@@ -200,19 +226,24 @@ def sniff(text: str) -> Layout:
         raise DataError(f"there are no rows of numbers; the first line is {shown[:80]!r}")
     delimiter, width, found = best
     first, data = min(found), list(found.values())
+    stated = ""
+    heads = [{*map(str.strip, row)} for row in data[:2]]
+    if len(data) > 3 and len(heads[0]) == len(heads[1]) == 1 and re.fullmatch(r" *1\d{9}(?:\.\d+)?", data[0][0]):
+        # a start in s since 1970 and a rate above every column, as Empatica writes them
+        stated, first, data = f"\nsampling rate: {data[1][0].strip()} Hz", sorted(found)[2], data[2:]
     comments = [line.strip() for line in lines[first:] if _is_comment(line)]
     marks = [mark for mark in COMMENTS if any(line.startswith(mark) for line in comments)]
     blanks = delimiter == " " and any(line != line.strip() or re.search(r"[ \t]{2,}|\t", line) for line in lines[first:])
     return Layout(
         skip=first,
         delimiter=delimiter,
-        names=_names([line for line in lines[:first] if line.strip(" \t#%/")], delimiter, width) or [""] * width,
+        names=(None if stated else _names([line for line in lines[:first] if line.strip(" \t#%/")], delimiter, width)) or [""] * width,
         kinds=[_kind([row[j].strip() for row in data]) for j in range(width)],
         comma=delimiter in ";\t" and any(_COMMA_NUMBER.fullmatch(field.strip()) for row in data for field in row),
         comment=marks[0] if marks else "#",
         trailing=any(len(row) > width for row in data),
-        padded=blanks or (delimiter != " " and any(field != field.rstrip() for row in data for field in row[-1:])),
-        preamble="\n".join(lines[:first])[:20_000],
+        padded=ended or blanks or (delimiter != " " and any(field != field.rstrip() for row in data for field in row[-1:])),
+        preamble="\n".join(lines[:first])[:20_000] + stated,
     )
 
 
@@ -247,7 +278,7 @@ def _effective(row: list[str]) -> int:
 
 
 def _is_number(field: str) -> bool:
-    return any(form.fullmatch(field) for form in (_NUMBER, _COMMA_NUMBER, _DATE, _DAY_ALONE, _CLOCK))
+    return _ANY.fullmatch(field) is not None
 
 
 def _is_data(row: list[str]) -> bool:
@@ -274,11 +305,20 @@ def _kind(fields: list[str]) -> str:
 def _names(head: list[str], delimiter: str, width: int) -> list[str] | None:
     """Column names: the line of text before the data that has as many fields; a line of units below it is joined on."""
     names = _fields(head[-1], delimiter, width) if head else None
-    if names and len(head) > 1 and all(map(_is_unit, names)) and any(names):
+    if names and len(head) > 1 and _are_units(names):
         above = _fields(head[-2], delimiter, width)
-        if above and not all(map(_is_unit, above)):
+        if above and not _are_units(above):
             units = [_bare(unit) for unit in names]
             return [f"{name} [{unit}]" if unit.strip("- ") else name for name, unit in zip(above, units, strict=True)]
+    if names and len(head) > 1 and len(set(names)) < len(names) and (above := _fields(head[-2], delimiter, width)):
+        # a line of groups above the axes, as pandas and workbooks have them, each group named once or over every axis
+        filled, group = [], ""
+        for word in above:
+            group = word if word and not word.startswith("Unnamed") else group
+            filled.append(group)
+        joined = [f"{one}_{name}" if one and name else one or name for one, name in zip(filled, names, strict=True)]
+        if sum(parse_name(one) is not None for one in joined) > sum(parse_name(one) is not None for one in names):
+            return joined
     # a comment may happen to have as many words as there are columns
     return None if names and _is_comment(head[-1]) and not any(map(parse_name, names)) else names
 
@@ -289,9 +329,17 @@ def _fields(line: str, delimiter: str, width: int) -> list[str] | None:
     bare = line.strip().lstrip("#%/").strip() if comment else line
     for mark in dict.fromkeys((delimiter, ",", ";", "\t", " ") if comment else (delimiter,)):
         row = split(bare, mark)
-        if _effective(row) == width and not _is_data(row):
+        if width in (len(row), _effective(row)) and not _is_data(row):
             return [field.strip().strip('"') for field in row[:width]]
     return None
+
+
+def _are_units(fields: list[str]) -> bool:
+    """Whether a line holds units: most of them known, and none of them names of columns."""
+    filled = [field for field in fields if field.strip()]
+    known = sum(map(_is_unit, filled))
+    # a unit in a line of units need not be one that is known here
+    return bool(filled) and (known == len(filled) or (known >= max(2, len(filled) / 2) and len(set(filled)) < len(filled)))
 
 
 def _is_unit(field: str) -> bool:

@@ -27,6 +27,8 @@ _TYPES = {
     "uint64_t": "<u8", "float": "<f4", "double": "<f8", "bool": "u1", "char": "S1",
 }  # fmt: skip
 _FIELD = re.compile(r"([A-Za-z_][\w-]*)(?:\[(\d{1,5})\])? ([A-Za-z_]\w*)")
+#: rows looked at together
+_PIECE = 1 << 16
 #: of one message: bytes that its 16 bit length can tell, and fields
 _LONGEST, _MOST = 65535, 4096
 
@@ -90,13 +92,18 @@ class ULog:
 
     def _topic(self, name: str, instance: int, place: array.array) -> Topic:
         dtype, padding = layout(name, self._formats)
-        offsets = np.array(place, np.int64)
-        size = self._content[offsets].astype(np.int64) + (self._content[offsets + 1].astype(np.int64) << 8) - 2
-        # padding at the end of a row may be written or not
-        whole = (size >= dtype.itemsize) & (size <= dtype.itemsize + padding)
+        offsets = np.frombuffer(place, np.int64)  # where they stand: of a long log there is no room for two
+        whole = np.empty(len(offsets), bool)
+        for start in range(0, len(offsets), _PIECE):
+            piece = offsets[start : start + _PIECE]
+            size = self._content[piece].astype(np.int64) + (self._content[piece + 1].astype(np.int64) << 8) - 2
+            # padding at the end of a row may be written or not
+            whole[start : start + _PIECE] = (size >= dtype.itemsize) & (size <= dtype.itemsize + padding)
         if not whole.all():
             self.warnings.append(f"{name}:{instance}: {np.count_nonzero(~whole)} rows have the wrong length and are left out")
-        return Topic(name, instance, dtype, offsets[whole] + 5)
+            offsets = offsets[whole]
+        offsets += 5
+        return Topic(name, instance, dtype, offsets)
 
     def _span(self, i: int, end: int, first: bool) -> None:
         data, places = self._data, self._places

@@ -11,10 +11,12 @@ import equinox as eqx
 import numpy as np
 import scipy  # loads its parts when they are first used
 
+from ...fitting import is_white, leave_out
+from ...fitting._serial import BLOCKS, correlation_time, tamed
 from ._kinds import COUNT, PLANAR, basis_of, slopes_of
 from ._residuals import Size
-from ._serial import BLOCKS, correlation_time, leave_out, shared, tamed, white
 from ._shape import Found, radius_of, root, unit
+from ._shared import shared
 
 DRIFT, FAST, BENT, PLACE, ALONE, SERIAL = "drift", "rate of turn", "nonlinearity", "place", "current or moving part", "correlated noise"
 _PARTS = 20
@@ -149,7 +151,7 @@ def examined(
             steps.append(moved)
             terms.append(part)
         causes.append(Cause(name, np.array(steps), float(np.max(np.abs(part @ coefficients))) / radius))
-    if white(jacobian, left):
+    if is_white(jacobian, left):
         rest = np.sum(left**2) / np.sum((weight[:, 0] * found.distance) ** 2)
         return Examined(found.covariance * min(rest, 1.0), 0, causes, np.zeros((0, 9)), _with_terms(terms, left, count, True))
     known = np.zeros((count, count))
@@ -183,6 +185,6 @@ def _with_terms(terms: list[np.ndarray], residuals: np.ndarray, count: int, inde
         noise2 = np.sum(residuals**2) / max(len(rows) - rows.shape[1], 1)
         part = noise2 * np.linalg.pinv((rows / size).T @ (rows / size), hermitian=True) / np.outer(size, size)
     else:
-        part = leave_out(rows, residuals, np.zeros((rows.shape[1],) * 2))
+        part = leave_out(rows, residuals)
     matrix[:count, :count] = part[:count, :count]
     return matrix

@@ -12,8 +12,7 @@ from ..._compile import filter_jit
 from ..._errors import DataError
 from ..._precision import host_float64
 from ..._types import AnyArray
-from ...fitting import Fit, Gaussian, covariance, solve
-from .._ellipsoid._serial import leave_out, white
+from ...fitting import Fit, Gaussian, covariance, is_white, leave_out, solve
 from .._ellipsoid._shape import filled, unit
 from .._model import MagModel
 from ._residuals import dip_residuals, heading_residuals, turn_residuals
@@ -314,7 +313,7 @@ def spread_of(fit: Fit) -> np.ndarray:
     """Covariance of the parameters: of white residuals, or where they are not, from fits without parts of the log."""
     matrix, counted = np.asarray(covariance(fit, scaled=True)), np.asarray(fit.counted)
     jacobian, residuals = np.asarray(fit.jacobian)[counted], np.asarray(fit.residuals)[counted]
-    if not np.isfinite(matrix).all() or not np.std(residuals) > _EXACT or white(jacobian, residuals):
+    if not np.isfinite(matrix).all() or not np.std(residuals) > _EXACT or is_white(jacobian, residuals):
         return matrix
     prior = np.asarray(fit.prior_jacobian)
     known = prior.T @ prior

@@ -7,12 +7,12 @@ import jax
 import numpy as np
 
 from ..._compile import filter_jit
-from ...fitting import information
+from ...fitting import information, is_white, leave_out
+from ...fitting._serial import BLOCKS, doubt
 from .._design._heading_error import WORDS, rms_heading
 from .._ellipsoid._algebraic import triangle
 from .._ellipsoid._causes import SERIAL
 from .._ellipsoid._kinds import ENTRIES, basis_of, upper_and_centre
-from .._ellipsoid._serial import BLOCKS, doubt, leave_out, white
 from .._ellipsoid._shape import radius_of, root, root_slopes, unit
 from .._result import UNEVEN, Reasons, expected
 from ._residuals import CENTRE, TURN, JointPoses
@@ -65,7 +65,7 @@ def _serial(found: Any, covariance: np.ndarray) -> tuple[np.ndarray, int]:
     order = np.argsort(np.concatenate([np.arange(n), np.repeat(np.arange(n), (len(residuals) - n) // n)]), kind="stable")
     there = order[np.asarray(found.fit.counted)[order]]
     residuals, jacobian = residuals[there], jacobian[there]
-    if found.sigma[0] < _EXACT or white(jacobian, residuals):
+    if found.sigma[0] < _EXACT or is_white(jacobian, residuals):
         return covariance, 0
     prior = np.asarray(found.fit.prior_jacobian)[:, free]
     part = np.ix_(free, free)

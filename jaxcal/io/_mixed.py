@@ -1,0 +1,135 @@
+"""Tables that hold more than one recording: rows of several devices that take turns, and sensors with clocks of their own."""
+
+import re
+
+import numpy as np
+
+from .._errors import DataError
+from ._columns import SENSORS
+from ._names import plain
+
+#: names of columns that say which device a row is of, and those that may say so or something else
+_DEVICE = re.compile(r".*(?:device|sensor|node|mac|address|board|imu)(?:id|name|number|no|nr|index|type)?")
+_PERHAPS = re.compile(
+    r"id|type|source|name|tag|place|location|position|side|foot|limb|hand|leg|unit|channel|port|.*(?:subject|user|person)(?:id)?"
+)
+_LOOK, _MOST = 20_000, 64
+#: part of the rows at which the device changes that makes it taking turns; a label of what is done changes seldom
+_TURNS = 0.2
+
+
+def refuse_mixed(table, columns: dict[str, list[int]]) -> None:
+    """Rows of several devices one after the other are no recording: their stamps and values belong to different sensors."""
+    used = {i for indices in columns.values() for i in indices}
+    chosen = [i for name in SENSORS for i in columns.get(name, ())]
+    for i, column in enumerate(table.columns):
+        if i in used or not chosen or column.dtype.kind not in "Oiuf" or i in table.clocks:
+            continue
+        values = column[:_LOOK]
+        if len(values) < 20:
+            return
+        name = plain(table.names[i])
+        device, perhaps = bool(_DEVICE.fullmatch(name)), bool(_PERHAPS.fullmatch(name))
+        if column.dtype.kind != "O" and not device and not perhaps:
+            continue
+        code = _codes(values)
+        if code is None:
+            continue
+        kinds = int(code.max()) + 1
+        turns = np.diff(code) != 0
+        if not 2 <= kinds <= _MOST or np.mean(turns) < _TURNS:
+            continue
+        smooth = _smoother(table, chosen, code)
+        # an id may as well be a count that begins again
+        if smooth > 3.0 or (device and (smooth > 0.8 or np.mean(turns) > 0.9)) or (perhaps and kinds <= 8 and smooth > 1.3):
+            shown = ", ".join(sorted({f"{value:g}" if isinstance(value, float) else str(value) for value in values.tolist()})[:6])
+            raise DataError(
+                f"column {i} ({table.names[i]}) names {kinds} devices or sensors whose rows take turns ({shown}): they are "
+                "recordings of their own, mixed in one table; keep the rows of one of them in a file and read that"
+            )
+
+
+def _codes(values: np.ndarray) -> np.ndarray | None:
+    """Numbers for the different values of a column; None where there are too many."""
+    if values.dtype.kind == "O":
+        known: dict[str, int] = {}
+        code = np.array([known.setdefault(str(value), len(known)) for value in values.tolist()])
+        return code if len(known) <= _MOST else None
+    if values.dtype.kind == "f" and not np.array_equal(values, np.round(values)):
+        return None
+    seen, code = np.unique(values, return_inverse=True)
+    return code if len(seen) <= _MOST else None
+
+
+def _smoother(table, chosen: list[int], code: np.ndarray) -> float:
+    """How much larger the steps from row to row are than those from row to row of one device: the median over the channels."""
+    ratios = []
+    for i in chosen:
+        values = np.asarray(table.columns[i][: len(code)], np.float64)
+        own = np.concatenate([np.abs(np.diff(values[code == k])) for k in range(int(code.max()) + 1)])
+        all_rows, own = np.abs(np.diff(values)), own[np.isfinite(own)]
+        all_rows = all_rows[np.isfinite(all_rows)]
+        if len(own) and len(all_rows) and np.median(own) > 0:
+            ratios.append(float(np.median(all_rows) / np.median(own)))
+    return float(np.median(ratios)) if ratios else 1.0
+
+
+def own_clocks(table, found, clock) -> str | None:
+    """A sentence where sensors have clocks of their own that differ: their samples do not belong into one row."""
+    if clock is None or len(clock.columns) > 1:
+        return None
+    base = clock.columns[0]
+    said = []
+    for name in SENSORS:
+        own = _clock_of_sensor(table, found, name)
+        if own is None or own == base:
+            continue
+        column = table.columns[own]
+        if column.dtype.kind not in "iufM" or (column.dtype.kind == "M") != (table.columns[base].dtype.kind == "M"):
+            continue
+        if not _same(column, table.columns[base]):
+            said.append(f"{name} by {table.names[own]}")
+    if not said:
+        return None
+    example = said[0].partition(" by ")
+    return (
+        f"the sensors of the table have clocks of their own, which differ ({', '.join(said)}; the others by {table.names[base]}): what "
+        "stands in one row was not sampled together; read them one by one, as with "
+        f"columns={{'time': '{example[2]}', '{example[0]}': [...]}} "
+        f"(--columns time={example[2]},{example[0]}=...)"
+    )
+
+
+def _clock_of_sensor(table, found, name: str) -> int | None:
+    """The column of stamps that is named after a sensor."""
+    if name not in found.columns:
+        return None
+    word = {"gyro": "gyr", "accel": "acc", "mag": "mag"}[name]
+    for i, text in enumerate(table.names):
+        low = re.sub(r"[\[(].*?[\])]", "", text).lower()
+        named = re.search(rf"(?<![a-z]){word}", low) or (low.startswith(("time", "t_")) and word in low)
+        if named and re.search(r"time|stamp|(?<![a-z])t(?:s|_us|_ms|_ns)?(?![a-z])", low) and not _is_read(found, i):
+            return i
+    return None
+
+
+def _is_read(found, index: int) -> bool:
+    """Whether a column is read as a sensor's."""
+    return any(index in found.columns.get(name, ()) for name in SENSORS)
+
+
+def _same(one: np.ndarray, other: np.ndarray) -> bool:
+    """Whether two columns of stamps are equal but for what is small beside a step."""
+    if one.dtype.kind == "M":
+        one, other = one.astype(np.int64), other.astype(np.int64)
+    one, other = one.astype(np.float64), other.astype(np.float64)
+    both = np.isfinite(one) & np.isfinite(other)
+    if np.mean(both) < 0.95:
+        return bool(np.mean(np.isfinite(one) == np.isfinite(other)) > 0.95)
+    steps = np.diff(one[both])
+    steps = steps[steps > 0]
+    if not len(steps):
+        return True
+    apart = one[both] - other[both]
+    apart = apart - np.median(apart)
+    return bool(np.quantile(np.abs(apart), 0.95) < 2.0 * np.median(steps))

@@ -1,0 +1,171 @@
+"""One column of stamps, or two: their unit by size and step, seconds with a fraction beside them, times written as digits."""
+
+import dataclasses
+
+import numpy as np
+
+from .._errors import DataError
+
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+#: where an epoch since 1970 begins, by unit
+_EPOCH = {"s": (1e9, 4e9), "ms": (1e12, 4e12), "us": (1e15, 4e15), "ns": (1e18, 4e18)}
+#: ticks of 100 ns since 1601 (Windows) and since the year 1 (.NET), and days since the year 0 (MATLAB), of this century
+_TICKS = ((1.25e17, 1.6e17, "1e-7 s", 0.0, "Windows"), (6.3e17, 6.7e17, "1e-7 s", 0.0, ".NET"), (7.3e5, 7.7e5, "d", 5e-5, "MATLAB"))
+#: upper end of the median step of each unit, and between which steps the one below it is a guess
+_STEPS = {
+    True: (("ms", 300.0, (100.0, 1000.0)), ("us", 3e5, (1e5, 1e6)), ("ns", np.inf, (np.inf, np.inf))),
+    False: (("s", 0.5, (0.2, 3.0)), ("ms", 300.0, (100.0, 1000.0)), ("us", 3e5, (1e5, 1e6)), ("ns", np.inf, (np.inf, np.inf))),
+}
+#: Modified Julian Dates from 1968 to 2132, and the step (in d, 4 s) above which they may as well be seconds
+_MJD, _MJD_STEP, DAY = (40_000.0, 100_000.0), 5e-5, 86400.0
+
+
+@dataclasses.dataclass
+class Clock:
+    """Stamps in s (or dates) from `columns`, their unit, why, and whether anything besides plausibility speaks for it."""
+
+    columns: list[int]
+    time: np.ndarray
+    unit: str
+    reason: str = ""
+    other: str = "s"
+    sure: bool = True
+    epoch_ns: int = 0
+
+    @property
+    def seconds(self) -> np.ndarray:
+        """Stamps in s from the first."""
+        if self.time.dtype.kind == "M":
+            ns = self.time.astype("datetime64[ns]").astype(np.int64)
+            return np.where(np.isnat(self.time), np.nan, (ns - ns[0]) * 1e-9)
+        return self.time
+
+    @property
+    def period(self) -> float:
+        """Median step that rises, s, or the mean one where stamps are so coarse that several samples share one; NaN where none rises."""
+        steps = np.diff(self.seconds)
+        steps = steps[np.isfinite(steps) & (steps >= 0)]
+        rising = steps[steps > 0]
+        if not len(rising):
+            return np.nan
+        return float(np.median(rising)) if len(rising) > 0.7 * len(steps) else float(np.median(rising)) * len(rising) / len(steps)
+
+    @property
+    def mean(self) -> float:
+        """Mean step, s."""
+        seconds = self.seconds[np.isfinite(self.seconds)]
+        return float(seconds.max() - seconds.min()) / max(len(seconds) - 1, 1) if len(seconds) else np.nan
+
+    @property
+    def distinct(self) -> float:
+        """Part of the samples that the stamps tell apart."""
+        seconds = self.seconds[: 1 << 16]
+        seconds = seconds[np.isfinite(seconds)]
+        return len(np.unique(seconds)) / len(seconds) if len(seconds) else 0.0
+
+
+def pair(table, indices: list[int], columns: list[np.ndarray], size: float) -> Clock:
+    """A date and a time of day, or seconds and a fraction beside them that counts in `size` s."""
+    fraction = np.asarray(columns[1]).astype(np.float64)
+    if columns[0].dtype.kind == "M" and columns[1].dtype.kind != "M":
+        seconds = fraction if indices[1] in table.clocks else fraction * size
+        ns = np.where(np.isfinite(seconds), np.round(seconds * 1e9), 0).astype(np.int64).astype("timedelta64[ns]")
+        time = columns[0] + ns
+        time[~np.isfinite(seconds)] = np.datetime64("NaT")
+        return Clock(indices, time, "date", "a date and a time of day" if indices[1] in table.clocks else "dates and a fraction of seconds")
+    whole = np.asarray(columns[0]).astype(np.float64)
+    if columns[0].dtype.kind == "M" or columns[1].dtype.kind == "M" or np.nanmin(fraction) < 0 or np.nanmax(fraction) * size >= 1.0:
+        shown = f"columns {indices[0]} and {indices[1]} ({', '.join(table.names[i] for i in indices)})"
+        raise DataError(
+            f"{shown} are not seconds and nanoseconds: the second must stay within 0 and {1 / size:.9g}; "
+            "name one time column with columns={'time': ...} (--columns time=...)"
+        )
+    if indices[0] in table.clocks:
+        return Clock(indices, since_midnight(whole + fraction * size), "time of day", "times of day and a fraction of seconds")
+    first = whole[np.isfinite(whole)][0]
+    small = next((unit for unit, one in SECONDS.items() if one == size), "ns")
+    return Clock(indices, (whole - first) + fraction * size, f"s + {small}", f"s and {small}", "s", True, int(first) * 10**9)
+
+
+def since_midnight(clock: np.ndarray) -> np.ndarray:
+    """Times of day in s that go on rising: at midnight they begin again, and after an hour where the hours are missing."""
+    turn = DAY if np.nanmax(clock) >= 3600 else 3600.0
+    return clock + turn * np.cumsum(np.concatenate([[0], np.diff(clock) < -turn / 2]))
+
+
+def is_fraction(table, whole: int, part: int, size: float) -> bool:
+    """Whether a column counts parts of a second, and falls back to zero where another begins a new second."""
+    column, seconds = table.columns[part], table.columns[whole]
+    if column.dtype.kind not in "iuf" or part in table.clocks or not np.isfinite(column).all():
+        return False
+    if column.min() < 0 or not 0.5 < column.max() * size < 1.0:
+        return False
+    falls = np.diff(column.astype(np.float64)) * size < -0.5
+    if seconds.dtype.kind == "M":
+        steps = np.diff(seconds) / np.timedelta64(1, "s")
+    elif seconds.dtype.kind in "iuf":
+        steps = np.diff(seconds.astype(np.float64))
+    else:
+        return False
+    return bool(falls.any() and np.mean(steps[falls] == 1.0) > 0.9 and np.mean(steps[~falls] == 0.0) > 0.9)
+
+
+def from_digits(column: np.ndarray) -> np.ndarray | None:
+    """Times of day in s that are written as the digits HHMMSS, with or without decimals, or HHMMSSmmm; None for other numbers.
+
+    A count of any unit passes through all digits; times of day never show seconds or minutes beyond 59, and jump where a minute begins.
+    """
+    values = column[np.isfinite(column)].astype(np.float64) if column.dtype.kind in "iuf" else np.zeros(0)
+    if len(values) < 20 or values.min() < 0 or values.max() >= 240_000e6:
+        return None
+    for size in (1.0, 1e3, 1e6):
+        hours, minutes, seconds = values / size // 1e4, values / size // 100 % 100, values / size % 100
+        if hours.max() >= 24 or minutes.max() >= 60 or seconds.max() >= 60 or np.ptp(values) <= 40 * size:
+            continue
+        clock = hours * 3600 + minutes * 60 + seconds
+        steps, begun = np.diff(clock), np.diff(minutes) != 0
+        typical = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
+        if np.any(begun) and typical > 0 and np.abs(steps[begun]).max() < max(5 * typical, 2.0):
+            out = np.full(len(column), np.nan)
+            out[np.isfinite(column)] = clock
+            return out
+    return None
+
+
+def unit_by_step(stamps: np.ndarray, integer: bool, rate: float | int | None) -> tuple[str, str, bool]:
+    """Unit of stamps that no name tells: that which agrees with `rate`, that of an epoch, or by the median step."""
+    steps = np.diff(stamps)
+    steps = steps[(steps > 0) & np.isfinite(steps)]
+    if not len(steps):
+        raise DataError("the time column never rises; name another one with columns={'time': ...} (--columns time=...), or give rate=")
+    step = float(np.median(steps))
+    seen = f"median step {step:.3g}, {'integer' if integer else 'decimal'}"
+    start = float(stamps[np.isfinite(stamps)][0])
+    if not integer and _MJD[0] <= start <= _MJD[1]:
+        agrees = rate is not None and abs(1 / (step * DAY) / rate - 1) < 0.05
+        # as seconds it would be a rate beyond 20 kHz
+        if agrees or (rate is None and step < _MJD_STEP):
+            return "mjd", f"{seen}, from {start:.6g} on: Modified Julian Dates", True
+    if rate is not None:
+        mean = (len(stamps) - 1) / float(np.nanmax(stamps) - np.nanmin(stamps))
+        for unit, seconds in SECONDS.items():
+            if min(abs(1 / (step * seconds) / rate - 1), abs(mean / seconds / rate - 1)) < 0.05:
+                return unit, f"{seen}: agrees with a rate of {rate:g} Hz", True
+    for unit, (first, last) in _EPOCH.items():
+        # a rate far outside any sensor's means that a time since boot only looks like an epoch
+        if first <= start <= last and 0.1 < 1 / (step * SECONDS[unit]) < 1e6:
+            return unit, f"starts at {start:.4g}, as time since 1970 does", True
+    for first, last, unit, most, who in _TICKS:
+        if first <= start <= last and (not most or step < most):
+            return unit, f"starts at {start:.6g}, as time in {who} does", True
+    rows = _STEPS[integer]
+    at = next(i for i, (_, upper, _) in enumerate(rows) if step < upper)
+    unit, _, (low, _) = rows[at]
+    below = rows[at - 1] if at else None
+    if step >= low and at + 1 < len(rows):
+        return unit, f"{seen}; uncertain, could be {rows[at + 1][0]}", False
+    if below and step <= below[2][1]:
+        return unit, f"{seen}; uncertain, could be {below[0]}", False
+    if integer and step < 4:
+        return unit, f"{seen}; uncertain, could be a counter", False
+    return unit, seen, True

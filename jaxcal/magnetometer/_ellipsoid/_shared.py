@@ -1,0 +1,50 @@
+"""What neighbouring residuals of a log have in common: a norm that varies, or an offset that moves."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+_TURNING = 12  # lags at which products of residuals are looked at
+_CLOSE = range(3, 7)
+_ALONE = 4.0  # variance along one direction, over those across it
+
+
+class Shared(NamedTuple):
+    """What neighbouring residuals have in common.
+
+    of_norm : whether they agree whatever their directions, as a field that varies makes them, rather than as an offset would.
+    alone : (3,) standard deviation of an offset along the one direction in which it varies, as that of a current; None where there is none.
+    swing : standard deviation of an offset along any direction that has what neighbours share.
+    """
+
+    of_norm: bool
+    alone: np.ndarray | None
+    swing: float
+
+
+def shared(residuals: np.ndarray, normals: np.ndarray) -> Shared:
+    """From products of residuals some lags apart: a variance of the norm, plus n'Sn of their normals with the covariance S of an offset."""
+    n = len(residuals)
+    lags = np.unique(np.round(np.geomspace(1, max(n // _TURNING, 2), _TURNING)).astype(int))
+    first, second = (np.concatenate([part(k) for k in lags]) for part in (lambda k: normals[k:], lambda k: normals[:-k]))
+    products = np.concatenate([residuals[k:] * residuals[:-k] for k in lags])
+    norm, offset = np.linalg.lstsq(np.stack([np.ones(len(first)), np.sum(first * second, axis=1)], axis=1), products, rcond=None)[0]
+    # of close neighbours, which share most of it, but not of the closest, which share what the log repeats
+    near = np.concatenate([residuals[k:] * residuals[:-k] for k in _CLOSE])
+    turned = np.concatenate([np.sum(normals[k:] * normals[:-k], axis=1) for k in _CLOSE])
+    swing = float(np.sqrt(max(np.sum(turned * near) / max(np.sum(turned**2), 1e-300), 0.0)))
+    if norm > offset:
+        return Shared(True, None, swing)
+    pairs = [(i, j) for i in range(3) for j in range(i, 3)]
+    columns = [first[:, i] * second[:, j] + (i != j) * first[:, j] * second[:, i] for i, j in pairs]
+    entries = np.linalg.lstsq(np.stack([np.ones(len(first)), *columns], axis=1), products, rcond=None)[0][1:]
+    matrix = np.zeros((3, 3))
+    for (i, j), value in zip(pairs, entries, strict=True):
+        matrix[i, j] = matrix[j, i] = value
+    values, vectors = np.linalg.eigh(matrix)
+    if not values[2] > _ALONE * np.abs(values[:2]).max():
+        return Shared(False, None, swing)
+    along = normals @ vectors[:, 2]
+    cosines = np.concatenate([along[k:] * along[:-k] for k in _CLOSE])
+    variance = np.sum(cosines * near) / max(np.sum(cosines**2), 1e-300)
+    return Shared(False, vectors[:, 2] * np.sqrt(max(variance, 0.0)), swing)

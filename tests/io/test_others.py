@@ -1,0 +1,281 @@
+"""Tables as apps, loggers and programs write them, beyond those of `layouts`: each is read rightly, or refused with the reason."""
+
+import datetime
+import importlib.util
+import pathlib
+import random
+
+import numpy as np
+import pytest
+
+from jaxcal import DataError, read
+
+_SPEC = importlib.util.spec_from_file_location("layouts", pathlib.Path(__file__).with_name("layouts.py"))
+layouts = importlib.util.module_from_spec(_SPEC)
+_SPEC.loader.exec_module(layouts)
+
+N, RATE, DEG, G = 400, 50.0, np.pi / 180, 9.80665
+
+
+class Moving(random.Random):
+    def choice(self, seq):
+        return "hand" if "still" in seq else super().choice(seq)
+
+
+BODY = layouts.motion(Moving(4), N, RATE)
+GYRO, ACCEL, MAG = BODY["gyro"], BODY["accel"], BODY["mag"]
+TIME = np.arange(N) / RATE
+MOMENTS = [datetime.datetime(2021, 3, 4, 12, 59, 57) + datetime.timedelta(seconds=t) for t in TIME]
+
+
+def cells(values, form="%.6f"):
+    return [[form % value for value in channel] for channel in np.atleast_2d(np.asarray(values).T)]
+
+
+def same(word):
+    return [[word] * N]
+
+
+def table(head, *groups, mark=",", rows=slice(None)):
+    columns = [column for group in groups for column in group]
+    return "\n".join([head, *(mark.join(row) for row in list(zip(*columns, strict=True))[rows]), ""])
+
+
+def epoch(scale, later=0.0):
+    return [[str(round((1.6e9 + later + t) * scale)) for t in TIME]]
+
+
+def moments(form):
+    return [[m.strftime(form) for m in MOMENTS]]
+
+
+SECONDS = [[str(int(1.6e9 + t)) for t in TIME]]
+MS = [[str(round(1000 * t)) for t in TIME]]
+A, W, M = cells(ACCEL), cells(GYRO), cells(MAG * 1e6)
+CHINESE = {"\u52a0\u901f\u5ea6": "g", "\u89d2\u901f\u5ea6": "\u00b0/s"}
+READ = {
+    "months by name": ("Acceleration.csv", lambda: table("Timestamp,X,Y,Z", moments("%d-%b-%Y %H:%M:%S.%f"), A)),
+    "years of two digits": ("log.csv", lambda: table("Time,Acc X,Acc Y,Acc Z", moments("%m/%d/%y %I:%M:%S.%f %p"), A)),
+    "digits of a time of day": ("log.csv", lambda: table("time,ax,ay,az", [[m.strftime("%H%M%S%f")[:-3] for m in MOMENTS]], A)),
+    "seconds and milliseconds": (
+        "log.csv", lambda: table("sec,msec,ax,ay,az", SECONDS, [[str(round(1000 * (t % 1))) for t in TIME]], A)
+    ),
+    "whole seconds": ("log.csv", lambda: table("timestamp,ax,ay,az", SECONDS, A)),
+    "words in every column's name": ("acc_walking_waist.csv", lambda: table("id,attr_time,attr_x,attr_y,attr_z", MS, epoch(1e3), A)),
+    "places of sensors": (
+        "log.csv",
+        lambda: table(",".join(["Time_s", *(f"{p}_{s}_{x}" for p in ("Thigh", "Shank") for s in ("Acc", "Gyr") for x in "XYZ")]),
+                      cells(TIME), A, W, A[::-1], W[::-1]),
+    ),
+    "axes by number": ("log.csv", lambda: table("time_s,acc_1,acc_2,acc_3,gyro_1,gyro_2,gyro_3", cells(TIME), A, W)),
+    "rates of roll, pitch and yaw": (
+        "log.csv",
+        lambda: table("t_s,roll_rate_dps,pitch_rate_dps,yaw_rate_dps,roll,ax,ay,az", cells(TIME), cells(GYRO / DEG), same("1"), A),
+    ),
+    "rates that are called angles": (
+        "log_sensor_combined_0.csv",
+        lambda: table(",".join(["timestamp", *(f"gyro_rad[{i}]" for i in range(3)), *(f"accelerometer_m_s2[{i}]" for i in range(3))]),
+                      [[str(round(1.1e8 + 1e6 * t)) for t in TIME]], W, A),
+    ),
+    "raw before filtered": (
+        "log.csv",
+        lambda: table(",".join(["t_s", *(f"acc_{x}_{how}" for how in ("filt", "raw") for x in "xyz")]), cells(TIME), cells(0.9 * ACCEL), A),
+    ),
+    "groups named above": (
+        "imu.csv",
+        lambda: table("stamp,header,secs,nsecs,angular_velocity,x,y,z,linear_acceleration,x,y,z", epoch(1e9), same(""),
+                      SECONDS, [[str(round(1e9 * (t % 1))) for t in TIME]], same(""), W, same(""), A),
+    ),
+    "a line of units, some unknown": (
+        "log.csv",
+        lambda: table("Stamp_CAL\tAccel_LN_X_CAL\tAccel_LN_Y_CAL\tAccel_LN_Z_CAL\tMag_X_CAL\tMag_Y_CAL\tMag_Z_CAL\tBattery\n"
+                      "ms\tm/(s^2)\tm/(s^2)\tm/(s^2)\tlocal_flux\tlocal_flux\tlocal_flux\tmV",
+                      MS, A, cells(MAG / 5e-5), same("4000"), mark="\t"),
+    ),
+    "another script": (
+        "log.csv",
+        lambda: table(
+            ",".join(["\u65f6\u95f4(s)", *(f"{word}{x}({unit})" for word, unit in CHINESE.items() for x in "XYZ")]),
+            cells(TIME, "%.2f"), cells(ACCEL / G, "%.5f"), cells(GYRO / DEG, "%.4f"),
+        ),
+    ),
+    "labels in every line": (
+        "serial.txt",
+        lambda: "ready\n" + "".join(
+            f"{m.strftime('%H:%M:%S.%f')[:-3]} -> Accel X: {a[0]:.4f} g, Y: {a[1]:.4f} g, Z: {a[2]:.4f} g | Gyro X: {w[0]:.3f} deg/s, "
+            f"Y: {w[1]:.3f} deg/s, Z: {w[2]:.3f} deg/s\n" for m, a, w in zip(MOMENTS, ACCEL / G, GYRO / DEG, strict=True)
+        ),
+    ),
+    "a label for three numbers": (
+        "serial.txt",
+        lambda: "".join(f"t={round(1000 * t)} Acc: {a[0]:.4f}, {a[1]:.4f}, {a[2]:.4f} Gyro: {w[0]:.3f}, {w[1]:.3f}, {w[2]:.3f}\n"
+                        for t, a, w in zip(TIME, ACCEL, GYRO / DEG, strict=True)),
+    ),
+    "lines that end with a semicolon": (
+        "raw.txt", lambda: "".join(f"33,Jogging,{round(1e9 * t) + 49105962326000},{a[0]:.6f},{a[1]:.6f},{a[2]:.6f};\n"
+                                   for t, a in zip(TIME, ACCEL, strict=True)),
+    ),
+    "sizes in the preamble": (
+        "video.gcsv",
+        lambda: table("GYROFLOW IMU LOG\nversion,1.3\ntscale,0.02\ngscale,0.00122173047\nascale,0.00048828125\nt,gx,gy,gz,ax,ay,az",
+                      [[str(i) for i in range(N)]], cells(np.round(GYRO / 0.00122173047), "%.0f"),
+                      cells(np.round(ACCEL / G / 0.00048828125), "%.0f")),
+    ),
+    "two lines of names": ("log.csv", lambda: table("t,accel,,,gyro,,\n,x,y,z,x,y,z", MS, A, W)),
+    "a flag that flips": (
+        "log.csv", lambda: table("timestamp,ax,ay,az,mag_ready,gps", epoch(1e3), A, [[str(i % 2) for i in range(N)]],
+                                 [["yes" if i % 5 else "no" for i in range(N)]]),
+    ),
+    "an id that begins again": ("log.csv", lambda: table("timestamp,ax,ay,az,id", epoch(1e3), A, [[str(i % 16) for i in range(N)]])),
+    "clocks of two sensors that agree": (
+        "log.csv", lambda: table("ts_accel,accel_x,accel_y,accel_z,ts_gyro,gyro_x,gyro_y,gyro_z", epoch(1e9), A, epoch(1e9, 0.002), W)
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("which", READ)
+def test_a_table_of_another_program_is_read(which, tmp_path):
+    name, text = READ[which]
+    path = tmp_path / name
+    path.write_text(text(), encoding="utf-8")
+    log = read(path, quiet=True)
+    assert log.rate == pytest.approx(RATE, rel=2e-3)
+    assert log.mag is None
+    for found, true, size in ((log.accel, ACCEL, G), (log.gyro, GYRO, 1.0)):
+        if found is not None:
+            np.testing.assert_allclose(found[: len(true)], true[: len(found)], atol=2e-3 * size)
+    assert log.accel is not None
+    assert (log.gyro is None) == (log.provenance["columns"].get("gyro") is None)
+
+
+def axes(form):
+    return ",".join(form.format(axis) for axis in "xyz")
+
+
+DEVICES = {
+    "EuRoC or TUM-VI": lambda: table(f"#timestamp [ns],{axes('w_RS_S_{} [rad s^-1]')},{axes('a_RS_S_{} [m s^-2]')}", epoch(1e9), W, A),
+    "phyphox": lambda: table('"Time (s)","X (rad/s)","Y (rad/s)","Z (rad/s)"', cells(TIME, "%.9E"), cells(GYRO, "%.9E")),
+    "VMU931": lambda: table("", same("gyroscope"), MS, cells(np.round(GYRO / DEG * 16.384) / 16.384, "%.9f"))[1:],
+    "WitMotion": lambda: table(
+        f"Time(s),{axes('a{}(g)')},{axes('w{}(deg/s)')},{axes('Angle{}(deg)')}", moments("%H:%M:%S.%f"), cells(ACCEL / G),
+        cells(GYRO / DEG), same("1"), same("2"), same("3"),
+    ),
+    "BROAD": lambda: table(f"{axes('imu_gyr_{}')},{axes('imu_acc_{}')},{axes('imu_mag_{}')},t", W, A, M, cells(TIME)),
+    "ROS": lambda: table(
+        f"__time,/imu/header/seq,{axes('/imu/angular_velocity/{}')},{axes('/imu/linear_acceleration/{}')}", cells(TIME), MS, W, A
+    ),
+    "VectorNav": lambda: table(f"TimeStartup,{axes('UncompAccel.{}')},{axes('UncompGyro.{}')}", epoch(1e9), A, W),
+    "Xsens MT": lambda: table(
+        f"// Sample rate: 50.0Hz\nCounter\t{axes('Acc_{}')}\t{axes('Gyr_{}')}".replace(",", "\t"),
+        [[str(i) for i in range(N)]], A, W, mark="\t",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("device", DEVICES)
+def test_a_device_that_is_known_needs_no_guess(device, tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text(DEVICES[device]())
+    log = read(path, quiet=True)
+    assert any(note.startswith(f"device: the columns are those of {device}") for note in log.notes)
+    assert not any(warning.startswith("a guess") for warning in log.warnings)
+    assert log.rate == pytest.approx(RATE, rel=2e-3)
+    np.testing.assert_allclose(log.gyro, GYRO, atol=1e-3)
+    if log.accel is not None:
+        np.testing.assert_allclose(log.accel, ACCEL, atol=1e-3)
+
+
+def taking_turns(head, middle):
+    rows = []
+    for i in range(N):
+        for k, word in enumerate(middle):
+            values = ACCEL[i] if k == 0 else ACCEL[(i + 150) % N]
+            rows.append(f"{1.6e9 + TIME[i] + 0.0004 * k:.4f},{word}," + ",".join(f"{value:.5f}" for value in values))
+    return "\n".join([head, *rows, ""])
+
+
+REFUSED = {
+    "two devices in turn": ("log.csv", lambda: taking_turns("timestamp,sensor_id,ax,ay,az", "01"), "names 2 devices .* take turns"),
+    "two addresses in turn": ("log.csv", lambda: taking_turns("timestamp,mac,ax,ay,az", ("d4:22", "d4:23")), "mixed in one table"),
+    "clocks that differ": (
+        "log.csv",
+        lambda: table("accelerometer_timestamp,accelerometer_x,accelerometer_y,accelerometer_z,gyroscope_timestamp,gyro_x,gyro_y,gyro_z",
+                      [[str(round(1e9 * (1.6e9 + 2 * t))) for t in TIME]], A, epoch(1e9), W),
+        "clocks of their own",
+    ),
+    "gravity under the name of a rate": ("log.csv", lambda: table("time_s,gx,gy,gz", cells(TIME), cells(ACCEL / G)), "keep the length 1"),
+    "millidegrees without a unit": ("log.csv", lambda: table("time_s,gx,gy,gz", cells(TIME), cells(GYRO / DEG * 1e3)), "mdeg/s"),
+    "a relative magnetometer alone": (
+        "log.csv", lambda: table("time_s,Mag X (a.u.),Mag Y (a.u.),Mag Z (a.u.)", cells(TIME), cells(MAG / 5e-5)), "relative to some field"
+    ),
+    "JSON": ("log.json", lambda: '[{"time": 1, "x": 2}]', "this is JSON"),
+    "a page of the web": ("imu.csv", lambda: "<!DOCTYPE html>\n<html></html>\n", "page of the web"),
+    "ground truth with biases": (
+        "data.csv",
+        lambda: table("#time(ns),px,py,pz,qw,qx,qy,qz,vx,vy,vz,bwx,bwy,bwz,bax,bay,baz", epoch(1e9), *[A[:1]] * 16),
+        "do not say",
+    ),
+    "sensors of which no axis is understood": (
+        "log.csv", lambda: table("time_s,temp,gyro_foo,acc_foo", cells(TIME), same("25.1"), W[:1], A[:1]), "which axis of which"
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("which", REFUSED)
+def test_a_table_that_no_reading_can_be_right_for_is_refused(which, tmp_path):
+    name, text, said = REFUSED[which]
+    path = tmp_path / name
+    path.write_text(text(), encoding="utf-8")
+    with pytest.raises(DataError, match=said):
+        read(path, quiet=True)
+
+
+def test_a_counter_that_skips_numbers_tells_of_lost_samples(tmp_path):
+    path = tmp_path / "log_50Hz.csv"
+    kept = [i for i in range(N) if i not in (100, 101, 250)]
+    path.write_text(table("counter,ax,ay,az", [[str(i) for i in kept]], cells(ACCEL[kept])))
+    log = read(path, quiet=True)
+    assert (log.rate, len(log.time), [gap.samples for gap in log.gaps]) == (RATE, N, [2, 1])
+    assert "counter counts the samples and skips 3 of them in 2 places: these are missing" in log.warnings
+
+
+@pytest.mark.parametrize(("value", "said"), [("-3920", "raw counts"), ("2534", "raw counts"), ("75.2", "could be degF")])
+def test_a_temperature_that_no_sensor_has_is_left_out(value, said, tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text(table("time_ms,ax,ay,az,temp", MS, A, same(value)))
+    log = read(path, quiet=True)
+    assert (log.temperature is None) == (said == "raw counts")
+    assert any(said in sentence for sentence in log.warnings)
+
+
+def test_normalised_vectors_are_a_guess(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text(table("time_ms,ax,ay,az", MS, cells(ACCEL / np.linalg.norm(ACCEL, axis=1, keepdims=True), "%.7f")))
+    assert any("normalised vectors are no specific force" in sentence for sentence in read(path, quiet=True).warnings)
+
+
+def test_a_guess_near_two_units_is_said(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text(table("time_s,ax,ay,az", cells(TIME), cells(ACCEL / np.linalg.norm(ACCEL, axis=1, keepdims=True) * 978.0, "%.2f")))
+    assert any("could be cm/s^2" in sentence for sentence in read(path, quiet=True).warnings)
+    path.write_text(table("time_s,gx,gy,gz", cells(TIME), cells(np.tile([420.0, -310.0, 55.0], (N, 1)) + 3 * GYRO)))
+    assert any("mdeg/s at rest" in sentence for sentence in read(path, quiet=True).warnings)
+
+
+def test_coarse_stamps_do_not_turn_radians_into_degrees(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text(table("timestamp,ax,ay,az,gx,gy,gz", SECONDS, A, W))
+    log = read(path, quiet=True)
+    assert (log.provenance["units"]["gyro"], log.rate) == ("rad/s", pytest.approx(RATE))
+
+
+def test_a_start_and_a_rate_above_the_samples(tmp_path):
+    path = tmp_path / "ACC.csv"
+    counts = np.round(ACCEL / G * 64)
+    path.write_text(
+        "1544027337.000000, 1544027337.000000, 1544027337.000000\n32.000000, 32.000000, 32.000000\n" + table("", cells(counts, "%.0f"))[1:]
+    )
+    log = read(path, units={"accel": f"{1 / 64} g"}, quiet=True)
+    assert (log.rate, len(log.time)) == (32.0, N)
+    with pytest.raises(DataError, match=r"if one count is 0\.015625 g"):
+        read(path, quiet=True)
