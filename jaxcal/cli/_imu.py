@@ -106,6 +106,8 @@ def imu(
         if method == "six_position" and labelled is None:
             labelled = jaxcal.imu.faces(data)
         rests = None if labelled is None else rests_among(labelled)
+        if method == "six_position" and rests is not None:
+            raise CallError("--method six_position needs regions of faces (x_p, x_a, ...); those of --regions are rests")
         if labelled is not None and rests is None:
             if raw or method == "imu_tk" or convention != "upper" or earth_rate or without_g_sensitivity or initial is not None or known:
                 words = "--raw, --convention, --earth-rate, --initial, --without-g-sensitivity, --noise, --prior and --terms"

@@ -120,6 +120,7 @@ class Job(eqx.Module):
             fit = solved(Imu(begin), data, options.convention, options.misalignment, rtol=None, priors=options.priors)
         at_rest = pieces(fit.model, data)
         vertical, size = at_rest.vertical[: len(start)], options.gravity - at_rest.norm[: len(start)]
+        rests = rests.shortened(np.linalg.inv(np.asarray(fit.model.accel.matrix)), vertical, size)
         seen = observability(vertical, not options.misalignment)
         # with turns the joint fit tells what both determine: six faces and the turns between them show the misalignment
         if not seen.condition <= SINGULAR and record.gyro is None and not known_of(options.prior):
@@ -177,7 +178,8 @@ class Job(eqx.Module):
             known = rests.norm_variance(begun.vertical @ np.linalg.inv(begun.start.accel.matrix))
             extra = _fits.excess(pieces(begun.fit.model, data).norm[:count], known, self.needed)
             sigma = padded(np.sqrt(known + extra), rests.slots, np.inf)
-            data = eqx.tree_at(lambda d: d.poses.sigma, data, sigma)
+            short = padded(rests.short, rests.slots)
+            data = eqx.tree_at(lambda d: (d.poses.sigma, d.poses.short), data, (sigma, short), is_leaf=lambda x: x is None)
             fit = solved(
                 begun.fit.model, data, options.convention, options.misalignment, loss=options.loss, rtol=None, priors=options.priors
             )

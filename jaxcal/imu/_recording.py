@@ -1,5 +1,6 @@
 """A log as the calibration takes it: arrays, means over its rests and samples of the turns between them (host, NumPy)."""
 
+import dataclasses
 from typing import Any
 
 import equinox as eqx
@@ -116,6 +117,7 @@ class Rests(eqx.Module):
     accel, gyro : (k, 3) readings; time : (k,) middle, s from the middle of the record; duration : (k,) s with samples.
     accel_scatter : (k, 3, 3) covariance of the mean; gyro_scatter : (k, 3) its variance, both from the scatter inside the interval.
     pieces : (k,) independent parts of the interval from which they were taken.
+    short : (k,) m/s^2 by which the mean force is shorter than the force, because a hand turned a little; zero until a model is known.
     slots : rows of the padding.
     """
 
@@ -127,11 +129,21 @@ class Rests(eqx.Module):
     gyro_scatter: np.ndarray
     pieces: np.ndarray
     slots: int
+    short: np.ndarray
 
     def poses(self, sigma: np.ndarray, gyro_sigma: np.ndarray) -> Poses:
         """Padded poses with the given standard deviations, (k,) and (k, 3)."""
-        accel, gyro, time = (padded(x, self.slots) for x in (self.accel, self.gyro, self.time))
-        return Poses(accel, padded(sigma, self.slots, np.inf), gyro, padded(gyro_sigma, self.slots, np.inf), time)
+        accel, gyro, time, short = (padded(x, self.slots) for x in (self.accel, self.gyro, self.time, self.short))
+        return Poses(accel, padded(sigma, self.slots, np.inf), gyro, padded(gyro_sigma, self.slots, np.inf), time, short)
+
+    def shortened(self, correction: np.ndarray, vertical: np.ndarray, size: np.ndarray) -> "Rests":
+        """The same with `short`: a vector that turns to and fro by an angle has a mean that is shorter by half its square.
+
+        `correction` (3, 3) takes readings to m/s^2; `vertical` (k, 3) and `size` (k,) are those of the mean force.
+        """
+        scatter = np.einsum("ij,kjl,ml->kim", correction, self.accel_scatter * self.pieces[:, None, None], correction)
+        along = np.einsum("ki,kij,kj->k", vertical, scatter, vertical)
+        return dataclasses.replace(self, short=(np.trace(scatter, axis1=1, axis2=2) - along) / (2 * size))
 
     def norm_variance(self, across: np.ndarray) -> np.ndarray:
         """(k,) variance of the norm that the scatter inside the rests explains; `across` (k, 3) is its derivative by the readings."""
@@ -195,7 +207,7 @@ def rests_of(recording: Recording, start: np.ndarray, stop: np.ndarray) -> Rests
         scatter[k, : both.shape[1], : both.shape[1]] = np.cov(parts[np.isfinite(parts).all(axis=1)], rowvar=False) / pieces
     return Rests(
         accel, gyro, middle, duration, scatter[:, :3, :3], np.diagonal(scatter, axis1=1, axis2=2)[:, 3:], count,
-        power_of_two(len(start) + 1, 32),
+        power_of_two(len(start) + 1, 32), np.zeros(len(start)),
     )  # fmt: skip
 
 

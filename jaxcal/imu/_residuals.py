@@ -24,6 +24,7 @@ class Poses(eqx.Module):
     gyro : (k, 3) readings of the gyroscope; None without one.
     gyro_sigma : (k, 3) standard deviation of `gyro`, in readings.
     time : (k,) s, for a bias that drifts; from the middle of the record, where the bias is to hold.
+    short : (k,) m/s^2 by which the mean of a force that turned during the pose is shorter than the force; None for not at all.
 
     Examples
     --------
@@ -37,6 +38,7 @@ class Poses(eqx.Module):
     gyro: Any = None
     gyro_sigma: Any = None
     time: Any = None
+    short: Any = None
 
 
 class Turns(eqx.Module):
@@ -165,7 +167,7 @@ def _pieces(model: Imu, poses: Poses, turns: Turns | None, gravity: Array, latit
     force = model.accel.correct(_settled(model, poses))
     size = jnp.sqrt(jnp.sum(force**2, axis=-1))
     vertical = force / size[:, None]
-    norm = gravity - size
+    norm = gravity - size if poses.short is None else gravity - size - poses.short
     if turns is None:
         return Pieces(norm, vertical)
     rotation = _rotations(model, poses, turns)

@@ -145,7 +145,8 @@ def detect(path: pathlib.Path) -> str:
         size = re.search(rb"size (\d{1,18})", head)
         held = f" of {int(size[1])} bytes" if size else ""
         raise DataError(f"this is a Git LFS pointer, not the recording{held} that it stands for: run `git lfs pull` in the repository")
-    _refuse_others(head)
+    suffix = path.suffix.lower()
+    _refuse_others(head, suffix)
     for magic, kind in _MAGIC.items():
         if head.startswith(magic):
             wanted = {_SQLITE: ".db3", _MCAP: ".mcap"}.get(magic, path.suffix)
@@ -154,7 +155,6 @@ def detect(path: pathlib.Path) -> str:
             return zip_kind(path) if kind == "zip" else kind
     if any(head.startswith(_HDF5, place) for place in _USER_BLOCKS):
         return "hdf5"
-    suffix = path.suffix.lower()
     if suffix == ".mat" and _is_mat4(head):
         return "mat"
     if suffix in (".npz", ".npy", ".parquet", ".mcap", ".db3", ".bag", ".ulg", ".mat", ".h5", ".hdf5"):
@@ -162,14 +162,14 @@ def detect(path: pathlib.Path) -> str:
     return "json" if suffix == ".json" else "csv"
 
 
-def _refuse_others(head: bytes) -> None:
+def _refuse_others(head: bytes, suffix: str) -> None:
     """Say what a file is that is no log by its first bytes."""
     for marks, what, advice in _OTHERS:
         if head.startswith(marks):
             raise DataError(f"this is {what}: {advice}, and read that")
     if _PAGE.match(head):
         raise DataError("this is a page of the web or XML, not the log itself: download the file as it is (on GitHub: Raw)")
-    if _JSON.match(head):
+    if suffix != ".json" and _JSON.match(head):
         raise DataError(
             "this is JSON, of which every writer has its own kind: export the log as CSV, or write its values as a table with a line of "
             "column names (in Python: pandas.DataFrame(...).to_csv)"

@@ -65,6 +65,16 @@ def test_what_the_model_lacks_is_named(case, words):
     assert all(word in found.reason for word in words)
 
 
+@pytest.mark.long
+def test_a_hand_that_turns_in_the_rests_makes_no_scale():
+    """1.5 degrees: the mean of the force is shorter by 3e-4 of it, five standard errors of the scale."""
+    inside = []
+    for seed in range(4):
+        found, truth = calibrated(seed, "wide drift")
+        inside.append((found.interval[[0, 4, 8], 0] <= truth[[0, 4, 8]]) & (truth[[0, 4, 8]] <= found.interval[[0, 4, 8], 1]))
+    assert np.mean(inside) > 0.8
+
+
 def test_nine_poses_are_known_as_well_as_their_scatter_says():
     found, truth = calibrated(1, "9 poses")
     free = np.array([0, 1, 2, 4, 5, 8, 9, 10, 11])

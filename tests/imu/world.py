@@ -19,6 +19,7 @@ CASES = {
     "hemisphere": {"hemisphere": True},
     "tremor": {"tremor": 1e-3},
     "hand drift": {"drift": 0.3 * DEGREE},
+    "wide drift": {"drift": 1.5 * DEGREE, "tremor": 4e-3, "initial": 3.0},
     "vibration": {"vibration": 0.15},
     "quadratic": {"quadratic": 3e-3 / 9.81},
     "asymmetry": {"asymmetry": 2e-3},
