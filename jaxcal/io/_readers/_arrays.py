@@ -228,14 +228,14 @@ def _table_of_tree(about: dict[str, Any], arrays: list[np.ndarray], topics: list
         unknown = [topic for topic in wanted if topic not in groups]
         if unknown or len(wanted) > 1:
             raise DataError(f"topics=: {', '.join(unknown or wanted)}: give one of the groups {_listed(with_sensors or list(groups))}")
-        return table_of_arrays(_inherited(groups, wanted[0]))
+        return _group_table(_inherited(groups, wanted[0]))
     if len(with_sensors) == 1:
-        return table_of_arrays(_inherited(groups, with_sensors[0]))
+        return _group_table(_inherited(groups, with_sensors[0]))
     names = [name for group in groups.values() for name in group]
     twice = {name for name in names if names.count(name) > 1}
     if twice and with_sensors:
         raise SeveralError(f"several groups hold sensors: name one with topics= (--topics): {_listed(with_sensors)}", sorted(with_sensors))
-    return table_of_arrays({name: array for group in groups.values() for name, array in group.items() if name not in twice})
+    return _group_table({name: array for group in groups.values() for name, array in group.items() if name not in twice})
 
 
 def _inherited(groups: dict[str, dict[str, np.ndarray]], group: str) -> dict[str, np.ndarray]:
@@ -247,7 +247,7 @@ def _inherited(groups: dict[str, dict[str, np.ndarray]], group: str) -> dict[str
     return found
 
 
-def table_of_arrays(arrays: dict[str, np.ndarray]) -> Table:
+def _group_table(arrays: dict[str, np.ndarray]) -> Table:
     matrices = [array for array in arrays.values() if array.ndim == 2 and array.shape[1] > 3]
     if len(matrices) != 1 or _has_sensor(arrays):
         return table_of_arrays(arrays)
