@@ -66,7 +66,7 @@ class Result(eqx.Module):
 
     def _columns(self) -> dict[str, Any]:
         """Columns of `to_dataframe`: those of the table in `summary`, unless a subclass has longer ones."""
-        rows = [Row(row.name, *(float(x) for x in row[1:4]), *row[4:]) for row in self._rows()]
+        rows = [row._replace(value=float(row.value), low=float(row.low), high=float(row.high)) for row in self._rows()]
         return {name: [row[i] for row in rows] for i, name in enumerate(Row._fields)}
 
     def _head(self) -> str:

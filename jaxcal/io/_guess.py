@@ -201,7 +201,7 @@ def gyro_unit(values: np.ndarray, stated: str | None, where: str, turns: Turning
     lengths = np.median(lengths[: len(lengths) // block * block].reshape(-1, block), axis=1)
     quiet, lively = np.quantile(lengths, [0.1, 0.9])
     if lively > 3 * quiet:
-        return Guess("rad/s", f"assumed: the sensor moves, yet reaches only {largest:.3g}", "deg/s", False)
+        return Guess("rad/s", f"assumed, because the rate varies and is {largest:.3g} at most", "deg/s", False)
     norm = float(np.median(lengths))
     if norm > 0.35:
         return Guess("deg/s", f"assumed: median norm {norm:.3g} at rest, much for rad/s", "rad/s", False)

@@ -5,6 +5,7 @@ does not.
 """
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 
@@ -101,7 +102,7 @@ def _wrong_rate(log: Log) -> str | None:
     if log.gyro is None or unit not in ("rad/s", "deg/s"):
         return None
     for vector in (log.accel, log.mag):
-        found = None if vector is None else turning(log.gyro, vector, 1.0 / log.rate)
+        found = None if vector is None else turning(np.asarray(log.gyro), np.asarray(vector), 1.0 / log.rate)
         if found is not None and abs(found.correlation) > 0.7:
             for right, ratio in (("deg/s", np.pi / 180.0), ("rad/s", 180.0 / np.pi)):
                 if right != unit and 0.5 < abs(found.slope) / ratio < 2.0:
@@ -115,9 +116,10 @@ def _wrong_rate(log: Log) -> str | None:
 def motion(log: Log) -> Motion | None:
     """Where the sensor moves, by the mean of each second; None where too little is there to tell."""
     width = max(4, round(log.rate))
-    parts = [("gravity", log.accel, _FORCE), ("the rate", log.gyro, _RATE)]
+    parts: list[tuple[str, Any, float]] = [("gravity", log.accel, _FORCE), ("the rate", log.gyro, _RATE)]
     if log.accel is None and log.gyro is None and log.mag is not None:
-        parts = [("the field", log.mag, _FIELD * median_norm(log.mag))]
+        field = np.asarray(log.mag)
+        parts = [("the field", field, _FIELD * median_norm(field))]
     moved: dict[str, np.ndarray] = {}
     steady: list[np.ndarray] = []
     for name, values, limit in parts:
@@ -129,10 +131,10 @@ def motion(log: Log) -> Motion | None:
             steady.append(steps)
     if not moved:
         return None
-    share = float(np.mean(np.logical_or.reduce(list(moved.values()))))
+    share = float(np.mean(np.any(list(moved.values()), axis=0)))
     what = [name for name, gone in moved.items() if gone.any()]
     shown = f"{' and '.join(what)} change{'s' * (len(what) == 1)}"
-    return Motion(share, shown, _longest(~np.logical_or.reduce(steady), width / log.rate))
+    return Motion(share, shown, _longest(~np.any(steady, axis=0), width / log.rate))
 
 
 def _means(values: np.ndarray, width: int, limit: float) -> tuple[np.ndarray, np.ndarray] | None:
@@ -141,7 +143,7 @@ def _means(values: np.ndarray, width: int, limit: float) -> tuple[np.ndarray, np
     if count < 3:
         return None
     blocks = values[: count * width].reshape(count, width, -1)
-    whole = np.isfinite(blocks).all(axis=(1, 2))
+    whole = np.asarray(np.isfinite(blocks).all(axis=(1, 2)))
     if np.count_nonzero(whole) < 3:
         return None
     means = np.where(whole[:, None], blocks.mean(axis=1), np.nan)

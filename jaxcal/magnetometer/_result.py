@@ -222,7 +222,7 @@ class MagFit(Result):
         reasons = Reasons([], [])
         reasons.heading(error, limits, f"; part of that is by {what}.")
         verdict = max(self.verdict, reasons.verdict, key=("good", "weak", "refused").index)
-        reason = self.reason.replace(expected(self.heading_error), expected(error))
+        reason = self.reason.replace(expected(np.asarray(self.heading_error)), expected(error))
         if verdict != self.verdict:
             reason = reasons.text(reason)
         return dataclasses.replace(self, covariance=self.covariance + by, heading_error=error, verdict=verdict, reason=reason)
@@ -331,7 +331,7 @@ def judge(
         reasons.refused.append(f"{far} of {len(u)} readings are outliers: no majority of the readings agrees.")
     elif loss is None:
         reasons.outliers(far, len(u), "use loss='huber' or 'tukey', or leave them out")
-    text = reasons.text(f"The {expected(error)}, excluding a rotation common to all readings.")
+    text = reasons.text(f"The {expected(np.asarray(error))}, excluding a rotation common to all readings.")
     return reasons.verdict, text + (" It holds for headings in the plane of the readings only." if planar else "")
 
 

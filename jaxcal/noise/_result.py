@@ -141,13 +141,12 @@ class NoiseFit(Result):
             channels = [self.channel(i)._rows() for i in range(np.size(self.goodness))]
             return [row._replace(name=f"{row.name}, channel {i}") for i, rows in enumerate(channels) for row in rows]
         none = (np.nan, np.nan)
-        return [
-            Row(
-                term, self.noise.coefficient(term) / size, *(limit / size for limit in self.interval.get(term, none)), unit,
-                self.verdict.get(term, ""),
-            )
-            for term, (unit, size) in ((term, self._unit(term)) for term in self.terms)
-        ]  # fmt: skip
+        rows = []
+        for term in self.terms:
+            unit, size = self._unit(term)
+            low, high = self.interval.get(term, none)
+            rows.append(Row(term, self.noise.coefficient(term) / size, low / size, high / size, unit, self.verdict.get(term, "")))
+        return rows
 
     def _unit(self, term: str) -> tuple[str, float]:
         """Unit in which a coefficient is printed and its SI value: that of data sheets where the sensor is known."""

@@ -21,7 +21,7 @@ READING = ("--columns", "--units", "--rate", "--topics", "--format", "--start", 
 
 
 def test_help_is_complete():
-    found = subprocess.run([sys.executable, "-m", "jaxcal.cli", "--help"], capture_output=True, text=True, check=True)
+    found = subprocess.run([sys.executable, "-m", "jaxcal", "--help"], capture_output=True, text=True, check=True)
     for command in COMMANDS:
         assert f" {command[0]} " in found.stdout
 
