@@ -147,8 +147,6 @@ def cached_sums(
                     return array[(start + jnp.arange(_SHORT_LANE) + shift) * size]
                 return lax.dynamic_slice(array, (start + shift * size,), (_SHORT_LANE,))
 
-            if order == 2 and len(parts) == 1:  # one operation less; the phase is rounded as much as this sum is
-                return take(parts[0], 0) + take(parts[0], 2) - 2.0 * take(parts[0], 1)
             return difference_of(parts, take, order)
 
         def summed(start, lanes):

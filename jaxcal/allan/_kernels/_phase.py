@@ -37,7 +37,9 @@ def integrate(values, out, parts: int, run: Callable = map) -> bool:
         return sum(float(np.add.reduce(np.subtract(values[piece], values[0], out=rest[piece]))) for piece in part)
 
     if parts == 1:  # what rounding leaves of the mean is a line in the phase
-        mean, carries = float(np.add.reduce(values)) / len(values), [0.0]
+        first, carries = float(values[0]), [0.0]
+        # with no more binary places than the first value has: then the differences of a coarse record are exact
+        mean = first + (float(np.add.reduce(values)) / len(values) - first)
     else:  # between stretches it would be a step
         sums = np.array(list(run(total, pieces)))
         shift = sums.sum() / len(values)
