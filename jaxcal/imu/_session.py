@@ -130,7 +130,7 @@ def joined(logs: Mapping[str, Any]) -> tuple[Log, list[Region]]:
                 f"the log {label} has another rate or other sensors than {next(iter(logs))}; a session has one device at one rate"
             )
     ends = np.cumsum([0, *(len(log.time) for log in parts)]).tolist()
-    sensors = {x: np.concatenate([getattr(log, x) for log in parts]) for x in _SENSORS if getattr(first, x) is not None}
+    sensors: dict[str, Any] = {x: np.concatenate([getattr(log, x) for log in parts]) for x in _SENSORS if getattr(first, x) is not None}
     return Log(None, **sensors, rate=first.rate), [(label, i, j) for label, (i, j) in zip(logs, itertools.pairwise(ends), strict=True)]
 
 
