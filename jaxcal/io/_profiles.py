@@ -110,8 +110,9 @@ PROFILES = (
         ((r"[pqvb].*", "motion", None), (r"time.*", "time", "ns")),
     ),
     Profile(
-        "BROAD", (r"imu_gyr.*_x", r"imu_acc.*_x", r"imu_mag.*_x"),
-        ((rf"imu_gyr.*_{_XYZ}", "gyro", "rad/s"), (rf"imu_acc.*_{_XYZ}", "accel", "m/s^2"), (rf"imu_mag.*_{_XYZ}", "mag", "uT")),
+        "BROAD", (r"imu_gyr(?: \[.*\])?_x", r"imu_acc(?: \[.*\])?_x", r"imu_mag(?: \[.*\])?_x"),
+        ((rf"imu_gyr(?: \[.*\])?_{_XYZ}", "gyro", "rad/s"), (rf"imu_acc(?: \[.*\])?_{_XYZ}", "accel", "m/s^2"),
+         (rf"imu_mag(?: \[.*\])?_{_XYZ}", "mag", "uT")),
     ),
     Profile(
         "phyphox", (r"time \(s\)", r"(?:gyroscope )?x \(rad/s\)|(?:linear )?acceleration x \(m/s\^?2\)|magnetic field x \([^a-z]t\)"),
