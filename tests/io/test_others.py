@@ -166,8 +166,8 @@ DEVICES = {
     ),
     "VectorNav": lambda: table(f"TimeStartup,{axes('UncompAccel.{}')},{axes('UncompGyro.{}')}", epoch(1e9), A, W),
     "Xsens MT": lambda: table(
-        f"// Sample rate: 50.0Hz\nCounter\t{axes('Acc_{}')}\t{axes('Gyr_{}')}".replace(",", "\t"),
-        [[str(i) for i in range(N)]], A, W, mark="\t",
+        f"// Sample rate: 50.0Hz\nCounter\t{axes('Acc_{}')}\t{axes('Gyr_{}')}\tMat[1][1]".replace(",", "\t"),
+        [[str(i) for i in range(N)]], A, W, same("1"), mark="\t",
     ),
 }  # fmt: skip
 
