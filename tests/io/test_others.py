@@ -208,6 +208,7 @@ REFUSED = {
     "a relative magnetometer alone": (
         "log.csv", lambda: table("time_s,Mag X (a.u.),Mag Y (a.u.),Mag Z (a.u.)", cells(TIME), cells(MAG / 5e-5)), "relative to some field"
     ),
+    "nanoseconds of no second": ("log.csv", lambda: table("sec,nsec,ax,ay,az", same(""), [[str(i) for i in range(N)]], A), "time|seconds"),
     "JSON": ("log.json", lambda: '[{"time": 1, "x": 2}]', "this is JSON"),
     "a page of the web": ("imu.csv", lambda: "<!DOCTYPE html>\n<html></html>\n", "page of the web"),
     "ground truth with biases": (
