@@ -38,7 +38,7 @@ _RANGES = {
 #: median of specific force over gravity, and field in uT, that a stated unit may give
 _FORCE, _FIELD = (0.6, 1.7), (5.0, 1000.0)
 #: noise of a sample, where the unit is not known: common sensors have 0.03 to 0.5 deg/s, which is 0.0005 to 0.009 rad/s
-_NOISY = 0.02
+_NOISY, _CALM = 0.02, 0.008
 #: temperatures at which sensors are read, degC
 _CELSIUS = (-80.0, 200.0)
 #: deg/s beyond which no common gyroscope goes
@@ -203,6 +203,8 @@ def gyro_unit(values: np.ndarray, stated: str | None, where: str, turns: Turning
     if lively > 3 * quiet:
         return Guess("rad/s", f"assumed, because the rate varies and is {largest:.3g} at most", "deg/s", False)
     norm = float(np.median(lengths))
+    if norm > 0.35 and 0.0 < floor < _CALM and lively - quiet > 20 * floor:
+        return Guess("rad/s", f"assumed: it moves, and has noise of only {floor:.2g} from sample to sample", "deg/s", False)
     if norm > 0.35:
         return Guess("deg/s", f"assumed: median norm {norm:.3g} at rest, much for rad/s", "rad/s", False)
     return Guess("rad/s", f"assumed: median norm {norm:.3g} at rest fits rad/s and deg/s", "deg/s", False)

@@ -262,6 +262,8 @@ def _kind(words: list[str]) -> tuple[str, int, str] | None:
     named = [word for word in bare if word not in _ORIGINS] or bare
     for candidate in (named, bare):
         joined = "".join(candidate)
+        if joined in ("g", "m") and "field" in bare:
+            continue  # field_x_G is a field in gauss, and no gyroscope of a message's field
         for kind, known in _KINDS.items():
             if joined in known:
                 return kind, digits[0] if digits and digits[0] < 1000 else 0, "".join(words)

@@ -64,7 +64,7 @@ PROFILES = (
         preamble=r"DeviceTag|OutputRate|Xsens DOT|Movella",
     ),
     Profile(
-        "Xsens MT", ("(?:packet)?counter",),
+        "Xsens MT", ("(?:packet)?counter", r"packetcounter|mat\[1\]\[1\]"),
         ((rf"acc_{_XYZ}", "accel", "m/s^2"), (rf"gyr_{_XYZ}", "gyro", "rad/s"), (rf"freeacc_{_XYZ}", "linear", "m/s^2"),
          (r"mag_[xyz]", "motion", None)),
         preamble=r"Update Rate|Sample Rate|Filter Profile|Option Flags|Firmware Version",
@@ -110,8 +110,9 @@ PROFILES = (
         ((r"[pqvb].*", "motion", None), (r"time.*", "time", "ns")),
     ),
     Profile(
-        "BROAD", (r"imu_gyr.*_x", r"imu_acc.*_x", r"imu_mag.*_x"),
-        ((rf"imu_gyr.*_{_XYZ}", "gyro", "rad/s"), (rf"imu_acc.*_{_XYZ}", "accel", "m/s^2"), (rf"imu_mag.*_{_XYZ}", "mag", "uT")),
+        "BROAD", (r"imu_gyr(?: \[.*\])?_x", r"imu_acc(?: \[.*\])?_x", r"imu_mag(?: \[.*\])?_x"),
+        ((rf"imu_gyr(?: \[.*\])?_{_XYZ}", "gyro", "rad/s"), (rf"imu_acc(?: \[.*\])?_{_XYZ}", "accel", "m/s^2"),
+         (rf"imu_mag(?: \[.*\])?_{_XYZ}", "mag", "uT")),
     ),
     Profile(
         "phyphox", (r"time \(s\)", r"(?:gyroscope )?x \(rad/s\)|(?:linear )?acceleration x \(m/s\^?2\)|magnetic field x \([^a-z]t\)"),
@@ -130,7 +131,7 @@ PROFILES = (
          (rf"h{_XYZ} ?\(ut\)", "mag", "uT"), (rf"h{_XYZ}", "mag", None), (r"angle[xyz].*", "attitude", None)),
     ),
     Profile(
-        "ROS", (r".*angular_velocity[._/]x", r".*(?:header|covariance|frame_id|n(?:ano)?secs?|__time|%time).*"),
+        "ROS", (r".*angular_velocity[._/]x", r".*(?:header|covariance|frame_id|__time|%time).*"),
         ((rf".*angular_velocity[._/]{_XYZ}", "gyro", "rad/s"), (rf".*linear_acceleration[._/]{_XYZ}", "accel or linear", "m/s^2"),
          (rf".*magnetic_field[._/]{_XYZ}", "mag", "T")),
     ),

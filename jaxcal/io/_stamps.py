@@ -74,7 +74,8 @@ def pair(table, indices: list[int], columns: list[np.ndarray], size: float) -> C
         time[~np.isfinite(seconds)] = np.datetime64("NaT")
         return Clock(indices, time, "date", "a date and a time of day" if indices[1] in table.clocks else "dates and a fraction of seconds")
     whole = np.asarray(columns[0]).astype(np.float64)
-    if columns[0].dtype.kind == "M" or columns[1].dtype.kind == "M" or np.nanmin(fraction) < 0 or np.nanmax(fraction) * size >= 1.0:
+    known = np.isfinite(whole) & np.isfinite(fraction) if "M" not in (columns[0].dtype.kind, columns[1].dtype.kind) else np.zeros(1, bool)
+    if not known.any() or fraction[known].min() < 0 or fraction[known].max() * size >= 1.0:
         shown = f"columns {indices[0]} and {indices[1]} ({', '.join(table.names[i] for i in indices)})"
         raise DataError(
             f"{shown} are not seconds and nanoseconds: the second must stay within 0 and {1 / size:.9g}; "
@@ -82,7 +83,7 @@ def pair(table, indices: list[int], columns: list[np.ndarray], size: float) -> C
         )
     if indices[0] in table.clocks:
         return Clock(indices, since_midnight(whole + fraction * size), "time of day", "times of day and a fraction of seconds")
-    first = whole[np.isfinite(whole)][0]
+    first = whole[known][0]
     small = next((unit for unit, one in SECONDS.items() if one == size), "ns")
     return Clock(indices, (whole - first) + fraction * size, f"s + {small}", f"s and {small}", "s", True, int(first) * 10**9)
 

@@ -166,8 +166,8 @@ DEVICES = {
     ),
     "VectorNav": lambda: table(f"TimeStartup,{axes('UncompAccel.{}')},{axes('UncompGyro.{}')}", epoch(1e9), A, W),
     "Xsens MT": lambda: table(
-        f"// Sample rate: 50.0Hz\nCounter\t{axes('Acc_{}')}\t{axes('Gyr_{}')}".replace(",", "\t"),
-        [[str(i) for i in range(N)]], A, W, mark="\t",
+        f"// Sample rate: 50.0Hz\nCounter\t{axes('Acc_{}')}\t{axes('Gyr_{}')}\tMat[1][1]".replace(",", "\t"),
+        [[str(i) for i in range(N)]], A, W, same("1"), mark="\t",
     ),
 }  # fmt: skip
 
@@ -209,6 +209,7 @@ REFUSED = {
         "log.csv", lambda: table("time_s,Mag X (a.u.),Mag Y (a.u.),Mag Z (a.u.)", cells(TIME), cells(MAG / 5e-5)), "relative to some field"
     ),
     "JSON": ("log.txt", lambda: '[{"time": "noon", "x": "two"}]', "there are no readings in it; expected"),
+    "nanoseconds of no second": ("log.csv", lambda: table("sec,nsec,ax,ay,az", same(""), [[str(i) for i in range(N)]], A), "time|seconds"),
     "a page of the web": ("imu.csv", lambda: "<!DOCTYPE html>\n<html></html>\n", "page of the web"),
     "ground truth with biases": (
         "data.csv",
