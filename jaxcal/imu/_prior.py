@@ -31,7 +31,7 @@ class Prior(AbstractPrior):
     Examples
     --------
     >>> import numpy as np
-    >>> from jaxcal.imu import Prior
+    >>> from jaxcal.imu._prior import Prior
     >>> mean = np.concatenate([np.eye(3).ravel(), np.zeros(12)])
     >>> known = Prior(accel=(mean, np.zeros((21, 21))), gyro=(mean, np.diag(np.repeat([100.0, 0.0], [9, 12]))))
     >>> float(1 / known.gyro[1][0, 0])

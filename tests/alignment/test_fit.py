@@ -91,6 +91,7 @@ LAYOUTS = {
 
 
 @pytest.mark.parametrize("name", LAYOUTS)
+@pytest.mark.long
 def test_the_fit_is_at_the_bound(name):
     angles, dwell, free, priors = LAYOUTS[name]
     runs, measured = 1000, np.array(dwell) > 0

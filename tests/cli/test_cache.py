@@ -49,8 +49,9 @@ def test_beyond_the_bound_the_oldest_programs_go(programs):
     assert sorted(path.name for path in programs.iterdir()) == ["jit_3-cache", *(f"jit_{i}-cache" for i in range(4, 10)), "notes.txt"]
 
 
-def test_a_second_command_finds_its_programs_without_a_trace(tmp_path, shell):
+def test_a_second_command_finds_its_programs_without_a_trace(tmp_path, shell, monkeypatch):
     """What was traced leaves a file; a file that was cut is made anew, and the answer is the same each time."""
+    monkeypatch.setitem(shell.environment, "XDG_CACHE_HOME", str(tmp_path / "cache"))
     rng = np.random.default_rng(0)
     u = rng.normal(size=(300, 3))
     readings = 50e-6 * u / np.linalg.norm(u, axis=1, keepdims=True) + [1e-5, -2e-5, 5e-6] + 2e-7 * rng.normal(size=u.shape)

@@ -21,10 +21,12 @@ def fits(record):
     return [jaxcal.noise.fit(y[:, i], rate) for i in range(6)]
 
 
+@pytest.mark.long
 def test_the_random_walk_of_the_gyroscopes(fits):
     np.testing.assert_allclose([float(fit.noise.N) for fit in fits[:3]], PLATEAU, rtol=0.04)
 
 
+@pytest.mark.long
 def test_the_model_describes_the_measured_deviation(record, fits):
     """From 0.3 s to 100 s, the range that the methods file names; lines are part of the model."""
     y, rate = record
@@ -36,6 +38,12 @@ def test_the_model_describes_the_measured_deviation(record, fits):
         assert rms < (0.03 if i < 3 else 0.12), (i, rms)
 
 
+def test_the_random_walk_of_one_gyroscope(record):
+    y, rate = record
+    np.testing.assert_allclose(float(jaxcal.noise.fit(y[:, 0], rate).noise.N), PLATEAU[0], rtol=0.04)
+
+
+@pytest.mark.long
 def test_what_the_sensor_does_is_told(fits):
     for fit in fits:
         # its internal filter rolls off from some 15 Hz on

@@ -58,7 +58,7 @@ def read_npz(path: pathlib.Path) -> Table:
         arrays = {name: archive[name] for name in archive.files}
     saved = arrays.pop("jaxcal", None)
     system = arrays.pop("units", np.array(""))
-    arrays |= {name: _upright(array) for name, array in arrays.items() if array.ndim == 2 and array.dtype.kind in "iuf"}
+    arrays |= {name: array.T for name, array in arrays.items() if array.ndim == 2 and array.shape[0] < array.shape[1]}
     table = table_of_arrays(arrays)
     if str(system) == "SI":  # as `jaxcal apply` and `jaxcal simulate` write
         quantities = [(parse_name(name) or ("",))[0] for name in table.names]
