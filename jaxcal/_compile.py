@@ -121,8 +121,8 @@ def filter_jit(function: Callable[..., Any]) -> Any:
         arrays, fixed = _split((args, kwargs))
         if is_traced(arrays) or not _known():
             return _joined(*plain(arrays, fixed))
-        found = _stores and _stores[0].run(call, quick.lower, arrays, fixed, functools.partial(_joined, fixed=fixed))
-        return _joined(*(found or quick(arrays, fixed)))
+        found = _stores[0].run(call, quick.lower, arrays, fixed, functools.partial(_joined, fixed=fixed)) if _stores else None
+        return _joined(*(quick(arrays, fixed) if found is None else found))
 
     return call
 

@@ -102,7 +102,7 @@ def _read(path: Path, arrays: list[Any], fixed: Any) -> Callable[..., Any] | Non
         if b"lapack" in code:  # its routines are registered when a program is traced
             from jaxlib import lapack
 
-            lapack._lapack.initialize()
+            lapack.prepare_lapack_call("getrf", np.dtype(np.float64))
         taken, given = jax.tree.structure(((arrays, fixed), {})), jax.tree.structure(([0] * count, result))
         return deserialize_and_load(code, taken, given)
     except FileNotFoundError:
