@@ -3,8 +3,8 @@
 JAX's own cache saves the compilation alone: tracing and lowering, which it needs to find an entry, take as long again. Here a program is
 found by what goes into its trace: the function, the shapes and types of its arrays, and everything else of its arguments. That is safe
 where the source is known to be the same. So a program is kept only if all that its arguments refer to belongs to jaxcal or to the packages
-that it stands on. A model or a term of the user's own is traced as ever. The folder is the user's own: its files are code, as those of JAX's
-cache are.
+that it stands on. A model or a term of the user's own is traced as ever. The folder is the user's own: its files are code, as those of
+JAX's cache are.
 """
 
 import contextlib
