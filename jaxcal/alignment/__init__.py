@@ -1,21 +1,49 @@
 """Stationary levelling and north finding with one accelerometer and one gyro on a turntable."""
 
-from ._azimuth import AZIMUTH_METHODS as AZIMUTH_METHODS, Azimuth as Azimuth, azimuth as azimuth
-from ._bound import crlb as crlb
-from ._fit import fit as fit
-from ._level import LEVEL_METHODS as LEVEL_METHODS, Coarse as Coarse, Level as Level, coarse as coarse, level as level
-from ._model import (
-    NAMES as NAMES,
-    UNITS as UNITS,
-    Table as Table,
-    Triads as Triads,
-    Turntable as Turntable,
-    residuals as residuals,
-    tabulate as tabulate,
+from typing import TYPE_CHECKING
+
+from .._lazy import on_first_use
+
+if TYPE_CHECKING:
+    from ._azimuth import AZIMUTH_METHODS as AZIMUTH_METHODS, Azimuth as Azimuth, azimuth as azimuth
+    from ._bound import crlb as crlb
+    from ._fit import fit as fit
+    from ._level import LEVEL_METHODS as LEVEL_METHODS, Coarse as Coarse, Level as Level, coarse as coarse, level as level
+    from ._model import (
+        NAMES as NAMES,
+        UNITS as UNITS,
+        Table as Table,
+        Triads as Triads,
+        Turntable as Turntable,
+        residuals as residuals,
+        tabulate as tabulate,
+    )
+    from ._noise import Sensor as Sensor, noise_of as noise_of
+    from ._plan import Plan as Plan, best_angle as best_angle, plan as plan
+    from ._positions import Geometry as Geometry, Positions as Positions, Readings as Readings
+    from ._readings import Carousel as Carousel, carousel as carousel, simulate as simulate
+    from ._result import (
+        NO_NUMBER as NO_NUMBER,
+        AlignmentFit as AlignmentFit,
+        Bound as Bound,
+        Verdict as Verdict,
+        verdict_name as verdict_name,
+    )
+    from ._tablelog import TableLog as TableLog, from_log as from_log
+
+__getattr__, __dir__ = on_first_use(
+    __name__,
+    {
+        "_azimuth": "AZIMUTH_METHODS Azimuth azimuth",
+        "_bound": "crlb",
+        "_fit": "fit",
+        "_level": "LEVEL_METHODS Coarse Level coarse level",
+        "_model": "NAMES UNITS Table Triads Turntable residuals tabulate",
+        "_noise": "Sensor noise_of",
+        "_plan": "Plan best_angle plan",
+        "_positions": "Geometry Positions Readings",
+        "_readings": "Carousel carousel simulate",
+        "_result": "NO_NUMBER AlignmentFit Bound Verdict verdict_name",
+        "_tablelog": "TableLog from_log",
+    },
 )
-from ._noise import Sensor as Sensor, noise_of as noise_of
-from ._plan import Plan as Plan, best_angle as best_angle, plan as plan
-from ._positions import Geometry as Geometry, Positions as Positions, Readings as Readings
-from ._readings import Carousel as Carousel, carousel as carousel, simulate as simulate
-from ._result import NO_NUMBER as NO_NUMBER, AlignmentFit as AlignmentFit, Bound as Bound, Verdict as Verdict, verdict_name as verdict_name
-from ._tablelog import TableLog as TableLog, from_log as from_log
