@@ -7,14 +7,7 @@ every JAX setting as it is.
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from ._errors import (
-    DataError as DataError,
-    ExportError as ExportError,
-    FitError as FitError,
-    JaxcalError as JaxcalError,
-    PrecisionWarning as PrecisionWarning,
-    UnitError as UnitError,
-)
+from ._lazy import on_first_use
 
 if TYPE_CHECKING:
     from . import (
@@ -33,46 +26,49 @@ if TYPE_CHECKING:
         spectrum as spectrum,
         temperature as temperature,
     )
+    from ._errors import (
+        DataError as DataError,
+        ExportError as ExportError,
+        FitError as FitError,
+        JaxcalError as JaxcalError,
+        PrecisionWarning as PrecisionWarning,
+        UnitError as UnitError,
+    )
     from ._log import Log as Log
     from .calibration import Calibration as Calibration
     from .io import read as read
 
     __version__: str
 
-#: public name -> the module it is, or comes from
-_HOME = {
-    "alignment": "alignment",
-    "allan": "allan",
-    "batch": "batch",
-    "calibration": "calibration",
-    "export": "export",
-    "fitting": "fitting",
-    "imu": "imu",
-    "io": "io",
-    "magnetometer": "magnetometer",
-    "noise": "noise",
-    "plot": "plot",
-    "report": "report",
-    "spectrum": "spectrum",
-    "temperature": "temperature",
-    "Calibration": "calibration",
-    "Log": "_log",
-    "read": "io",
-}
-
-
-def __getattr__(name: str) -> Any:
-    if name == "__version__":
-        value: Any = importlib.import_module("importlib.metadata").version("jaxcal")
-    elif name in _HOME:
-        module = importlib.import_module(f".{_HOME[name]}", __name__)
-        value = module if name == _HOME[name] else getattr(module, name)
-    else:
-        raise AttributeError(f"module 'jaxcal' has no attribute {name!r}")
-    globals()[name] = value
-    return value
+_part, _names = on_first_use(
+    __name__,
+    {
+        "_errors": "DataError ExportError FitError JaxcalError PrecisionWarning UnitError",
+        "_log": "Log",
+        "alignment": "alignment",
+        "allan": "allan",
+        "batch": "batch",
+        "calibration": "calibration Calibration",
+        "export": "export",
+        "fitting": "fitting",
+        "imu": "imu",
+        "io": "io read",
+        "magnetometer": "magnetometer",
+        "noise": "noise",
+        "plot": "plot",
+        "report": "report",
+        "spectrum": "spectrum",
+        "temperature": "temperature",
+    },
+)
 
 
 def __dir__() -> list[str]:
-    hidden = {"TYPE_CHECKING", "Any", "importlib"}
-    return sorted({*globals(), *_HOME, "__version__"} - hidden)
+    return sorted({*_names(), "__version__"})
+
+
+def __getattr__(name: str) -> Any:
+    if name != "__version__":
+        return _part(name)
+    globals()[name] = version = importlib.import_module("importlib.metadata").version("jaxcal")
+    return version

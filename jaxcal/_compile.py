@@ -13,7 +13,7 @@ import equinox as eqx
 import jax
 
 from ._precision import is_traced
-from ._programs import Store
+from ._programs import Slot, Store
 
 _QUICK: dict[str, Any] = {"xla_cpu_use_fusion_emitters": False, "xla_cpu_parallel_codegen_split_count": 1}
 
@@ -70,20 +70,13 @@ class _Fixed:
 
     def __reduce__(self) -> Any:
         # a structure with classes in it cannot be pickled; a tree of that structure can
-        marked = [_ARRAY if leaf is None else leaf for leaf in self.leaves]
+        marked = [Slot((), "", False) if leaf is None else leaf for leaf in self.leaves]
         return _fixed_of, (jax.tree.unflatten(self.structure, marked),)
-
-
-class _Mark:
-    """Stands for an array."""
-
-
-_ARRAY = _Mark()
 
 
 def _fixed_of(tree: Any) -> _Fixed:
     leaves, structure = jax.tree.flatten(tree)
-    return _Fixed(structure, tuple(None if isinstance(leaf, _Mark) else leaf for leaf in leaves))
+    return _Fixed(structure, tuple(None if isinstance(leaf, Slot) else leaf for leaf in leaves))
 
 
 def _split(tree: Any) -> tuple[list[Any], _Fixed]:

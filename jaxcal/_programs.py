@@ -24,7 +24,8 @@ from typing import Any
 import jax
 import numpy as np
 
-from ._files import hidden_name
+from ._errors import ExportError
+from ._files import write_atomically
 
 _PACKAGES = ("jax", "jaxlib", "numpy", "equinox", "optimistix", "lineax")
 _KNOWN = {"jaxcal", *_PACKAGES, *sys.stdlib_module_names}
@@ -62,7 +63,10 @@ def _world() -> bytes:
     root = Path(__file__).parent
     sources = [(str(path.relative_to(root)), path.stat().st_size, path.stat().st_mtime_ns) for path in sorted(root.rglob("*.py"))]
     versions = [importlib.metadata.version(name) for name in _PACKAGES]
-    settings = sorted(item for item in os.environ.items() if item[0].startswith(("JAX_", "XLA_")) and "CACHE" not in item[0])
+    settings = [
+        os.environ.get("XLA_FLAGS"),
+        sorted((name, repr(value)) for name, value in jax.config.values.items() if "cache" not in name),
+    ]
     cpu = Path("/proc/cpuinfo")
     flags = next((line for line in cpu.read_text().splitlines() if line.startswith("flags")), "") if cpu.exists() else platform.processor()
     return repr((sources, versions, settings, flags, sys.version)).encode()
@@ -108,8 +112,7 @@ def _read(path: Path, arrays: list[Any], fixed: Any) -> Callable[..., Any] | Non
         return deserialize_and_load(code, taken, given)
     except FileNotFoundError:
         return None
-    except Exception:
-        path.unlink(missing_ok=True)
+    except Exception:  # whatever a file ends in that was cut: the program is compiled again, and replaces it
         return None
 
 
@@ -124,11 +127,9 @@ def _made(path: Path, compiled: Any) -> Callable[..., Any]:
         found, result = compiled(arrays, fixed)
         if not written:
             written = True
-            with contextlib.suppress(OSError, pickle.PicklingError, AttributeError, TypeError, ValueError, NotImplementedError):
-                content = pickle.dumps((serialize(compiled)[0], len(found), result))
-                part = path.with_name(hidden_name())
-                part.write_bytes(content)
-                part.replace(path)
+            # a full disk, or a program of a kind that JAX cannot store: the next command compiles it again
+            with contextlib.suppress(ExportError, pickle.PicklingError, AttributeError, TypeError, ValueError, NotImplementedError):
+                write_atomically(path, pickle.dumps((serialize(compiled)[0], len(found), result)))
         return found, result
 
     return call
