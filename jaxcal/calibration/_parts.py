@@ -242,8 +242,8 @@ def _part(value: Any, base: type, sensor: str, path: str) -> Part[Any]:
         known = {"covariance": Covariance, "interval": Interval, "field": float, "verdict": str, "verdict_reason": str}
         rest = {name: structured(value.get(name), kind | None, f"{path}.{name}") for name, kind in known.items()}
         fields = structured(value.get("currents"), dict[str, Any] | None, f"{path}.currents") if sensor == "mag" else None
-        fields = {name: numbers(field, (3,), f"{path}.currents.{name}") for name, field in (fields or {}).items()}
-        value = Part(model, si_unit(sensor), **rest, currents=fields or None)
+        currents: dict[str, AnyArray] = {name: numbers(field, (3,), f"{path}.currents.{name}") for name, field in (fields or {}).items()}
+        value = Part(model, si_unit(sensor), **rest, currents=currents or None)
     arrays = {}
     for name, number in _leaves(document_of(value.model, base, path)):
         check_finite(np.asarray(number, dtype=float), f"{path}.{name}")

@@ -10,6 +10,8 @@ import itertools
 import numpy as np
 import scipy  # loads its parts when they are first used
 
+from .._types import AnyArray
+
 #: parts of a log; on real logs six were honest, where ten or twenty were too narrow
 BLOCKS = 6
 _STEPS = 4  # windows that begin in each part
@@ -19,7 +21,7 @@ _ALIKE = 1e-12  # square of the singular value, of the largest, below which a pa
 _CHANCE = 0.003  # of each of the two tests of whiteness
 
 
-def symmetric_inverse(matrix: np.ndarray) -> np.ndarray:
+def symmetric_inverse(matrix: AnyArray) -> np.ndarray:
     """Pseudo-inverse of a positive matrix: `numpy.linalg.pinv(matrix, hermitian=True)` in a third of the time."""
     values, vectors = np.linalg.eigh(matrix)
     kept = values > 1e-15 * values[-1]

@@ -221,8 +221,8 @@ class MagFit(Result):
         values = list(self.parameters.values())
         shape = np.zeros((3, 3))
         shape[ENTRIES] = shape[ENTRIES[::-1]] = values[:6]
-        further = heading_error(shape, by, self.inclination, self.down) if more is None else more
-        error = np.hypot(self.heading_error, further)
+        further = np.asarray(heading_error(shape, by, self.inclination, self.down) if more is None else more)
+        error = np.hypot(np.asarray(self.heading_error), further)
         reasons = Reasons([], [])
         reasons.heading(error, limits, f"; part of that is by {what}.")
         verdict = max(self.verdict, reasons.verdict, key=("good", "weak", "refused").index)
