@@ -60,9 +60,10 @@ def make_logs(folder: pathlib.Path) -> None:
 
 def run(checkout: pathlib.Path, words: list[str], folder: pathlib.Path, cache: pathlib.Path, mark: str = "") -> tuple[float, float]:
     """CPU seconds of a command, and the share of its wall time at which `mark` was printed."""
-    environment = os.environ | {
+    # as for a user: a JAX_COMPILATION_CACHE_DIR would keep jaxcal from its folder of programs
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("JAX_")} | {
         "PYTHONPATH": str(checkout),
-        "JAX_COMPILATION_CACHE_DIR": str(cache),
+        "XDG_CACHE_HOME": str(cache),
         "XLA_FLAGS": "",
         "PYTHONUNBUFFERED": "",
     }

@@ -82,7 +82,7 @@ class Calibration(eqx.Module):
             provenance["version"] = importlib.metadata.version("jaxcal")
         self.provenance = provenance
 
-    def correct(self, log: Log) -> Log:
+    def correct(self, log: Log, *, currents: dict[str, Any] | None = None) -> Log:
         """A log without the errors that this calibration knows, equations (5.4) and (5.5) of the thesis.
 
         The thermal models come first, at the temperature of the log (a slow thermometer is interpolated); then bias, g-sensitivity,
@@ -92,6 +92,8 @@ class Calibration(eqx.Module):
         Parameters
         ----------
         log : recording of the same device; missing samples stay missing.
+        currents : name -> (n,) current at each sample, for the terms that `magnetometer.fit_current` found; a sample without a current
+            becomes missing.
 
         Returns
         -------
@@ -101,7 +103,7 @@ class Calibration(eqx.Module):
         Raises
         ------
         DataError
-            If nothing in the log can be corrected, or a thermal model finds no temperature in it.
+            If nothing in the log can be corrected, a thermal model finds no temperature in it, or a current is not known.
 
         Examples
         --------
@@ -112,7 +114,7 @@ class Calibration(eqx.Module):
         >>> bool(device.correct(log).gyro.std() < log.gyro.std() / 20)
         True
         """
-        return corrected(self, log)
+        return corrected(self, log, currents)
 
     def compose(self, other: "Calibration") -> "Calibration":
         r"""The calibration of raw readings that does at once what `other` and then this one do.

@@ -54,7 +54,8 @@ def inverted(calibration: Any) -> dict[str, Any]:
     mag, thermal = calibration.magnetometer, calibration.temperature
     if mag is not None:
         a = np.linalg.inv(mag.model.soft_iron)
-        mag = Part(MagModel(a, -a @ mag.model.hard_iron), mag.unit, mag.field)
+        fields = {name: -a @ field for name, field in mag.currents.items()} if mag.currents else None
+        mag = Part(MagModel(a, -a @ mag.model.hard_iron), mag.unit, mag.field, currents=fields)
     if thermal is not None:
         found = _mapped(-inverse, _powers_of(thermal, "its inverse"), {})
         thermal = polynomials(thermal.reference, thermal.minimum, thermal.maximum, **found)
@@ -117,7 +118,15 @@ def _magnetometer(new: Part[MagModel] | None, old: Part[MagModel] | None) -> Par
         slope = scipy.linalg.block_diag(entries(c.T @ UNITS @ c).T, s)
         covariance = Covariance(new.covariance.parameters, slope @ new.covariance.values @ slope.T)
     model = MagModel(s @ new.model.soft_iron, old.model.hard_iron + s @ new.model.hard_iron)
-    return Part(model, si_unit("mag"), new.field, covariance, None, new.verdict, new.verdict_reason)
+    return Part(model, si_unit("mag"), new.field, covariance, None, new.verdict, new.verdict_reason, _currents(new, old, s))
+
+
+def _currents(new: Part[MagModel], old: Part[MagModel], s: AnyArray) -> dict[str, AnyArray] | None:
+    """Fields of currents in the raw readings: those found there, and those of the corrected ones through the soft iron."""
+    found = dict(old.currents or {})
+    for name, field in (new.currents or {}).items():
+        found[name] = found.get(name, np.zeros(3)) + s @ field
+    return found or None
 
 
 def _thermal(new: Thermal | None, old: Thermal | None, m: AnyArray) -> Thermal | None:

@@ -14,9 +14,10 @@ from ._parts import Part
 from ._thermal import AXES, SENSORS, Thermal
 
 
-def corrected(calibration: Any, log: Log) -> Log:
+def corrected(calibration: Any, log: Log, currents: dict[str, Any] | None) -> Log:
     """The log with every correction that the calibration has for its sensors."""
     notes, warnings = [], []
+    fields = _fields_of(calibration.magnetometer, log, currents or {}, notes, warnings)
     _same_recording(calibration, log, warnings)
     parts = {**({} if calibration.imu is None else calibration.imu.parts), "mag": calibration.magnetometer}
     values: dict[str, Any] = {name: np.array(getattr(log, name)) for name in SENSORS if getattr(log, name) is not None}
@@ -33,6 +34,8 @@ def corrected(calibration: Any, log: Log) -> Log:
         if values[sensor].shape[1:] != (3,):
             warnings.append(f"{sensor} has no three axes in the log; its matrix and bias are not corrected")
         else:
+            if sensor == "mag" and fields is not None:
+                values[sensor] = values[sensor] - fields
             values[sensor] = _modelled(part, sensor, log, values, warnings)
             done.append(sensor)
     if not done:
@@ -45,6 +48,28 @@ def corrected(calibration: Any, log: Log) -> Log:
         [*values.values(), (*log.notes, *notes), (*log.warnings, *warnings), {**log.provenance, "corrected_with": name or "calibration"}],
     )
     return found
+
+
+def _fields_of(part: Part[Any] | None, log: Log, given: dict[str, Any], notes: list[str], warnings: list[str]) -> AnyArray | None:
+    """Fields (n, 3) of the currents that are given, by the magnetometer's terms."""
+    terms = {} if part is None or log.mag is None else part.currents or {}
+    if unknown := [name for name in given if name not in terms]:
+        known = f"it has {', '.join(terms)}" if terms else "it has none"
+        raise DataError(f"the calibration has no field of the current {unknown[0]!r}; {known}")
+    if left := [name for name in terms if name not in given]:
+        warnings.append(
+            f"mag: the calibration has the field of the currents {', '.join(left)}, which were not given: it is still in the readings. "
+            "Name their columns with --currents, or give them as `currents`"
+        )
+    total = np.zeros((len(log.time), 3))
+    for name, values in given.items():
+        current = np.asarray(values, dtype=float)
+        if current.shape != (len(total),):
+            raise DataError(f"the current {name!r} has shape {current.shape}; give one number for each of the {len(total)} samples")
+        total += np.outer(current, terms[name])
+    if given:
+        notes.append(f"mag: the fields of the currents {', '.join(given)} are taken off")
+    return total if given else None
 
 
 def _modelled(part: Part[Any], sensor: str, log: Log, values: dict[str, Any], warnings: list[str]) -> AnyArray:

@@ -70,6 +70,7 @@ class Part(eqx.Module, Generic[M]):
     covariance, interval : of its parameters, or None.
     field : of a magnetometer the norm of the corrected field in tesla; None where it is not known.
     verdict, verdict_reason : of the fit; None where there was none. Those of an IMU are with both sensors.
+    currents : of a magnetometer, name -> (3,) field in tesla per unit of a current; None where none was fitted.
 
     Examples
     --------
@@ -87,6 +88,7 @@ class Part(eqx.Module, Generic[M]):
     interval: Interval | None = None
     verdict: str | None = None
     verdict_reason: str | None = None
+    currents: dict[str, AnyArray] | None = None
 
     @property
     def base(self) -> type:
@@ -136,6 +138,7 @@ class Part(eqx.Module, Generic[M]):
         known: dict[str, Any] = {"field": self.field} if sensor == "mag" else {}
         known["covariance"] = self.covariance
         known |= {name: getattr(self, name) for name in ("interval", "verdict", "verdict_reason") if getattr(self, name) is not None}
+        known |= {"currents": self.currents} if self.currents else {}
         if twice := set(fields) & {"unit", *known}:
             raise DataError(f"the model {type(self.model).__name__} has a field {min(twice)!r}, which the file needs itself; rename it")
         return {"unit": self.unit, **fields, **known}
@@ -189,11 +192,16 @@ def magnetometer_of(value: Any) -> Part[MagModel] | None:
                 f"the magnetometer fit has a field of {value.field:.4g}; a calibration holds tesla, in which Earth's is 2e-5 to 7e-5"
             )
         covariance = Covariance(tuple(value.names), np.asarray(value.covariance))
-        value = Part(value.model, si_unit("mag"), float(value.field), covariance, None, value.verdict, value.reason)
+        value = Part(value.model, si_unit("mag"), float(value.field), covariance, None, value.verdict, value.reason, _currents_of(value))
     part = None if value is None else _part(value, MagModel, "mag", "magnetometer")
     if part is not None and part.field is not None and (np.isinf(part.field) or part.field <= 0):
         raise wrong(part.field, "the norm of the field in tesla, or None", "magnetometer.field")
     return part
+
+
+def _currents_of(fit: MagFit) -> dict[str, AnyArray] | None:
+    """Field per unit of each current that was fitted."""
+    return {name: np.asarray(term)[0] for name, term in fit.terms.items()} or None
 
 
 def _from_imu_fit(fit: ImuFit) -> Imu:
@@ -233,7 +241,9 @@ def _part(value: Any, base: type, sensor: str, path: str) -> Part[Any]:
             required(value, name, path, needed)
         known = {"covariance": Covariance, "interval": Interval, "field": float, "verdict": str, "verdict_reason": str}
         rest = {name: structured(value.get(name), kind | None, f"{path}.{name}") for name, kind in known.items()}
-        value = Part(model, si_unit(sensor), **rest)
+        fields = structured(value.get("currents"), dict[str, Any] | None, f"{path}.currents") if sensor == "mag" else None
+        currents: dict[str, AnyArray] = {name: numbers(field, (3,), f"{path}.currents.{name}") for name, field in (fields or {}).items()}
+        value = Part(model, si_unit(sensor), **rest, currents=currents or None)
     arrays = {}
     for name, number in _leaves(document_of(value.model, base, path)):
         check_finite(np.asarray(number, dtype=float), f"{path}.{name}")

@@ -11,6 +11,7 @@ import jaxcal
 from ._advice import kind_of
 from ._options import CallError, Reading, Running, log_file, must_be_calibration, read_log
 from ._outputs import staged
+from ._readings import column_of
 from ._screen import Screen, progress, show_log, show_written
 from ._simulate import save_log
 from ._work import date_of
@@ -26,6 +27,9 @@ def apply(
     out: Annotated[Path, log_file(help="File to write: FILE.csv or FILE.npz, in SI units; missing samples stay missing.")],
     device: Annotated[
         str | None, Parameter(help="Device whose latest calibration, not younger than the log, is taken from the folder.")
+    ] = None,
+    currents: Annotated[
+        str | None, Parameter(help="Columns of the currents whose fields the calibration has, by the names that jaxcal mag got: I1,I2.")
     ] = None,
     reading: Reading = Reading(),
     running: Running = Running(),
@@ -44,7 +48,9 @@ def apply(
 
     def write(recording: Any, place: Path) -> Any:
         chosen = calibration if device is None else jaxcal.calibration.find(calibration, device, date_of(recording, log))
-        found = corrected(chosen, recording)
+        names = [name.strip() for name in currents.split(",")] if currents else []
+        given = {name: column_of(log, reading, name, len(recording.time), None) for name in names}
+        found = corrected(chosen, recording, given)
         save_sensors(found, place)
         return found
 
@@ -89,9 +95,9 @@ def _rewrite(
     show_written(screen, [out])
 
 
-def corrected(calibration: Path, log: Any) -> Any:
+def corrected(calibration: Path, log: Any, currents: dict[str, Any] | None = None) -> Any:
     """The log, corrected with the calibration in a file."""
-    return jaxcal.Calibration.load(calibration).correct(log)
+    return jaxcal.Calibration.load(calibration).correct(log, currents=currents)
 
 
 def save_sensors(log: Any, place: Path) -> None:

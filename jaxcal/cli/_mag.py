@@ -124,8 +124,8 @@ def mag(
         raise CallError("--joint goes with --align accel or gyro, and with the full soft iron by --method ml without --loss")
     if headings is not None and (align != "none" or joint):
         raise CallError("--headings gives the rotation itself: leave out --align and --joint")
-    if currents is not None and (joint or model == "planar"):
-        raise CallError("--currents goes with fits of norms in all attitudes: leave out --joint and --model planar")
+    if currents is not None and model == "planar":
+        raise CallError("--currents goes with fits of norms in all attitudes: leave out --model planar")
     must_exist(against, option="--against")
     if next:
         _advise(log, reading, running, limit, inclination)
@@ -140,12 +140,14 @@ def mag(
         "method": method, "model": model, "field": _earth(field, place, date), "field_error": field_error, "penalty": penalty,
         "inclination": None if inclination is None else math.radians(inclination), "loss": None if loss == "none" else loss,
     }  # fmt: skip
-    screen = Screen(running.quiet)
+    screen, fields = Screen(running.quiet), {}
 
     def compute(recording: Any, _: Any) -> Any:
         if recording.mag is None or recording.mag.shape[1] != 3:
             raise jaxcal.DataError(_NO_MAG)
-        found = _fit(recording, align, joint, chosen, shots(log, reading, recording, headings, currents, check))
+        given = shots(log, reading, recording, headings, currents, check)
+        fields.update(given.currents)
+        found = _fit(recording, align, joint, chosen, given)
         _show(screen, found)
         screen.flush()
         if found.verdict == "refused" and not force:
@@ -155,7 +157,7 @@ def mag(
     files: list[File] = [
         ("plot", "", figure(_sphere)), ("report", "report.html", save_report),
         ("json", "mag.json", save_json), ("calibration", "calibration.json", tried(partial(save_calibration, part="magnetometer"))),
-        ("corrected", "", _corrected),
+        ("corrected", "", partial(_corrected, fields)),
     ]  # fmt: skip
     default = "" if writing.corrected else f"{stem(log)}-mag"
     plan = outputs(writing, files, default, formats=_EXPORTS, export=partial(save_export, part="magnetometer"))
@@ -248,7 +250,12 @@ def _fit(log: Any, align: str, joint: bool, options: dict[str, Any], given: Shot
     if given.headings is not None:
         aid = Headings(given.headings[kept], None if up is None else up[kept])
     if given.currents:
-        powered = fit_current(log.mag[kept], {name: values[kept] for name, values in given.currents.items()}, aid=aid, **options)
+        # rates are integrated over all readings
+        there = np.ones_like(kept) if align == "gyro" else kept
+        rows = np.where(kept[:, None], log.mag, np.nan)[there]
+        used = {name: np.where(kept, values, 0.0)[there] for name, values in given.currents.items()}
+        aid = Gyroscope(log.gyro, log.rate) if align == "gyro" else aid
+        powered = fit_current(rows, used, aid=aid, joint=joint, **options)
         found: Any = powered.fit
         mag = np.asarray(powered.correct(log.mag, np.column_stack(list(given.currents.values()))))
     else:
@@ -256,8 +263,7 @@ def _fit(log: Any, align: str, joint: bool, options: dict[str, Any], given: Shot
         found, mag = jaxcal.magnetometer.fit(log.mag[kept], conditions=warmth, aid=aid, joint=joint and aid is not None, **options), log.mag
     if found.model is None:
         return found
-    if align == "gyro":
-        # rates are integrated over all readings
+    if align == "gyro" and not given.currents:
         found = aligned(found, np.where(kept[:, None], mag, np.nan), Gyroscope(log.gyro, log.rate), joint=joint)
     tried_on = held if given.held.any() else kept & np.isfinite(given.headings) if given.headings is not None else held
     if tried_on.any() and found.plane is None:
@@ -330,5 +336,5 @@ def _sphere(plot: Any, found: Any, log: Any) -> Any:
     return plot.sphere(log.mag[np.isfinite(log.mag).all(axis=1)], found)[0]
 
 
-def _corrected(place: Path, found: Any, log: Any) -> None:
-    save_sensors(jaxcal.Calibration(magnetometer=found, provenance=log.provenance).correct(log), place)
+def _corrected(currents: dict[str, Any], place: Path, found: Any, log: Any) -> None:
+    save_sensors(jaxcal.Calibration(magnetometer=found, provenance=log.provenance).correct(log, currents=currents), place)

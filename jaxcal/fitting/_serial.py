@@ -10,18 +10,32 @@ import itertools
 import numpy as np
 import scipy  # loads its parts when they are first used
 
+from .._types import AnyArray
+
 #: parts of a log; on real logs six were honest, where ten or twenty were too narrow
 BLOCKS = 6
 _STEPS = 4  # windows that begin in each part
 _LAGS, _FEWEST = 20, 24
 _FAR = 3.5  # standard deviations
+_ALIKE = 1e-12  # square of the singular value, of the largest, below which a part does not see a combination
 _CHANCE = 0.003  # of each of the two tests of whiteness
 
 
-def tamed(jacobian: np.ndarray, residuals: np.ndarray) -> np.ndarray:
+def symmetric_inverse(matrix: AnyArray) -> np.ndarray:
+    """Pseudo-inverse of a positive matrix: `numpy.linalg.pinv(matrix, hermitian=True)` in a third of the time."""
+    values, vectors = np.linalg.eigh(matrix)
+    kept = values > 1e-15 * values[-1]
+    return (vectors[:, kept] / values[kept]) @ vectors[:, kept].T
+
+
+def span_of(jacobian: np.ndarray) -> np.ndarray:
+    """Orthonormal columns (n, p) of what the parameters can change."""
+    return np.linalg.qr(jacobian / np.linalg.norm(jacobian, axis=0))[0]
+
+
+def tamed(span: np.ndarray, residuals: np.ndarray) -> np.ndarray:
     """Residuals with outliers at 3.5 robust standard deviations, at right angles to the Jacobian: single outliers prove nothing."""
     most = _FAR * 1.4826 * np.median(np.abs(residuals))
-    span = np.linalg.qr(jacobian / np.linalg.norm(jacobian, axis=0))[0]
     residuals = np.clip(residuals, -most, most)
     return residuals - span @ (span.T @ residuals)
 
@@ -53,10 +67,15 @@ def is_white(jacobian: np.ndarray, residuals: np.ndarray) -> bool:
     ----------
     G. M. Ljung and G. E. P. Box, Biometrika 65 (1978) 297; G. C. Chow, Econometrica 28 (1960) 591.
     """
+    return look_white(jacobian, None, residuals)
+
+
+def look_white(jacobian: np.ndarray, span: np.ndarray | None, residuals: np.ndarray) -> bool:
+    """`is_white` with a `span_of` the Jacobian that is known already."""
     n, free = jacobian.shape
     if n < _FEWEST:
         return True  # too few to tell
-    residuals = tamed(jacobian, residuals)
+    residuals = tamed(span_of(jacobian) if span is None else span, residuals)
     lags = np.arange(1, min(_LAGS, n // 8) + 1)
     power = np.abs(np.fft.rfft(residuals, 2 * n)) ** 2
     correlation = np.fft.irfft(power)[: len(lags) + 1]
@@ -66,12 +85,13 @@ def is_white(jacobian: np.ndarray, residuals: np.ndarray) -> bool:
     parts = min(BLOCKS, n // (2 * free))
     if parts < 2:
         return True
-    left, used = 0.0, 0
-    for rows in np.array_split(np.arange(n), parts):
-        vectors, values, _ = np.linalg.svd(jacobian[rows], full_matrices=False)
-        seen = values > 1e-6 * values[0]
-        left += np.sum(residuals[rows] ** 2) - np.sum((vectors[:, seen].T @ residuals[rows]) ** 2)
-        used += int(seen.sum())
+    edges = np.round(np.arange(parts + 1) * n / parts).astype(int)
+    pieces = [slice(a, b) for a, b in itertools.pairwise(edges)]
+    values, vectors = np.linalg.eigh(np.array([jacobian[rows].T @ jacobian[rows] for rows in pieces]))
+    seen = values > _ALIKE * values[:, -1:]
+    scores = np.einsum("kpi,kp->ki", vectors, np.array([jacobian[rows].T @ residuals[rows] for rows in pieces]))
+    left = np.sum(residuals**2) - np.sum(scores[seen] ** 2 / values[seen])
+    used = int(np.sum(seen))
     if used <= free or used >= n:
         return True
     ratio = (np.sum(residuals**2) - left) / (used - free) / (left / (n - used))

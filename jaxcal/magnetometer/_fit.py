@@ -187,8 +187,8 @@ def fit(
             plane[2] *= np.sign(np.linalg.det(plane))
             u = in_plane(u, plane)
         if kind is None:
-            fits = candidates(u, PLANAR if planar else SOLID, loss, distinct)
-            chosen = fits[by_held_out(fits, u, loss) if choose == "held_out" and not planar else by_bic(fits, u)]
+            fits, occupied = candidates(u, PLANAR if planar else SOLID, loss, distinct)
+            chosen = fits[by_held_out(fits, u, loss) if choose == "held_out" and not planar else by_bic(fits, occupied)]
             notes = _unseen(fits, chosen, distinct, frame, dip, limits[0])
             unseen = left_out(fits, chosen, u, loss, penalty)[None]
             found = refined(chosen, u, loss, penalty, prior)
@@ -230,8 +230,8 @@ def fit(
     if len(used) + full.sum() < len(whole):
         warnings.append(f"{len(used)} of {len(whole)} readings were fitted, evenly from all directions; residuals and outliers are of all.")
     warnings += sentences(said, costs, limits[0], error_with_terms(said, found, dip))
-    result = dataclasses.replace(
-        refusal(method, dip, reason), verdict=verdict, condition=known.condition, kind=found.kind, penalty=found.penalty,
+    result = MagFit(
+        verdict=verdict, reason=reason, method=method, inclination=dip, condition=known.condition, kind=found.kind, penalty=found.penalty,
         field_error=field_error, names=NAMES if plane is None else PLANAR_NAMES, causes=costs, blocks=said.blocks, **told,
         down=np.array([0.0, 0.0, 1.0]) if down is None else down, heading_range=span,
         **_of_all(found, frame, whole, told, norm, warnings),
@@ -244,7 +244,7 @@ def fit(
 
 def _distinct(m: np.ndarray) -> int:
     """Number of distinct readings, of the first few alone where those are enough for any model."""
-    few = len(np.unique(m[:_FEW], axis=0))
+    few = len({row.tobytes() for row in m[:_FEW] + 0.0})  # the sum makes zeros of one sign of them
     return few if few > COUNT["symmetric"] else len(np.unique(m, axis=0))
 
 

@@ -212,13 +212,17 @@ class MagFit(Result):
         error = np.sqrt(np.maximum(variance, 0.0))
         return error if self.plane is None else np.where(np.outer(*2 * [np.abs(self.plane[2]) > _ONE]), np.inf, error)
 
-    def _widened(self, by: np.ndarray, limits: tuple[float, float], what: str) -> "MagFit":
-        """The fit with a further covariance (9, 9) that `what` brings, in the heading error and in the verdict."""
+    def _widened(self, by: np.ndarray, limits: tuple[float, float], what: str, more: np.ndarray | None = None) -> "MagFit":
+        """The fit with a further covariance (9, 9) that `what` brings, in the heading error and in the verdict.
+
+        more : the heading error that it brings, where it turns the fit too.
+        """
         assert self.model is not None
         values = list(self.parameters.values())
         shape = np.zeros((3, 3))
         shape[ENTRIES] = shape[ENTRIES[::-1]] = values[:6]
-        error = np.hypot(self.heading_error, heading_error(shape, by, self.inclination, self.down))
+        further = np.asarray(heading_error(shape, by, self.inclination, self.down) if more is None else more)
+        error = np.hypot(np.asarray(self.heading_error), further)
         reasons = Reasons([], [])
         reasons.heading(error, limits, f"; part of that is by {what}.")
         verdict = max(self.verdict, reasons.verdict, key=("good", "weak", "refused").index)

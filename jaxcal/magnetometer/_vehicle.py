@@ -11,7 +11,6 @@ from .._errors import DataError
 from .._precision import host_float64
 from .._types import AnyArray, Array
 from ..fitting import Fit, information, solve
-from ._design._heading_error import distance_slopes
 from ._diagnosis import at_end
 from ._ellipsoid._distance import signed_distance
 from ._ellipsoid._shape import Frame, ellipsoid_of_model, filled
@@ -19,8 +18,9 @@ from ._fit import fit
 from ._model import MagModel
 from ._result import LIMITS, MagFit
 from ._rotation._align import spread_of
-from ._rotation._joint import aligned
+from ._rotation._joint import aligned, checked_joint
 from ._rotation._turning import array
+from ._term_errors import by_terms, jointly_with_terms
 
 
 class CurrentTerms(eqx.Module):
@@ -214,9 +214,10 @@ def fit_current(m: Any, current: Any, **options: Any) -> CurrentTerms:
 
     Parameters
     ----------
-    m : (n, 3) readings.
+    m : (n, 3) readings; rows with NaN are left out, but for the rates of a `Gyroscope`.
     current : (n,) or (n, currents) current or throttle at the readings' times; or a dictionary, name -> (n,).
-    options : those of `fit`, for the calibration of what remains; its `model` is symmetric here unless given, and not planar.
+    options : those of `fit`, for the calibration of what remains; its `model` is symmetric here unless given, and not planar. With
+        `joint` what remains is fitted with the `aid` together; the terms are those of the norms.
 
     Returns
     -------
@@ -245,9 +246,14 @@ def fit_current(m: Any, current: Any, **options: Any) -> CurrentTerms:
     names = list(current) if isinstance(current, dict) else None
     columns = _columns_of(np.column_stack(list(current.values())) if isinstance(current, dict) else current, len(m))
     names = names or [f"current {i + 1}" for i in range(columns.shape[1])]
-    if options.get("joint") or options.get("model") == "planar":
-        raise DataError("Currents are fitted to norms in all attitudes: leave out `joint` and model='planar'.")
-    kept = ~at_end(m)
+    if options.get("model") == "planar":
+        raise DataError("Currents are fitted to norms in all attitudes: leave out model='planar'.")
+    joint, aid, limits = options.pop("joint", False), options.pop("aid", None), options.get("limits", LIMITS)
+    if joint:
+        checked_joint(options.get("method", "ml"), options.get("model", "auto"), aid, options.get("loss"), options.get("field_error"))
+    there = np.isfinite(m).all(axis=1)
+    kept = there.copy()
+    kept[there] = ~at_end(m[there])
     whole, given, m, columns = m, columns, m[kept], columns[kept]
     size = np.ptp(columns, axis=0)
     if not size.all():
@@ -266,29 +272,26 @@ def fit_current(m: Any, current: Any, **options: Any) -> CurrentTerms:
     terms = np.asarray(found.model["terms"]) * scale
     matrix = matrix[3:-6, 3:-6] * np.outer(np.tile(scale, 3), np.tile(scale, 3))
     error = np.sqrt(np.diag(matrix)).reshape(3, -1)
-    aid = options.pop("aid", None)
     calibrated = fit(m - columns @ terms.T, **{"model": "symmetric", **options})
     units = u / np.maximum(np.linalg.norm(u, axis=1, keepdims=True), 1e-12)
     table = np.corrcoef(np.concatenate([units, columns], axis=1).T)
     if calibrated.model is not None:
-        slopes = _by_terms(calibrated, m - columns @ terms.T, columns)
-        calibrated = calibrated._widened(slopes @ matrix @ slopes.T, options.get("limits", LIMITS), "the terms of the currents")
+        rows = np.where(kept[:, None], whole - given @ terms.T, np.nan)
+        if joint:
+            calibrated = jointly_with_terms(calibrated, rows, given, matrix, aid, limits)
+        else:
+            slopes = by_terms(calibrated, m - columns @ terms.T, columns)
+            calibrated = calibrated._widened(slopes @ matrix @ slopes.T, limits, "the terms of the currents")
         by_name = {name: np.stack([terms[:, i], error[:, i]]) for i, name in enumerate(names)}
-        lost = () if kept.all() else (f"{np.sum(~kept)} readings stand at the end of the range of an axis, and are left out.",)
+        lost = (
+            ()
+            if np.array_equal(kept, there)
+            else (f"{np.sum(there & ~kept)} readings stand at the end of the range of an axis, and are left out.",)
+        )
         calibrated = dataclasses.replace(calibrated, terms=by_name, warnings=(*calibrated.warnings, *lost))
-        if aid is not None:
-            calibrated = aligned(calibrated, np.where(kept[:, None], whole - given @ terms.T, np.nan), aid)
+        if aid is not None and not joint:
+            calibrated = aligned(calibrated, rows, aid)
     return CurrentTerms(terms, error, np.abs(table[3:, :3]).max(axis=1), float(calibrated.noise), calibrated)
-
-
-def _by_terms(found: MagFit, m: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """By how much shape and centre (9,) move with each term, (9, 3 currents), to first order."""
-    shape, centre = ellipsoid_of_model(found.model, Frame(np.zeros(3), 1.0), found.field)  # type: ignore[arg-type]
-    rows = distance_slopes(shape, m - centre)
-    size = np.linalg.norm(rows, axis=0)
-    normals = -rows[:, 6:]
-    by_terms = (normals[:, :, None] * columns[:, None, :]).reshape(len(m), -1)
-    return np.linalg.lstsq(rows / size, by_terms, rcond=None)[0] / size[:, None]
 
 
 @host_float64

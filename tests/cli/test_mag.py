@@ -258,4 +258,23 @@ def test_currents_are_fitted(call, folder, swung):
     value, error = np.array(document["terms"]["motor"])
     assert np.all(np.abs(value - [3e-7, 0.0, -2e-7]) < 4 * error)
     assert np.all(np.abs(np.array(document["hard_iron"]) - [5e-6, -3e-6, 8e-6]) < 4 * np.array(document["hard_iron_error"]))
-    assert call("mag", "powered.csv", "--currents", "motor", "--joint", "--align", "accel").status == 2
+    assert call("mag", "powered.csv", "--currents", "motor", "--model", "planar").status == 2
+
+
+def test_fields_of_currents_are_taken_off_a_log(call, folder, swung):
+    assert call("mag", "powered.csv", "--currents", "motor", "--calibration", "device.json", "--corrected", "at_once.csv").status == 0
+    found = call("apply", "device.json", "powered.csv", "--rate", "1", "--currents", "motor", "--out", "without.csv")
+    assert (found.status, found.err) == (0, "")
+    assert "currents motor are taken off" in found.out
+    left = call("apply", "device.json", "powered.csv", "--rate", "1", "--out", "with.csv")
+    assert "which were not given" in " ".join(left.out.split())
+    spread = [np.std(np.linalg.norm(jaxcal.read(folder / name, quiet=True).mag, axis=1)) for name in ("without.csv", "with.csv")]
+    assert spread[0] < 0.15e-6
+    one, two = (jaxcal.read(folder / name, quiet=True).mag for name in ("at_once.csv", "without.csv"))
+    np.testing.assert_allclose(one, two, rtol=1e-6)
+    assert spread[1] > 2 * spread[0]
+    device = jaxcal.Calibration.load(folder / "device.json")
+    np.testing.assert_allclose(device.magnetometer.currents["motor"], [3e-7, 0.0, -2e-7], atol=2e-8)
+    wrong = call("apply", "device.json", "powered.csv", "--rate", "1", "--currents", "heading", "--out", "no.csv")
+    assert wrong.status == 1
+    assert "no field of the current 'heading'; it has motor" in wrong.reason

@@ -115,7 +115,7 @@ def test_partial_coverage_gains_by_a_large_factor_and_says_so_rightly(partial, n
 
 @pytest.mark.long
 def test_intervals_and_the_rotation_hold_the_truth(partial):
-    """Nine parameters and three angles of 24 logs: 288 intervals of 95 %, correlated within a log."""
+    """Nine parameters, three angles and the soft iron of 24 logs: 504 intervals of 95 %, correlated within a log."""
     inverse = np.linalg.inv(SENSOR.soft_iron)
     shape = inverse.T @ inverse
     values, vectors = np.linalg.eigh(shape)
@@ -128,6 +128,8 @@ def test_intervals_and_the_rotation_hold_the_truth(partial):
         angle = Rotation.from_matrix(true_turn.T @ found.alignment.rotation).as_rotvec()
         inside += [*(np.abs(away) < 1.96 * np.sqrt(np.diag(found.covariance)))]
         inside += [*(np.abs(angle) < 1.96 * np.sqrt(np.diag(found.alignment.covariance)))]
+        true = SENSOR.soft_iron / np.linalg.det(SENSOR.soft_iron) ** (1 / 3)
+        inside += [*(np.abs(found.model.soft_iron - true) < 1.96 * found.soft_iron_error).ravel()]
     assert 0.90 < np.mean(inside) < 0.99
 
 

@@ -71,8 +71,28 @@ def test_hard_iron_without_the_current_is_inside_its_interval():
     np.testing.assert_allclose([value, error], [found.terms[:, 0], found.error[:, 0]])
     # the current was never near zero: most of the error of the hard iron is that of the terms
     assert np.all(found.fit.hard_iron_error > 1.5 * fit(m - np.outer(current, way), model="symmetric").hard_iron_error)
-    with pytest.raises(DataError, match="leave out `joint`"):
+    with pytest.raises(DataError, match="needs an `aid`"):
         fit_current(m, current, joint=True)
+
+
+def test_currents_beside_a_joint_fit():
+    """A vehicle that tilts by 30 degrees: the errors of the terms are in those of the joint fit."""
+    turn, way, off = Rotation.from_rotvec([0.03, -0.02, 0.05]).as_matrix(), np.array([0.05, -0.03, 0.04]), []
+    for seed in range(3):
+        rng = np.random.default_rng([5, seed])
+        attitudes = np.stack([rng.uniform(-np.pi, np.pi, 250), *rng.uniform(-0.5, 0.5, (2, 250))], axis=1)
+        current = rng.uniform(0, 1, 250)
+        m = body_field(attitudes, 1.0, DIP) @ (SOFT @ turn).T + HARD + np.outer(current, way) + 0.01 * rng.normal(size=(250, 3))
+        up = -9.81 * (body_field(attitudes, 1.0, np.pi / 2) + 0.01 * rng.normal(size=(250, 3)))
+        m[7] = np.nan
+        powered = fit_current(m, {"motor": current}, aid=Accelerometer(up), joint=True)
+        found = powered.fit
+        bare = fit(m[np.arange(250) != 7] - np.outer(current, way)[np.arange(250) != 7], aid=Accelerometer(np.delete(up, 7, 0)), joint=True)
+        assert found.joint
+        assert np.all(found.hard_iron_error > bare.hard_iron_error)
+        assert found.heading_error[0] > bare.heading_error[0]
+        off += [(found.model.hard_iron - HARD) / found.hard_iron_error, (powered.terms[:, 0] - way) / powered.error[:, 0]]
+    assert np.sqrt(np.mean(np.square(off))) < 1.6
 
 
 def test_saturated_readings_are_named_and_left_out():

@@ -11,7 +11,7 @@ from ..._types import AnyArray
 from .._ellipsoid._algebraic import matrix_of, triangle
 from .._ellipsoid._kinds import PLANAR, PLANAR_ROWS
 from .._ellipsoid._residuals import BASES, natural_rows
-from .._ellipsoid._shape import Found, root, root_slopes
+from .._ellipsoid._shape import Found, root, root_slopes, roots_of
 from .._field import unit_field
 
 WORDS = (
@@ -112,12 +112,43 @@ def _rms(slopes: list[Any], covariance: Any) -> Any:
     return xp.where(known, xp.sqrt(xp.stack([(rows @ safe * rows).sum(axis=1).mean() for rows in slopes])), xp.inf)
 
 
+def _moments(inclination: float, down: AnyArray | None = None) -> np.ndarray:
+    """Mean of g g', at level and tilted, (2, 12, 12): g has the products s_i u_j of slope and unit field, and the slope s.
+
+    The heading error of what changes a corrected field u by D u + d, for a matrix D and a vector d, depends on the grid through it alone.
+    """
+    return _moments_about(float(inclination), None if down is None else tuple(np.asarray(down).tolist()))
+
+
+@functools.lru_cache(maxsize=256)
+def _moments_about(inclination: float, down: tuple[float, ...] | None) -> np.ndarray:
+    turn, found = levelled(None if down is None else np.array(down)), []
+    for (_, directions), sideways in zip(grids(inclination), grids_across(inclination), strict=True):
+        s, u = sideways @ turn, directions @ turn
+        g = np.concatenate([(s[:, :, None] * u[:, None, :]).reshape(-1, 9), s], axis=1)
+        found.append(g.T @ g / len(g))
+    return np.array(found)
+
+
+def _spread_of_change(shape: Any, covariance: Any) -> Any:
+    """Covariance of (D, d), (12, 12), by that of the shape's entries and the centre: D = dS S^-1 and d = -S db with the root S."""
+    xp = array_module(shape)
+    matrix, inverse, slopes = roots_of(shape)
+    turned = (slopes @ inverse).reshape(6, 9).T
+    zeros = np.zeros((9, 3)), np.zeros((3, 6))
+    change = xp.concatenate([xp.concatenate([turned, zeros[0]], axis=1), xp.concatenate([zeros[1], -matrix], axis=1)])
+    return change @ covariance @ change.T
+
+
 def heading_error(shape: Any, covariance: Any, inclination: float, down: AnyArray | None = None) -> Any:
     """Predicted rms heading error of an ellipsoid; in a plane there is no tilt."""
+    xp = array_module(covariance)
     if len(covariance) == 5:
-        xp = array_module(covariance)
         return xp.concatenate([_rms([planar_slopes(shape, _HEADINGS)], covariance), xp.full(1, np.inf)])
-    return rms_heading(lambda directions: change_of(shape, directions), covariance, inclination, down)
+    known = xp.isfinite(covariance).all()
+    spread = _spread_of_change(shape, xp.where(known, covariance, 0.0))
+    # rounding may leave nothing, or less
+    return xp.where(known, xp.sqrt(xp.maximum((_moments(inclination, down) * spread[None]).sum(axis=(1, 2)), 0.0)), xp.inf)
 
 
 def turned_heading_error(covariance: np.ndarray, inclination: float, down: AnyArray | None = None) -> np.ndarray:
@@ -130,11 +161,8 @@ def heading_range(shape: AnyArray, covariance: AnyArray, dip: float | None, down
     if not np.isfinite(covariance).all():
         return np.full(2, np.inf)
     dips, axes = _DIPS if dip is None else (dip,), np.eye(3) if down is None else [down]
-    turns = [levelled(axis) for axis in axes]
-    directions = np.concatenate([grids(angle)[0][1] @ turn for angle in dips for turn in turns])
-    sideways = np.concatenate([grids_across(angle)[0] @ turn for angle in dips for turn in turns])
-    slopes = np.einsum("ni,nip->np", sideways, change_of(shape, directions))
-    errors = np.sqrt(np.sum(slopes @ covariance * slopes, axis=1).reshape(-1, len(_HEADINGS)).mean(axis=1))
+    spread = _spread_of_change(shape, covariance)
+    errors = np.sqrt([max(np.sum(_moments(angle, axis)[0] * spread), 0.0) for angle in dips for axis in axes])
     return np.array([errors.min(), errors.max()])
 
 

@@ -5,14 +5,14 @@ the covariance, together with what is left of it in use: a drift goes on after t
 Chance is judged by the sums over twenty parts of the log, so that correlated noise does not pass for a cause.
 """
 
+import dataclasses
 from typing import NamedTuple
 
-import equinox as eqx
 import numpy as np
 import scipy  # loads its parts when they are first used
 
-from ...fitting import is_white, leave_out
-from ...fitting._serial import BLOCKS, correlation_time, tamed
+from ...fitting import leave_out
+from ...fitting._serial import BLOCKS, correlation_time, look_white, span_of, symmetric_inverse, tamed
 from ._kinds import COUNT, PLANAR, basis_of, slopes_of
 from ._residuals import Size
 from ._shape import Found, radius_of, root, unit
@@ -66,7 +66,7 @@ def _rows(found: Found, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarr
 def step_by(found: Found, u: np.ndarray, more: np.ndarray, distance: np.ndarray) -> np.ndarray:
     """Step (9,) of shape and centre that further readings at some distance from the ellipsoid would make, to first order."""
     slopes = slopes_of(found.parameters, basis_of(found.kind))[:, : COUNT[found.kind]]
-    jacobian = np.concatenate([_rows(found, u)[0], _rows(eqx.tree_at(lambda f: f.distance, found, distance), more)[0]]) @ slopes
+    jacobian = np.concatenate([_rows(found, u)[0], _rows(dataclasses.replace(found, distance=distance), more)[0]]) @ slopes
     residuals = np.concatenate([np.zeros(len(u)), distance])
     size = np.linalg.norm(jacobian, axis=0)
     return -slopes @ (np.linalg.lstsq(jacobian / size, residuals, rcond=1e-9)[0] / size)
@@ -97,25 +97,27 @@ def _fitted(jacobian: np.ndarray, columns: np.ndarray, residuals: np.ndarray) ->
     return found[: jacobian.shape[1]] - alone, found[jacobian.shape[1] :]
 
 
-def _evidence(jacobian: np.ndarray, columns: np.ndarray, residuals: np.ndarray, worth: float) -> float:
+def _evidence(span: np.ndarray, columns: np.ndarray, residuals: np.ndarray, worth: float) -> float:
     """Logarithm of the likelihood ratio of columns less their price, by the `worth` of the readings; negative where chance may do it."""
-    span = np.linalg.qr(jacobian / np.linalg.norm(jacobian, axis=0))[0]
     free = columns - span @ (span.T @ columns)
     size, before = np.linalg.norm(free, axis=0), np.linalg.norm(columns, axis=0)
     if not (size > 1e-6 * before).all():
         return -np.inf
     free = free / size
-    count, bread = free.shape[1], np.linalg.pinv(free.T @ free, hermitian=True)
+    count, bread = free.shape[1], symmetric_inverse(free.T @ free)
     coefficients = bread @ (free.T @ residuals)
     left = residuals - free @ coefficients
+    gain = float(worth * np.log(np.sum(residuals**2) / np.sum(left**2)) - count * np.log(worth))
+    if not gain > 0:
+        return gain
     edges = np.round(np.arange(_PARTS) * len(left) / _PARTS).astype(int)
     scores = np.add.reduceat(free * left[:, None], edges, axis=0)
     variance = bread @ (scores.T @ scores) @ bread * _PARTS / (_PARTS - 1)
-    statistic = coefficients @ np.linalg.pinv(variance, hermitian=True) @ coefficients
+    statistic = coefficients @ symmetric_inverse(variance) @ coefficients
     ratio = (_PARTS - count) / (count * (_PARTS - 1)) * statistic  # Hotelling
     if not scipy.special.fdtrc(count, _PARTS - count, ratio) < _CHANCE:
         return -np.inf
-    return float(worth * np.log(np.sum(residuals**2) / np.sum(left**2)) - count * np.log(worth))
+    return gain
 
 
 def examined(
@@ -133,11 +135,11 @@ def examined(
     columns = {} if n < _FEWEST else _columns(found, normals, z, whole, rows, conditions)
     columns = {name: weight * part[:, np.abs(part).max(axis=0) > 1e-12 * radius] for name, part in columns.items()}
     causes: list[Cause] = []
-    terms = [jacobian]
+    terms, span = [jacobian], span_of(jacobian)
     while columns and len(causes) < _MOST:
-        calm = tamed(jacobian, left)
+        calm = tamed(span, left)
         worth = n / correlation_time(calm)
-        evidence = {name: _evidence(jacobian, part, calm, worth) for name, part in columns.items() if part.size}
+        evidence = {name: _evidence(span, part, calm, worth) for name, part in columns.items() if part.size}
         if not evidence or not max(evidence.values()) > 0:
             break
         name = max(evidence, key=lambda name: evidence[name])
@@ -151,7 +153,7 @@ def examined(
             steps.append(moved)
             terms.append(part)
         causes.append(Cause(name, np.array(steps), float(np.max(np.abs(part @ coefficients))) / radius))
-    if is_white(jacobian, left):
+    if look_white(jacobian, span, left):
         rest = np.sum(left**2) / np.sum((weight[:, 0] * found.distance) ** 2)
         return Examined(found.covariance * min(rest, 1.0), 0, causes, np.zeros((0, 9)), _with_terms(terms, left, count, True))
     known = np.zeros((count, count))
@@ -183,7 +185,7 @@ def _with_terms(terms: list[np.ndarray], residuals: np.ndarray, count: int, inde
     if independent:
         size = np.linalg.norm(rows, axis=0)
         noise2 = np.sum(residuals**2) / max(len(rows) - rows.shape[1], 1)
-        part = noise2 * np.linalg.pinv((rows / size).T @ (rows / size), hermitian=True) / np.outer(size, size)
+        part = noise2 * symmetric_inverse((rows / size).T @ (rows / size)) / np.outer(size, size)
     else:
         part = leave_out(rows, residuals)
     matrix[:count, :count] = part[:count, :count]

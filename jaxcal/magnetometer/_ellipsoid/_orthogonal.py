@@ -5,7 +5,6 @@ import dataclasses
 from collections.abc import Callable
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -64,7 +63,7 @@ def flat(u: np.ndarray, kind: str, loss: AbstractLoss | None = None, cost: str =
     if cost == "radial":
         # its own J'J is not the information of the readings
         found = described(np.asarray(fit.parameters), u, kind)
-        return eqx.tree_at(lambda f: (f.converged, f.weight), found, (bool(fit.usable), np.asarray(fit.weights)[: len(u)]))
+        return dataclasses.replace(found, converged=bool(fit.usable), weight=np.asarray(fit.weights)[: len(u)])
     return described_by(fit, scale, len(u), kind)
 
 
@@ -212,11 +211,11 @@ def _penalised(found: Found, u: np.ndarray, loss: AbstractLoss | None, penalty: 
     # penalty and prior make a solution where the readings have none, so the solver does not say that they have none
     known = identifiability(fit).condition < _SINGULAR
     covariance = found.covariance * (noise / max(found.noise, 1e-300)) ** 2 if known else np.full((9, 9), np.inf)
-    found = eqx.tree_at(lambda f: (f.noise, f.covariance, f.penalty), found, (noise, covariance, penalty))
+    found = dataclasses.replace(found, noise=noise, covariance=covariance, penalty=penalty)
     if penalty:
         # what it moved the fit by is a bias: known in size, so part of the uncertainty
         step, bias = _step(found, u, penalty)
-        found = eqx.tree_at(lambda f: (f.covariance, f.bias), found, (found.covariance + np.outer(step, step), bias))
+        found = dataclasses.replace(found, covariance=found.covariance + np.outer(step, step), bias=bias)
     return found if size is None else _with_size(found, alone, size)
 
 
@@ -239,7 +238,7 @@ def _with_size(found: Found, alone: Found, size: Size) -> Found:
         slope = _log_size(found)[1]
         gain = covariance @ slope
         covariance = covariance - np.outer(gain, gain) / (size.error**2 + slope @ gain)
-    return eqx.tree_at(lambda f: (f.covariance, f.conflict), found, (covariance, conflict))
+    return dataclasses.replace(found, covariance=covariance, conflict=conflict)
 
 
 def loss_of(loss: Any) -> AbstractLoss | None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..._errors import DataError
 from ...fitting import AbstractLoss
+from ...fitting._serial import symmetric_inverse
 from .._design._coverage import bins
 from ._algebraic import NotEllipsoid, away, robust_start, start
 from ._kinds import COUNT, basis_of, shape_and_centre
@@ -25,8 +26,11 @@ _FIRST = 4000
 _CHUNK = 16_384
 
 
-def candidates(u: np.ndarray, kinds: tuple[str, ...], loss: AbstractLoss | None, distinct: int) -> dict[str, Found]:
-    """Fits of all kinds that have enough readings and are not excluded by far, the largest first, without the curvature term."""
+def candidates(u: np.ndarray, kinds: tuple[str, ...], loss: AbstractLoss | None, distinct: int) -> tuple[dict[str, Found], int]:
+    """Fits of all kinds that have enough readings and are not excluded by far, the largest first, without the curvature term.
+
+    And the number of bins of 500 that hold a reading.
+    """
     fits, failure, count = {}, None, 0
     for kind in sorted(kinds, key=lambda kind: -COUNT[kind]):
         if distinct <= COUNT[kind]:
@@ -42,7 +46,7 @@ def candidates(u: np.ndarray, kinds: tuple[str, ...], loss: AbstractLoss | None,
             failure = error
     if not fits:
         raise failure or NotEllipsoid("the data do not determine an ellipsoid: there are too few readings for any model")
-    return fits
+    return fits, count or _occupied(next(iter(fits.values())), u)
 
 
 def _nearest(full: Found, kind: str) -> np.ndarray | None:
@@ -50,16 +54,16 @@ def _nearest(full: Found, kind: str) -> np.ndarray | None:
     if not (full.converged and np.isfinite(full.covariance).all() and (full.parameters[[0, 3, 5]] > 0).all()):
         return None
     free = COUNT[kind]
-    whiten = np.linalg.pinv(full.covariance, hermitian=True)
+    whiten = symmetric_inverse(full.covariance)
     basis = np.delete(basis_of(kind), (3, 6, 7), axis=0)[:, :free]
     begin = np.zeros(9)
-    begin[:free] = np.linalg.lstsq(basis.T @ whiten @ basis, basis.T @ whiten @ full.parameters, rcond=None)[0]
+    begin[:free] = symmetric_inverse(basis.T @ whiten @ basis) @ (basis.T @ whiten @ full.parameters)
     return begin if (begin[: COUNT[kind] - 3] > 0).all() else None
 
 
 def _occupied(found: Found, u: np.ndarray) -> int:
     """Number of bins of 500 that hold a reading."""
-    return len(np.unique(bins(directions_of(found, u))))
+    return int(np.count_nonzero(np.bincount(bins(directions_of(found, u)))))
 
 
 def _hopeless(full: Found, begin: np.ndarray, kind: str, u: np.ndarray, count: int) -> bool:
@@ -69,10 +73,9 @@ def _hopeless(full: Found, begin: np.ndarray, kind: str, u: np.ndarray, count: i
     return bool(count * (small - large) > _HOPELESS * ((COUNT[full.kind] - COUNT[kind]) * np.log(count) + _TIE))
 
 
-def by_bic(fits: dict[str, Found], u: np.ndarray) -> str:
+def by_bic(fits: dict[str, Found], count: int) -> str:
     """Kind of least n ln(mean d^2) + k ln n; n is the number of occupied bins of 500, because neighbours repeat one another."""
-    largest = next(iter(fits.values()))
-    count, weight, score = _occupied(largest, u), largest.weight, {}
+    weight, score = next(iter(fits.values())).weight, {}
     for kind, found in fits.items():
         square = np.sum(weight * found.distance**2) / np.sum(weight)
         score[kind] = float(count * np.log(max(square, _LEAST)) + COUNT[kind] * np.log(count))

@@ -1,8 +1,8 @@
 """Ellipsoids (x - b)'A(x - b) = 1 of scaled readings: what a fit gives, covariance, symmetric root, and model."""
 
+import dataclasses
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,9 +13,14 @@ from .._model import MagModel
 from ._kinds import ENTRIES, PLANAR, PLANAR_ROWS, basis_of, slopes_of
 
 _SMALLEST_PAD = 64
+#: change of a symmetric matrix with each of its six entries
+_ENTRY_CHANGE = np.zeros((6, 3, 3))
+_ENTRY_CHANGE[range(6), *ENTRIES] = _ENTRY_CHANGE[range(6), *ENTRIES[::-1]] = 1.0
 
 
-class Frame(eqx.Module):
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True, eq=False)
+class Frame:
     """Centring and scaling u = (m - centre) / scale of readings."""
 
     centre: AnyArray
@@ -30,7 +35,10 @@ class Frame(eqx.Module):
         return (m - self.centre[None, :]) / self.scale
 
 
-class Found(eqx.Module):
+# no modules of Equinox, of which a fit makes and reads so many that they would take a tenth of it
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True, eq=False)
+class Found:
     """An ellipsoid in scaled readings: shape and centre, (9, 9) covariance of its parameters, noise, distances and weights.
 
     noise2 : the variance whose curvature term was taken off the distances. penalty : its weight; bias : how far it moved the fit,
@@ -45,8 +53,8 @@ class Found(eqx.Module):
     distance: AnyArray
     weight: AnyArray
     converged: Any
-    kind: str = eqx.field(static=True)
-    message: str = eqx.field(static=True, default="")
+    kind: str = dataclasses.field(metadata={"static": True})
+    message: str = dataclasses.field(metadata={"static": True}, default="")
     noise2: Any = 0.0
     penalty: float = 0.0
     bias: float = 0.0
@@ -118,9 +126,18 @@ def _root_change(matrix: Any, change: Any) -> Any:
 
 def root_slopes(shape: Any) -> Any:
     """Derivative of the symmetric root with respect to the six entries, (6, 3, 3)."""
-    change = np.zeros((3, 3, 6))
-    change[*ENTRIES, range(6)] = change[*ENTRIES[::-1], range(6)] = 1.0
-    return _root_change(root(shape), change.reshape(9, 6)).T.reshape(6, 3, 3)
+    return _root_change(root(shape), _ENTRY_CHANGE.reshape(6, 9).T).T.reshape(6, 3, 3)
+
+
+def roots_of(shape: Any) -> tuple[Any, Any, Any]:
+    """Symmetric root, its inverse, and `root_slopes`: of numbers from one decomposition."""
+    if is_traced(shape):
+        matrix = root(shape)
+        return matrix, jnp.linalg.inv(matrix), root_slopes(shape)
+    values, vectors = np.linalg.eigh(shape)
+    size = np.sqrt(np.maximum(values, np.finfo(float).eps * np.abs(values[-1])))
+    turned = vectors.T @ _ENTRY_CHANGE @ vectors / (size[:, None] + size)
+    return (vectors * size) @ vectors.T, (vectors / size) @ vectors.T, vectors @ turned @ vectors.T
 
 
 def soft_iron_slopes(shape: np.ndarray, field: float, given: bool, plane: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:

@@ -9,7 +9,6 @@ import equinox as eqx
 import numpy as np
 import scipy  # loads its parts when they are first used
 
-from ..._compile import filter_jit
 from ..._errors import DataError
 from ..._precision import host_float64
 from ..._types import AnyArray
@@ -64,6 +63,13 @@ class Solution(eqx.Module):
     noise2: float
     bias: np.ndarray
     count: int
+    priors: Any
+
+    def jacobian(self, u: np.ndarray) -> np.ndarray:
+        """Derivative of the residuals for other readings: a fit that may not move, by the program that is compiled already."""
+        held = (self.parameters, self.parameters)
+        data = eqx.tree_at(lambda d: d.u, self.data, u)
+        return np.asarray(_attempt(self.function, self.parameters, data, held, self.priors).jacobian)
 
     @property
     def upper(self) -> np.ndarray:
@@ -79,10 +85,8 @@ def _delay(parameters: Any) -> Any:
     return parameters[DELAY]
 
 
-@filter_jit
 def _attempt(function: Callable, start: AnyArray, data: Any, bounds: Any, priors: Any) -> Fit:
-    fit = solve(function, start, data, bounds=bounds, priors=priors, rtol=_PRECISE, max_steps=_STEPS)
-    return eqx.tree_at(lambda f: f.problem, fit, None)
+    return solve(function, start, data, bounds=bounds, priors=priors, rtol=_PRECISE, max_steps=_STEPS)
 
 
 class Pairs(eqx.Module):
@@ -187,7 +191,7 @@ def _solved(u, pairs: Pairs, begin, base, noise: float, dip: float | None) -> So
         settled = np.all(np.abs(sigma - last) <= _SETTLED * np.maximum(last, 10 * _LEAST))
         if settled or not np.isfinite(sigma).all() or (turn and not bool(fit.usable)):
             break
-    return Solution(parameters, base, fit, pairs.function, data, sigma, noise2, bias, len(u))  # type: ignore[possibly-unbound]
+    return Solution(parameters, base, fit, pairs.function, data, sigma, noise2, bias, len(u), priors)  # type: ignore[possibly-unbound]
 
 
 def _upper(parameters: np.ndarray) -> np.ndarray:
@@ -279,7 +283,7 @@ def _result(after: MagFit, found: Solution, frame: Frame, u, whole, limits, rate
     left = _spread(found, u)
     level = after.inclination, rotation.T @ after.down
     joint, turned, told = judged(found, left, level, limits, len(outliers(ellipsoid.distance, ellipsoid.weight)))
-    ellipsoid = eqx.tree_at(lambda f: f.covariance, ellipsoid, joint[:9, :9])
+    ellipsoid = dataclasses.replace(ellipsoid, covariance=joint[:9, :9])
     covariance = covariance_of(ellipsoid, frame)
     said = alignment_of(
         model_of(shape, centre, frame, size), rotation, _nearest(rotation), turned, np.array([after.alignment.spread[0], left]),
@@ -289,7 +293,7 @@ def _result(after: MagFit, found: Solution, frame: Frame, u, whole, limits, rate
     )  # fmt: skip
     if len(whole) > n:
         distance = all_distances(ellipsoid, frame.scaled(whole))
-        ellipsoid = eqx.tree_at(lambda f: (f.distance, f.weight), ellipsoid, (distance, np.ones(len(whole))))
+        ellipsoid = dataclasses.replace(ellipsoid, distance=distance, weight=np.ones(len(whole)))
     wanted = np.zeros((0, 3))
     if np.isfinite(covariance).all():
         wanted = needed(shape / frame.scale**2, covariance, sphere_grid()) @ rotation

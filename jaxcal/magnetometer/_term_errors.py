@@ -1,0 +1,62 @@
+"""What errors of the fields of currents do to a fit of norms, to first order, and to a joint fit, by fits anew."""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from ._design._heading_error import angle, distance_slopes, grids, levelled
+from ._ellipsoid._shape import Frame, ellipsoid_of_model
+from ._result import MagFit
+from ._rotation._joint import aligned
+
+#: of the largest variance, below which a direction of the terms adds nothing
+_NOTHING = 1e-6
+
+
+def by_terms(found: MagFit, m: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """By how much shape and centre (9,) move with each term, (9, 3 currents), to first order."""
+    shape, centre = ellipsoid_of_model(found.model, Frame(np.zeros(3), 1.0), found.field)  # type: ignore[arg-type]
+    rows = distance_slopes(shape, m - centre)
+    size = np.linalg.norm(rows, axis=0)
+    normals = -rows[:, 6:]
+    by_terms = (normals[:, :, None] * columns[:, None, :]).reshape(len(m), -1)
+    return np.linalg.lstsq(rows / size, by_terms, rcond=None)[0] / size[:, None]
+
+
+def jointly_with_terms(
+    found: MagFit, m: np.ndarray, columns: np.ndarray, covariance: np.ndarray, aid: Any, limits: tuple[float, float]
+) -> MagFit:
+    """The joint fit of readings (n, 3) whose currents' fields are taken off, with the errors that those fields bring.
+
+    covariance : (3 c, 3 c) of the terms (3, c), by rows. Each of its principal axes is one step, of a standard deviation.
+    """
+    best = aligned(found, m, aid, joint=True)
+    values, vectors = np.linalg.eigh(covariance)
+    by, turns, errors = np.zeros((9, 9)), np.zeros((3, 3)), np.zeros(2)
+    if best.verdict == "refused" or best.alignment.verdict == "refused":
+        return best
+    for value, vector in zip(values, vectors.T, strict=True):
+        if value > _NOTHING * values[-1]:
+            step = np.sqrt(value) * vector.reshape(3, -1)
+            moved = aligned(found, m - columns @ step.T, aid, joint=True)
+            change = np.array(list(moved.parameters.values())) - np.array(list(best.parameters.values()))
+            between = np.asarray(best.alignment.rotation).T @ np.asarray(moved.alignment.rotation)
+            turn = np.array([between[2, 1] - between[1, 2], between[0, 2] - between[2, 0], between[1, 0] - between[0, 1]]) / 2
+            by, turns = by + np.outer(change, change), turns + np.outer(turn, turn)
+            errors = errors + _departure(best, moved) ** 2
+    alignment = dataclasses.replace(best.alignment, covariance=np.asarray(best.alignment.covariance) + turns)
+    best = dataclasses.replace(best, alignment=alignment)
+    return best._widened(by, limits, "the terms of the currents", np.sqrt(errors))
+
+
+def _departure(first: MagFit, second: MagFit) -> np.ndarray:
+    """Root mean square of the headings' difference between two fits, at level and at 20 degrees of tilt."""
+    assert first.model is not None
+    assert second.model is not None
+    axes, found = levelled(np.asarray(first.alignment.rotation).T @ first.down), []
+    for attitudes, directions in grids(float(first.inclination)):
+        readings = first.model.measure(float(first.field) * directions @ axes)
+        by = angle(attitudes, np.asarray(second.model.correct(readings)) @ axes.T) - angle(attitudes, directions)
+        found.append(np.sqrt(np.mean(np.angle(np.exp(1j * by)) ** 2)))
+    return np.array(found)
