@@ -6,8 +6,8 @@ linear in its coefficients,
 
 .. math:: b = X \beta + n,\qquad \beta \sim N(0, \sigma^2 F F^T)
 
-with F of `_prior.factor` and a flat prior of the slope. Integrating the coefficients out leaves the restricted likelihood of the noise and of the
-variances, which knows what the curve has taken from the noise (H. D. Patterson and R. Thompson, Biometrika 58 (1971) 545). Ordinates
+with F of `_prior.factor` and a flat prior of the slope. Integrating the coefficients out leaves the restricted likelihood of the noise and
+of the variances, which knows what the curve has taken from the noise (H. D. Patterson and R. Thompson, Biometrika 58 (1971) 545). Ordinates
 of nearly one frequency share S, so that products of columns are summed once in bands of frequency and a likelihood costs no pass over the
 record.
 """
@@ -30,7 +30,8 @@ _LENGTH, _DECAY = 0.7, 1.0
 _FLAT = 0.2  # power of a variance in its prior, by its logarithm
 #: N^2, B^2, K^2, sigma^2 over their units, and the length
 _STARTS = ((1.0, 0.1, 0.01, 0.1, 0.5), (1.0, 1e-3, 1e-5, 0.01, 1.5))
-_DRAWS, _FREEDOM, _FLATTEST = 128, 6, 0.08  # of the importance sampling: number, degrees of freedom, least curvature
+#: of the importance sampling: draws of both rounds, degrees of freedom, least curvature, least variance
+_DRAWS, _FREEDOM, _FLATTEST, _LEAST = (128, 256), 6, 0.08, 1e-4
 _SEED = 20_260  # the same record always gives the same numbers
 _DEEP, _HIGH = 25.0, 15.0  # logarithms: how far variances may be from their start
 
@@ -140,7 +141,7 @@ class Restricted:
     least : noise of a reading by rounding.
     doubtful : whether some columns may say the same as others.
 
-    The hyperparameters phi are the logarithms of N^2, B^2, K^2, sigma^2, the length of `_prior`, and with a group 1 of its share of sigma^2.
+    The hyperparameters phi are the logarithms of N^2, B^2, K^2, sigma^2, of the length, and with a group 1 of its share of sigma^2.
     """
 
     def __init__(
@@ -254,24 +255,16 @@ class Restricted:
         """Coefficients and noise, averaged over the hyperparameters.
 
         One record leaves B, K and the roughness of the curve wide open; intervals at their most probable values are too narrow.
-        Importance sampling from a multivariate t about `phi`, at points of a Sobol sequence.
+        Importance sampling from a multivariate t, at points of a Sobol sequence: first about `phi`, with the curvature there, then with
+        mean and covariance of the first draws, which follow long tails better.
         """
-        from scipy.stats import qmc  # 0.6 s, which other commands need not wait for
-
         size, step = len(phi), 0.05
         hessian = np.stack([(self.posterior(phi + e)[1] - self.posterior(phi - e)[1]) / (2 * step) for e in step * np.eye(size)])
         curvature, axes = np.linalg.eigh((hessian + hessian.T) / 2)
-        uniform = qmc.Sobol(size + 1, rng=np.random.default_rng(_SEED)).random(_DRAWS)
-        chi = scipy.special.chdtri(_FREEDOM, 1.0 - uniform[:, -1]) / _FREEDOM
-        t = scipy.special.ndtri(uniform[:, :-1]) / np.sqrt(chi)[:, None]
-        t[0] = 0.0  # at least the most probable ones are possible
-        _, low, high = self.bounds()
-        draws = phi + t @ (axes / np.sqrt(np.maximum(curvature, _FLATTEST))).T
-        logs = np.full(_DRAWS, -np.inf)
-        for i in np.flatnonzero(((draws >= low) & (draws <= high)).all(axis=1)):
-            logs[i] = -self.posterior(draws[i])[0] + 0.5 * (_FREEDOM + size) * np.log1p(np.sum(t[i] ** 2) / _FREEDOM)
-        weight = np.exp(logs - logs.max())
-        weight /= weight.sum()
+        draws, weight = self._drawn(phi, axes / np.sqrt(np.maximum(curvature, _FLATTEST)), _DRAWS[0])
+        middle = weight @ draws
+        spread = ((draws - middle) * weight[:, None]).T @ (draws - middle) + _LEAST * np.eye(size)
+        draws, weight = self._drawn(middle, np.linalg.cholesky(spread), _DRAWS[1])
         kept = np.flatnonzero(weight > 1e-4 * weight.max())
         weight = weight[kept] / weight[kept].sum()
         each = [self.solved(draws[i]) for i in kept]
@@ -281,3 +274,20 @@ class Restricted:
             (beta - mean) * weight[:, None]
         )
         return Averaged(mean, np.asarray(covariance), np.exp(draws[kept, :3]), weight)
+
+    def _drawn(self, middle: AnyArray, root: AnyArray, count: int) -> tuple[AnyArray, AnyArray]:
+        """Draws (count, p) of the hyperparameters from a multivariate t, and their weights (count,)."""
+        from scipy.stats import qmc  # 0.6 s, which other commands need not wait for
+
+        size = len(middle)
+        uniform = qmc.Sobol(size + 1, rng=np.random.default_rng(_SEED)).random(count)
+        chi = scipy.special.chdtri(_FREEDOM, 1.0 - uniform[:, -1]) / _FREEDOM
+        t = scipy.special.ndtri(uniform[:, :-1]) / np.sqrt(chi)[:, None]
+        t[0] = 0.0  # at least the middle is possible
+        _, low, high = self.bounds()
+        draws = middle + t @ root.T
+        logs = np.full(count, -np.inf)
+        for i in np.flatnonzero(((draws >= low) & (draws <= high)).all(axis=1)):
+            logs[i] = -self.posterior(draws[i])[0] + 0.5 * (_FREEDOM + size) * np.log1p(np.sum(t[i] ** 2) / _FREEDOM)
+        weight = np.exp(logs - logs.max())
+        return draws, weight / weight.sum()
