@@ -67,7 +67,7 @@ def steps(t, jumps):
 
 def counted(case, run, *, thermometer=0.01, random=True):
     """Jumps found less jumps there, and whether the height of each true one is in its interval of 95 %."""
-    rng = np.random.default_rng([11, run])
+    rng = np.random.default_rng([21, run])
     curve, true = smooth(rng if random else None), temperature(PERIOD)
     bias = curve(true) + steps(true, JUMPS[case]) + noise(PERIOD, QUIET, rng)
     found = fit(true + thermometer * rng.standard_normal(PERIOD), bias, time=np.arange(PERIOD))
@@ -81,7 +81,7 @@ def counted(case, run, *, thermometer=0.01, random=True):
 
 def rate(run, thermometer=0.02):
     """Effect of dT/dt, rms, and rms of what the model leaves of it and of the curve on the next cycle, less its mean."""
-    rng, count = np.random.default_rng([12, run]), 2 * PERIOD
+    rng, count = np.random.default_rng([22, run]), 2 * PERIOD
     true = temperature(count)
     change = np.gradient(true)
     truth = smooth()(true) + 4.2 / np.std(change) * change
@@ -95,7 +95,7 @@ def rate(run, thermometer=0.02):
 
 def compared(run, random, level=LOUD, block=5):
     """Rms error of each model on the next cycle, less its mean, and how much of truth and readings the intervals hold."""
-    rng, count = np.random.default_rng([13, run]), 2 * PERIOD
+    rng, count = np.random.default_rng([23, run]), 2 * PERIOD
     curve, true = smooth(rng if random else None), temperature(count)
     wander = noise(count, level, rng)
     measured, bias, time = true + 0.01 * rng.standard_normal(count), curve(true) + wander, np.arange(count)
@@ -125,7 +125,7 @@ def compared(run, random, level=LOUD, block=5):
 
 def lagging(run, thermometer=0.02, tau=60.0):
     """Rms error on the second cycle, mdeg/s, of the case "lag": jump of 300 mdeg/s, noise of 4, lag of 60 s; and the lag found."""
-    rng, count = np.random.default_rng([14, run]), 2 * PERIOD
+    rng, count = np.random.default_rng([24, run]), 2 * PERIOD
     true = temperature(count)
     felt = lfilter([1 - math.exp(-1 / tau)], [1.0, -math.exp(-1 / tau)], true - true[0]) + true[0]
     x = (felt - 32.5) / 12.5

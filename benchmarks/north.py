@@ -5,7 +5,8 @@
     python benchmarks/north.py --runs 2000         more tests per cell
 
 cells: coverage in % of the intervals of 95 % of roll, pitch and azimuth, and rmse of the azimuth over the bound for that noise.
-raw: the answers from raw logs less those from ideal means over the same rests, rms in standard deviations; and coverage.
+raw: the answers from raw logs less those from ideal means over the same rests, with the same knowledge of the table's angles, rms in
+standard deviations; and coverage.
 """
 
 import argparse
@@ -74,7 +75,10 @@ def raw(runs):
                 got = found.fit(world.LATITUDE)
                 words = ("x",) if axes == 1 else ("x", "y", "fixed z")
                 times = (rests[:, 1] - rests[:, 0]) / 50, rests[:, 0] / 50
-                places = Positions(np.repeat(angles * world.DEG, axes), words * len(angles), *(np.repeat(x, axes) for x in times))
+                # angles that the gyroscope gave are as uncertain for the ideal means as for the log
+                exact = np.repeat(angles * world.DEG, axes), None
+                place, doubt = exact if known else (found.readings.positions.angle, found.readings.positions.angle_std)
+                places = Positions(place, words * len(angles), *(np.repeat(x, axes) for x in times), angle_std=doubt)
                 means = Readings(places, *(mean.ravel() for mean in ideal), **given)
                 best = fit(means, world.LATITUDE, model=found.model, free=found.free, priors=found.priors or None)
                 differences.append([(got.parameters[name] - best.parameters[name]) / got.std[name] for name in NAMES])

@@ -41,10 +41,11 @@ def fit(
     r"""Bias of a sensor at rest against its temperature: a smooth curve, jumps, hysteresis, and the noise about it.
 
     .. math:: b = \sum_m q_m C_m(u) + \sum_j \frac{p_j}{1 + e^{-(T_e - t_j)/w_j}} + c\,L_{\tau'}(\dot T) + n(t),\qquad
-        q_m \sim N(0, \sigma^2 \rho^{m-2}\,2/m!)
+        q \sim N(0, \sigma^2 F_\ell F_\ell^T)
 
-    C_m is a Chebyshev polynomial of the temperature that the sensor feels, scaled to -1 .. 1, and n the noise with N, B and K. The
-    restricted likelihood estimates N, B, K, sigma and rho together: the curve has as much freedom as the data ask for. Curve and
+    C_m is a Chebyshev polynomial of the temperature that the sensor feels, scaled to -1 .. 1, and n the noise with N, B and K. F F' is the
+    covariance that a Gaussian process of the kind of Matern (smoothness 7/2, length ell) gives the coefficients beside the slope. The
+    restricted likelihood estimates N, B, K, sigma and ell together: the curve has as much freedom as the data ask for. Curve and
     intervals are averages over what it leaves open. It also decides on lag, play, the term in dT/dt and the jumps. Of records without a
     jump less than one in 300 shows one.
 

@@ -4,10 +4,10 @@ The orthonormal DCT-II of each record makes the noise independent: ordinate k ha
 :math:`S_k = N^2 a_k + B^2 b_k + K^2 c_k`, and the mean of the record, which no curve can tell from the noise, drops out. The curve is
 linear in its coefficients,
 
-.. math:: b = X \beta + n,\qquad \beta_m \sim N(0, \lambda_m)
+.. math:: b = X \beta + n,\qquad \beta \sim N(0, \sigma^2 F F^T)
 
-with a flat prior where no variance is given. Integrating the coefficients out leaves the restricted likelihood of the noise and of the
-variances, which knows what the curve has taken from the noise (H. D. Patterson and R. Thompson, Biometrika 58 (1971) 545). Ordinates
+with F of `_prior.factor` and a flat prior of the slope. Integrating the coefficients out leaves the restricted likelihood of the noise and
+of the variances, which knows what the curve has taken from the noise (H. D. Patterson and R. Thompson, Biometrika 58 (1971) 545). Ordinates
 of nearly one frequency share S, so that products of columns are summed once in bands of frequency and a likelihood costs no pass over the
 record.
 """
@@ -21,16 +21,19 @@ import scipy  # loads its parts when they are first used
 
 from .._types import AnyArray
 from ..noise import Noise
+from ._prior import LONGEST, SHORTEST, factor
 
 TERMS = ("N", "B", "K")
 _BANDS_PER_OCTAVE = 8
-#: standard deviation of the prior of log rho; its mean of 0 is a curve whose coefficients fall as those of exp(u)
-_DECAY = 1.0
+#: the prior of the length, half ranges: median, and standard deviation of its logarithm
+_LENGTH, _DECAY = 0.7, 1.0
 _FLAT = 0.2  # power of a variance in its prior, by its logarithm
-_STARTS = ((1.0, 0.1, 0.01, 0.1, 0.5), (1.0, 1e-3, 1e-5, 0.01, -0.5))
-_DRAWS, _FREEDOM, _FLATTEST = 128, 6, 0.08  # of the importance sampling: number, degrees of freedom, least curvature
+#: N^2, B^2, K^2, sigma^2 over their units, and the length
+_STARTS = ((1.0, 0.1, 0.01, 0.1, 0.5), (1.0, 1e-3, 1e-5, 0.01, 1.5))
+#: of the importance sampling: draws of both rounds, degrees of freedom, least curvature, least variance
+_DRAWS, _FREEDOM, _FLATTEST, _LEAST = (128, 256), 6, 0.08, 1e-4
 _SEED = 20_260  # the same record always gives the same numbers
-_DEEP, _HIGH, _ROUGHEST = 25.0, 15.0, 4.0  # logarithms: how far variances may be from their start, and of rho
+_DEEP, _HIGH = 25.0, 15.0  # logarithms: how far variances may be from their start
 
 
 class Bands(NamedTuple):
@@ -90,7 +93,8 @@ class Solved(NamedTuple):
     beta: AnyArray
     covariance: AnyArray
     scaled: AnyArray
-    scale: AnyArray
+    factor: AnyArray
+    gram: AnyArray
     density: AnyArray
     misfit: float
 
@@ -137,7 +141,7 @@ class Restricted:
     least : noise of a reading by rounding.
     doubtful : whether some columns may say the same as others.
 
-    The hyperparameters phi are the logarithms of N^2, B^2, K^2, sigma^2, rho, and with a group 1 of its share of sigma^2.
+    The hyperparameters phi are the logarithms of N^2, B^2, K^2, sigma^2, of the length, and with a group 1 of its share of sigma^2.
     """
 
     def __init__(
@@ -162,58 +166,64 @@ class Restricted:
         # without a prior: the slope of the common curve, and what is profiled
         self.random = np.concatenate([(order > 1) | (group > 0), np.zeros(further, dtype=bool)])
         self.hyper = 6 if group.any() else 5
-        self._slope = np.stack([np.ones(len(order)), order - 2.0, group], axis=1)[:, : self.hyper - 3]
-        self._offset = np.log(2.0) - scipy.special.gammaln(order + 1.0)
+        self._start = np.flatnonzero(order == 1)
 
-    def variances(self, phi: AnyArray) -> AnyArray:
-        r"""Logarithm of the prior variance of every column of the curve.
-
-        .. math:: \lambda_m = \sigma^2 \rho^{m-2}\, 2/m!
-
-        falls in the end as the coefficients of an entire function do; sigma says how far from a line the curve may be, rho how rough.
-        """
-        return self._slope @ phi[3:] + self._offset
+    def _factors(self, phi: AnyArray) -> tuple[AnyArray, AnyArray]:
+        """Factor of the prior covariance of the columns of the curve, and its derivative by the logarithm of the length."""
+        count, degree = len(self.order), int(self.order.max())
+        one, change = factor(float(phi[4]), degree)
+        whole, slope = np.zeros((count, count)), np.zeros((count, count))
+        for i in self._start:
+            size = np.exp(0.5 * (phi[3] + (phi[5] if self.group[i] else 0.0)))
+            whole[i : i + degree, i : i + degree] = size * one
+            slope[i : i + degree, i : i + degree] = size * change
+        return whole, slope
 
     def solved(self, phi: AnyArray) -> Solved:
         """Coefficients given the hyperparameters."""
         density = self.held.density(np.exp(phi[:3]))
         gram = ((1 / density) @ self.products).reshape(self.size + 1, -1)
-        scale = 1 / np.sqrt(np.maximum(np.diag(gram)[:-1], np.finfo(float).tiny))
-        logs = np.concatenate([self.variances(phi), np.zeros(self.further)])
-        scale = np.where(self.random, np.exp(0.5 * np.maximum(logs, -600.0)), scale)
-        scaled = gram[:-1, :-1] * scale * scale[:, None] + np.diag(self.random.astype(float))
+        whole, curve = np.diag(1 / np.sqrt(np.maximum(np.diag(gram)[:-1], np.finfo(float).tiny))), len(self.order)
+        random = self.random[:curve]
+        whole[:curve, :curve][random] = self._factors(phi)[0][random]
+        scaled = whole.T @ gram[:-1, :-1] @ whole + np.diag(self.random.astype(float))
         inverse = np.linalg.pinv(scaled, rcond=1e-13, hermitian=True) if self.doubtful else np.linalg.inv(scaled)
-        right = scale * gram[:-1, -1]
+        right = whole.T @ gram[:-1, -1]
         z = inverse @ right
-        return Solved(scale * z, inverse * scale * scale[:, None], scaled, scale, density, float(gram[-1, -1] - right @ z))
+        return Solved(whole @ z, whole @ inverse @ whole.T, scaled, whole, gram, density, float(gram[-1, -1] - right @ z))
 
     def cost(self, phi: AnyArray) -> tuple[float, AnyArray]:
         """-2 log restricted likelihood, and its gradient."""
         at, curve = self.solved(phi), self.size - self.further
-        random = self.random[:curve]
+        random, whole = self.random[:curve], at.factor[:curve, :curve]
         root = np.linalg.cholesky(at.scaled[:curve, :curve])
         half = scipy.linalg.solve_triangular(root, np.eye(curve), lower=True)
         inverse = half.T @ half
         value = np.sum(self.held.count * np.log(at.density)) + 2 * np.sum(np.log(np.diag(root))) + at.misfit
-        value -= 2 * np.sum(np.log(at.scale[:curve][~random]))
+        value -= 2 * np.sum(np.log(np.diag(whole)[~random]))
         rest = np.append(-at.beta, 1.0)
         share = np.outer(rest, rest)
-        share[:curve, :curve] += inverse * at.scale[:curve] * at.scale[:curve, None]
+        share[:curve, :curve] += whole @ inverse @ whole.T
         slope = self.held.count / at.density - self.products @ share.ravel() / at.density**2
-        own = np.where(random, 1 - np.diag(inverse) - (at.beta[:curve] / at.scale[:curve]) ** 2, 0.0)
-        return value, np.concatenate([(self.held.columns.T @ slope) * np.exp(phi[:3]), self._slope.T @ own])
+        z = scipy.linalg.solve_triangular(whole, at.beta[:curve], lower=True)
+        own = np.where(random, 1 - np.diag(inverse) - z**2, 0.0)
+        size = [own.sum(), own @ self.group][: self.hyper - 4]
+        # what the length changes of the factor; the slope that has no prior stays
+        change = np.where(random[:, None], self._factors(phi)[1], 0.0)
+        length = 2 * np.sum((inverse @ whole.T @ at.gram[:curve, :curve]).T * change) - 2 * (change @ z) @ (at.gram[:curve] @ rest)
+        return value, np.concatenate([(self.held.columns.T @ slope) * np.exp(phi[:3]), size[:1], [length], size[1:]])
 
     def posterior(self, phi: AnyArray) -> tuple[float, AnyArray]:
         r"""-log density of the hyperparameters, and its gradient.
 
         The prior of every standard deviation s is :math:`s^{-0.6}`: flat in s lets K be too large, flat in log s has no end towards 0. That
-        of log rho is normal.
+        of the logarithm of the length is normal.
         """
         value, gradient = self.cost(phi)
         slope = np.full(len(phi), -_FLAT)
         slope[4] = 0.0
-        pull = np.eye(len(phi))[4] * phi[4] / _DECAY**2
-        return 0.5 * value + slope @ phi + 0.5 * pull @ phi, 0.5 * gradient + slope + pull
+        off = np.eye(len(phi))[4] * (phi[4] - np.log(_LENGTH)) / _DECAY
+        return 0.5 * value + slope @ phi + 0.5 * off @ off, 0.5 * gradient + slope + off / _DECAY
 
     def bounds(self) -> tuple[AnyArray, AnyArray, AnyArray]:
         """Logarithms of the unit of the variances, and the least and the most of every hyperparameter."""
@@ -224,14 +234,14 @@ class Restricted:
         unit = np.log(
             np.array([white, *(white * last[0] / last[1:]), float(np.sum(level * self.held.count) / np.sum(self.held.count)), 1.0, 1.0])
         )
-        low = unit - np.array([_DEEP, _DEEP, _DEEP, 35.0, 4.5, _DEEP])
-        high = unit + np.array([_HIGH, _HIGH, _HIGH, 10.0, _ROUGHEST, 5.0])
+        low = unit - np.array([_DEEP, _DEEP, _DEEP, 35.0, -np.log(SHORTEST), _DEEP])
+        high = unit + np.array([_HIGH, _HIGH, _HIGH, 10.0, np.log(LONGEST), 5.0])
         return unit[: self.hyper], low[: self.hyper], high[: self.hyper]
 
     def fitted(self, start: AnyArray | None = None, *, near: bool = False) -> tuple[AnyArray, float]:
         """The most probable hyperparameters, and -log density there; from several starts, for there are local minima, unless `near`."""
         unit, low, high = self.bounds()
-        starts = [unit + np.array([*np.log(one[:4]), one[4], np.log(0.1)])[: self.hyper] for one in _STARTS]
+        starts = [unit + np.array([*np.log(one), np.log(0.1)])[: self.hyper] for one in _STARTS]
         best: Any = None
         for begin in starts if start is None else [start] if near else [*starts, start]:
             found = scipy.optimize.minimize(
@@ -245,24 +255,16 @@ class Restricted:
         """Coefficients and noise, averaged over the hyperparameters.
 
         One record leaves B, K and the roughness of the curve wide open; intervals at their most probable values are too narrow.
-        Importance sampling from a multivariate t about `phi`, at points of a Sobol sequence.
+        Importance sampling from a multivariate t, at points of a Sobol sequence: first about `phi`, with the curvature there, then with
+        mean and covariance of the first draws, which follow long tails better.
         """
-        from scipy.stats import qmc  # 0.6 s, which other commands need not wait for
-
         size, step = len(phi), 0.05
         hessian = np.stack([(self.posterior(phi + e)[1] - self.posterior(phi - e)[1]) / (2 * step) for e in step * np.eye(size)])
         curvature, axes = np.linalg.eigh((hessian + hessian.T) / 2)
-        uniform = qmc.Sobol(size + 1, rng=np.random.default_rng(_SEED)).random(_DRAWS)
-        chi = scipy.special.chdtri(_FREEDOM, 1.0 - uniform[:, -1]) / _FREEDOM
-        t = scipy.special.ndtri(uniform[:, :-1]) / np.sqrt(chi)[:, None]
-        t[0] = 0.0  # at least the most probable ones are possible
-        _, low, high = self.bounds()
-        draws = phi + t @ (axes / np.sqrt(np.maximum(curvature, _FLATTEST))).T
-        logs = np.full(_DRAWS, -np.inf)
-        for i in np.flatnonzero(((draws >= low) & (draws <= high)).all(axis=1)):
-            logs[i] = -self.posterior(draws[i])[0] + 0.5 * (_FREEDOM + size) * np.log1p(np.sum(t[i] ** 2) / _FREEDOM)
-        weight = np.exp(logs - logs.max())
-        weight /= weight.sum()
+        draws, weight = self._drawn(phi, axes / np.sqrt(np.maximum(curvature, _FLATTEST)), _DRAWS[0])
+        middle = weight @ draws
+        spread = ((draws - middle) * weight[:, None]).T @ (draws - middle) + _LEAST * np.eye(size)
+        draws, weight = self._drawn(middle, np.linalg.cholesky(spread), _DRAWS[1])
         kept = np.flatnonzero(weight > 1e-4 * weight.max())
         weight = weight[kept] / weight[kept].sum()
         each = [self.solved(draws[i]) for i in kept]
@@ -272,3 +274,20 @@ class Restricted:
             (beta - mean) * weight[:, None]
         )
         return Averaged(mean, np.asarray(covariance), np.exp(draws[kept, :3]), weight)
+
+    def _drawn(self, middle: AnyArray, root: AnyArray, count: int) -> tuple[AnyArray, AnyArray]:
+        """Draws (count, p) of the hyperparameters from a multivariate t, and their weights (count,)."""
+        from scipy.stats import qmc  # 0.6 s, which other commands need not wait for
+
+        size = len(middle)
+        uniform = qmc.Sobol(size + 1, rng=np.random.default_rng(_SEED)).random(count)
+        chi = scipy.special.chdtri(_FREEDOM, 1.0 - uniform[:, -1]) / _FREEDOM
+        t = scipy.special.ndtri(uniform[:, :-1]) / np.sqrt(chi)[:, None]
+        t[0] = 0.0  # at least the middle is possible
+        _, low, high = self.bounds()
+        draws = middle + t @ root.T
+        logs = np.full(count, -np.inf)
+        for i in np.flatnonzero(((draws >= low) & (draws <= high)).all(axis=1)):
+            logs[i] = -self.posterior(draws[i])[0] + 0.5 * (_FREEDOM + size) * np.log1p(np.sum(t[i] ** 2) / _FREEDOM)
+        weight = np.exp(logs - logs.max())
+        return draws, weight / weight.sum()

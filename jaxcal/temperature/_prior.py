@@ -1,0 +1,45 @@
+r"""How smooth a curve is expected to be: a Gaussian process with the covariance of Matern, of the smoothness 7/2.
+
+.. math:: k(d) = \sigma^2 (1 + s + \tfrac{2}{5} s^2 + \tfrac{1}{15} s^3) e^{-s},\qquad s = \sqrt 7\, d/\ell
+
+Its curves are three times differentiable and equally rough all over the range. The process is written in coefficients of Chebyshev
+polynomials: their covariance is the double series of the kernel, and its Cholesky factor is a smooth function of the length, which a
+spline holds.
+"""
+
+import functools
+from typing import Any
+
+import numpy as np
+import scipy  # loads its parts when they are first used
+from numpy.polynomial import chebyshev
+
+from .._types import AnyArray
+
+#: half ranges: lengths that are held; shorter ones need a higher degree, longer ones are all alike
+SHORTEST, LONGEST = 0.1, 3.0
+DEGREE = 40
+_NODES, _LENGTHS = 96, 41
+
+
+def factor(log_length: float, degree: int) -> tuple[AnyArray, AnyArray]:
+    """Factor F (degree, degree) of the covariance F F' of the coefficients 1 to `degree` for sigma = 1, and dF/d log_length.
+
+    The coefficient 1, the slope, is independent of the others: in the common curve it has no prior, which makes it so.
+    """
+    table = _table()
+    return table(log_length)[:degree, :degree], table(log_length, 1)[:degree, :degree]
+
+
+@functools.cache
+def _table() -> Any:
+    nodes = np.cos(np.pi * (np.arange(_NODES) + 0.5) / _NODES)
+    series = 2 / _NODES * chebyshev.chebvander(nodes, DEGREE).T[1:]
+    logs = np.linspace(np.log(SHORTEST), np.log(LONGEST), _LENGTHS)
+    factors = np.zeros((_LENGTHS, DEGREE, DEGREE))
+    for made, length in zip(factors, np.exp(logs), strict=True):
+        s = np.sqrt(7.0) * np.abs(nodes[:, None] - nodes) / length
+        covariance = series @ ((1 + s + 2 / 5 * s**2 + s**3 / 15) * np.exp(-s)) @ series.T
+        made[0, 0] = np.sqrt(covariance[0, 0])
+        made[1:, 1:] = np.linalg.cholesky(covariance[1:, 1:])
+    return scipy.interpolate.CubicSpline(logs, factors)
