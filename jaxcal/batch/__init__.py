@@ -1,5 +1,6 @@
 """Many logs, and logs larger than memory."""
 
+from ._components import Components as Components, components as components, gauge as gauge
 from ._deviation import deviation as deviation, reduce as reduce
 from ._fleet import (
     Coefficient as Coefficient,

@@ -3,22 +3,11 @@
 import numpy as np
 import scipy  # loads its parts when they are first used
 
-from ..fitting._hierarchy import FREEDOM
+from ..fitting._hierarchy import Hierarchy, log_density
 
 _NODES = 15  # of the quadrature over a device's own error
 _AT_ONCE = 200  # devices
 _MOST, _FEWEST = 400_000, 100  # devices times draws of the population that are looked at, and draws at least
-
-
-def core() -> float:
-    """Standard deviation of a normal population over the scale of the t law that fits it best: E[(nu+1) z^2 / (nu s^2 + z^2)] = 1."""
-
-    def excess(scale):
-        mean = scipy.integrate.quad(lambda z: (FREEDOM + 1) * z**2 / (FREEDOM * scale**2 + z**2) * scipy.stats.norm.pdf(z), -9, 9)[0]
-        return mean - 1.0
-
-    scale: float = scipy.optimize.brentq(excess, 0.3, 1.5)  # pyright: ignore[reportAssignmentType]
-    return 1.0 / scale
 
 
 def combined(
@@ -44,27 +33,27 @@ def combined(
     return mean / total, error
 
 
-def chances(away: np.ndarray, error: np.ndarray, shift: np.ndarray, scale: np.ndarray) -> np.ndarray:
+def chances(away: np.ndarray, error: np.ndarray, usual: np.ndarray, drawn: Hierarchy) -> np.ndarray:
     """Two-sided probability of each distance, (g, p), under a normal population that the other devices describe.
 
     Parameters
     ----------
-    away, error : (g, p) distance from the middle and its variance. A device without errors has a variance of zero.
-    shift, scale : (draws, p) of the middle, less the one that `away` is from, and of the t law between devices, from the posterior of
-        all devices. Each draw is weighted with the inverse of the density that it gives the device, which takes the device out of the
-        posterior: otherwise an odd unit widens the law that it is held against.
+    away, error : (g, p) distance from the middle and its variance.
+    usual : (p,) mean of the population that the distances are from.
+    drawn : posterior of all devices. Each draw is weighted with the inverse of the density that it gives the device, which takes the
+        device out of the posterior: otherwise an odd unit widens the law that it is held against.
     """
-    count = max(_FEWEST, min(len(shift), _MOST // len(away)))
-    shift, scale = (draws[:: max(len(draws) // count, 1)] for draws in (shift, scale))
+    draws = (np.asarray(drawn.coefficients)[:, 0] - usual, drawn.deviations[:, 0], drawn.scale, drawn.freedom)
+    every = max(len(draws[0]) // max(_FEWEST, _MOST // len(away)), 1)
+    shift, deviation, scale, freedom = (np.asarray(values)[::every, None] for values in draws)
     node, weight = np.polynomial.hermite_e.hermegauss(_NODES)
-    weight, factor = weight / weight.sum(), core()
     found = np.empty_like(away)
     for first in range(0, len(away), _AT_ONCE):
         part = slice(first, first + _AT_ONCE)
-        z, deviation = away[part] - shift[:, None], np.sqrt(error[part])
-        apart = (z[..., None] + deviation[..., None] * node) / scale[:, None, :, None]
-        density = ((1.0 + apart**2 / FREEDOM) ** (-(FREEDOM + 1.0) / 2.0) @ weight) / scale[:, None]
-        share = 1.0 / np.maximum(density, 1e-300)
-        usual = np.sqrt((factor * scale[:, None]) ** 2 + error[part])
-        found[part] = np.sum(share / share.sum(axis=0) * 2.0 * scipy.stats.norm.sf(np.abs(z) / usual), axis=0)
+        z = away[part] - shift
+        apart = z[..., None] + np.sqrt(error[part])[..., None] * node
+        log = np.asarray(log_density(apart, scale[..., None], freedom[..., None]))
+        share = 1.0 / np.maximum(np.exp(log) @ weight, 1e-300)
+        far = 2.0 * scipy.stats.norm.sf(np.abs(z) / np.sqrt(deviation**2 + error[part]))
+        found[part] = np.sum(share * far, axis=0) / np.sum(share, axis=0)
     return found

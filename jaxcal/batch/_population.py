@@ -16,7 +16,7 @@ from .._types import AnyArray
 from ..fitting._hierarchy import Hierarchy, sample_hierarchy
 from ..noise import NoiseFit
 from ._leaves import Leaves, Recording, of_estimates, of_noise
-from ._odd import chances, combined, core
+from ._odd import chances, combined
 
 _FEWEST = 5  # devices
 _MANY = 1000  # recordings from which fewer sweeps do: the population is then known well
@@ -140,12 +140,13 @@ def population(
     Each parameter x, of noise the logarithm of a coefficient, is that of the type, plus effects of the device, of levels within it such
     as recording and axis, and of what is left:
 
-    .. math:: x_i = \mu + z_i\beta + u_{d(i)} + \sum_l v^{(l)}_{d(i),l(i)} + e_i,\qquad u \sim t_5(0, s^2),\quad v^{(l)}, e \sim N(0, s_l^2)
+    .. math:: x_i = \mu + z_i\beta + u_{d(i)} + \sum_l v^{(l)}_{d(i),l(i)} + e_i,\qquad u \sim t_\nu(0, s^2),\quad
+        v^{(l)}, e \sim N(0, s_l^2)
 
     Every recording of noise enters with its own likelihood, which for a term that was not found has only an upper end. Other fits enter
-    with their values and covariance. The law between devices has heavy tails, so that an odd unit is not drawn in. Values and
-    intervals come from draws of the joint posterior: the intervals allow for what is not known of the population. A short record
-    gains most; a long one is known by itself.
+    with their values and covariance. The law between devices may have heavy tails, as heavy as the devices ask for, so that an odd unit is
+    not drawn in. Values and intervals come from draws of the joint posterior: the intervals allow for what is not known of the
+    population. A short record gains most; a long one is known by itself.
 
     A device is odd in a term where its distance from the middle would be exceeded by the share `false_alarm` of usual devices. The law
     that it is held against is that of the other devices.
@@ -212,7 +213,6 @@ def _summary(
     names, order, titles, labels = named
     items, beta, deviations = (np.asarray(value) for value in (drawn.items, drawn.coefficients, drawn.deviations))
     scale, ends = leaves.scale, [(1.0 - confidence) / 2.0, (1.0 + confidence) / 2.0]
-    factor = np.where(np.arange(deviations.shape[1]) == 0, core(), 1.0)[:, None] * scale
 
     def interval(draws):
         return np.moveaxis(np.quantile(draws, ends, axis=0), 0, -1)
@@ -223,18 +223,18 @@ def _summary(
     device = beta[:, :1] + np.asarray(drawn.effects[0]) if members else items
     usual = np.median(beta, axis=0)
     middle = design @ usual
-    seen, error = leaves.seen_from(middle, np.sqrt(np.sum((np.median(deviations, axis=0) * factor / scale) ** 2, axis=0)))
+    seen, error = leaves.seen_from(middle, np.sqrt(np.sum(np.median(deviations, axis=0) ** 2, axis=0)))
     away, variance = seen - middle, error**2
     if members:
         within = np.median(deviations, axis=0) ** 2
         parts = [(group, within[1 + k]) for k, group in enumerate(members[1:])]
         away, variance = combined(away, variance + within[-1], members[0], len(order), parts)
-    chance = chances(away, variance, beta[:, 0] - usual[0], deviations[:, 0])
+    chance = chances(away, variance, usual[0], drawn)
     accepted = float(np.mean(np.asarray(drawn.accepted)))
     said = () if accepted > _HARDLY else ("the draws hardly moved: the values are not to be trusted",)
     return Population(
         terms=leaves.names, median=back(usual[0] * scale), median_interval=back(interval(beta[:, 0] * scale)), levels=titles,
-        components=np.median(deviations, axis=0) * factor, components_interval=interval(deviations * factor),
+        components=np.median(deviations, axis=0) * scale, components_interval=interval(deviations * scale),
         effect=usual[1:] * scale, effect_interval=interval(beta[:, 1:] * scale), raw=leaves.raw, raw_interval=leaves.interval,
         pooled=back(np.median(items, axis=0) * scale), pooled_interval=back(interval(items) * scale[:, None]),
         device_values=back(np.median(device, axis=0) * scale), device_interval=back(interval(device) * scale[:, None]),

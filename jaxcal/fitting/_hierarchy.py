@@ -6,7 +6,8 @@ recordings and axes:
 .. math:: x_i = Z_i\beta + \sum_l u^{(l)}_{g_l(i)} + e_i,\qquad u^{(1)} \sim t_\nu(0, s_1^2),\quad u^{(l)} \sim N(0, s_l^2),\quad
     e_i \sim N(0, s_e^2)
 
-Without levels e has the t law. Its heavy tails let an odd unit stay where its own data put it. One sweep draws the items by
+Without levels e has the t law. Its heavy tails let an odd unit stay where its own data put it; how heavy they are is drawn too, between
+a law with 3 degrees of freedom and one that is nearly normal. One sweep draws the items by
 Metropolis steps, or exactly where their likelihoods are normal. Everything else comes from its conditional law: the effects of a level
 together with the coefficients from a normal one, the variances from inverse gamma ones (half-Cauchy priors as a mixture), the weights of
 the t law from gamma ones. Where the items say little, the population and the items move slowly in turn. Each sweep therefore also
@@ -16,6 +17,7 @@ A. Gelman, Bayesian Analysis 1, 2006 (half-Cauchy); A. Gelman et al., Bayesian D
 Y. Yu and X.-L. Meng, J. Comput. Graph. Stat. 20, 2011 (interweaving).
 """
 
+import functools
 from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
@@ -23,24 +25,28 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import scipy  # loads its parts when they are first used
 
 from .._types import Array
 
-FREEDOM = 5.0  # of the t law of the first level
+FREEDOMS = (3.0, 5.0, 8.0, 15.0, 50.0)  # of the t law of the first level, equally likely at first
 _STEPS = 4  # Metropolis steps of the items in a sweep
 _WANTED = 0.3  # share of them that is accepted
 _FLOOR = 1e-10  # least variance, of the squared scale of the prior
 
 
 class Hierarchy(NamedTuple):
-    """Draws: parameters of the items (draws, n, p), effects of each level (draws, g, p), coefficients (draws, c, p), standard
-    deviations of the levels and, last, of the items (draws, levels + 1, p); share of the steps that were accepted.
+    """Draws: parameters of the items (draws, n, p), effects of each level (draws, g, p), coefficients (draws, c, p), standard deviations
+    of the levels and, last, of the items (draws, levels + 1, p); scale and degrees of freedom of the t law, (draws, p), whose
+    standard deviation is that of the normal law nearest to it; share of the steps that were accepted.
     """
 
     items: Array
     effects: tuple[Array, ...]
     coefficients: Array
     deviations: Array
+    scale: Array
+    freedom: Array
     accepted: Array
 
 
@@ -50,6 +56,7 @@ class _Problem(NamedTuple):
     design: Array
     members: tuple[Array, ...]
     prior: Array
+    cores: Array  # of the laws of `FREEDOMS`
 
 
 class _State(NamedTuple):
@@ -58,10 +65,29 @@ class _State(NamedTuple):
     effects: tuple[Array, ...]
     beta: Array
     weight: Array
+    law: Array  # which of `FREEDOMS`, (p,)
     variance: Array  # of the levels and of the items, (levels + 1, p)
     step: Array
     scale: Array
     stride: Array  # of the moves of a level with all items, (levels + 1, p)
+
+
+@functools.cache
+def core(freedom: float) -> float:
+    """Standard deviation of a normal law over the scale of the t law that fits it best: E[(nu + 1) z^2 / (nu s^2 + z^2)] = 1."""
+
+    def excess(scale):
+        mean = scipy.integrate.quad(lambda z: (freedom + 1) * z**2 / (freedom * scale**2 + z**2) * scipy.stats.norm.pdf(z), -9, 9)[0]
+        return mean - 1.0
+
+    scale: float = scipy.optimize.brentq(excess, 0.3, 1.5)  # pyright: ignore[reportAssignmentType]
+    return 1.0 / scale
+
+
+def log_density(z: Any, scale: Any, freedom: Any) -> Any:
+    """Logarithm of the density of the t law."""
+    constant = jax.scipy.special.gammaln((freedom + 1.0) / 2.0) - jax.scipy.special.gammaln(freedom / 2.0) - 0.5 * jnp.log(freedom * jnp.pi)
+    return constant - jnp.log(scale) - (freedom + 1.0) / 2.0 * jnp.log1p((z / scale) ** 2 / freedom)
 
 
 def _variance(key: Array, squares: Array, count: int, now: Array, prior: Array) -> Array:
@@ -124,7 +150,7 @@ def _population(problem: _Problem, state: _State, key: Array) -> _State:
     design, levels = problem.design, len(problem.members)
     p = state.x.shape[1]
     dtype = state.x.dtype
-    keys = jax.random.split(key, 2 * levels + 4)
+    keys = jax.random.split(key, 2 * levels + 5)
     ridge = 1e-9 * jnp.eye(design.shape[1], dtype=dtype)[None] / problem.prior[:, None, None] ** 2  # a flat prior that stays proper
     noise = 1.0 / _item_variance(problem, state)
     beta, effects, variance = state.beta, list(state.effects), state.variance
@@ -148,12 +174,26 @@ def _population(problem: _Problem, state: _State, key: Array) -> _State:
         )
     residual = state.x - design @ beta - _offsets(problem, tuple(effects))
     first = effects[0] if levels else residual
-    weight = jax.random.gamma(keys[-2], (FREEDOM + 1.0) / 2.0, first.shape, dtype) / ((FREEDOM + first**2 / variance[0][None, :]) / 2.0)
+    law, variance = _law(problem, state.law, first, variance, keys[-4])
+    freedom = jnp.asarray(FREEDOMS, dtype)[law][None, :]
+    weight = jax.random.gamma(keys[-2], jnp.broadcast_to((freedom + 1.0) / 2.0, first.shape), dtype=dtype) / (
+        (freedom + first**2 / variance[0][None, :]) / 2.0
+    )
     draws = []
     for k, (one, effect) in enumerate(zip(jax.random.split(keys[-3], levels + 1), (*effects, residual), strict=True)):
         squares = jnp.sum((weight if k == 0 else 1.0) * effect**2, axis=0)
         draws.append(_variance(one, squares, effect.shape[0], variance[k], problem.prior))
-    return state._replace(beta=beta, effects=tuple(effects), weight=weight, variance=jnp.stack(draws))
+    return state._replace(beta=beta, effects=tuple(effects), weight=weight, law=law, variance=jnp.stack(draws))
+
+
+def _law(problem: _Problem, now: Array, first: Array, variance: Array, key: Array) -> tuple[Array, Array]:
+    """Draw the degrees of freedom of the t law, at the same standard deviation, with the weights integrated out."""
+    freedom, cores = jnp.asarray(FREEDOMS, first.dtype)[:, None], problem.cores[:, None]
+    scale = jnp.sqrt(variance[0])[None, :] * problem.cores[now][None, :] / cores
+    likelihood = jnp.sum(log_density(first[None], scale[:, None, :], freedom[:, :, None]), axis=1)
+    prior = -jnp.log1p((scale / problem.prior[None, :]) ** 2) - jnp.log(cores)
+    law = jax.random.categorical(key, likelihood + prior, axis=0)
+    return law, variance.at[0].set(scale[law, jnp.arange(first.shape[1])] ** 2)
 
 
 def _interweave(problem: _Problem, state: _State, key: Array) -> tuple[_State, Array]:
@@ -222,13 +262,13 @@ def sample_hierarchy(
     n, p = start.shape
     dtype = start.dtype
     levels = len(groups)
-    problem = _Problem(log_likelihood, data, design, members, prior)
+    problem = _Problem(log_likelihood, data, design, members, prior, jnp.asarray([core(freedom) for freedom in FREEDOMS], dtype))
     spread = jnp.var(start, axis=0) / (levels + 1.0) + 1e-4 * prior**2
     ll = jnp.zeros(n, dtype) if log_likelihood is None else jax.vmap(log_likelihood)(start, data)
     usual = jnp.asarray(2.4 / p**0.5, dtype)
     state = _State(
         start, ll, tuple(jnp.zeros((g, p), dtype) for g in groups), jnp.linalg.lstsq(design, start)[0],
-        jnp.ones((groups[0] if groups else n, p), dtype), jnp.broadcast_to(spread[None, :], (levels + 1, p)), step, usual,
+        jnp.ones((groups[0] if groups else n, p), dtype), jnp.full(p, 1), jnp.broadcast_to(spread[None, :], (levels + 1, p)), step, usual,
         jnp.full((levels + 1, p), 2.0, dtype),
     )  # fmt: skip
     sweep = partial(_sweep, problem)
@@ -259,7 +299,10 @@ def sample_hierarchy(
 
     def drawn(state, keys):
         state, (accepted, _) = jax.lax.scan(sweep, state, keys)
-        return state, (state.x, state.effects, state.beta, jnp.sqrt(state.variance), jnp.mean(accepted))
+        deviations = jnp.sqrt(state.variance)
+        normal = deviations.at[0].multiply(problem.cores[state.law])
+        freedom = jnp.asarray(FREEDOMS, dtype)[state.law]
+        return state, (state.x, state.effects, state.beta, normal, deviations[0], freedom, jnp.mean(accepted))
 
     keys = jax.random.split(three, draws * thin)
     _, found = jax.lax.scan(drawn, state, keys.reshape(draws, thin, *keys.shape[1:]))
