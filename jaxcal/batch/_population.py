@@ -256,7 +256,9 @@ def _leaves(fits: list[Any], terms: Sequence[str] | None, confidence: float) -> 
 
 def _devices(count: int, devices: Sequence[Hashable] | None) -> tuple[tuple[Any, ...], np.ndarray, tuple[Any, ...]]:
     """Device of each recording, its number, and the devices in their order."""
-    names = tuple(range(count)) if devices is None else tuple(devices)
+    names = (
+        tuple(range(count)) if devices is None else tuple(one.item() if isinstance(one, np.generic | jax.Array) else one for one in devices)
+    )
     if len(names) != count:
         raise DataError(f"{count} fits and {len(names)} names of devices; give the device of each recording")
     order = tuple(dict.fromkeys(names))
