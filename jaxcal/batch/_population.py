@@ -16,7 +16,7 @@ from .._types import AnyArray
 from ..fitting._hierarchy import Hierarchy, sample_hierarchy
 from ..noise import NoiseFit
 from ._leaves import Leaves, Recording, of_estimates, of_noise
-from ._odd import chances, combined
+from ._odd import chances
 
 _FEWEST = 5  # devices
 _MANY = 1000  # recordings from which fewer sweeps do: the population is then known well
@@ -187,7 +187,8 @@ def population(
 
     References
     ----------
-    A. Gelman et al., Bayesian Data Analysis, 2013, chapters 5 and 17; half-Cauchy priors: A. Gelman, Bayesian Analysis 1, 2006.
+    A. Gelman et al., Bayesian Data Analysis, 2013, chapters 5 and 17; priors of variances: M.-E. Perez, L. R. Pericchi and
+    I. C. Ramirez, Bayesian Analysis 12, 2017.
     """
     confidence = checked_confidence(confidence)
     fits = list(fits)
@@ -224,12 +225,8 @@ def _summary(
     usual = np.median(beta, axis=0)
     middle = design @ usual
     seen, error = leaves.seen_from(middle, np.sqrt(np.sum(np.median(deviations, axis=0) ** 2, axis=0)))
-    away, variance = seen - middle, error**2
-    if members:
-        within = np.median(deviations, axis=0) ** 2
-        parts = [(group, within[1 + k]) for k, group in enumerate(members[1:])]
-        away, variance = combined(away, variance + within[-1], members[0], len(order), parts)
-    chance = chances(away, variance, usual[0], drawn)
+    member = members[0] if members else np.arange(len(names))
+    chance = chances(seen - middle, error**2, member, members[1:], usual[0], drawn)
     accepted = float(np.mean(np.asarray(drawn.accepted)))
     said = () if accepted > _HARDLY else ("the draws hardly moved: the values are not to be trusted",)
     return Population(

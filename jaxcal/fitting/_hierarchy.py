@@ -7,14 +7,19 @@ recordings and axes:
     e_i \sim N(0, s_e^2)
 
 Without levels e has the t law. Its heavy tails let an odd unit stay where its own data put it; how heavy they are is drawn too, between
-a law with 3 degrees of freedom and one that is nearly normal. One sweep draws the items by
-Metropolis steps, or exactly where their likelihoods are normal. Everything else comes from its conditional law: the effects of a level
-together with the coefficients from a normal one, the variances from inverse gamma ones (half-Cauchy priors as a mixture), the weights of
+a law with 3 degrees of freedom and one that is nearly normal. One sweep draws the items by Metropolis steps, or exactly where their
+likelihoods are normal. Everything else comes from its conditional law: the effects of a level
+together with the coefficients from a normal one, the variances from inverse gamma ones (priors as a mixture, below), the weights of
 the t law from gamma ones. Where the items say little, the population and the items move slowly in turn. Each sweep therefore also
 moves the mean and the standard deviation of each level with all items at once ("interweaving"). All sweeps are one compiled program.
 
-A. Gelman, Bayesian Analysis 1, 2006 (half-Cauchy); A. Gelman et al., Bayesian Data Analysis, 2013, chapters 5, 11 and 17;
-Y. Yu and X.-L. Meng, J. Comput. Graph. Stat. 20, 2011 (interweaving).
+The prior of the variance of the first level is :math:`(1 + s^2/A^2)^{-2}`, flat below a standard deviation of A. A prior that is flat
+in the standard deviation itself lets it vanish too often where there are few groups, and intervals of the items then hold too
+seldom. The other levels, which may well be nothing, have such a prior, the half-Cauchy one.
+
+M.-E. Perez, L. R. Pericchi and I. C. Ramirez, Bayesian Analysis 12, 2017 (the scaled F law as a prior); A. Gelman, Bayesian Analysis
+1, 2006 (half-Cauchy); A. Gelman et al., Bayesian Data Analysis, 2013, chapters 5, 11 and 17; Y. Yu
+and X.-L. Meng, J. Comput. Graph. Stat. 20, 2011 (interweaving).
 """
 
 import functools
@@ -31,6 +36,7 @@ from .._types import Array
 
 FREEDOMS = (3.0, 5.0, 8.0, 15.0, 50.0)  # of the t law of the first level, equally likely at first
 _STEPS = 4  # Metropolis steps of the items in a sweep
+_SHAPE, _SHAPE_WITHIN = 1.0, 0.5  # of the priors of variances: of the first level, and of the others
 _WANTED = 0.3  # share of them that is accepted
 _FLOOR = 1e-10  # least variance, of the squared scale of the prior
 
@@ -90,12 +96,12 @@ def log_density(z: Any, scale: Any, freedom: Any) -> Any:
     return constant - jnp.log(scale) - (freedom + 1.0) / 2.0 * jnp.log1p((z / scale) ** 2 / freedom)
 
 
-def _variance(key: Array, squares: Array, count: int, now: Array, prior: Array) -> Array:
-    """A draw of a variance from the sum of squares of `count` effects: half-Cauchy prior, by an auxiliary variable."""
+def _variance(key: Array, squares: Array, count: int, now: Array, prior: Array, shape: float) -> Array:
+    """A draw of a variance from the sum of squares of `count` effects: its prior is a mixture over an auxiliary variable."""
     first, second = jax.random.split(key)
-    auxiliary = jax.random.exponential(first, now.shape, now.dtype) / (1.0 / now + 1.0 / prior**2)
+    auxiliary = jax.random.gamma(first, 2.0 * shape, now.shape, now.dtype) / (1.0 / now + 1.0 / prior**2)
     rate = auxiliary + squares / 2.0
-    return jnp.maximum(rate / jax.random.gamma(second, (count + 1.0) / 2.0, now.shape, now.dtype), _FLOOR * prior**2)
+    return jnp.maximum(rate / jax.random.gamma(second, count / 2.0 + shape, now.shape, now.dtype), _FLOOR * prior**2)
 
 
 def _normal(key: Array, precision: Array, pull: Array) -> Array:
@@ -182,7 +188,7 @@ def _population(problem: _Problem, state: _State, key: Array) -> _State:
     draws = []
     for k, (one, effect) in enumerate(zip(jax.random.split(keys[-3], levels + 1), (*effects, residual), strict=True)):
         squares = jnp.sum((weight if k == 0 else 1.0) * effect**2, axis=0)
-        draws.append(_variance(one, squares, effect.shape[0], variance[k], problem.prior))
+        draws.append(_variance(one, squares, effect.shape[0], variance[k], problem.prior, _SHAPE_WITHIN if k else _SHAPE))
     return state._replace(beta=beta, effects=tuple(effects), weight=weight, law=law, variance=jnp.stack(draws))
 
 
@@ -191,7 +197,7 @@ def _law(problem: _Problem, now: Array, first: Array, variance: Array, key: Arra
     freedom, cores = jnp.asarray(FREEDOMS, first.dtype)[:, None], problem.cores[:, None]
     scale = jnp.sqrt(variance[0])[None, :] * problem.cores[now][None, :] / cores
     likelihood = jnp.sum(log_density(first[None], scale[:, None, :], freedom[:, :, None]), axis=1)
-    prior = -jnp.log1p((scale / problem.prior[None, :]) ** 2) - jnp.log(cores)
+    prior = jnp.log(scale / cores) - 2.0 * jnp.log1p((scale / problem.prior[None, :]) ** 2)
     law = jax.random.categorical(key, likelihood + prior, axis=0)
     return law, variance.at[0].set(scale[law, jnp.arange(first.shape[1])] ** 2)
 
@@ -211,6 +217,7 @@ def _interweave(problem: _Problem, state: _State, key: Array) -> tuple[_State, A
         x, ll, beta, variance, shown = carry
         index, key = inputs
         k, j = index // p, index % p
+        shape = jnp.where(k > 0, _SHAPE_WITHIN, _SHAPE)
         one, two = jax.random.split(key)
         first, second = state.stride[k, j] * jax.random.normal(one, (2,), dtype) / jnp.sqrt(count[k])
         ratio, shift = jnp.exp(first / 2.0**0.5), second * jnp.sqrt(variance[k, j])
@@ -218,7 +225,7 @@ def _interweave(problem: _Problem, state: _State, key: Array) -> tuple[_State, A
         tried = x + only[None, :] * (shift + (ratio - 1.0) * shown[k])
         new = jax.vmap(likelihood)(tried, problem.data)
         before, after = variance[k, j] / problem.prior[j] ** 2, variance[k, j] * ratio**2 / problem.prior[j] ** 2
-        change = jnp.sum(new - ll) + jnp.log1p(before) - jnp.log1p(after) + jnp.log(ratio)
+        change = jnp.sum(new - ll) + 2.0 * shape * (jnp.log1p(before) - jnp.log1p(after) + jnp.log(ratio))
         keep = (jnp.log(jax.random.uniform(two, (), dtype)) < change) & (after > _FLOOR)
         x, ll = jnp.where(keep, tried, x), jnp.where(keep, new, ll)
         beta = beta.at[0].add(jnp.where(keep, only * shift, 0.0))
@@ -256,7 +263,7 @@ def sample_hierarchy(
     data : a tree whose leaves have the items first.
     design : (n, c) of the coefficients; the first column is one, for the mean.
     members, groups : of each level, the group of each item (n,), and how many groups there are. The effects of the first have the t law.
-    prior : (p,) scale of the half-Cauchy priors of the standard deviations.
+    prior : (p,) scale A of the priors of the standard deviations.
     key : of `jax.random`. warm, draws, thin : sweeps that are thrown away, draws that are kept, and sweeps for each of them.
     """
     n, p = start.shape
@@ -271,39 +278,32 @@ def sample_hierarchy(
         jnp.ones((groups[0] if groups else n, p), dtype), jnp.full(p, 1), jnp.broadcast_to(spread[None, :], (levels + 1, p)), step, usual,
         jnp.full((levels + 1, p), 2.0, dtype),
     )  # fmt: skip
-    sweep = partial(_sweep, problem)
+    blocks, half = warm // thin, warm // thin // 2
+    number = jnp.arange(blocks + draws)
+    within = jnp.where(number < half, number, number - half)
+    gains = jnp.where(number < blocks, 2.0 / jnp.sqrt(1.0 + within.astype(dtype)), 0.0)
+    counted = ((number >= half // 2) & (number < half)).astype(dtype) / (half - half // 2)
 
-    def warmed(carry, inputs):
-        state, total, squares = carry
-        key, gain, late = inputs
-        state, (accepted, moved) = sweep(state, key)
+    # one body for the warm-up and the draws: it is long to compile
+    def block(carry, inputs):
+        state, mean, squares = carry
+        keys, gain, share, renewed = inputs
+        state, (accepted, moved) = jax.lax.scan(partial(_sweep, problem), state, keys)
+        accepted = jnp.mean(accepted)
         scale = state.scale * jnp.exp(gain * (accepted - _WANTED))
-        state = state._replace(scale=scale, stride=state.stride * jnp.exp(gain * (moved - _WANTED)))
-        apart = state.x - start
-        return (state, total + late * apart, squares + late * apart[:, :, None] * apart[:, None, :]), None
-
-    def phase(state, key, length):
-        gain = jnp.asarray(2.0, dtype) / jnp.sqrt(1.0 + jnp.arange(length, dtype=dtype))
-        late = (jnp.arange(length) >= length // 2).astype(dtype)
-        carry = (state, jnp.zeros_like(start), jnp.zeros_like(step))
-        (state, total, squares), _ = jax.lax.scan(warmed, carry, (jax.random.split(key, length), gain, late))
-        mean, many = total / late.sum(), late.sum()
-        return state, squares / many - mean[:, :, None] * mean[:, None, :]
-
-    one, two, three = jax.random.split(key, 3)
-    state, covariance = phase(state, one, warm - warm // 2)
-    if log_likelihood is not None:
-        first = jnp.einsum("nij,nkj->nik", step, step)
-        state = state._replace(step=jnp.linalg.cholesky(0.95 * covariance + 0.05 * first), scale=usual)
-    state, _ = phase(state, two, warm // 2)
-
-    def drawn(state, keys):
-        state, (accepted, _) = jax.lax.scan(sweep, state, keys)
+        state = state._replace(scale=scale, stride=state.stride * jnp.exp(gain * (jnp.mean(moved, axis=0) - _WANTED)))
+        if log_likelihood is not None:
+            apart = state.x - start
+            mean = mean + share * apart
+            squares = squares + share * apart[:, :, None] * apart[:, None, :]
+            covariance = squares - mean[:, :, None] * mean[:, None, :] + 0.05 * jnp.einsum("nij,nkj->nik", step, step)
+            own = jax.lax.cond(renewed, lambda: jnp.linalg.cholesky(covariance), lambda: state.step)
+            state = state._replace(step=own, scale=jnp.where(renewed, usual, state.scale))
         deviations = jnp.sqrt(state.variance)
         normal = deviations.at[0].multiply(problem.cores[state.law])
         freedom = jnp.asarray(FREEDOMS, dtype)[state.law]
-        return state, (state.x, state.effects, state.beta, normal, deviations[0], freedom, jnp.mean(accepted))
+        return (state, mean, squares), (state.x, state.effects, state.beta, normal, deviations[0], freedom, accepted)
 
-    keys = jax.random.split(three, draws * thin)
-    _, found = jax.lax.scan(drawn, state, keys.reshape(draws, thin, *keys.shape[1:]))
-    return Hierarchy(*found)
+    keys = jax.random.split(key, (blocks + draws, thin))
+    _, found = jax.lax.scan(block, (state, jnp.zeros_like(start), jnp.zeros_like(step)), (keys, gains, counted, number == half - 1))
+    return Hierarchy(*jax.tree.map(lambda values: values[blocks:], found))
