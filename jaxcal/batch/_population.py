@@ -202,7 +202,7 @@ def population(
     drawn = sample_hierarchy(
         leaves.log_likelihood, jnp.asarray(leaves.start), jax.tree.map(jnp.asarray, leaves.data), jnp.asarray(leaves.step),
         jnp.asarray(design), tuple(map(jnp.asarray, members)), tuple(int(one.max()) + 1 for one in members),
-        jnp.ones(len(leaves.names)), jax.random.key(seed), 300 if many else 600, 500 if many else 1000, 1 if many else 4,
+        jnp.ones(len(leaves.names)), jax.random.key(seed), 300 if many else 600, 500 if many else 1000, 1 if many else 4, not many,
     )  # fmt: skip
     return _summary(leaves, drawn, design, members, (names, order, titles if members else ("device",), labels), confidence, false_alarm)
 

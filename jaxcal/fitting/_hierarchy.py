@@ -197,16 +197,14 @@ def _law(problem: _Problem, now: Array, first: Array, variance: Array, key: Arra
     freedom, cores = jnp.asarray(FREEDOMS, first.dtype)[:, None], problem.cores[:, None]
     scale = jnp.sqrt(variance[0])[None, :] * problem.cores[now][None, :] / cores
     likelihood = jnp.sum(log_density(first[None], scale[:, None, :], freedom[:, :, None]), axis=1)
-    prior = jnp.log(scale / cores) - 2.0 * jnp.log1p((scale / problem.prior[None, :]) ** 2)
+    prior = (2.0 * _SHAPE - 1.0) * jnp.log(scale) - jnp.log(cores) - 2.0 * _SHAPE * jnp.log1p((scale / problem.prior[None, :]) ** 2)
     law = jax.random.categorical(key, likelihood + prior, axis=0)
     return law, variance.at[0].set(scale[law, jnp.arange(first.shape[1])] ** 2)
 
 
 def _interweave(problem: _Problem, state: _State, key: Array) -> tuple[_State, Array]:
     """Move the mean and the standard deviation of each level with all items, term by term; share accepted, (levels + 1, p)."""
-    likelihood = problem.log_likelihood
-    if likelihood is None:
-        return state, jnp.full_like(state.variance, _WANTED)
+    likelihood: Any = problem.log_likelihood
     p, dtype = state.x.shape[1], state.x.dtype
     sizes = [effect.shape[0] for effect in state.effects] + [state.x.shape[0]]
     base = state.x - problem.design @ state.beta - _offsets(problem, state.effects)
@@ -240,11 +238,13 @@ def _interweave(problem: _Problem, state: _State, key: Array) -> tuple[_State, A
     return state._replace(x=x, ll=ll, beta=beta, variance=variance, effects=effects), kept.reshape(-1, p)
 
 
-def _sweep(problem: _Problem, state: _State, key: Array) -> tuple[_State, tuple[Array, Array]]:
+def _sweep(problem: _Problem, together: bool, state: _State, key: Array) -> tuple[_State, tuple[Array, Array]]:
     one, two, three = jax.random.split(key, 3)
     state, accepted = _items(problem, state, one)
     state = _population(problem, state, two)
-    state, moved = _interweave(problem, state, three)
+    moved = jnp.full_like(state.variance, _WANTED)
+    if together and problem.log_likelihood is not None:
+        state, moved = _interweave(problem, state, three)
     return state, (accepted, moved)
 
 
@@ -252,6 +252,7 @@ def _sweep(problem: _Problem, state: _State, key: Array) -> tuple[_State, tuple[
 def sample_hierarchy(
     log_likelihood: Callable[[Array, Any], Array] | None, start: Array, data: Any, step: Array, design: Array, members: tuple[Array, ...],
     groups: tuple[int, ...], prior: Array, key: Array, warm: int, draws: int, thin: int,
+    together: bool = True,
 ) -> Hierarchy:  # fmt: skip
     """Draws from the joint posterior.
 
@@ -265,6 +266,7 @@ def sample_hierarchy(
     members, groups : of each level, the group of each item (n,), and how many groups there are. The effects of the first have the t law.
     prior : (p,) scale A of the priors of the standard deviations.
     key : of `jax.random`. warm, draws, thin : sweeps that are thrown away, draws that are kept, and sweeps for each of them.
+    together : whether to move the population with all items at once, which thousands of items hardly need and pay for.
     """
     n, p = start.shape
     dtype = start.dtype
@@ -288,7 +290,7 @@ def sample_hierarchy(
     def block(carry, inputs):
         state, mean, squares = carry
         keys, gain, share, renewed = inputs
-        state, (accepted, moved) = jax.lax.scan(partial(_sweep, problem), state, keys)
+        state, (accepted, moved) = jax.lax.scan(partial(_sweep, problem, together), state, keys)
         accepted = jnp.mean(accepted)
         scale = state.scale * jnp.exp(gain * (accepted - _WANTED))
         state = state._replace(scale=scale, stride=state.stride * jnp.exp(gain * (jnp.mean(moved, axis=0) - _WANTED)))
