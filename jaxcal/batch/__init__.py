@@ -10,6 +10,7 @@ from ._fleet import (
     Spread as Spread,
     Trend as Trend,
 )
+from ._line import Line as Line, line as line
 from ._pooled import pool as pool
 from ._population import Population as Population, population as population
 from ._run import run as run

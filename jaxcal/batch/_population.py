@@ -41,6 +41,7 @@ class Population(Result):
     pooled, pooled_interval : the same with what the population says. The intervals allow for what is not known of the population.
     device_values, device_interval : (g, p) and (g, p, 2), the middle of each device over its recordings.
     seen, seen_error : (n, p) each recording by itself as the population sees it (logarithms for noise), and its standard error.
+    away : (n, p) `seen` less the middle at the covariates of the recording.
     chance : (g, p) probability that a usual device is as far from the middle as this one; small for an odd unit.
     outliers : (device, term) of which the chance is below the false-alarm rate.
     devices, recordings : names of the devices (g,), and of the device of each recording (n,).
@@ -77,6 +78,7 @@ class Population(Result):
     device_interval: AnyArray
     seen: AnyArray
     seen_error: AnyArray
+    away: AnyArray
     chance: AnyArray
     outliers: tuple[tuple[Any, str], ...] = eqx.field(static=True)
     devices: tuple[Any, ...] = eqx.field(static=True)
@@ -235,7 +237,7 @@ def _summary(
         effect=usual[1:] * scale, effect_interval=interval(beta[:, 1:] * scale), raw=leaves.raw, raw_interval=leaves.interval,
         pooled=back(np.median(items, axis=0) * scale), pooled_interval=back(interval(items) * scale[:, None]),
         device_values=back(np.median(device, axis=0) * scale), device_interval=back(interval(device) * scale[:, None]),
-        seen=seen * scale, seen_error=error * scale, chance=chance,
+        seen=seen * scale, seen_error=error * scale, away=(seen - middle) * scale, chance=chance,
         outliers=tuple((order[i], leaves.names[j]) for i, j in np.argwhere(chance < false_alarm)), devices=order, recordings=names,
         covariates=labels, logarithm=leaves.logarithm, confidence=confidence, false_alarm=false_alarm, warnings=said,
     )  # fmt: skip
