@@ -36,7 +36,13 @@ class Line(Result):
 
     Examples
     --------
-    See `line`.
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> sizes = 0.01 * 1.1 ** np.arange(8)
+    >>> records = [jaxcal.noise.Noise(N=n).simulate(2000, rate=100.0, seed=i) for i, n in enumerate(sizes)]
+    >>> found = jaxcal.batch.population([jaxcal.noise.fit(y, 100.0) for y in records], terms=("N",))
+    >>> jaxcal.batch.line(found, range(8)).findings[0][:8]
+    'N drifts'
     """
 
     terms: tuple[str, ...] = eqx.field(static=True)
