@@ -75,9 +75,11 @@ class Components(Result):
 
     def _rows(self) -> list[Row]:
         roots, limits = np.sqrt(self.variance), np.sqrt(self.interval)
-        rows = [Row(name, root, *ends, "", "standard deviation") for name, root, ends in zip(self.names, roots, limits, strict=True)]
+        rows = [
+            Row(name, root, ends[0], ends[1], "", "standard deviation") for name, root, ends in zip(self.names, roots, limits, strict=True)
+        ]
         given = zip(self.ratio_names, self.ratios, self.ratio_interval, strict=True)
-        return rows + [Row(name, value, *ends, "", "") for name, value, ends in given]
+        return rows + [Row(name, value, ends[0], ends[1], "", "") for name, value, ends in given]
 
 
 @host_float64

@@ -146,7 +146,7 @@ def _chosen(recordings: Sequence[Recording], terms: Sequence[str] | None) -> tup
     return chosen
 
 
-def _coarse(one: Recording, terms: tuple[str, ...]) -> dict[str, np.ndarray]:
+def _coarse(one: Recording, terms: tuple[str, ...]) -> dict[str, Any]:
     """Density, weight and columns of the bins, neighbours together; `base` is what the terms that are not pooled give."""
     held = coarse(one.likelihood)
     columns = np.stack([held.columns[term] for term in terms], axis=1)

@@ -148,16 +148,17 @@ def _noise(entries: tuple[Entry, ...]) -> dict[str, list[Recording | None]]:
 def _estimates(entries: tuple[Entry, ...]) -> list[_Estimate]:
     """The coefficients that have intervals in all logs."""
     known = [
-        {name for name, one in entry.coefficients.items() if None not in (one.value, one.low, one.high) and one.high > one.low}
+        {
+            name: (one.value, (one.high - one.low) / _WIDTH)
+            for name, one in entry.coefficients.items()
+            if one.value is not None and one.low is not None and one.high is not None and one.high > one.low
+        }
         for entry in entries
     ]
-    names = tuple(name for name in entries[0].coefficients if all(name in each for each in known))
+    names = tuple(name for name in known[0] if all(name in each for each in known))
     if not names:
         raise DataError("no coefficient has an interval in all logs: there is nothing to pool; run the task noise, mag or imu")
-    rows = [[entry.coefficients[name] for name in names] for entry in entries]
-    return [
-        _Estimate(names, [float(one.value) for one in row], np.diag([((one.high - one.low) / _WIDTH) ** 2 for one in row])) for row in rows
-    ]
+    return [_Estimate(names, [each[name][0] for name in names], np.diag([each[name][1] ** 2 for name in names])) for each in known]
 
 
 def _about(entries: tuple[Entry, ...], table: Any, names: str | None) -> dict[str, list[Any]]:

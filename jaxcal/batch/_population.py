@@ -121,13 +121,13 @@ class Population(Result):
         return f"{len(self.recordings)} recordings of {len(self.devices)} devices; {f'odd: {odd}' if odd else 'no device stands out'}"
 
     def _rows(self) -> list[Row]:
-        rows = []
+        rows, unit = [], "" if self.logarithm else "SI"
         for i, term in enumerate(self.terms):
-            rows.append(Row(term, self.median[i], *self.median_interval[i], "SI", "middle device"))
+            rows.append(Row(term, self.median[i], self.median_interval[i, 0], self.median_interval[i, 1], "SI", "middle device"))
             for level, value, limits in zip(self.levels, self.components[:, i], self.components_interval[:, i], strict=True):
-                rows.append(Row(f"{level} of {term}", value, *limits, "" if self.logarithm else "SI", "standard deviation"))
+                rows.append(Row(f"{level} of {term}", value, limits[0], limits[1], unit, "standard deviation"))
             for name, value, limits in zip(self.covariates, self.effect[:, i], self.effect_interval[:, i], strict=True):
-                rows.append(Row(f"{name} on {term}", value, *limits, "" if self.logarithm else "SI", "effect"))
+                rows.append(Row(f"{name} on {term}", value, limits[0], limits[1], unit, "effect"))
         return rows
 
 

@@ -1,17 +1,21 @@
 """`LogLikelihood`: what a record says of a noise model, in bins; and `log_likelihood`, which makes it."""
 
 import dataclasses
+from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from .._errors import DataError
-from .._precision import array_module, host_float64, is_traced
+from .._precision import host_float64, is_traced
 from .._types import AnyArray
 from ._model import Noise
 from ._ordinates import bins_of
-from ._terms import BUILT_IN, Term
+from ._terms import BUILT_IN
 
 _TERMS = ("Q", "N", "B", "K")  # whose ordinates are exact; that of others is the density
 
@@ -50,27 +54,41 @@ class LogLikelihood(eqx.Module):
     frequency: AnyArray
     density: AnyArray
     weight: AnyArray
-    columns: dict[str, AnyArray]
+    columns: Mapping[str, AnyArray]
     base: AnyArray
     dt: float = eqx.field(static=True)
 
     def __call__(self, noise: Noise) -> Any:
         """Log-likelihood of the model, a scalar."""
-        s = self.expected(noise)
-        xp = array_module(s, self.density, self.weight)
-        used = xp.asarray(self.weight) > 0
-        s = xp.where(used, xp.maximum(s, np.finfo(s.dtype).tiny ** 0.5), 1.0)
-        return -0.5 * xp.sum(self.weight * (xp.log(s) + self.density / s))
+        coefficients, columns = self._parts(noise)
+        arrays = (self.base, self.density, self.weight)
+        if is_traced(arrays, coefficients, columns):
+            return _compiled(*arrays, [jnp.asarray(one) for one in coefficients], [jnp.asarray(one) for one in columns])
+        return _log_likelihood(np, *arrays, coefficients, columns)
 
     def expected(self, noise: Noise) -> Any:
         """S_b, (bins,), the mean ordinates that the model expects."""
-        parts = _parts(noise)
-        xp = array_module(self.base, [coefficient for _, coefficient, _ in parts])
-        s = xp.asarray(self.base)
-        for name, coefficient, term in parts:
-            column = self.columns[name] if name in self.columns else term.psd(self.frequency, self.dt)
-            s = s + xp.asarray(coefficient) ** 2 * xp.asarray(column)
-        return s
+        return _expected(self.base, *self._parts(noise))
+
+    def _parts(self, noise: Noise) -> tuple[list[Any], list[Any]]:
+        """Coefficients of the random parts of a model, and their columns."""
+        parts = [part for part in noise.parts if part[0] not in ("R", "sinusoid")]
+        columns = [self.columns[name] if name in self.columns else term.psd(self.frequency, self.dt) for name, _, term in parts]
+        return [coefficient for _, coefficient, _ in parts], columns
+
+
+def _expected(base: Any, coefficients: list[Any], columns: list[Any]) -> Any:
+    return sum((coefficient**2 * column for coefficient, column in zip(coefficients, columns, strict=True)), base)
+
+
+def _log_likelihood(xp: Any, base: Any, density: Any, weight: Any, coefficients: list[Any], columns: list[Any]) -> Any:
+    s = _expected(base, coefficients, columns)
+    s = xp.where(weight > 0, xp.maximum(s, np.finfo(s.dtype).tiny ** 0.5), 1.0)
+    return -0.5 * xp.sum(weight * (xp.log(s) + density / s))
+
+
+#: in a trace too one operation, so that a derivative outside of jit costs one call
+_compiled = jax.jit(partial(_log_likelihood, jnp))
 
 
 @host_float64
@@ -133,8 +151,3 @@ def likelihood_of(spectrum: Any, noise: Noise, dt: float) -> LogLikelihood:
     found = LogLikelihood(spectrum.frequency, spectrum.density, np.where(used, spectrum.edf, 0.0), columns, nothing, dt)
     rest = np.asarray(spectrum.model) - found.expected(noise)
     return dataclasses.replace(found, base=np.where(used, rest, 0.0))
-
-
-def _parts(noise: Noise) -> list[tuple[str, Any, Term]]:
-    """The random parts of a model."""
-    return [part for part in noise.parts if part[0] not in ("R", "sinusoid")]
