@@ -118,7 +118,7 @@ def test_levels_and_classes_of_estimates_of_other_kinds():
 @pytest.mark.long
 def test_intervals_of_levels_effects_and_the_middle_hold():
     held, pooled, false = [], [], []
-    for seed in range(60):
+    for seed in range(30):
         x, fits, device, recording, axis, batch = nested(seed)
         found = population(fits, devices=device, levels={"recording": recording, "axis": axis}, covariates={"batch": batch}, seed=seed)
         limits = np.concatenate([found.components_interval[:, 0], found.effect_interval[:, 0], found.median_interval])
@@ -126,9 +126,9 @@ def test_intervals_of_levels_effects_and_the_middle_hold():
         held.append((limits[:, 0] <= truth) & (truth <= limits[:, 1]))
         pooled.append(np.mean((found.pooled_interval[:, 0, 0] <= x) & (x <= found.pooled_interval[:, 0, 1])))
         false.append(np.mean(found.chance < 0.05))
-    assert np.all(np.abs(np.mean(held, axis=0) - 0.95) < 0.085)  # three standard errors of 60
+    assert np.all(np.abs(np.mean(held, axis=0) - 0.95) < 0.12)  # three standard errors of 30
     assert abs(np.mean(pooled) - 0.95) < 0.02
-    assert abs(np.mean(false) - 0.05) < 0.025  # usual devices, 720
+    assert abs(np.mean(false) - 0.05) < 0.035  # usual devices, three standard errors of 360
 
 
 @pytest.mark.long
@@ -164,7 +164,7 @@ def test_a_line_that_changes_is_told_from_one_that_does_not(one):
 def test_lines_without_a_change_are_rarely_said_to_have_one_and_changes_are_found():
     named = {0.0: [], 0.4: []}
     for step, found in named.items():
-        for seed in range(40 if not step else 10):
+        for seed in range(20 if not step else 5):
             rng = np.random.default_rng([seed, 5])
             error = rng.uniform(0.05, 0.2, 40)
             x = 0.14 * rng.standard_t(4, (40, 3)) + step * (np.arange(40) >= 20)[:, None]
@@ -174,7 +174,7 @@ def test_lines_without_a_change_are_rarely_said_to_have_one_and_changes_are_foun
             ]
             told = line(population(fits, seed=seed), np.arange(40))
             found.append(np.mean(told.chance < 0.05))
-    assert np.mean(named[0.0]) < 0.05 + 3 * (0.05 * 0.95 / 120) ** 0.5
+    assert np.mean(named[0.0]) < 0.05 + 3 * (0.05 * 0.95 / 60) ** 0.5
     assert np.mean(named[0.4]) > 0.9
 
 
