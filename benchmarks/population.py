@@ -1,10 +1,14 @@
-"""Pooling over a fleet: errors of the coefficients alone, pooled, and with the true population known; coverage; odd units; size.
+"""Pooling over a fleet: errors of the coefficients alone, pooled, and with the true population known; coverage of every interval; odd
+units; the next recording; levels; gauge studies; size.
 
-    python benchmarks/population.py [--only errors,odd,size] [--fleets 20]
+    python benchmarks/population.py [--only errors,odd,next,levels,gauge,size] [--fleets 20]
 
 errors: 30 devices with N 0.25 deg/sqrt(h), B 7.6 deg/h, K 1.8 deg/h/sqrt(s) at 100 Hz, whose B and K scatter by 20 and 30 % between devices
-(normal logarithms), or by half of that; records of 5.5 and 22 minutes. odd: one device three spreads away in B. size: time and memory of
-the hierarchical step for 10,000 devices. Records are drawn ordinate by ordinate, as in records.py.
+(normal logarithms), or by half of that; records of 5.5 and 22 minutes. "Mean unknown" knows the spread of the population and must find its
+middle: a bound for what can be had. odd: one device three spreads away in B, and the power of a test
+that knows the population. next: how well the first recording of a device predicts its second, alone and pooled. levels: devices, recordings
+and a covariate, from estimates with errors. gauge: 10 parts, 3 operators, 3 trials. size: time and memory of the hierarchical step for
+10,000 devices. Records are drawn ordinate by ordinate, as in records.py.
 """
 
 import argparse
@@ -17,7 +21,7 @@ import scipy.fft
 from records import CASE_A, RATE, columns, drawn
 
 import jaxcal
-from jaxcal.batch import population
+from jaxcal.batch import components, gauge, population
 
 TERMS = ("N", "B", "K")
 
@@ -33,8 +37,11 @@ def fleet(samples, spread, rng, devices=30, odd=None):
     return truth, records, [jaxcal.noise.fit(y, RATE, terms="NBK") for y in records]
 
 
-def known(samples, records, mean, spread, rng, steps=6000):
-    """Medians of the coefficients with the true population known: Metropolis for all devices at once, on bins of its own."""
+def known(samples, records, mean, spread, rng, steps=6000, found=False):
+    """Medians of the coefficients with the true population known: Metropolis for all devices at once, on bins of its own.
+
+    With `found` the mean of the population is not known, and drawn too.
+    """
     count = samples - 1
     edges = np.unique(np.concatenate([np.arange(20), np.round(np.geomspace(20, count, 90))])).astype(int)
     size, shapes = np.diff(edges), columns(samples)
@@ -42,81 +49,229 @@ def known(samples, records, mean, spread, rng, steps=6000):
     power = np.stack([scipy.fft.dct(y, norm="ortho")[1:] ** 2 / RATE for y in records])
     power = np.add.reduceat(power, edges[:-1], axis=1) / size
 
-    def density(x):
+    def likelihood(x):
         s = np.exp(2 * x) @ shapes.T
-        return -0.5 * np.sum(size * (np.log(s) + power / s), axis=1) - 0.5 * np.sum(((x - mean) / spread) ** 2, axis=1)
+        return -0.5 * np.sum(size * (np.log(s) + power / s), axis=1)
+
+    def prior(x):
+        return -0.5 * np.sum(((x - mean) / spread) ** 2, axis=1)
 
     x = np.tile(mean, (len(records), 1))
-    now, kept, width = density(x), [], np.array([0.005, 0.6 * spread[1], 0.6 * spread[2]])
+    kept, width = [], np.array([0.005, 0.6 * spread[1], 0.6 * spread[2]])
     x[:, 0] = 0.5 * np.log(power[:, -30:].mean(axis=1))
-    now = density(x)
+    now = likelihood(x)
     for step in range(steps):
         tried = x + width * rng.standard_normal(x.shape)
-        new = density(tried)
-        keep = np.log(rng.random(len(x))) < new - now
+        new = likelihood(tried)
+        keep = np.log(rng.random(len(x))) < new - now + prior(tried) - prior(x)
         x, now = np.where(keep[:, None], tried, x), np.where(keep, new, now)
+        if found:
+            mean = x.mean(axis=0) + spread / np.sqrt(len(x)) * rng.standard_normal(3)
+            shift = np.where(np.arange(3) == 1 + step % 2, 0.4 * spread * rng.standard_normal(), 0.0)
+            new = likelihood(x + shift)
+            if np.log(rng.random()) < np.sum(new - now):
+                x, mean, now = x + shift, mean + shift, new
         if step >= steps // 4:
             kept.append(x)
     return np.exp(np.median(kept, axis=0))
 
 
-def errors(fleets):
-    print(
-        "| record | spread B, K | rmse alone B, K | pooled | population known | 95 % intervals hold N, B, K | spread of B, K hold | CPU s |"
-    )
-    print("|---|---|---|---|---|---|---|---|")
+def said(text, file):
+    """Print, and keep what a run that is cut has found."""
+    print(text, flush=True)
+    if file:
+        with open(file, "a", encoding="utf-8") as log:
+            log.write(text + "\n")
+
+
+def inside(interval, truth):
+    return (interval[..., 0] <= truth) & (truth <= interval[..., 1])
+
+
+def percent(values, digits=0):
+    return ", ".join(f"{100 * value:.{digits}f}" for value in values)
+
+
+def errors(fleets, file):
+    said("| record | spread B, K | fleets | rmse alone B, K | pooled | mean unknown | population known | pooled intervals hold N, B, K | "
+         "of spread N, B, K | of median N, B, K | CPU s |\n|" + "---|" * 11, file)  # fmt: skip
     for minutes in (5.5, 22.0):
         for spread in ((0.2, 0.3), (0.1, 0.15)):
-            alone, pooled, best, inside, around, spent = [], [], [], [], [], []
+            rows, held, spent = [[], [], [], []], [[], [], []], []
             for seed in range(fleets):
                 rng, samples = np.random.default_rng([seed, int(minutes)]), int(minutes * 60 * RATE)
                 truth, records, fits = fleet(samples, spread, rng)
                 start = time.process_time()
                 found = population(fits, terms=TERMS, seed=seed)
                 spent.append(time.process_time() - start)
-                alone.append(found.raw / truth - 1)
-                pooled.append(found.pooled / truth - 1)
-                best.append(known(samples, records, np.log(CASE_A), np.array([0.05, *spread]), rng) / truth - 1)
-                inside.append((found.pooled_interval[..., 0] <= truth) & (truth <= found.pooled_interval[..., 1]))
-                low, high = found.spread_interval.T
-                around.append((low[1:] <= spread) & (np.array(spread) <= high[1:]))
-            rows = [100 * np.sqrt(np.mean(np.square(values), axis=(0, 1)))[1:] for values in (alone, pooled, best)]
-            held, shown = 100 * np.mean(inside, axis=(0, 1)), 100 * np.mean(around, axis=0)
-            cells = [f"{b:.1f}, {k:.1f}" for b, k in rows] + [", ".join(f"{v:.0f}" for v in held), ", ".join(f"{v:.0f}" for v in shown)]
-            print(f"| {minutes} min | {spread} | " + " | ".join(cells) + f" | {np.median(spent):.1f} |", flush=True)
+                law = np.log(CASE_A), np.array([0.05, *spread])
+                best = [known(samples, records, *law, rng, found=unknown) for unknown in (True, False)]
+                for row, values in zip(rows, (found.raw, found.pooled, *best), strict=True):
+                    row.append(values / truth - 1)
+                limits = (found.pooled_interval, found.spread_interval, found.median_interval)
+                for row, interval, true in zip(held, limits, (truth, law[1], CASE_A), strict=True):
+                    row.append(np.mean(inside(interval, true).reshape(-1, 3), axis=0))
+                if seed + 1 in (fleets // 4, fleets // 2, fleets):
+                    cells = [percent(np.sqrt(np.mean(np.square(row), axis=(0, 1)))[1:], 1) for row in rows]
+                    cells += [percent(np.mean(row, axis=0), 0 if row is not held[0] else 1) for row in held]
+                    said(f"| {minutes} min | {spread} | {seed + 1} | " + " | ".join(cells) + f" | {np.median(spent):.1f} |", file)
 
 
-def odd(fleets):
-    flagged, drawn_in, false = [], [], []
+def odd(fleets, file):
+    samples, spread = int(22 * 60 * RATE), (0.2, 0.3)
+    named, drawn_in, false = [], [], []
     for seed in range(fleets):
-        _, _, fits = fleet(int(22 * 60 * RATE), (0.2, 0.3), np.random.default_rng([seed, 7]), odd=3.0)
+        _, _, fits = fleet(samples, spread, np.random.default_rng([seed, 7]), odd=3.0)
         found = population(fits, terms=TERMS, seed=seed)
-        flagged.append((0, "B") in found.outliers)
-        false.append(np.mean([(i, term) in found.outliers for i in range(1, 30) for term in TERMS]))
+        named.append((0, "B") in found.outliers)
+        false.append(np.mean(found.chance[1:] < 0.05, axis=0))
         error = (np.log(found.raw_interval[0, 1, 1]) - np.log(found.raw_interval[0, 1, 0])) / (2 * 1.96)
         drawn_in.append((np.log(found.raw[0, 1]) - np.log(found.pooled[0, 1])) / error)
-    print(
-        f"a device three spreads away: named in {100 * np.mean(flagged):.0f} % of {fleets} fleets, others in {100 * np.mean(false):.1f} % "
-        f"of cases; drawn in by {np.median(drawn_in):.2f} of its own standard error in the median"
+    said(
+        f"a device three spreads away in B: named in {100 * np.mean(named):.0f} % of {fleets} fleets, others in N, B, K in "
+        f"{percent(np.mean(false, axis=0), 1)} %; drawn in by {np.median(drawn_in):.2f} of its own standard error in the median, "
+        f"{np.quantile(drawn_in, 0.9):.2f} in nine of ten fleets",
+        file,
+    )
+    rng, estimates = np.random.default_rng(1), []
+    for away in (None, 3.0):
+        logs = np.log(CASE_A) + np.array([0.05, *spread]) * rng.standard_normal((40 * fleets, 3))
+        if away is not None:
+            logs[:, 1] = np.log(CASE_A[1]) + away * spread[0]
+        estimates.append(np.array([_estimate(drawn(columns(samples) @ np.exp(2 * row), rng)) for row in logs]))
+    distance = [np.abs(one - np.log(CASE_A[1])) for one in estimates]
+    limit = np.quantile(distance[0], 0.95)
+    said(
+        f"a test that knows the population, by the likeliest B: named in {100 * np.mean(distance[1] > limit):.1f} % at 5 % false alarms, "
+        f"{40 * fleets} devices each; the odd unit lies {np.mean(estimates[1] - np.log(CASE_A[1])) / spread[0]:.2f} +- "
+        f"{np.std(estimates[1]) / spread[0]:.2f} spreads away, the limit at {limit / spread[0]:.2f}",
+        file,
     )
 
 
-def size(_):
+def _estimate(y):
+    """Logarithm of the likeliest B, by Fisher scoring on bins of its own."""
+    edges = np.unique(np.concatenate([np.arange(20), np.round(np.geomspace(20, len(y) - 1, 90))])).astype(int)
+    size = np.diff(edges)
+    power = np.add.reduceat(scipy.fft.dct(y, norm="ortho")[1:] ** 2 / RATE, edges[:-1]) / size
+    shapes = np.add.reduceat(columns(len(y)), edges[:-1], axis=0) / size[:, None]
+    x, middle = np.log(CASE_A), np.log(CASE_A)
+    for _ in range(40):
+        share = shapes * np.exp(2 * x)
+        slope = 2 * share / share.sum(axis=1, keepdims=True)
+        information = 0.5 * (slope * size[:, None]).T @ slope + 1e-3 * np.eye(3)
+        pull = 0.5 * slope.T @ (size * (power / share.sum(axis=1) - 1)) - 1e-3 * (x - middle)
+        x = x + np.clip(np.linalg.solve(information, pull), -0.7, 0.7)
+    return x[1]
+
+
+def following(fleets, file):
+    """Log score of the second recording of each device under what the first says, alone and pooled; B and K repeat within 5 %."""
+    samples, gain = int(5.5 * 60 * RATE), []
+    for seed in range(fleets):
+        rng = np.random.default_rng([seed, 9])
+        truth, _, fits = fleet(samples, (0.2, 0.3), rng)
+        found = population(fits, terms=TERMS, seed=seed)
+        shapes = columns(samples)
+        scores = []
+        for i, row in enumerate(truth):
+            second = jaxcal.noise.log_likelihood(drawn(shapes @ (row * np.exp([0.0, 0.05, 0.05] * rng.standard_normal(3))) ** 2, rng), RATE)
+            scores.append(
+                [_score(second, found.raw[i], found.raw_interval[i], rng), _score(second, found.pooled[i], found.pooled_interval[i], rng)]
+            )
+        gain.append(np.mean(np.diff(np.array(scores), axis=1)))
+    better = 100 * np.mean(np.array(gain) > 0)
+    said(f"the next recording: the pooled values score {np.mean(gain):+.2f} +- {np.std(gain) / np.sqrt(fleets):.2f} in log likelihood a "
+         f"recording against the recording alone; higher in {better:.0f} % of {fleets} fleets", file)  # fmt: skip
+
+
+def _score(second, value, interval, rng, draws=400):
+    """Logarithm of the mean likelihood over values that are log-normal with this interval."""
+    floor = 0.1 * CASE_A
+    low, high = np.log(np.maximum(interval, floor[:, None])).T
+    x = np.log(np.maximum(value, floor)) + (high - low) / 3.92 * rng.standard_normal((draws, 3))
+    shapes = np.stack([np.asarray(second.columns[term]) for term in TERMS], axis=1)
+    s = np.exp(2 * x) @ shapes.T
+    each = -0.5 * np.sum(np.asarray(second.weight) * (np.log(s) + np.asarray(second.density) / s), axis=1)
+    return np.logaddexp.reduce(each) - np.log(draws)
+
+
+def levels(fleets, file):
+    """Devices of 0.2, recordings of 0.1 and axes of 0.15, a covariate of 0.05 and a class of 0.1; errors of 0.1 each; normal."""
+    runs, held, held_errors = 5 * fleets, [], []
+    for seed in range(runs):
+        rng = np.random.default_rng([seed, 11])
+        device, recording, axis = (index.ravel() for index in np.indices((20, 3, 3)))
+        age, batch = rng.standard_normal(20)[device], np.where(rng.random(20) < 0.5, "a", "b")[device]
+        x = 0.2 * rng.standard_normal(20)[device] + 0.1 * rng.standard_normal((20, 3))[device, recording]
+        x = x + 0.15 * rng.standard_normal((20, 3))[device, axis] + 0.03 * rng.standard_normal(180)
+        x = x + 0.05 * (age - age.mean()) / age.std() + 0.1 * ((batch == "b") - np.mean(batch == "b"))
+        error = rng.uniform(0.05, 0.15, 180)
+        fits = [Estimate(("x",), [value], [[own**2]]) for value, own in zip(x + error * rng.standard_normal(180), error, strict=True)]
+        within = {"recording": recording, "axis": axis}
+        found = population(fits, devices=device, levels=within, covariates={"age": age, "batch": batch}, seed=seed)
+        truth = np.array([0.2, 0.1, 0.15, 0.03, 0.05, 0.1, 0.0])
+        limits = np.concatenate([found.components_interval[:, 0], found.effect_interval[:, 0], found.median_interval])
+        held.append(inside(limits, truth))
+        held_errors.append(np.mean(inside(found.pooled_interval[:, 0], x)))
+    said(f"levels, {runs} fleets: intervals hold device, recording, axis, rest, age, class, median in {percent(np.mean(held, axis=0))} %; "
+         f"pooled {100 * np.mean(held_errors):.1f} %", file)  # fmt: skip
+
+
+@dataclasses.dataclass
+class Estimate:
+    """What `population` takes of a fit that is not of noise."""
+
+    names: tuple
+    values: list
+    covariance: list
+
+
+def gauges(fleets, file):
+    """Studies of known components; estimates over truth, and how often intervals hold."""
+    part, operator, _ = (index.ravel() for index in np.indices((10, 3, 3)))
+    for deviations in ((1.0, 0.25, 0.0, 0.2), (1.0, 0.25, 0.2, 0.2), (0.5, 0.5, 0.5, 0.5)):
+        rng, ratio, held = np.random.default_rng(0), [], []
+        for _ in range(50 * fleets):
+            effects = rng.standard_normal(10)[part], rng.standard_normal(3)[operator], rng.standard_normal((10, 3))[part, operator]
+            values = sum(s * one for s, one in zip(deviations, (*effects, rng.standard_normal(90)), strict=True))
+            found = gauge(values, part, operator)
+            where = [found.names.index(name) for name in ("part", "operator", "part:operator", "repeatability")]
+            ratio.append(found.variance[where])
+            held.append(inside(found.interval[where], np.square(deviations)))
+        truth = np.square(deviations)
+        means = ", ".join(f"{m / t:.3f}" if t else f"{m:.4f} (0)" for m, t in zip(np.mean(ratio, axis=0), truth, strict=True))
+        hold = percent(np.mean(held, axis=0))
+        said(f"gauge studies {deviations}, {50 * fleets}: mean variance over truth {means}; intervals hold {hold} %", file)
+    device, recording, _ = (index.ravel() for index in np.indices((12, 4, 3)))
+    rng, ratio, held = np.random.default_rng(1), [], []
+    for _ in range(50 * fleets):
+        values = rng.standard_normal(12)[device] + 0.5 * rng.standard_normal((12, 4))[device, recording] + 0.3 * rng.standard_normal(144)
+        found = components(values, {"device": device, "recording": recording})
+        ratio.append(found.variance / [1.0, 0.25, 0.09])
+        held.append(inside(found.interval, np.array([1.0, 0.25, 0.09])))
+    means = ", ".join(f"{value:.3f}" for value in np.mean(ratio, axis=0))
+    said(f"nested studies, {50 * fleets}: mean variance over truth {means}; intervals hold {percent(np.mean(held, axis=0))} %", file)
+
+
+def size(_, file):
     rng = np.random.default_rng(0)
     _, _, fits = fleet(int(5.5 * 60 * RATE), (0.2, 0.3), rng, devices=100)
     many = [dataclasses.replace(fits[i % 100]) for i in range(10_000)]
     start, spent = time.perf_counter(), time.process_time()
     population(many, terms=TERMS)
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
-    print(
-        f"10,000 devices: {time.perf_counter() - start:.0f} s, {time.process_time() - spent:.0f} s of processors, {memory:.1f} GB at most"
-    )
+    said(f"10,000 devices: {time.perf_counter() - start:.0f} s, {time.process_time() - spent:.0f} s of processors, {memory:.1f} GB at most",
+         file)  # fmt: skip
 
+
+TABLES = {"errors": errors, "odd": odd, "next": following, "levels": levels, "gauge": gauges, "size": size}
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--only", default="errors,odd,size")
+    parser.add_argument("--only", default=",".join(TABLES))
     parser.add_argument("--fleets", type=int, default=20)
+    parser.add_argument("--out", help="file that every line is added to as it comes")
     options = parser.parse_args()
     for table in options.only.split(","):
-        {"errors": errors, "odd": odd, "size": size}[table](options.fleets)
+        TABLES[table](options.fleets, options.out)

@@ -125,7 +125,7 @@ def host_float64(function: F) -> F:
                 )
             return function(*args, **kwargs)
         with jax.enable_x64(True):
-            args, kwargs = jax.tree.map(_to_float64, (args, kwargs))
+            args, kwargs = map_ordered(_to_float64, (args, kwargs))
             result = function(*args, **kwargs)
             return map_ordered(_to_numpy, result) if any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(result)) else result
 

@@ -118,4 +118,6 @@ def test_links_inside_the_repository_lead_somewhere(page):
 
 def test_every_extra_is_part_of_all_or_a_tool_of_ours_or_left_out_on_purpose():
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
-    assert extras["all"] == [f"jaxcal[{','.join(name for name in extras if name not in ('all', 'test', 'bench', 'dask', 'docs'))}]"]
+    assert extras["all"] == [
+        f"jaxcal[{','.join(name for name in extras if name not in ('all', 'test', 'bench', 'dask', 'docs', 'notebooks'))}]"
+    ]

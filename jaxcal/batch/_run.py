@@ -334,11 +334,11 @@ class _Run:
             write_summary(fleet.out, fleet.entries)
             from ..report._fleet import write_fleet
 
-            write_fleet(_overview(fleet, self.identity), fleet.out / "overview.html")
+            write_fleet(overview(fleet, self.identity), fleet.out / "overview.html")
         return fleet
 
 
-def _overview(fleet: Fleet, identity: dict[str, Any]) -> dict[str, Any]:
+def overview(fleet: Fleet, identity: dict[str, Any]) -> dict[str, Any]:
     """What the page shows."""
     said: dict[str, list[str]] = {}
     for entry in fleet.done:

@@ -33,6 +33,7 @@ def noise(log: Log, **options: Any) -> Answer:
     """Noise coefficients of every channel."""
     from ..noise import characterise
     from ..report import document
+    from ._pooled import held
 
     fits = characterise(log, **options)
     found: dict[str, Coefficient] = {}
@@ -41,7 +42,8 @@ def noise(log: Log, **options: Any) -> Answer:
             known = (fit.noise.coefficient(term), *fit.interval[term])
             numbers = (math.nan, math.nan, fit.upper_limit[term]) if fit.verdict[term] == "not detected" else known
             found[f"{channel}.{term}"] = _coefficient(*numbers, noise_units(term, channel.partition("_")[0])[-1])
-    return document(fits, log), found, by_channel({channel: fit.warnings for channel, fit in fits.items()})
+    likelihoods = {channel: held(fit.log_likelihood) for channel, fit in fits.items() if fit.spectrum is not None}
+    return document(fits, log) | {"likelihoods": likelihoods}, found, by_channel({channel: fit.warnings for channel, fit in fits.items()})
 
 
 def mag(log: Log, **options: Any) -> Answer:

@@ -52,6 +52,15 @@ class FleetRunning:
             "GB of memory beyond which a log is given up; by default an equal share for every worker. Not with --scheduler.",
         ),
     ] = None  # fmt: skip
+    pool: Annotated[
+        bool, Parameter(help="Pool the logs: what the type says of each device, with odd units; population.json, and the overview.")
+    ] = False
+    table: Annotated[
+        Path | None,
+        Parameter(help="CSV file for --pool with a line for each log: columns log, device, and covariates such as temperature."),
+    ] = None
+    names: Annotated[str | None, Parameter(help='Pattern of the names of logs for --pool, as "unit{device}_{temperature}C".')] = None
+    axes: Annotated[bool, Parameter(help="With --pool: axes are a level within the device, not populations of their own.")] = False
     each: Annotated[
         bool, Parameter(help="A result for every IMU of a log that holds several (ULog, DataFlash, bags, HDF5), not only for the first.")
     ] = False
@@ -87,6 +96,8 @@ def batch(
         raise CallError("batch needs logs: files, folders or patterns")
     if (running.timeout is not None or running.memory is not None) and running.scheduler is not None:
         raise CallError("--timeout and --memory exclude --scheduler: the workers of a cluster cannot be stopped")
+    if not running.pool and (running.table is not None or running.names is not None or running.axes):
+        raise CallError("--table, --names and --axes belong to --pool: add --pool")
     if out.exists() and not out.is_dir():
         raise CallError(f"--out {out}: this is a file; give a folder")
     above = next((folder for folder in (out.absolute(), *out.absolute().parents) if folder.exists()), out)
@@ -109,7 +120,8 @@ def batch(
             options=options, reading=known, timeout=running.timeout,
             memory=None if running.memory is None else 1e9 * running.memory, progress=move, each=running.each,
         )  # fmt: skip
-    _show(screen, fleet)
+    pooled = jaxcal.batch.pool(fleet, table=running.table, names=running.names, axes=running.axes) if running.pool and fleet.done else {}
+    _show(screen, fleet, pooled)
     if not fleet.done:
         raise jaxcal.DataError(f"none of {_logs(len(fleet))} could be answered; the first: {fleet.failed[0].reason}")
 
@@ -149,7 +161,7 @@ def _joined(value: Any) -> Any:
     return ",".join(value) if isinstance(value, tuple) else value
 
 
-def _show(screen: Screen, fleet: Any) -> None:
+def _show(screen: Screen, fleet: Any, pooled: dict[str, Any]) -> None:
     """Table over the fleet, what stands out, and what failed."""
     kept = sum(entry.kept for entry in fleet)
     there = f"; {kept} of them were there already" if kept else ""
@@ -162,11 +174,24 @@ def _show(screen: Screen, fleet: Any) -> None:
     if rows:
         left = f"; {_ROWS} of {len(shown)} coefficients" if len(shown) > _ROWS else ""
         screen.table(f"spread over the logs{left}", ["", "unit", "logs", "median", "5 %", "95 %", "out"], rows)
+    for name, found in pooled.items():
+        rows = [
+            [f"{term}, {level}", *(f"{value:.3g}" for value in (found.median[i], found.components[k, i], *found.components_interval[k, i]))]
+            for i, term in enumerate(found.terms)
+            for k, level in enumerate(found.levels)
+        ]
+        screen.table(f"population of {name}", ["", "middle", "spread", "low", "high"], rows[:_ROWS])
+    odd = [f"{name}: {device} in {term}" for name, found in pooled.items() for device, term in found.outliers]
+    screen.sentences("Odd units of the population", _first(odd))
+    screen.sentences("Warnings of the population", _first(list(dict.fromkeys(said for one in pooled.values() for said in one.warnings))))
     outliers = sorted((outlier for one in shown.values() for outlier in one.outliers), key=lambda found: -abs(found.score))
     screen.sentences("Outliers", _first([f"{found.name}: {found.reason}" for found in outliers]))
     screen.sentences("Trends", _first([trend.reason for one in shown.values() for trend in one.trends]))
     screen.sentences("Not answered", _first([entry.reason for entry in fleet.failed]))
-    written = [fleet.out / name for name in ("overview.html", "summary.csv", "summary.parquet", "manifest.json")]
+    written = [
+        fleet.out / name
+        for name in ("overview.html", *(["population.json"] if pooled else []), "summary.csv", "summary.parquet", "manifest.json")
+    ]
     show_written(screen, [path for path in written if path.exists()])
     screen.path(f"and a result file for each log in {fleet.out / 'results'}")
 

@@ -6,10 +6,10 @@ from .._lazy import on_first_use
 
 if TYPE_CHECKING:
     from ._axes import Correlation as Correlation, correlation as correlation
+    from ._binned import LogLikelihood as LogLikelihood, log_likelihood as log_likelihood
     from ._covariance import allan_covariance as allan_covariance
     from ._discrete import StateSpace as StateSpace, discrete as discrete
     from ._fit import characterise as characterise, fit as fit
-    from ._likelihood import log_likelihood as log_likelihood
     from ._means import mean_covariance as mean_covariance
     from ._model import Noise as Noise
     from ._overbound import overbound as overbound, overbound_curve as overbound_curve
@@ -21,10 +21,10 @@ __getattr__, __dir__ = on_first_use(
     __name__,
     {
         "_axes": "Correlation correlation",
+        "_binned": "LogLikelihood log_likelihood",
         "_covariance": "allan_covariance",
         "_discrete": "StateSpace discrete",
         "_fit": "characterise fit",
-        "_likelihood": "log_likelihood",
         "_means": "mean_covariance",
         "_model": "Noise",
         "_overbound": "overbound overbound_curve",

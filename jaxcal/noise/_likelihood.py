@@ -1,4 +1,4 @@
-r"""Whittle likelihood of binned ordinates, on the host and in a trace; and `log_likelihood` of a record under a model.
+r"""Whittle likelihood of binned ordinates, on the host and in a trace.
 
 Ordinates are nearly independent and exponential about the model's density S = X theta, theta the squared coefficients, so
 
@@ -17,16 +17,11 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from .._errors import DataError
-from .._precision import host_float64, is_traced
 from .._types import AnyArray, Array
 from ..fitting import solve
 from ._lanes import filled, namespace, run
-from ._model import Noise
-from ._ordinates import Bins, bins_of
-from ._terms import BUILT_IN
+from ._ordinates import Bins
 
-_TERMS = ("Q", "N", "B", "K")  # whose ordinates are exact; that of others is the density
 _FAINT = 0.01  # share of its even part with which a column begins in one of the starts
 #: rows of the compiled program, which hold the bins of 7 million samples, and coefficients; larger problems take multiples
 _ROWS, _WIDTH = 256, 6
@@ -122,55 +117,3 @@ def several_starts(bins: Bins) -> Any:
     p, flat = bins.columns.shape[1], flat_start(bins)
     several = np.concatenate([np.ones((1, p)), 1.0 - (1.0 - _FAINT) * np.eye(p)]).astype(bins.density.dtype)
     return flat[None, :] * (several if namespace(bins) is jnp else several[np.append(True, flat > 0.0)])
-
-
-@host_float64
-def log_likelihood(noise: Noise, y: Any, rate: Any) -> Any:
-    r"""Whittle log-likelihood of a record under a noise model, up to a constant.
-
-    .. math:: \ell = -\frac12 \sum_b \nu_b\,\Big[\ln S_b + \frac{P_b}{S_b}\Big]
-
-    with P_b the mean of nu_b ordinates of the DCT-II of the record and S_b the expected value under the model. It can be
-    differentiated with respect to every coefficient of the model, Gauss-Markov processes included, and with respect to the
-    record; use it in a sampler, or with a prior. The ramp and sinusoids of the model play no part.
-
-    Parameters
-    ----------
-    noise : the model; coefficients in SI, numbers.
-    y : (n,) record in rad/s, m/s^2 or T. NaN marks a gap (not where y is traced).
-    rate : sampling rate in Hz.
-
-    Returns
-    -------
-    Scalar. A difference of 1.92 in favour of one of two models that differ in one coefficient is one of 95 %.
-
-    Raises
-    ------
-    DataError
-        If the record is not (n,), or has no gap-free stretch of 16 samples.
-
-    Examples
-    --------
-    >>> import jaxcal
-    >>> noise = jaxcal.noise.Noise(N=1e-3)
-    >>> record = noise.simulate(10_000, rate=100.0, seed=0)
-    >>> louder = jaxcal.noise.Noise(N=1.1e-3)
-    >>> bool(jaxcal.noise.log_likelihood(noise, record, 100.0) > jaxcal.noise.log_likelihood(louder, record, 100.0))
-    True
-
-    References
-    ----------
-    P. Whittle, J. R. Stat. Soc. B 15, 1953, on the DCT-II in place of the periodogram.
-    """
-    y = y if is_traced(y) else np.asarray(y, dtype=np.float64)
-    if y.ndim != 1:
-        raise DataError(f"y must be (n,), one channel; got shape {y.shape}")
-    dt = 1.0 / float(rate)
-    bins = bins_of(y, dt, tuple(BUILT_IN[term] for term in _TERMS))
-    dtype = jnp.asarray(bins.density).dtype
-    theta = jnp.stack([jnp.asarray(getattr(noise, term), dtype=dtype) ** 2 for term in _TERMS])
-    s = density(bins.columns, theta)
-    for name, coefficient, term in noise.parts:
-        if name not in _TERMS:
-            s = s + jnp.asarray(coefficient, dtype=dtype) ** 2 * jnp.asarray(term.psd(bins.frequency, dt), dtype=dtype)
-    return -0.5 * jnp.sum(bins.weight * (jnp.log(s) + bins.density * bins.unit / s))

@@ -9,12 +9,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._errors import DataError
 from .._precision import is_traced, map_ordered
 from .._results import Result, Row
 from .._types import AnyArray
 from .._units import noise_factor, noise_units
 from ..allan import Deviation
 from ..allan._uncertainty._edf import interval_factors
+from ._binned import LogLikelihood, likelihood_of
 from ._limits import Limits
 from ._model import Noise, noise_of
 from ._terms import Term
@@ -125,6 +127,21 @@ class NoiseFit(Result):
     spectrum: Any = None
     events: tuple[Any, ...] = ()
     sensor: str = eqx.field(static=True, default="")
+
+    @property
+    def log_likelihood(self) -> LogLikelihood:
+        """The likelihood of the record as it was fitted, for one channel by method "whittle".
+
+        Examples
+        --------
+        >>> import jaxcal
+        >>> found = jaxcal.noise.fit(jaxcal.noise.Noise(N=1e-3).simulate(5000, rate=100.0, seed=0), rate=100.0)
+        >>> bool(found.log_likelihood(found.noise) > found.log_likelihood(jaxcal.noise.Noise(N=1.1e-3)))
+        True
+        """
+        if self.spectrum is None or np.ndim(self.noise.N):
+            raise DataError('a likelihood belongs to one channel that was fitted by method "whittle"; take channel(i) of several')
+        return likelihood_of(self.spectrum, self.noise, 1.0 / self.deviation.rate)
 
     @property
     def reason(self) -> str:

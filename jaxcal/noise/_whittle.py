@@ -259,6 +259,12 @@ def _with_alternatives(observed: Observed, solved: Solved, base: tuple[Term, ...
     return found, _solve(observed, (*base, *found[0].terms), band) if found and found[0].admitted else solved, rival
 
 
+def observed_bins(y, dt: float, terms: tuple[Term, ...]) -> Bins:
+    """Bins of a record with gaps under the model of these terms that fits it, a column for each term."""
+    bins = _solve(Observed(y, dt), terms, None).bins
+    return bins._replace(columns=bins.columns[:, : len(terms)])
+
+
 def _spectrum(solved: Solved):
     """Frequencies in Hz and the density there."""
     return solved.bins.frequency, _level(solved, False)

@@ -11,6 +11,7 @@ from .._files import write_atomically
 from ..plot._style import MUTED, SERIES, new_figure, number_label, style_axes, unit_label
 from ._html import Markup, definitions, each, join, scroll, section, table, tag
 from ._page import page, picture
+from ._population import populations
 
 _ROWS = 36  # coefficients in the figure, and in the first table
 _PANELS = 8  # trends that are drawn
@@ -40,7 +41,8 @@ def write_fleet(fleet: dict[str, Any], path: str | os.PathLike[str]) -> None:
     Parameters
     ----------
     fleet : `task` (name, options, reading, jaxcal), `logs` (how many), `names` and `dates` of those that were answered, `failed` (pairs
-        of name and reason), `warnings` (pairs of sentence and names), `spread` (name -> the fields of `jaxcal.batch.Spread`).
+        of name and reason), `warnings` (pairs of sentence and names), `spread` (name -> the fields of `jaxcal.batch.Spread`);
+        `populations` (name -> `jaxcal.batch.Population`) where they were pooled.
     path : file to write; an existing one is replaced in one step.
 
     Raises
@@ -53,7 +55,8 @@ def write_fleet(fleet: dict[str, Any], path: str | os.PathLike[str]) -> None:
     lead = f"{fleet['logs']} log{'s' * (fleet['logs'] != 1)}, {done} answered, {len(fleet['failed'])} not"
     failed = table(("Log", "Reason"), fleet["failed"]) if fleet["failed"] else tag("p", "None.")
     body = (
-        _verdict(fleet), _spread(fleet), _outliers(fleet), _trends(fleet), section("Logs without an answer", "failed", failed),
+        _verdict(fleet), populations(fleet.get("populations", {})), _spread(fleet), _outliers(fleet), _trends(fleet),
+        section("Logs without an answer", "failed", failed),
         _warnings(fleet), section("What the words mean", "meaning", definitions(_MEANING)),
         section("Provenance", "provenance", definitions((key, str(value)) for key, value in fleet["task"].items() if value)),
     )  # fmt: skip

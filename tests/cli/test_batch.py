@@ -50,6 +50,7 @@ def test_a_fleet_is_answered_and_what_failed_is_told(call, folder, logs):
     ("words", "reason"),
     [
         (["--out", "out"], "batch needs logs"),
+        (["logs", "--out", "out", "--axes"], "--table, --names and --axes belong to --pool"),
         (["logs"], "--out"),
         (["nothing*.csv", "missing.csv", "--out", "out"], "there are no logs at nothing*.csv, missing.csv"),
         (["logs", "--out", "logs/unit0.npz"], "this is a file"),
@@ -80,6 +81,24 @@ def test_a_scheduler_that_is_not_there_or_no_dask_is_status_2(call, logs, monkey
     found = call("batch", "logs", "--out", "out", "--scheduler", "tcp://127.0.0.1:1")
     assert found.status == 2
     assert 'pip install "jaxcal[dask]"' in found.reason
+
+
+def test_a_pooled_fleet(call, folder):
+    (folder / "logs").mkdir()
+    for i in range(6):
+        y = 0.01 * np.exp(0.2 * i) * np.random.default_rng(i).standard_normal(1000)
+        np.savez(folder / "logs" / f"unit{i}_{20 + i % 3}C.npz", gyro=y[:, None], rate=100.0)
+    words = ["batch", "logs", "--out", "out", "--workers", "1", "--set", 'terms=["N"]', "--pool", "--names", "unit{device}_{temperature}C"]
+    found = call(*words)
+    assert (found.status, found.err) == (0, "")
+    assert "population of gyro_x" in found.out
+    assert "N, device" in found.out
+    assert "wrote out/population.json" in found.out.splitlines()
+    assert "Population" in (folder / "out" / "overview.html").read_text()
+    before = (folder / "out" / "population.json").read_bytes()
+    again = call(*words)  # a run that was cut goes on from what is there, to the same numbers
+    assert "6 of them were there already" in again.out
+    assert (folder / "out" / "population.json").read_bytes() == before
 
 
 def test_help_explains_every_option_in_80_columns(call):

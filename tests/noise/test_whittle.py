@@ -29,8 +29,10 @@ def test_minimum_and_limits_equal_those_of_a_general_minimiser(seed):
     assert not fit.warnings
     scale = np.array([max(float(getattr(fit.noise, term)), 1e-3 * CASE_A.N) for term in TERMS])
 
+    likelihood = jaxcal.noise.log_likelihood(y, RATE)
+
     def cost(x):
-        return -jaxcal.noise.log_likelihood(Noise(**dict(zip(TERMS, jnp.sqrt(x) * scale, strict=True))), y, RATE)
+        return -likelihood(Noise(**dict(zip(TERMS, jnp.sqrt(x) * scale, strict=True))))
 
     # evaluated some thousand times: here the optimiser, which the suite does without, saves more than it takes
     objective = jax.jit(jax.value_and_grad(cost), compiler_options={"xla_backend_optimization_level": 2})
@@ -249,13 +251,34 @@ def test_log_likelihood_has_its_maximum_at_the_fit():
     fit = jaxcal.noise.fit(y, RATE)
     values = jnp.asarray([float(fit.noise.N), float(fit.noise.B)])
 
-    def likelihood(x):
-        return jaxcal.noise.log_likelihood(Noise(Q=float(fit.noise.Q), N=x[0], B=x[1], K=float(fit.noise.K)), y, RATE)
+    for likelihood in (jaxcal.noise.log_likelihood(y, RATE), fit.log_likelihood):
 
-    slope = jax.jit(jax.grad(likelihood))(values) * values
-    curvature = -jnp.diagonal(jax.jit(jax.hessian(likelihood))(values)) * values**2
-    assert (abs(slope) < 1e-3 * jnp.sqrt(curvature)).all()
-    assert (curvature > 1).all()
+        def of(x, likelihood=likelihood):
+            return likelihood(Noise(Q=float(fit.noise.Q), N=x[0], B=x[1], K=float(fit.noise.K)))
+
+        slope = jax.jit(jax.grad(of))(values) * values
+        curvature = -jnp.diagonal(jax.jit(jax.hessian(of))(values)) * values**2
+        assert (abs(slope) < 1e-3 * jnp.sqrt(curvature)).all()
+        assert (curvature > 1).all()
+        assert float(of(values)) == pytest.approx(float(likelihood(fit.noise)), rel=1e-9)  # traced or not
+
+
+def test_log_likelihood_of_a_record_with_gaps_has_its_maximum_at_the_fit():
+    y = CASE_A.simulate(1 << 13, RATE, seed=3)
+    y[np.random.default_rng(0).random(len(y)) < 0.05] = np.nan
+    fit = jaxcal.noise.fit(y, RATE, terms="NB")
+    likelihood = jaxcal.noise.log_likelihood(y, RATE)
+    values = [float(fit.noise.N), float(fit.noise.B)]
+    for scale in ((1.01, 1.0), (0.99, 1.0), (1.0, 1.3), (1.0, 0.7)):
+        other = Noise(N=values[0] * scale[0], B=values[1] * scale[1])
+        assert likelihood(other) < likelihood(fit.noise)
+
+
+def test_messages_of_log_likelihood():
+    with pytest.raises(jaxcal.DataError, match=r"y must be \(n,\), one channel"):
+        jaxcal.noise.log_likelihood(np.zeros((100, 2)), RATE)
+    with pytest.raises(jaxcal.DataError, match="one channel that was fitted by method"):
+        _ = jaxcal.noise.fit(CASE_A.simulate(1 << 12, RATE, seed=0), RATE, method="gls").log_likelihood
 
 
 @pytest.mark.long

@@ -1,5 +1,6 @@
 """Every notebook runs from top to bottom, with less data, in one kernel that is cleared in between; stored output is that of its code."""
 
+import importlib.util
 import json
 import pathlib
 import re
@@ -25,7 +26,7 @@ def test_there_are_notebooks():
     found = {path.stem for path in NOTEBOOKS}
     assert found >= {
         "quickstart", "imu_to_vio", "magnetometer", "imu_by_hand", "temperature_jump", "north_finding", "differentiable_noise", "thesis",
-        "own_model",
+        "own_model", "posterior",
     }  # fmt: skip
 
 
@@ -48,6 +49,8 @@ def test_stored_with_its_output(path):
     "path", [pytest.param(path, id=path.stem, marks=[pytest.mark.long] * (path.stem not in SHORT)) for path in NOTEBOOKS]
 )
 def test_runs(path, client, tmp_path):
+    if path.stem == "posterior" and importlib.util.find_spec("blackjax") is None:
+        pytest.skip('needs BlackJAX: pip install "jaxcal[notebooks]"')
     notebook = nbformat.read(path, as_version=4)
     for cell in notebook.cells:
         if cell.cell_type == "code":

@@ -1,0 +1,316 @@
+"""`components`: variance components of measurements, with intervals; and `gauge`, the study of a gauge."""
+
+import itertools
+from collections.abc import Hashable, Mapping, Sequence
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+import scipy  # loads its parts when they are first used
+
+from .._errors import DataError
+from .._precision import host_float64
+from .._quality import checked_confidence
+from .._results import Result, Row
+from .._types import AnyArray
+
+_DRAWS = 20_000  # of the generalised intervals
+_SEED = 24  # of them: the same study always gives the same numbers
+_POOL = 0.25  # chance from which an interaction is taken for repeatability: the rule of the AIAG manual
+_LARGEST = 4_000_000  # values times groups
+_CATEGORIES = 1.41  # distinct categories: 1.41 part deviations over those of the gauge
+
+
+class Components(Result):
+    """Variance components of measurements.
+
+    Attributes
+    ----------
+    names : levels, interactions as "part:operator", and last "repeatability".
+    variance, interval : (k,) and (k, 2), variance of each and its interval; 0 where the estimate is negative.
+    degrees_of_freedom, mean_square, p_value : (k,) the analysis of variance; p value of no variance of this level, NaN for the last.
+    pooled : names of interactions that were taken for repeatability.
+    mean : of all measurements.
+    ratios, ratio_interval : (q,) and (q, 2), standard deviations and ratios in `ratio_names`; of a gauge study those that are reported.
+    ratio_names : their names.
+    confidence : level of the intervals.
+    warnings : sentences.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.batch import components
+    >>> rng = np.random.default_rng(0)
+    >>> device = np.repeat(np.arange(12), 6)
+    >>> values = rng.normal(size=12)[device] + 0.3 * rng.normal(size=72)
+    >>> found = components(values, {"device": device})
+    >>> found.names, bool(found.interval[1, 0] < 0.09 < found.interval[1, 1])
+    (('device', 'repeatability'), True)
+    """
+
+    names: tuple[str, ...] = eqx.field(static=True)
+    variance: AnyArray
+    interval: AnyArray
+    degrees_of_freedom: AnyArray
+    mean_square: AnyArray
+    p_value: AnyArray
+    pooled: tuple[str, ...] = eqx.field(static=True)
+    mean: float
+    ratio_names: tuple[str, ...] = eqx.field(static=True)
+    ratios: AnyArray
+    ratio_interval: AnyArray
+    confidence: float = eqx.field(static=True)
+    warnings: tuple[str, ...] = eqx.field(static=True, default=())
+
+    @property
+    def verdict(self) -> str:
+        """The word "good", or "weak" where there are warnings."""
+        return "weak" if self.warnings else "good"
+
+    @property
+    def reason(self) -> str:
+        """The share of each component in the sum of the variances."""
+        shares = 100.0 * np.asarray(self.variance) / max(float(np.sum(self.variance)), np.finfo(float).tiny)
+        return "; ".join(f"{name} {share:.1f} % of the variance" for name, share in zip(self.names, shares, strict=True))
+
+    def _rows(self) -> list[Row]:
+        roots, limits = np.sqrt(self.variance), np.sqrt(self.interval)
+        rows = [
+            Row(name, root, ends[0], ends[1], "", "standard deviation") for name, root, ends in zip(self.names, roots, limits, strict=True)
+        ]
+        given = zip(self.ratio_names, self.ratios, self.ratio_interval, strict=True)
+        return rows + [Row(name, value, ends[0], ends[1], "", "") for name, value, ends in given]
+
+
+@host_float64
+def components(
+    values: Any, levels: Mapping[str, Sequence[Hashable]], *, crossed: Sequence[str] = (), confidence: float = 0.95
+) -> Components:
+    r"""Variance components of measurements by an analysis of variance.
+
+    Each level is nested in those before it: recordings in devices, axes in recordings. Levels named in `crossed` have the same groups
+    everywhere, such as operators who measure all parts; an interaction with each other crossed level joins the model. The sums of
+    squares of the levels, one after the other, have the expectations
+
+    .. math:: E\,MS_k = \sum_l c_{kl}\,\sigma_l^2
+
+    which give the estimates. The intervals are generalised ones: :math:`MS_k` is replaced with :math:`f_k MS_k/\chi^2_{f_k}`, drawn 20,000
+    times. Sums of squares are independent chi-squares for balanced studies, and nearly so for others.
+
+    Parameters
+    ----------
+    values : (n,) measurements with no error of their own; for fits that have one, take `population`.
+    levels : name -> group of each measurement, the outermost first.
+    crossed : names of levels that are crossed with one another.
+    confidence : level of the intervals.
+
+    Returns
+    -------
+    Components
+
+    Raises
+    ------
+    DataError
+        If there are too few measurements, a value is not finite, or a level cannot be told from those before it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.batch import components
+    >>> rng = np.random.default_rng(0)
+    >>> device, recording = np.repeat(np.arange(10), 6), np.tile(np.repeat([0, 1, 2], 2), 10)
+    >>> effect = rng.normal(size=10)[device] + 0.5 * rng.normal(size=30)[3 * device + recording]
+    >>> found = components(effect + 0.1 * rng.normal(size=60), {"device": device, "recording": recording})
+    >>> found.names
+    ('device', 'recording', 'repeatability')
+
+    References
+    ----------
+    S. R. Searle, G. Casella and C. E. McCulloch, Variance Components, 1992 (expectations); S. Weerahandi, J. Am. Stat. Assoc. 88, 1993, and
+    R. K. Burdick, C. M. Borror and D. C. Montgomery, Design and Analysis of Gauge R&R Studies, 2005 (intervals).
+    """
+    return _analysed(values, levels, tuple(crossed), checked_confidence(confidence), 1.0, None)
+
+
+@host_float64
+def gauge(
+    values: Any, parts: Sequence[Hashable], operators: Sequence[Hashable], *, pool: float = _POOL, tolerance: float | None = None,
+    confidence: float = 0.95,
+) -> Components:  # fmt: skip
+    r"""A gauge study: what of the scatter is the parts', the operators' and the gauge's own (gauge R&R).
+
+    Operators measure all parts several times. `ratios` has, as the AIAG manual reports them, standard deviations EV (repeatability), AV
+    (reproducibility: operators and their interaction with parts), GRR (both), PV (parts) and TV (all), the percentages of TV, and the
+    number of distinct categories 1.41 PV/GRR, not rounded down.
+
+    Parameters
+    ----------
+    values : (n,) measurements.
+    parts, operators : part and operator of each. A device in place of a part, and a turntable or a mounting in place of an operator, make
+        the same study.
+    pool : chance of the F test from which an interaction is taken for repeatability; 1 keeps it always.
+    tolerance : width of the tolerance, for 6 GRR over it.
+    confidence : level of the intervals.
+
+    Returns
+    -------
+    Components
+
+    Raises
+    ------
+    DataError
+        As `components`; or if there are fewer than two parts or operators, or no repetition.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.batch import gauge
+    >>> rng = np.random.default_rng(0)
+    >>> part, operator, _ = (index.ravel() for index in np.indices((10, 3, 3)))
+    >>> values = rng.normal(size=10)[part] + 0.2 * rng.normal(size=3)[operator] + 0.2 * rng.normal(size=90)
+    >>> found = gauge(values, part, operator)
+    >>> found.names, round(float(found.ratios[0]), 2)
+    (('part', 'operator', 'part:operator', 'repeatability'), 0.18)
+
+    References
+    ----------
+    AIAG, Measurement Systems Analysis, 4th edition, 2010; R. K. Burdick, C. M. Borror and D. C. Montgomery, Design and Analysis of Gauge
+    R&R Studies, 2005.
+    """
+    if not 0.0 <= pool <= 1.0:
+        raise DataError(f"pool must lie between 0 and 1; got {pool!r}")
+    if tolerance is not None and not tolerance > 0.0:
+        raise DataError(f"tolerance must be positive; got {tolerance!r}")
+    levels = {"part": parts, "operator": operators}
+    return _analysed(values, levels, ("part", "operator"), checked_confidence(confidence), pool, (tolerance,))
+
+
+def _analysed(values: Any, levels: Mapping[str, Any], crossed: tuple[str, ...], confidence: float, pool: float, study: Any) -> Components:
+    values = np.asarray(values, dtype=float)
+    if values.ndim != 1 or not np.isfinite(values).all():
+        raise DataError(f"values must be (n,) finite numbers; got shape {values.shape}")
+    columns = _columns(values, levels, crossed)
+    squares, freedom, expected = _table(values, columns)
+    names, pooled = list(columns), {}
+    ends = [(1.0 - confidence) / 2.0, (1.0 + confidence) / 2.0]
+    for name in [one for one in names if ":" in one]:
+        k, last = names.index(name), len(names)
+        chance = scipy.stats.f.sf(squares[k] / freedom[k] / (squares[last] / freedom[last]), freedom[k], freedom[last])
+        if chance > pool:
+            # it is not there as far as can be told; its interval says how large it may be
+            pooled[name] = np.maximum(np.quantile(_draws(squares, freedom, expected)[:, k], ends), 0.0)
+            del columns[name]
+            squares, freedom, expected = _table(values, columns)
+            names = list(columns)
+    means = squares / freedom
+    drawn = _draws(squares, freedom, expected)
+    variance = np.maximum(np.linalg.solve(expected, means), 0.0)
+    tests = np.array([_chance(expected, means, freedom, k) for k in range(len(names))] + [np.nan])
+    order = [*names, *pooled, "repeatability"]
+    where = [*range(len(names)), *[-1] * len(pooled), len(names)]
+
+    def placed(array: np.ndarray, fill: float) -> np.ndarray:
+        return np.array([fill if at == -1 else array[at] for at in where])
+
+    limits = dict(zip([*names, "repeatability"], np.maximum(np.quantile(drawn, ends, axis=0).T, 0.0), strict=True)) | pooled
+    ratio_names, ratios, ratio_limits = _reported(names, variance, np.maximum(drawn, 0.0), ends, study) if study else ((), [], [])
+    return Components(
+        names=tuple(order), variance=placed(variance, 0.0), interval=np.array([limits[name] for name in order]),
+        degrees_of_freedom=placed(freedom, np.nan), mean_square=placed(means, np.nan),
+        p_value=placed(tests, np.nan), pooled=tuple(pooled), mean=float(values.mean()),
+        ratio_names=ratio_names, ratios=np.array(ratios), ratio_interval=np.array(ratio_limits).reshape(-1, 2), confidence=confidence,
+    )  # fmt: skip
+
+
+def _columns(values: np.ndarray, levels: Mapping[str, Any], crossed: tuple[str, ...]) -> dict[str, np.ndarray]:
+    """Name -> number of the group of each measurement, groups nested where they are not crossed."""
+    if not levels:
+        raise DataError("there are no levels; name one, as {'device': ...}")
+    unknown = [name for name in crossed if name not in levels]
+    if unknown:
+        raise DataError(f"crossed: there is no level {', '.join(unknown)}; levels are {', '.join(levels)}")
+    found: dict[str, np.ndarray] = {}
+    outer = np.zeros(len(values), dtype=int)
+    for name, labels in levels.items():
+        labels = list(labels)
+        if len(labels) != len(values):
+            raise DataError(f"level {name!r}: {len(values)} values and {len(labels)} names; give the group of each value")
+        own = _numbered(labels)
+        found[name] = own if name in crossed else _numbered(list(zip(outer.tolist(), own.tolist(), strict=True)))
+        if name not in crossed:
+            outer = found[name]
+    for one, other in itertools.combinations(crossed, 2):
+        cell = _numbered(list(zip(found[one].tolist(), found[other].tolist(), strict=True)))
+        if cell.max() + 1 < len(values):
+            found[f"{one}:{other}"] = cell
+    return found
+
+
+def _numbered(labels: list[Any]) -> np.ndarray:
+    number = {label: i for i, label in enumerate(dict.fromkeys(labels))}
+    return np.array([number[label] for label in labels])
+
+
+def _table(values: np.ndarray, columns: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Sums of squares of each level after those before it and of the rest, degrees of freedom, and expectations of the mean squares."""
+    n = len(values)
+    if n * max(int(group.max()) + 1 for group in columns.values()) > _LARGEST:
+        raise DataError(f"{n} values are more than an analysis of variance is made for; take population, or a part of them")
+    basis = np.full((n, 1), n**-0.5)
+    members = [np.eye(group.max() + 1)[group] for group in columns.values()]
+    squares, freedom, expected = [], [], []
+    for name, indicator in zip(columns, members, strict=True):
+        rest = indicator - basis @ (basis.T @ indicator)
+        left, size, _ = np.linalg.svd(rest, full_matrices=False)
+        new = left[:, size > 1e-8 * max(size.max(), 1.0)]
+        if not new.shape[1]:
+            raise DataError(f"level {name!r} cannot be told from those before it; leave it out")
+        squares.append(float(np.sum((new.T @ values) ** 2)))
+        freedom.append(new.shape[1])
+        expected.append([float(np.sum((new.T @ one) ** 2)) / new.shape[1] for one in members] + [1.0])
+        basis = np.concatenate([basis, new], axis=1)
+    left_over = n - basis.shape[1]
+    if left_over < 1:
+        raise DataError(f"{n} values for as many groups: nothing tells the repeatability; measure each group twice")
+    squares.append(max(float(values @ values - np.sum((basis.T @ values) ** 2)), 0.0))
+    if not squares[-1] > 1e-20 * float(values @ values):
+        raise DataError("repeated measurements are equal to rounding: record with a finer resolution")
+    return np.array(squares), np.array([*freedom, left_over], dtype=float), np.array([*expected, [0.0] * len(members) + [1.0]])
+
+
+def _draws(squares: np.ndarray, freedom: np.ndarray, expected: np.ndarray) -> np.ndarray:
+    """Generalised draws of the variances, (draws, k); they may be negative."""
+    drawn = squares / np.random.default_rng(_SEED).chisquare(freedom, (_DRAWS, len(freedom)))
+    return np.linalg.solve(expected, drawn.T).T
+
+
+def _chance(expected: np.ndarray, means: np.ndarray, freedom: np.ndarray, k: int) -> float:
+    """The p value of no variance of level k: its mean square against the mix of others that has the same expectation without it."""
+    target = expected[k].copy()
+    target[k] = 0.0
+    others = [i for i in range(len(means)) if i != k]
+    mix = np.linalg.lstsq(expected[others].T, target, rcond=None)[0]
+    parts = mix * means[others]
+    if not parts.sum() > 0.0:
+        return float("nan")
+    effective = parts.sum() ** 2 / np.sum(parts**2 / freedom[others])  # Satterthwaite
+    return float(scipy.stats.f.sf(means[k] / parts.sum(), freedom[k], effective))
+
+
+def _reported(names: list[str], variance: np.ndarray, drawn: np.ndarray, ends: list[float], study: tuple) -> tuple:
+    """Standard deviations and ratios of a gauge study, with their intervals."""
+
+    def figures(v: np.ndarray) -> dict[str, np.ndarray]:
+        part, repeat = v[..., names.index("part")], v[..., -1]
+        again = sum((v[..., i] for i, name in enumerate(names) if name != "part"), np.zeros(v.shape[:-1]))
+        tiny = np.finfo(float).tiny
+        deviations = {"EV": repeat, "AV": again, "GRR": repeat + again, "PV": part, "TV": repeat + again + part}
+        found = {name: np.sqrt(value) for name, value in deviations.items()}
+        found |= {f"%{name}": 100.0 * found[name] / np.maximum(found["TV"], tiny) for name in ("EV", "AV", "GRR", "PV")}
+        found["distinct categories"] = _CATEGORIES * found["PV"] / np.maximum(found["GRR"], tiny)
+        if study[0] is not None:
+            found["6 GRR of the tolerance"] = 6.0 * found["GRR"] / study[0]
+        return found
+
+    best, all_drawn = figures(variance), figures(drawn)
+    return tuple(best), [float(value) for value in best.values()], [np.quantile(value, ends) for value in all_drawn.values()]

@@ -1,0 +1,174 @@
+"""`line`: drift and change points of a test line, with limits from the population."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+
+from .._errors import DataError
+from .._precision import host_float64
+from .._results import Result, Row
+from .._types import AnyArray
+from ._population import Population
+
+_FEWEST = 8  # recordings
+_ORDERS = 2000  # random orders that the limits come from
+_SEED = 24  # of them: the same line always gives the same numbers
+
+
+class Line(Result):
+    """What changed along a test line.
+
+    Attributes
+    ----------
+    terms : names of the parameters.
+    order : (n,) indices of the recordings in the order of time.
+    score : (n, p) distance of each recording from the middle, in that order, in standard deviations of the population and its own error.
+    slope, slope_error : (p,) change over the whole line, of the logarithm for noise, and its standard error.
+    chance : (p,) how often a line without a change has as steep a slope or as clear a change point, whichever is rarer.
+    drift_chance : (p,) how often it has as steep a slope.
+    change : (p,) number of recordings before the most likely change. change_size : (p,) the step there, as `slope`.
+    change_chance : (p,) how often a line without a change has as clear a one anywhere.
+    findings : sentences on what a line without a change has in less than `false_alarm` of cases.
+    false_alarm : chance, for each parameter, that a line without a change has a drift or a change point named.
+    warnings : sentences.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> sizes = 0.01 * 1.1 ** np.arange(8)
+    >>> records = [jaxcal.noise.Noise(N=n).simulate(2000, rate=100.0, seed=i) for i, n in enumerate(sizes)]
+    >>> found = jaxcal.batch.population([jaxcal.noise.fit(y, 100.0) for y in records], terms=("N",))
+    >>> jaxcal.batch.line(found, range(8)).findings[0][:8]
+    'N drifts'
+    """
+
+    terms: tuple[str, ...] = eqx.field(static=True)
+    order: AnyArray
+    score: AnyArray
+    slope: AnyArray
+    slope_error: AnyArray
+    chance: AnyArray
+    drift_chance: AnyArray
+    change: AnyArray
+    change_size: AnyArray
+    change_chance: AnyArray
+    findings: tuple[str, ...] = eqx.field(static=True)
+    false_alarm: float = eqx.field(static=True)
+    warnings: tuple[str, ...] = eqx.field(static=True, default=())
+
+    @property
+    def verdict(self) -> str:
+        """The word "changed" where there are findings, otherwise "steady"."""
+        return "changed" if self.findings else "steady"
+
+    @property
+    def reason(self) -> str:
+        """The findings."""
+        return "; ".join(self.findings) or "no drift and no change point"
+
+    def _rows(self) -> list[Row]:
+        half = 1.96 * np.asarray(self.slope_error)
+        return [
+            Row(f"drift of {term}", self.slope[i], self.slope[i] - half[i], self.slope[i] + half[i], "", "over the line")
+            for i, term in enumerate(self.terms)
+        ]
+
+
+@host_float64
+def line(found: Population, when: Sequence[Any], *, false_alarm: float = 0.05) -> Line:
+    r"""Drift and change points of a test line.
+
+    Each recording is compared with the middle of the population, in standard deviations of the population together with its own error.
+    The weighted slope over time, and the largest weighted difference of means before and after any recording, are held against those of
+    2,000 random orders of the same recordings, and so is the rarer of the two. The limits hold whatever the law of the devices is.
+
+    Parameters
+    ----------
+    found : the population. Its covariates explain what they can; what is left is looked at.
+    when : time of each recording, numbers or dates of one kind.
+    false_alarm : chance of a finding in a parameter of a line without a change.
+
+    Returns
+    -------
+    Line
+
+    Raises
+    ------
+    DataError
+        If there are fewer than eight recordings, several of one device, or the times differ in number or are all the same.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import jaxcal
+    >>> sizes = 0.01 * 1.1 ** np.arange(8)
+    >>> records = [jaxcal.noise.Noise(N=n).simulate(2000, rate=100.0, seed=i) for i, n in enumerate(sizes)]
+    >>> found = jaxcal.batch.population([jaxcal.noise.fit(y, 100.0) for y in records], terms=("N",))
+    >>> jaxcal.batch.line(found, range(8)).verdict
+    'changed'
+
+    References
+    ----------
+    E. S. Page, Biometrika 41, 1954; permutation limits: J. Antoch and M. Huskova, Stat. Probab. Lett. 53, 2001.
+    """
+    when = list(when)
+    n = len(found.recordings)
+    if len(when) != n:
+        raise DataError(f"{n} recordings and {len(when)} times; give the time of each recording")
+    if n < _FEWEST or len(found.devices) < n:
+        raise DataError(
+            f"{n} recordings of {len(found.devices)} devices: a line needs {_FEWEST} recordings at least, each of another device, for "
+            "recordings of one device move together"
+        )
+    if not 0.0 < false_alarm < 1.0:
+        raise DataError(f"false_alarm must lie between 0 and 1; got {false_alarm!r}")
+    order = np.array(sorted(range(n), key=lambda i: when[i]))
+    at = np.arange(n) if not np.issubdtype(np.asarray(when).dtype, np.number) else np.asarray(when, dtype=float)[order]
+    if not np.ptp(at.astype(float)) > 0.0 or len(set(when)) < 2:
+        raise DataError("all times are the same: there is no order; give the time of each recording")
+    at = (at - at[0]) / (at[-1] - at[0])
+    away = found.away[order]
+    variance = found.spread**2 + found.seen_error[order] ** 2
+    rng = np.random.default_rng(_SEED)
+    orders = np.concatenate([np.arange(n)[None], rng.permuted(np.tile(np.arange(n), (_ORDERS, 1)), axis=1)])
+    columns: dict[str, list[Any]] = {name: [] for name in ("slope", "error", "drift", "change", "size", "changed", "chance")}
+    for x, weight in zip(away.T, 1.0 / variance.T, strict=True):
+        y, w = x[orders], weight[orders]
+        middle = np.sum(w * at, axis=1, keepdims=True) / np.sum(w, axis=1, keepdims=True)
+        about = at - middle
+        precision = np.sum(w * about**2, axis=1)
+        slopes = np.sum(w * about * y, axis=1) / precision
+        steep = np.abs(slopes) * np.sqrt(precision)
+        before, sums = np.cumsum(w, axis=1)[:, :-1], np.cumsum(w * y, axis=1)
+        after = np.sum(w, axis=1, keepdims=True) - before
+        steps = (sums[:, -1:] - sums[:, :-1]) / after - sums[:, :-1] / before
+        clear = np.abs(steps) / np.sqrt(1.0 / before + 1.0 / after)
+        best = int(np.argmax(clear[0]))
+        drifts, changes = _rarity(steep), _rarity(clear.max(axis=1))
+        either = np.minimum(drifts, changes)
+        values = (slopes[0], precision[0] ** -0.5, drifts[0], best + 1, steps[0, best], changes[0], np.mean(either <= either[0]))
+        for column, value in zip(columns.values(), values, strict=True):
+            column.append(value)
+    slope, error, drift, change, size, changed, chance = (np.array(column) for column in columns.values())
+    said = []
+    percent = 100.0 if found.logarithm else 1.0
+    unit = " %" if found.logarithm else ""
+    for i, term in enumerate(found.terms):
+        if chance[i] < false_alarm:
+            if changed[i] < drift[i]:
+                first = found.recordings[order[change[i]]]
+                said.append(f"{term} changes by {percent * size[i]:+.3g}{unit} from {first} on (chance {chance[i]:.1g})")
+            else:
+                said.append(f"{term} drifts by {percent * slope[i]:+.3g}{unit} over the line (chance {drift[i]:.1g})")
+    return Line(
+        terms=found.terms, order=order, score=away / np.sqrt(variance), slope=slope, slope_error=error, drift_chance=drift, change=change,
+        change_size=size, change_chance=changed, chance=chance, findings=tuple(said), false_alarm=false_alarm,
+    )  # fmt: skip
+
+
+def _rarity(values: np.ndarray) -> np.ndarray:
+    """Share of all values that are as large as each, or larger."""
+    return 1.0 - np.searchsorted(np.sort(values), values, side="left") / len(values)

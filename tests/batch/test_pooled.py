@@ -1,0 +1,76 @@
+"""Populations of the logs of a run, by name patterns and tables."""
+
+import json
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+import jaxcal
+from jaxcal import DataError
+from jaxcal.batch import Coefficient, Entry, Fleet, pool, run
+
+SIZES = 1e-3 * np.exp(0.2 * np.random.default_rng(0).standard_normal(6))
+
+
+@pytest.fixture(scope="module")
+def fleet(tmp_path_factory):
+    """Six units at three temperatures, one channel of 1000 samples each."""
+    folder = tmp_path_factory.mktemp("fleet")
+    for i, size in enumerate(SIZES):
+        y = 10.0 * size * np.random.default_rng(i).standard_normal(1000)
+        np.savez(folder / f"unit{i}_{20 + i % 3}C.npz", gyro=y[:, None], rate=100.0)
+    with ThreadPoolExecutor(1) as executor:
+        return run(folder, executor=executor, out=folder / "out", options={"terms": ("N",)})
+
+
+def test_a_run_is_pooled_from_its_results(fleet):
+    found = pool(fleet, names="unit{device}_{temperature}C")
+    one = found["gyro_x"]
+    assert one.devices == tuple("012345")
+    assert one.covariates == ("temperature",)
+    np.testing.assert_allclose(one.pooled[:, 0], SIZES, rtol=0.1)
+    # the likelihoods in the results are those of the fits
+    y = np.load(fleet.done[0].path)["gyro"][:, 0]
+    fit = jaxcal.noise.fit(y, 100.0, terms=("N",))
+    assert one.seen[0, 0] == pytest.approx(np.log(float(fit.noise.N)), abs=1e-3)
+    page, kept = (fleet.out / "overview.html").read_text(), json.loads((fleet.out / "population.json").read_text())
+    assert kept["gyro_x"]["pooled"][0] == pytest.approx([float(one.pooled[0, 0])])
+    for words in ("Population", "Raw and pooled values", "Odd units", "between, level device", "effect of temperature"):
+        assert words in page
+
+
+def test_estimates_of_other_tasks_are_pooled(tmp_path):
+    rng = np.random.default_rng(0)
+    bias = 1e-5 + 2e-6 * rng.standard_normal(10)
+    entries = []
+    for i, value in enumerate(bias):
+        known = {"hard_iron_x": Coefficient(value, value - 2e-7, value + 2e-7, "T"), "noise": Coefficient(1e-7)}
+        entries.append(Entry(tmp_path / f"unit{i}.csv", "done", None, False, known, (), "0", None, 1.0, None, _text='{"result": {}}'))
+    table = {"log": [f"unit{i}" for i in range(10)], "batch": list("ab" * 5), "place": ["hall"] * 10}
+    found = pool(Fleet(tuple(entries)), table=table)["all"]
+    assert (found.terms, found.covariates) == (("hard_iron_x",), ("batch b",))
+    assert not found.logarithm
+    assert found.spread_interval[0, 0] < 2e-6 < found.spread_interval[0, 1]
+    np.testing.assert_allclose(found.pooled[:, 0], bias, atol=1e-7)
+    assert found.warnings == ("place is the same in all logs: it tells nothing",)
+
+
+def test_messages(fleet, tmp_path):
+    with pytest.raises(DataError, match=r"unit0_20C.npz does not fit the pattern 'box\{device\}'"):
+        pool(fleet, names="box{device}")
+    with pytest.raises(DataError, match="expected fields that differ in braces"):
+        pool(fleet, names="unit")
+    with pytest.raises(DataError, match="the table has no column 'log'"):
+        pool(fleet, table={"name": [1]})
+    with pytest.raises(DataError, match="is not in the table; its column 'log' has a"):
+        pool(fleet, table={"log": ["a"]})
+    (tmp_path / "short.csv").write_text("log,device\nunit0\n")
+    with pytest.raises(DataError, match="lines of as many fields"):
+        pool(fleet, table=tmp_path / "short.csv")
+    with pytest.raises(DataError, match="cannot be read"):
+        pool(fleet, table=tmp_path / "none.csv")
+    with pytest.raises(DataError, match="there is nothing to pool"):
+        pool(Fleet(()))
+    with pytest.raises(DataError, match="no coefficient has an interval in all logs"):
+        pool(Fleet((Entry(tmp_path / "a", "done", None, False, {}, (), "0", None, 1.0, None, _text='{"result": {}}'),)))
