@@ -84,7 +84,7 @@ class Components(Result):
 
 @host_float64
 def components(
-    values: Any, levels: Mapping[str, Sequence[Hashable]], *, crossed: Sequence[str] = (), confidence: float = 0.95
+    values: Any, levels: Mapping[str, Sequence[Hashable] | AnyArray], *, crossed: Sequence[str] = (), confidence: float = 0.95
 ) -> Components:
     r"""Variance components of measurements by an analysis of variance.
 
@@ -134,7 +134,7 @@ def components(
 
 @host_float64
 def gauge(
-    values: Any, parts: Sequence[Hashable], operators: Sequence[Hashable], *, pool: float = _POOL, tolerance: float | None = None,
+    values: Any, parts: Sequence[Hashable] | AnyArray, operators: Sequence[Hashable] | AnyArray, *, pool: float = _POOL, tolerance: float | None = None,
     confidence: float = 0.95,
 ) -> Components:  # fmt: skip
     r"""A gauge study: what of the scatter is the parts', the operators' and the gauge's own (gauge R&R).

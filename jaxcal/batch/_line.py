@@ -78,7 +78,7 @@ class Line(Result):
 
 
 @host_float64
-def line(found: Population, when: Sequence[Any], *, false_alarm: float = 0.05) -> Line:
+def line(found: Population, when: Sequence[Any] | AnyArray, *, false_alarm: float = 0.05) -> Line:
     r"""Drift and change points of a test line.
 
     Each recording is compared with the middle of the population, in standard deviations of the population together with its own error.

@@ -133,7 +133,7 @@ class Population(Result):
 
 @host_float64
 def population(
-    fits: Sequence[Any], *, devices: Sequence[Hashable] | None = None, levels: Mapping[str, Sequence[Hashable]] | None = None,
+    fits: Sequence[Any], *, devices: Sequence[Hashable] | AnyArray | None = None, levels: Mapping[str, Sequence[Hashable] | AnyArray] | None = None,
     covariates: Mapping[str, Any] | None = None, terms: Sequence[str] | None = None, confidence: float = 0.95,
     false_alarm: float = 0.05, seed: int = 0,
 ) -> Population:  # fmt: skip
@@ -253,7 +253,7 @@ def _leaves(fits: list[Any], terms: Sequence[str] | None, confidence: float) -> 
     return of_noise([fit if isinstance(fit, Recording) else Recording.of(fit) for fit in fits], terms)
 
 
-def _devices(count: int, devices: Sequence[Hashable] | None) -> tuple[tuple[Any, ...], np.ndarray, tuple[Any, ...]]:
+def _devices(count: int, devices: Sequence[Hashable] | AnyArray | None) -> tuple[tuple[Any, ...], np.ndarray, tuple[Any, ...]]:
     """Device of each recording, its number, and the devices in their order."""
     names = (
         tuple(range(count)) if devices is None else tuple(one.item() if isinstance(one, np.generic | jax.Array) else one for one in devices)
@@ -268,7 +268,7 @@ def _devices(count: int, devices: Sequence[Hashable] | None) -> tuple[tuple[Any,
 
 
 def _levels(
-    levels: Mapping[str, Sequence[Hashable]] | None, member: np.ndarray, names: tuple[Any, ...]
+    levels: Mapping[str, Sequence[Hashable] | AnyArray] | None, member: np.ndarray, names: tuple[Any, ...]
 ) -> tuple[list[np.ndarray], tuple[str, ...]]:
     """Number of the group of each fit for every level, and the names of all levels."""
     found, titles = [], ["device"]

@@ -56,7 +56,7 @@ class Found:
     kind: str = dataclasses.field(metadata={"static": True})
     message: str = dataclasses.field(metadata={"static": True}, default="")
     noise2: Any = 0.0
-    penalty: float = 0.0
+    penalty: Any = 0.0
     bias: float = 0.0
     conflict: float = 0.0
 
