@@ -1,5 +1,6 @@
 """Shape and dtype aliases for annotations, checked at run time in the tests (jaxtyping, beartype)."""
 
+from collections.abc import Hashable, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,4 +16,7 @@ Series = Num[AnyArray, " n"] | Num[AnyArray, "n channels"]
 
 Scalar = Float[AnyArray, ""] | float
 
-__all__ = ["Any", "AnyArray", "Array", "ArrayLike", "Bool", "Float", "Int", "Num", "PyTree", "Scalar", "Series", "Value"]
+#: a group, which is a number or a word, for each of many
+Groups = Sequence[Hashable] | AnyArray
+
+__all__ = ["Any", "AnyArray", "Array", "ArrayLike", "Bool", "Float", "Groups", "Int", "Num", "PyTree", "Scalar", "Series", "Value"]

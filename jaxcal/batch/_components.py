@@ -1,7 +1,7 @@
 """`components`: variance components of measurements, with intervals; and `gauge`, the study of a gauge."""
 
 import itertools
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -12,7 +12,7 @@ from .._errors import DataError
 from .._precision import host_float64
 from .._quality import checked_confidence
 from .._results import Result, Row
-from .._types import AnyArray
+from .._types import AnyArray, Groups
 
 _DRAWS = 20_000  # of the generalised intervals
 _SEED = 24  # of them: the same study always gives the same numbers
@@ -83,9 +83,7 @@ class Components(Result):
 
 
 @host_float64
-def components(
-    values: Any, levels: Mapping[str, Sequence[Hashable] | AnyArray], *, crossed: Sequence[str] = (), confidence: float = 0.95
-) -> Components:
+def components(values: Any, levels: Mapping[str, Groups], *, crossed: Sequence[str] = (), confidence: float = 0.95) -> Components:
     r"""Variance components of measurements by an analysis of variance.
 
     Each level is nested in those before it: recordings in devices, axes in recordings. Levels named in `crossed` have the same groups
@@ -134,7 +132,7 @@ def components(
 
 @host_float64
 def gauge(
-    values: Any, parts: Sequence[Hashable] | AnyArray, operators: Sequence[Hashable] | AnyArray, *, pool: float = _POOL, tolerance: float | None = None,
+    values: Any, parts: Groups, operators: Groups, *, pool: float = _POOL, tolerance: float | None = None,
     confidence: float = 0.95,
 ) -> Components:  # fmt: skip
     r"""A gauge study: what of the scatter is the parts', the operators' and the gauge's own (gauge R&R).
@@ -300,7 +298,7 @@ def _chance(expected: np.ndarray, means: np.ndarray, freedom: np.ndarray, k: int
 def _reported(names: list[str], variance: np.ndarray, drawn: np.ndarray, ends: list[float], study: tuple) -> tuple:
     """Standard deviations and ratios of a gauge study, with their intervals."""
 
-    def figures(v: np.ndarray) -> dict[str, np.ndarray]:
+    def figures(v: np.ndarray) -> dict[str, Any]:
         part, repeat = v[..., names.index("part")], v[..., -1]
         again = sum((v[..., i] for i, name in enumerate(names) if name != "part"), np.zeros(v.shape[:-1]))
         tiny = np.finfo(float).tiny

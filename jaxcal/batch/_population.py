@@ -1,6 +1,6 @@
 """`population`: what many devices of one type say about the type, and the type about each of them."""
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -12,7 +12,7 @@ from .._errors import DataError
 from .._precision import host_float64
 from .._quality import checked_confidence
 from .._results import Result, Row
-from .._types import AnyArray
+from .._types import AnyArray, Groups
 from ..fitting._hierarchy import Hierarchy, sample_hierarchy
 from ..noise import NoiseFit
 from ._leaves import Leaves, Recording, of_estimates, of_noise
@@ -133,7 +133,7 @@ class Population(Result):
 
 @host_float64
 def population(
-    fits: Sequence[Any], *, devices: Sequence[Hashable] | AnyArray | None = None, levels: Mapping[str, Sequence[Hashable] | AnyArray] | None = None,
+    fits: Sequence[Any], *, devices: Groups | None = None, levels: Mapping[str, Groups] | None = None,
     covariates: Mapping[str, Any] | None = None, terms: Sequence[str] | None = None, confidence: float = 0.95,
     false_alarm: float = 0.05, seed: int = 0,
 ) -> Population:  # fmt: skip
@@ -253,7 +253,7 @@ def _leaves(fits: list[Any], terms: Sequence[str] | None, confidence: float) -> 
     return of_noise([fit if isinstance(fit, Recording) else Recording.of(fit) for fit in fits], terms)
 
 
-def _devices(count: int, devices: Sequence[Hashable] | AnyArray | None) -> tuple[tuple[Any, ...], np.ndarray, tuple[Any, ...]]:
+def _devices(count: int, devices: Groups | None) -> tuple[tuple[Any, ...], np.ndarray, tuple[Any, ...]]:
     """Device of each recording, its number, and the devices in their order."""
     names = (
         tuple(range(count)) if devices is None else tuple(one.item() if isinstance(one, np.generic | jax.Array) else one for one in devices)
@@ -267,9 +267,7 @@ def _devices(count: int, devices: Sequence[Hashable] | AnyArray | None) -> tuple
     return names, np.array([number[name] for name in names]), order
 
 
-def _levels(
-    levels: Mapping[str, Sequence[Hashable] | AnyArray] | None, member: np.ndarray, names: tuple[Any, ...]
-) -> tuple[list[np.ndarray], tuple[str, ...]]:
+def _levels(levels: Mapping[str, Groups] | None, member: np.ndarray, names: tuple[Any, ...]) -> tuple[list[np.ndarray], tuple[str, ...]]:
     """Number of the group of each fit for every level, and the names of all levels."""
     found, titles = [], ["device"]
     for name, labels in (levels or {}).items():

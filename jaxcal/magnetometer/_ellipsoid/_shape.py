@@ -57,8 +57,8 @@ class Found:
     message: str = dataclasses.field(metadata={"static": True}, default="")
     noise2: Any = 0.0
     penalty: Any = 0.0
-    bias: float = 0.0
-    conflict: float = 0.0
+    bias: Any = 0.0
+    conflict: Any = 0.0
 
 
 def padded_length(count: int) -> int:
