@@ -22,7 +22,7 @@ _CATEGORIES = 1.41  # distinct categories: 1.41 part deviations over those of th
 
 
 class Components(Result):
-    """Variance components of measurements.
+    """Variance components of measurements; variances are in the squared unit of the measurements, deviations in their unit.
 
     Attributes
     ----------
@@ -31,7 +31,7 @@ class Components(Result):
     degrees_of_freedom, mean_square, p_value : (k,) the analysis of variance; p value of no variance of this level, NaN for the last.
     pooled : names of interactions that were taken for repeatability.
     mean : of all measurements.
-    ratios, ratio_interval : (q,) and (q, 2), standard deviations and ratios in `ratio_names`; of a gauge study those that are reported.
+    ratios, ratio_interval : (q,) and (q, 2), what a gauge study reports, in the order of `ratio_names`; empty for `components`.
     ratio_names : their names.
     confidence : level of the intervals.
     warnings : sentences.
@@ -135,7 +135,7 @@ def gauge(
     values: Any, parts: Groups, operators: Groups, *, pool: float = _POOL, tolerance: float | None = None,
     confidence: float = 0.95,
 ) -> Components:  # fmt: skip
-    r"""A gauge study: what of the scatter is the parts', the operators' and the gauge's own (gauge R&R).
+    r"""Gauge R&R: the scatter of measurements, split into parts, operators and repeatability.
 
     Operators measure all parts several times. `ratios` has, as the AIAG manual reports them, standard deviations EV (repeatability), AV
     (reproducibility: operators and their interaction with parts), GRR (both), PV (parts) and TV (all), the percentages of TV, and the
@@ -146,8 +146,8 @@ def gauge(
     values : (n,) measurements.
     parts, operators : part and operator of each. A device in place of a part, and a turntable or a mounting in place of an operator, make
         the same study.
-    pool : chance of the F test from which an interaction is taken for repeatability; 1 keeps it always.
-    tolerance : width of the tolerance, for 6 GRR over it.
+    pool : an interaction whose F test has a larger p value than this is counted as repeatability; 1 keeps it always.
+    tolerance : width of the tolerance, in the unit of the values: 6 GRR over it is then among the ratios.
     confidence : level of the intervals.
 
     Returns
@@ -253,7 +253,7 @@ def _table(values: np.ndarray, columns: dict[str, np.ndarray]) -> tuple[np.ndarr
     """Sums of squares of each level after those before it and of the rest, degrees of freedom, and expectations of the mean squares."""
     n = len(values)
     if n * max(int(group.max()) + 1 for group in columns.values()) > _LARGEST:
-        raise DataError(f"{n} values are more than an analysis of variance is made for; take population, or a part of them")
+        raise DataError(f"{n} values are too many: values times groups of a level may be {_LARGEST}; use jaxcal.batch.population")
     basis = np.full((n, 1), n**-0.5)
     members = [np.eye(group.max() + 1)[group] for group in columns.values()]
     squares, freedom, expected = [], [], []
@@ -269,7 +269,7 @@ def _table(values: np.ndarray, columns: dict[str, np.ndarray]) -> tuple[np.ndarr
         basis = np.concatenate([basis, new], axis=1)
     left_over = n - basis.shape[1]
     if left_over < 1:
-        raise DataError(f"{n} values for as many groups: nothing tells the repeatability; measure each group twice")
+        raise DataError(f"{n} values for as many groups: none is left for the repeatability; measure each group twice")
     squares.append(max(float(values @ values - np.sum((basis.T @ values) ** 2)), 0.0))
     if not squares[-1] > 1e-20 * float(values @ values):
         raise DataError("repeated measurements are equal to rounding: record with a finer resolution")

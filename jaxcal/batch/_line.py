@@ -8,7 +8,7 @@ import numpy as np
 
 from .._errors import DataError
 from .._precision import host_float64
-from .._results import Result, Row
+from .._results import NORMAL95, Result, Row
 from .._types import AnyArray
 from ._population import Population
 
@@ -70,7 +70,7 @@ class Line(Result):
         return "; ".join(self.findings) or "no drift and no change point"
 
     def _rows(self) -> list[Row]:
-        half = 1.96 * np.asarray(self.slope_error)
+        half = NORMAL95 * np.asarray(self.slope_error)
         return [
             Row(f"drift of {term}", self.slope[i], self.slope[i] - half[i], self.slope[i] + half[i], "", "over the line")
             for i, term in enumerate(self.terms)

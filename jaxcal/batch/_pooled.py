@@ -13,13 +13,14 @@ import numpy as np
 
 from .._errors import DataError
 from .._files import json_text, write_atomically
+from .._results import NORMAL95
 from ..noise import LogLikelihood
 from ._fleet import Entry, Fleet
 from ._leaves import Recording, coarse
 from ._population import Population, population
 
 _DIGITS = 7  # of the numbers of a likelihood in a result
-_WIDTH = 3.92  # of an interval of 95 % in standard deviations
+_WIDTH = 2.0 * NORMAL95  # of an interval of 95 % in standard deviations
 _FIELDS = ("frequency", "density", "weight", "base")
 
 
@@ -35,7 +36,7 @@ class _Estimate:
 def pool(
     fleet: Fleet, *, table: Any = None, names: str | None = None, axes: bool = False, confidence: float = 0.95, false_alarm: float = 0.05
 ) -> dict[str, Population]:
-    """Populations of the logs of a run: what the type says about each device.
+    """Populations of the logs of a run: the middle device, the spread between devices, and a pooled value for each log.
 
     For the task "noise" there is one for each channel, from the likelihoods in the results, or with `axes` one for each sensor, with
     its axes as a level within the device. For other tasks there is one of all coefficients that have intervals. A run with a folder
@@ -96,7 +97,7 @@ def pool(
     for sensor in sorted(sensors):
         mine = {name: leaves for name, leaves in parts.items() if name.startswith(f"{sensor}_")}
         found[sensor] = _with_axes(mine, devices, covariates, asked)
-    said = [f"{name} is the same in all logs: it tells nothing" for name in same]
+    said = [f"{name} is the same in all logs, and is left out of the covariates" for name in same]
     found = {name: dataclasses.replace(one, warnings=(*one.warnings, *said)) for name, one in found.items()}
     if fleet.out is not None:
         _write(fleet, found)

@@ -53,7 +53,8 @@ class FleetRunning:
         ),
     ] = None  # fmt: skip
     pool: Annotated[
-        bool, Parameter(help="Pool the logs: what the type says of each device, with odd units; population.json, and the overview.")
+        bool,
+        Parameter(help="Fit all logs together: middle, spread, odd units and pooled values, in the overview and in population.json."),
     ] = False
     table: Annotated[
         Path | None,

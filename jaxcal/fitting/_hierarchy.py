@@ -57,7 +57,7 @@ class Hierarchy(NamedTuple):
 
 
 class _Problem(NamedTuple):
-    log_likelihood: Callable[..., Array] | None  # None: normal, by `data` (value (n, p), covariance (n, p, p))
+    log_likelihood: Callable[..., Array] | None  # None: normal, by `data` (values, roots of covariances)
     data: Any
     design: Array
     members: tuple[Array, ...]

@@ -10,8 +10,6 @@ import itertools
 import numpy as np
 import scipy  # loads its parts when they are first used
 
-from .._types import AnyArray
-
 #: parts of a log; on real logs six were honest, where ten or twenty were too narrow
 BLOCKS = 6
 _STEPS = 4  # windows that begin in each part
@@ -19,13 +17,6 @@ _LAGS, _FEWEST = 20, 24
 _FAR = 3.5  # standard deviations
 _ALIKE = 1e-12  # square of the singular value, of the largest, below which a part does not see a combination
 _CHANCE = 0.003  # of each of the two tests of whiteness
-
-
-def symmetric_inverse(matrix: AnyArray) -> np.ndarray:
-    """Pseudo-inverse of a positive matrix: `numpy.linalg.pinv(matrix, hermitian=True)` in a third of the time."""
-    values, vectors = np.linalg.eigh(matrix)
-    kept = values > 1e-15 * values[-1]
-    return (vectors[:, kept] / values[kept]) @ vectors[:, kept].T
 
 
 def span_of(jacobian: np.ndarray) -> np.ndarray:

@@ -18,8 +18,8 @@ def populations(found: dict[str, Any]) -> Markup:
     if not found:
         return Markup("")
     lead = tag(
-        "p", "What all logs together say of the type, and the type of each log. A pooled value uses both; the intervals allow for what is "
-        "not known of the type.",
+        "p", "All logs together describe the type: its middle device, and how much devices differ. A pooled value combines a log with the "
+        "type. Its interval includes the uncertainty of the type.",
     )  # fmt: skip
     return section("Population", "population", lead, *(_one(name, one) for name, one in found.items()))
 

@@ -81,7 +81,7 @@ def test_gauge_studies_find_their_components_and_intervals_hold(deviations):
 
 def test_messages():
     part, operator = np.repeat(np.arange(4), 3), np.tile(np.arange(3), 4)
-    with pytest.raises(DataError, match="nothing tells the repeatability; measure each group twice"):
+    with pytest.raises(DataError, match="none is left for the repeatability; measure each group twice"):
         components(np.random.default_rng(0).normal(size=12), {"part": np.arange(12)})
     with pytest.raises(DataError, match="level 'part': 12 values and 2 names"):
         gauge(np.zeros(12), [1, 2], operator)

@@ -53,7 +53,7 @@ def test_estimates_of_other_tasks_are_pooled(tmp_path):
     assert not found.logarithm
     assert found.spread_interval[0, 0] < 2e-6 < found.spread_interval[0, 1]
     np.testing.assert_allclose(found.pooled[:, 0], bias, atol=1e-7)
-    assert found.warnings == ("place is the same in all logs: it tells nothing",)
+    assert found.warnings == ("place is the same in all logs, and is left out of the covariates",)
 
 
 def test_messages(fleet, tmp_path):

@@ -12,7 +12,8 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from ...fitting import leave_out
-from ...fitting._serial import BLOCKS, correlation_time, look_white, span_of, symmetric_inverse, tamed
+from ...fitting._information import symmetric_inverse
+from ...fitting._serial import BLOCKS, correlation_time, look_white, span_of, tamed
 from ._kinds import COUNT, PLANAR, basis_of, slopes_of
 from ._residuals import Size
 from ._shape import Found, radius_of, root, unit

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..._errors import DataError
 from ...fitting import AbstractLoss
-from ...fitting._serial import symmetric_inverse
+from ...fitting._information import symmetric_inverse
 from .._design._coverage import bins
 from ._algebraic import NotEllipsoid, away, robust_start, start
 from ._kinds import COUNT, basis_of, shape_and_centre
