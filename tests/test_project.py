@@ -7,6 +7,7 @@ import pathlib
 import pkgutil
 import re
 import subprocess
+import sys
 import tomllib
 
 import pytest
@@ -66,7 +67,7 @@ def test_forms_ask_for_a_log_and_for_what_info_says():
 
 def pyright(*words, cwd):
     """What pyright says, as JSON."""
-    found = subprocess.run(["pyright", "--outputjson", *words], cwd=cwd, capture_output=True, text=True, check=False)
+    found = subprocess.run([sys.executable, "-m", "pyright", "--outputjson", *words], cwd=cwd, capture_output=True, text=True, check=False)
     return json.loads(found.stdout)
 
 
