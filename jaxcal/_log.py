@@ -12,10 +12,9 @@ import equinox as eqx
 import numpy as np
 
 from ._errors import DataError
-from ._quality import all_finite, checked_rate, inspect, mark_missing
+from ._quality import all_finite, checked_rate, inspect, mark_missing, shown_unit
 from ._timebase import place, span
 from ._types import AnyArray
-from ._units import si_unit
 
 #: sensor field -> channel name suffixes
 _AXES = {"gyro": ("_x", "_y", "_z"), "accel": ("_x", "_y", "_z"), "mag": ("_x", "_y", "_z"), "temperature": ("",)}
@@ -229,7 +228,7 @@ class Log(eqx.Module):
         for name, column in channels.items():
             present = column[np.isfinite(column)]
             sensor = name.split("_")[0]
-            lines.append(f"{name:<{width}}  mean {present.mean():.4g}  std {present.std():.4g}  {si_unit(sensor)}")
+            lines.append(f"{name:<{width}}  mean {present.mean():.4g}  std {present.std():.4g}  {shown_unit(sensor, present)}")
         return "\n".join(lines)
 
     def _sensors(self) -> dict[str, np.ndarray]:

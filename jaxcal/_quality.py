@@ -8,7 +8,7 @@ import numpy as np
 
 from ._errors import DataError
 from ._precision import is_traced
-from ._units import si_unit
+from ._units import STRONGEST_FIELD, si_unit
 
 #: this many equal vectors in a row are a frozen sensor
 _FROZEN = 50
@@ -96,9 +96,22 @@ def mark_missing(sensor: str, names: list[str], values: np.ndarray, warnings: li
     return values
 
 
+def shown_unit(quantity: str, values: np.ndarray) -> str:
+    """Unit to print beside readings: the SI unit, or counts where no field on Earth is so strong.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal._quality import shown_unit
+    >>> shown_unit("mag", np.array([47e-6])), shown_unit("mag", np.array([310.0]))
+    ('T', 'counts')
+    """
+    return "counts" if quantity == "mag" and np.fmax.reduce(np.abs(values), axis=None, initial=0.0) > STRONGEST_FIELD else si_unit(quantity)
+
+
 def inspect(sensor: str, names: list[str], values: np.ndarray, rate: float, notes: list[str], warnings: list[str]) -> np.ndarray:
     """Look at the values (n, channels) of one sensor on the grid, add sentences, and return them with frozen stretches as NaN."""
-    unit = si_unit(sensor)
+    unit = shown_unit(sensor, values)
     low, high = np.fmin.reduce(values, axis=0), np.fmax.reduce(values, axis=0)
     constant = [f"{name} ({value:.6g})" for name, value, top in zip(names, low, high, strict=True) if value == top]
     if constant and sensor != "temperature":
@@ -175,7 +188,7 @@ def _resolution(sensor: str, names: list[str], values: np.ndarray, notes: list[s
     if found:
         same = len({step for _, step in found}) == 1 and len(found) == len(names)
         text = found[0][1] if same else ", ".join(f"{name} {step}" for name, step in found)
-        notes.append(f"{sensor}: values come in steps of {text} {si_unit(sensor)}")
+        notes.append(f"{sensor}: values come in steps of {text} {shown_unit(sensor, values)}")
 
 
 def _transient(sensor: str, values: np.ndarray, rate: float, notes: list[str]) -> None:
@@ -198,6 +211,6 @@ def _transient(sensor: str, values: np.ndarray, rate: float, notes: list[str]) -
     if np.any((moved > 6 * scatter) & (scatter > 0)):
         shift = moved[np.argmax(moved)]
         notes.append(
-            f"{sensor}: the mean of the first {_WARM_UP:g} s is off the rest by {shift:.3g} {si_unit(sensor)} (warm-up?); "
+            f"{sensor}: the mean of the first {_WARM_UP:g} s is off the rest by {shift:.3g} {shown_unit(sensor, values)} (warm-up?); "
             f"log.select({_WARM_UP:g}, None) leaves them out"
         )

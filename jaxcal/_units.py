@@ -11,6 +11,7 @@ import re
 from ._errors import UnitError
 
 STANDARD_GRAVITY = 9.80665
+STRONGEST_FIELD = 1e-3  # T: readings of a stronger one are counts, or in another unit
 _DEG = math.pi / 180.0
 
 #: quantity -> (SI unit, {unit: factor to SI})

@@ -12,6 +12,7 @@ from cyclopts import Parameter
 
 import jaxcal
 
+from .._units import STRONGEST_FIELD
 from ._apply import save_sensors
 from ._cache import keep_compiled
 from ._export import FILES
@@ -23,7 +24,6 @@ from ._work import carry_out
 
 _MICRO = 1e-6
 _NO_MAG = "the log has no magnetometer of three axes; name its columns with --columns mag=mx,my,mz"
-_STRONGEST = 1e-3  # T: a larger field is one in counts
 #: format of --export -> name of the file where none is given
 _EXPORTS = {name: FILES[name] for name in ("motioncal", "c", "csv")}
 #: formats that --against reads
@@ -287,7 +287,7 @@ def _show(screen: Screen, found: Any) -> None:
     screen.line(f"{found.verdict}: {found.reason}")
     if found.model is None:
         return
-    size, unit = (_MICRO, "uT") if found.field < _STRONGEST else (1.0, "counts")
+    size, unit = (_MICRO, "uT") if found.field < STRONGEST_FIELD else (1.0, "counts")
     hard, spread = np.asarray(found.model.hard_iron) / size, found.hard_iron_error / size
     rows = [
         [f"hard iron ({unit})", *(f"{b:.4f} +- {s:.2g}" if np.isfinite(s) else f"{b:.4f} open" for b, s in zip(hard, spread, strict=True))],

@@ -9,7 +9,7 @@ from ._readings import column_of
 
 _PEEK, _SMALL = 20_000, 5_000_000  # bytes
 _NO_TIMES = "there are no times, and a fit of norms needs none: the rows stand 1 s apart; give them with --rate"
-_COUNTS = "whole numbers without a unit are counts, and so are all results (T stands for a count); give it with --units mag=uT"
+_COUNTS = "whole numbers without a unit are counts, and so are all results; give it with --units mag=uT"
 
 
 class Shots(NamedTuple):
@@ -56,7 +56,8 @@ def ready(path: Path, reading: Reading, needs_time: bool) -> tuple[Reading, list
     if not needs_time and not reading.columns and reading.format in (None, "csv", "json"):
         reading, said = _by_position(path, reading)
     timeless = [] if needs_time or reading.rate is not None else [({"rate": 1.0}, [_NO_TIMES])]
-    counted = [] if reading.units else [({"units": ("mag=1 T",)}, [_COUNTS])]
+    named = any("mag" in unit for unit in reading.units or ())
+    counted = [] if named else [({"units": (*(reading.units or ()), "mag=1 T")}, [_COUNTS])]
     both = [({**one, **other}, [*word, *more]) for one, word in counted for other, more in timeless]
     for options, words in [({}, []), *timeless, *counted, *both]:
         tried = dataclasses.replace(reading, **options)

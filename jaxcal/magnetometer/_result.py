@@ -9,6 +9,7 @@ import scipy  # loads its parts when they are first used
 
 from .._results import Result, Row
 from .._types import AnyArray
+from .._units import STRONGEST_FIELD
 from ..fitting._serial import BLOCKS, doubt
 from ._design._heading_error import Information, heading_error
 from ._ellipsoid._algebraic import NotEllipsoid, ellipsoid_of, extents, nearest_quadric, sampson
@@ -25,7 +26,6 @@ NEAR_PLANAR_SENTENCE = (
     "The readings are near-planar: they leave the field across their plane open. Turn about a second axis, or use model='planar'."
 )
 _OUTLIER = 4.0
-_STRONGEST = 1e-3  # T: readings of a larger field are in another unit, or counts
 _ONE = 1e-9
 #: change of a symmetric matrix with each of its entries xx, xy, xz, yy, yz, zz
 _UPPER = np.zeros((6, 3, 3))
@@ -158,7 +158,7 @@ class MagFit(Result):
         if self.model is None:
             return []
         hard, half = np.asarray(self.model.hard_iron), self._quantile * self.hard_iron_error
-        unit = "T" if self.field < _STRONGEST else "unit of the readings"
+        unit = "T" if self.field < STRONGEST_FIELD else "unit of the readings"
         rows = [Row(f"hard iron {axis}", b, b - h, b + h, unit) for axis, b, h in zip("xyz", hard, half, strict=True)]
         soft = np.asarray(self.model.soft_iron)
         spread = self._quantile * self.soft_iron_error

@@ -1,6 +1,7 @@
 """`jaxcal mag` and `jaxcal simulate mag`."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -149,6 +150,16 @@ def test_counts_need_neither_times_nor_a_unit(call, folder):
     document = json.loads((folder / "counts.json").read_text())
     assert np.abs(np.array(document["hard_iron"]) - [50, -20, 10]).max() < 2
     assert document["field"] == pytest.approx(400, rel=0.01)
+    assert re.search("mag_x .* counts", found.out)
+
+
+def test_counts_need_no_unit_beside_rates(call, folder, reference):
+    """A flight controller's log (pichim): columns without names, of which three are counts and three rates."""
+    log = next((reference / "data" / "magnetometer" / "pichim").glob("*.txt"))
+    found = call("mag", log, "--columns", "mag=0:2,gyro=3:5", "--units", "gyro=rad/s", "--rate", "200", "--align", "gyro", "--out", "pichim")
+    assert (found.status, found.err) == (0, "")
+    assert "hard iron (counts)" in found.out
+    assert json.loads((folder / "pichim" / "mag.json").read_text())["alignment"]["source"] == "gyro"
 
 
 def test_the_next_attitude_and_when_to_stop(simulated, folder):
