@@ -9,6 +9,7 @@ import math
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.linalg import cho_factor, cho_solve
+from scipy.optimize import minimize
 from scipy.signal import lfilter
 from scipy.special import erf
 
@@ -66,17 +67,17 @@ def steps(t, jumps):
 
 
 def counted(case, run, *, thermometer=0.01, random=True):
-    """Jumps found less jumps there, and whether the height of each true one is in its interval of 95 %."""
+    """Jumps found less jumps there, and the errors of the heights of the true ones over their standard errors."""
     rng = np.random.default_rng([21, run])
     curve, true = smooth(rng if random else None), temperature(PERIOD)
     bias = curve(true) + steps(true, JUMPS[case]) + noise(PERIOD, QUIET, rng)
     found = fit(true + thermometer * rng.standard_normal(PERIOD), bias, time=np.arange(PERIOD))
-    inside = []
+    errors = []
     for height, centre, _ in JUMPS[case]:
         near = [step for step in found.steps if abs(step.centre - centre) < 0.5]
         if len(near) == 1:
-            inside.append(abs(near[0].height - height) < 1.96 * near[0].height_error)
-    return len(found.steps) - len(JUMPS[case]), inside
+            errors.append((near[0].height - height) / near[0].height_error)
+    return len(found.steps) - len(JUMPS[case]), errors
 
 
 def rate(run, thermometer=0.02):
@@ -104,15 +105,7 @@ def compared(run, random, level=LOUD, block=5):
     values = {"auto": found.model.curve.value(np.clip(test, found.model.low, found.model.high))}
     for name, degree in (("polynomial 3", 3), ("polynomial 5", 5), ("table", None)):
         values[name] = fit(t, b, time=time[:PERIOD], model=name.split()[0], degree=degree).model.curve.value(test)
-    # the Gaussian process that knows the kernels of the curve and of the noise
-    size = PERIOD // block
-    middle = (np.arange(size) + 0.5) * block
-    covariance = np.eye(size) * level[0] ** 2 / block + level[2] ** 2 * np.minimum(middle[:, None], middle) + 1e4
-    for tau in TAUS if level[1] else ():
-        each = np.exp(-np.abs(middle[:, None] - middle) / tau) if tau > 1 else np.eye(size) * 2 * tau / block
-        covariance += flicker_variance(level[1]) * each
-    means_t, means_b = (x.reshape(size, block).mean(axis=1) for x in (t, b))
-    values["true kernel"] = kernel(test, means_t) @ cho_solve(cho_factor(covariance + kernel(means_t, means_t)), means_b)
+    values.update(processes(t, b, test, level, block))
     errors = {name: float(np.std(value - curve(test))) for name, value in values.items()}
     grid = np.linspace(LOW + 0.2, HIGH - 0.2, 99)
     low, high = found.interval_at(grid)
@@ -121,6 +114,28 @@ def compared(run, random, level=LOUD, block=5):
     readings = np.bincount(place, bias[PERIOD:]) / np.bincount(place)
     bottom, top = found.prediction_at(np.bincount(place, true[PERIOD:]) / np.bincount(place))
     return errors, float(np.mean((low <= truth) & (truth <= high))), float(np.mean((bottom <= readings) & (readings <= top)))
+
+
+def processes(t, b, test, level, block):
+    """The Gaussian process that knows the kernel of the curve, with N, B and K by maximum likelihood, and with those of the truth."""
+    size = len(t) // block
+    middle = (np.arange(size) + 0.5) * block
+    t, b = (x.reshape(size, block).mean(axis=1) for x in (t, b))
+    walk, flicker, curve = np.minimum(middle[:, None], middle), np.zeros((size, size)), kernel(t, t)
+    for tau in TAUS:
+        each = np.exp(-np.abs(middle[:, None] - middle) / tau) if tau > 1 else np.eye(size) * 2 * tau / block
+        flicker += flicker_variance(1.0) * each
+
+    def factor(n, b, k):
+        return cho_factor(np.eye(size) * n**2 / block + b**2 * flicker + k**2 * walk + 1e4 + curve)
+
+    def cost(logarithms):
+        root = factor(*np.exp(logarithms))
+        return 0.5 * b @ cho_solve(root, b) + np.sum(np.log(np.diag(root[0])))
+
+    best = minimize(cost, np.log(np.maximum(level, 1e-9)), method="Nelder-Mead", options={"xatol": 0.02, "fatol": 0.02, "maxiter": 150})
+    known = {"true kernel": np.exp(best.x), "true kernel and noise": level}
+    return {name: kernel(test, t) @ cho_solve(factor(*noises), b) for name, noises in known.items()}
 
 
 def lagging(run, thermometer=0.02, tau=60.0):

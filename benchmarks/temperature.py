@@ -34,9 +34,14 @@ def errors(value, low, high, test, jump):
 def phantoms(runs):
     print(f"\n{runs} records each: jumps found beyond those there, missed, and heights inside their intervals of 95 %\n")
     for case in _thermal.JUMPS:
-        excess, inside = zip(*(_thermal.counted(case, run) for run in range(runs)), strict=True)
-        held = [one for run in inside for one in run]
-        share = f", heights inside {100 * np.mean(held):.1f} % of {len(held)}" if held else ""
+        excess, errors = zip(*(_thermal.counted(case, run) for run in range(runs)), strict=True)
+        z = np.concatenate(errors)
+        held = (
+            f"{100 * np.mean(np.abs(z) < 1.96):.1f} % of {len(z)}, rms of error over standard error {np.sqrt(np.mean(z**2)):.2f}"
+            if len(z)
+            else ""
+        )
+        share = f", heights inside {held}" if held else ""
         print(f"{case}: phantoms in {np.mean(np.array(excess) > 0):.1%}, missed in {np.mean(np.array(excess) < 0):.1%}{share}", flush=True)
 
 

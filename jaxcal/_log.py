@@ -260,17 +260,22 @@ def as_log(source: Any, rate: float | int | None = None) -> Log:
     return importlib.import_module(f"{__package__}.io").read(source, rate=rate, quiet=True)
 
 
-def field_readings(source: Any) -> Any:
-    """(n, 3) readings of the magnetometer of a log, of anything else that `jaxcal.read` takes by name, or an array as it is."""
+def field_readings(source: Any) -> tuple[Any, Any]:
+    """(n, 3) readings of the magnetometer of a log, of anything else that `jaxcal.read` takes by name, or an array as it is.
+
+    And the specific force at the same instants, if the log has it.
+    """
     named = (
         isinstance(source, Log | str | os.PathLike | dict) or hasattr(source, "data_vars") or np.ndim(getattr(source, "columns", 0)) == 1
     )
     if not named or len(getattr(source, "columns", ())) == _THREE:
-        return source
+        return source, None
     log = as_log(source)
     if log.mag is None or log.mag.shape[1] != _THREE:
         raise DataError("the log has no magnetometer of three axes; name its columns with jaxcal.read(..., columns={'mag': [...]})")
-    return log.mag[np.isfinite(log.mag).all(axis=1)]
+    there = np.isfinite(log.mag).all(axis=1)
+    force = log.accel if log.accel is not None and log.accel.shape[1] == _THREE else None
+    return log.mag[there], None if force is None else force[there]
 
 
 def _fields(sensors: dict[str, np.ndarray]) -> dict[str, np.ndarray | None]:

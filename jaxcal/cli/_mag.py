@@ -70,7 +70,8 @@ def mag(
     ] = "auto",
     field: Annotated[Norm | None, Parameter(help="Norm of Earth's field there, in uT; by default the size of the readings stays.")] = None,
     inclination: Annotated[
-        Dip | None, Parameter(help="Dip of the field in degrees, for the heading error; else that of --place or --align accel.")
+        Dip | None,
+        Parameter(help="Dip of the field in degrees, for the heading error; else that of --place, or what the accelerometer shows."),
     ] = None,
     field_error: Annotated[
         float | None, Parameter(help="Relative standard deviation of that norm in the log's unit, such as 0.02: the fit then uses it.")
@@ -90,7 +91,7 @@ def mag(
         Parameter(help="Column of known magnetic headings, or heading,roll,pitch, in degrees: they give the rotation, and are a check."),
     ] = None,
     currents: Annotated[
-        str | None, Parameter(help="Columns of motor currents or throttles, such as I1,I2: fits the field of each.")
+        str | None, Parameter(help="Columns of motor currents or throttles, such as I1,I2; or time or temperature: fits the field of each.")
     ] = None,
     check: Annotated[
         int | None,
@@ -246,7 +247,9 @@ def _fit(log: Any, align: str, joint: bool, options: dict[str, Any], given: Shot
     up = log.accel if given.up is None else given.up
     there = np.isfinite(log.mag).all(axis=1)
     kept, held = there & ~given.held, there & given.held
-    aid = Accelerometer(up[kept]) if align == "accel" else None
+    # without --align the accelerometer shows the dip, and turns nothing
+    three = log.accel is not None and log.accel.shape[1] == 3
+    aid = Accelerometer(log.accel[kept], turns=align == "accel") if align != "gyro" and three else None
     if given.headings is not None:
         aid = Headings(given.headings[kept], None if up is None else up[kept])
     if given.currents:
@@ -260,7 +263,10 @@ def _fit(log: Any, align: str, joint: bool, options: dict[str, Any], given: Shot
         mag = np.asarray(powered.correct(log.mag, np.column_stack(list(given.currents.values()))))
     else:
         warmth = {} if log.temperature is None else _conditions(log.temperature[kept])
-        found, mag = jaxcal.magnetometer.fit(log.mag[kept], conditions=warmth, aid=aid, joint=joint and aid is not None, **options), log.mag
+        found, mag = (
+            jaxcal.magnetometer.fit(log.mag[kept], conditions=warmth, aid=aid, joint=joint and align == "accel", **options),
+            log.mag,
+        )
     if found.model is None:
         return found
     if align == "gyro" and not given.currents:

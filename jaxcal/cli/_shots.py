@@ -39,7 +39,8 @@ def shots(path: Path, reading: Reading, log: Any, headings: str | None, currents
             up = -9.80665 * np.asarray(body_field(np.nan_to_num(attitudes), 1.0, np.pi / 2))
             angle = np.where(np.isfinite(attitudes).all(axis=1), angle, np.nan)
     wanted = [name.strip() for name in currents.split(",")] if currents else []
-    found = {name: column_of(path, reading, name, len(log.time), None) for name in wanted}
+    own = {"time": log.time, "temperature": None if log.temperature is None else np.ravel(log.temperature)}
+    found = {name: column_of(path, reading, name, len(log.time), None) if own.get(name) is None else own[name] for name in wanted}
     held = np.zeros(len(log.time), dtype=bool)
     if check is not None:
         # readings of one pose are held back together

@@ -10,6 +10,7 @@ from ._design._heading_error import heading_error
 from ._ellipsoid._causes import ALONE, BENT, DRIFT, FAST, PLACE, SERIAL, Examined
 from ._ellipsoid._kinds import PLANAR, PLANAR_ROWS, basis_of, slopes_of
 from ._ellipsoid._shape import Found
+from ._result import between
 
 _WORTH_SAYING = 0.1  # of the limit
 _SENTENCES = {
@@ -22,7 +23,7 @@ _SENTENCES = {
     PLACE: "The norm of the field varies along the log, by {size:.2g} % rms{cost}: iron or currents are near. "
     "Record outdoors, and turn the sensor about one place.",
     ALONE: "The hard iron changes along one direction, by up to {size:.2g} % of the field{cost}: a current, or a part that moves. "
-    "Keep it constant, or record it and give it as `conditions`.",
+    "Keep it constant, or record it and fit it as a term of its own (`fit_current`, or --currents).",
     SERIAL: "The noise is correlated from reading to reading, {size:.2g} % of the field rms{cost}. "
     "The errors are those between fits without parts of the log. A longer log, or one farther from iron and currents, makes them smaller.",
 }
@@ -92,15 +93,16 @@ def costs_of(said: Examined, found: Found, whole: np.ndarray, dip: float) -> dic
     return {cause.name: cost_of(found, cause.steps, dip) if len(cause.steps) else float(whole[0]) for cause in said.causes}
 
 
-def assumptions(dip: float, no_dip: bool, no_axis: bool, span: np.ndarray) -> str:
-    """What the heading error takes for granted, and its range without that."""
+def assumptions(dip: float, no_dip: bool, no_axis: bool, span: np.ndarray, seen: bool) -> str:
+    """What the heading error takes for granted, and its range without that; `seen`: the accelerometer shows the dip."""
+    if seen:
+        told = f" The accelerometer shows a dip of {np.rad2deg(dip):.0f} degrees."
+        return told + assumptions(dip, no_dip, no_axis, span, False)
     if not (no_dip or no_axis) or not np.isfinite(span).all():
         return ""
     taken = [f"a dip of {np.rad2deg(dip):.0f} degrees"] * no_dip + ["the z axis down"] * no_axis
     others = ["dips up to 75 degrees"] * no_dip + ["other axes down"] * no_axis
-    low, high = np.rad2deg(span)
-    most = f"{low:.2g} to {high:.2g} degrees" if high < 30 else f"{low:.2g} to more than 30 degrees" if low < 30 else "more than 30 degrees"
-    return f" This assumes {' and '.join(taken)}; with {' and '.join(others)} the error at level is {most}."
+    return f" This assumes {' and '.join(taken)}; with {' and '.join(others)} the error at level is {between(span)}."
 
 
 def error_with_terms(said: Examined, found: Found, dip: float) -> float:
@@ -122,7 +124,10 @@ def sentences(said: Examined, costs: dict[str, float], limit: float, modelled: f
             cost = f", which costs {np.rad2deg(costs[name]):.2g} degrees of heading rms{of_all}" if np.isfinite(costs[name]) else ""
             text = _SENTENCES.get(name, _CONDITION).format(name=name, size=100 * size, cost=cost)
             if name not in (FAST, BENT, PLACE, ALONE, SERIAL) and modelled < 0.5 * costs[name]:
-                of = "the time" if name == DRIFT else "it"
-                text += f" `fit_current` with {of} as the current would leave an error of {np.rad2deg(modelled):.2g} degrees."
+                of = "time" if name == DRIFT else name
+                text += (
+                    f" Fitted as a term of its own ({of} as the current of `fit_current`, or --currents {of}) it would leave an error of "
+                    f"{np.rad2deg(modelled):.2g} degrees."
+                )
             texts.append(text)
     return texts

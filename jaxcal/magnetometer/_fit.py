@@ -27,7 +27,7 @@ from ._field import INCLINATION
 from ._model import MagModel
 from ._own_model import fit_model, one_by_one
 from ._result import LIMITS, NEAR_PLANAR, NEAR_PLANAR_SENTENCE, NOT_JUDGED, MagFit, judge, outliers, refusal
-from ._rotation._align import align, vertical
+from ._rotation._align import Accelerometer, align, vertical
 from ._rotation._joint import checked_joint, jointly, with_rotation
 
 _LINE = 0.01  # second singular value of the centred readings, of 0.58 for a full sphere
@@ -100,7 +100,8 @@ def fit(
     penalty : weight of the penalty that keeps "ml" fits of few readings, or of a corner of the sphere, from running off: log det M / 2,
         M being the information of the corrected directions. It is left out where it would move a fit by less than a tenth of a
         standard error. 1 is Jeffreys' prior (Firth), 0 plain maximum likelihood; 0.5 has the least errors in Monte Carlo.
-    aid : `Accelerometer`, `Gyroscope` or `Headings`, for the rotation, as for `align`.
+    aid : `Accelerometer`, `Gyroscope` or `Headings`, for the rotation, as for `align`. The accelerometer of a `Log` shows the dip where no
+        aid is given.
     joint : fit norms and the accelerometer, or the gyroscope, together, each residual over its own standard deviation: full
         soft iron, hard iron and rotation at once. Rates show the hard iron where norms leave it open, as with a vehicle that
         tilts by 20 degrees; then this is far better than one after the other. Model "auto" or "symmetric", method "ml", no loss.
@@ -139,7 +140,7 @@ def fit(
     J. F. Vasconcelos et al., IEEE Trans. Aerosp. Electron. Syst. 47 (2011) 1293 (maximum likelihood); I. Markovsky et al., Numer.
     Math. 98 (2004) 177 (consistent); the magnetometer paper's equations 6 to 16 (constrained); the thesis, chapter 6.
     """
-    m = field_readings(m)
+    m, force = field_readings(m)
     if isinstance(model, MagModel):
         if method != "ml" or loss is not None or field_error is not None or aid is not None:
             raise DataError("A model object is fitted by method='ml', without `loss`, `field_error` and `aid`.")
@@ -153,6 +154,8 @@ def fit(
         given["conditions"] = bool(conditions)
         return _traced(m, model, field, inclination, [name for name, there in given.items() if there])
     m, norm, dip = _checked(m, method, model, field, loss, inclination, choose, penalty, field_error)
+    if aid is None and force is not None:
+        aid = Accelerometer(force, turns=False)
     loss, recorded = loss_of(loss), checked_conditions(conditions or {}, len(m))
     if joint:
         checked_joint(method, model, aid, loss, field_error)
@@ -209,8 +212,8 @@ def fit(
             told["heading_error"] = np.hypot(told["heading_error"], heading_departure(found, best, dip))
         except NotEllipsoid:
             told["heading_error"] = np.full(2, np.inf)
-    turn = None if aid is None else align(whole, told["model"], aid)
-    seen, down = (None, None) if turn is None else vertical(aid, turn)
+    turn = align(whole, told["model"], aid) if getattr(aid, "turns", aid is not None) else None
+    seen, down = vertical(aid, turn, _corrected(told["model"], whole))
     shape, matrix = found.shape / frame.scale**2, told["covariance"]
     if seen is not None and plane is None and method in _EXACT:
         dip = float(seen) if assumed else dip
@@ -219,7 +222,7 @@ def fit(
     verdict, reason = judge(found, u, told["heading_error"], known, limits, loss, notes, said, cost_of(found, said.swing, dip))
     dips = None if assumed and seen is None else dip
     span = np.full(2, np.nan) if plane is not None else heading_range(shape, matrix, dips, down)
-    reason += assumptions(dip, dips is None, down is None, span)
+    reason += assumptions(dip, dips is None, down is None, span, assumed and seen is not None)
     costs, warnings = costs_of(said, found, told["heading_error"], dip), []
     if full.any():
         costs = {CLIPPED: cost_of(found, step_by(found, u, log[full], all_distances(found, log[full]))[None], dip), **costs}
@@ -248,6 +251,11 @@ def _distinct(m: np.ndarray) -> int:
     return few if few > COUNT["symmetric"] else len(np.unique(m, axis=0))
 
 
+def _corrected(model: MagModel, m: np.ndarray) -> np.ndarray:
+    """By NumPy: nothing to compile for each length of log."""
+    return (m - model.hard_iron) @ np.linalg.inv(model.soft_iron).T
+
+
 def _of_all(found: Found, frame: Frame, m: np.ndarray, told: dict[str, Any], norm: float | None, warnings: list[str]) -> dict[str, Any]:
     """What a fit, of these readings or of some of them, says of all."""
     model, plane, used = told["model"], told["plane"], len(found.distance)
@@ -264,10 +272,8 @@ def _of_all(found: Found, frame: Frame, m: np.ndarray, told: dict[str, Any], nor
         far = outliers(distance)
     if plane is None and np.isfinite(told["covariance"]).all():
         wanted = needed(found.shape / frame.scale**2, told["covariance"], sphere_grid())
-    # corrected by NumPy: nothing to compile for each length of log
-    corrected = (m - model.hard_iron) @ np.linalg.inv(model.soft_iron).T
     return {
-        "residual": distance * frame.scale, "outliers": far, "coverage": covered(corrected), "needed": wanted, "used": used,
+        "residual": distance * frame.scale, "outliers": far, "coverage": covered(_corrected(model, m)), "needed": wanted, "used": used,
         "warnings": tuple(warnings),
     }  # fmt: skip
 

@@ -215,7 +215,7 @@ class MagFit(Result):
     def _widened(self, by: np.ndarray, limits: tuple[float, float], what: str, more: np.ndarray | None = None) -> "MagFit":
         """The fit with a further covariance (9, 9) that `what` brings, in the heading error and in the verdict.
 
-        more : the heading error that it brings, where it turns the fit too.
+        more : the heading error that it brings, where that is not the one of `by`. The range over dips and axes grows in proportion.
         """
         assert self.model is not None
         values = list(self.parameters.values())
@@ -226,10 +226,20 @@ class MagFit(Result):
         reasons = Reasons([], [])
         reasons.heading(error, limits, f"; part of that is by {what}.")
         verdict = max(self.verdict, reasons.verdict, key=("good", "weak", "refused").index)
+        span = self.heading_range * error[0] / np.asarray(self.heading_error)[0]
         reason = self.reason.replace(expected(np.asarray(self.heading_error)), expected(error))
+        reason = reason.replace(between(self.heading_range), between(span))
         if verdict != self.verdict:
             reason = reasons.text(reason)
-        return dataclasses.replace(self, covariance=self.covariance + by, heading_error=error, verdict=verdict, reason=reason)
+        return dataclasses.replace(
+            self, covariance=self.covariance + by, heading_error=error, heading_range=span, verdict=verdict, reason=reason
+        )
+
+
+def between(span: np.ndarray) -> str:
+    """The range of a heading error in rad, as text in degrees."""
+    low, high = np.rad2deg(span)
+    return f"{low:.2g} to {high:.2g} degrees" if high < 30 else f"{low:.2g} to more than 30 degrees" if low < 30 else "more than 30 degrees"
 
 
 def refusal(method: str, dip: float, reason: str) -> MagFit:

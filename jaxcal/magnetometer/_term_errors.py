@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ._design._heading_error import angle, distance_slopes, grids, levelled
+from ._design._heading_error import angle, distance_slopes, grids, heading_error, levelled
 from ._ellipsoid._shape import Frame, ellipsoid_of_model
 from ._result import MagFit
 from ._rotation._joint import aligned
@@ -14,7 +14,21 @@ from ._rotation._joint import aligned
 _NOTHING = 1e-6
 
 
-def by_terms(found: MagFit, m: np.ndarray, columns: np.ndarray) -> np.ndarray:
+def widened_by_terms(found: MagFit, m: np.ndarray, columns: np.ndarray, covariance: np.ndarray, limits: tuple[float, float]) -> MagFit:
+    """The fit of readings (n, 3) whose currents' fields are taken off, with the errors (3 c, 3 c) of the terms.
+
+    The hard iron is that at currents of zero. The heading error is that at the nearest recorded currents: a temperature is never zero.
+    """
+    slopes = _by_terms(found, m, columns)
+    errors = None
+    if (nearest := np.clip(0.0, columns.min(axis=0), columns.max(axis=0))).any():
+        there = _by_terms(found, m, columns - nearest)
+        shape = ellipsoid_of_model(found.model, Frame(np.zeros(3), 1.0), found.field)[0]  # type: ignore[arg-type]
+        errors = heading_error(shape, there @ covariance @ there.T, found.inclination, found.down)
+    return found._widened(slopes @ covariance @ slopes.T, limits, "the terms of the currents", errors)
+
+
+def _by_terms(found: MagFit, m: np.ndarray, columns: np.ndarray) -> np.ndarray:
     """By how much shape and centre (9,) move with each term, (9, 3 currents), to first order."""
     shape, centre = ellipsoid_of_model(found.model, Frame(np.zeros(3), 1.0), found.field)  # type: ignore[arg-type]
     rows = distance_slopes(shape, m - centre)

@@ -20,7 +20,7 @@ from ._result import LIMITS, MagFit
 from ._rotation._align import spread_of
 from ._rotation._joint import aligned, checked_joint
 from ._rotation._turning import array
-from ._term_errors import by_terms, jointly_with_terms
+from ._term_errors import jointly_with_terms, widened_by_terms
 
 
 class CurrentTerms(eqx.Module):
@@ -210,7 +210,8 @@ def _fitted(u: np.ndarray, current: np.ndarray, start: dict[str, Any], free: dic
 def fit_current(m: Any, current: Any, **options: Any) -> CurrentTerms:
     """Hard iron, soft iron and the fields of currents together, from readings in all attitudes while the currents vary.
 
-    The hard iron is that without the currents. What else moves the hard iron in proportion, such as a temperature, is fitted alike.
+    The hard iron is that without the currents. What else moves the hard iron in proportion, such as a temperature, is fitted alike. The
+    heading error is that at a current of zero, or at the nearest recorded one.
 
     Parameters
     ----------
@@ -280,8 +281,7 @@ def fit_current(m: Any, current: Any, **options: Any) -> CurrentTerms:
         if joint:
             calibrated = jointly_with_terms(calibrated, rows, given, matrix, aid, limits)
         else:
-            slopes = by_terms(calibrated, m - columns @ terms.T, columns)
-            calibrated = calibrated._widened(slopes @ matrix @ slopes.T, limits, "the terms of the currents")
+            calibrated = widened_by_terms(calibrated, m - columns @ terms.T, columns, matrix, limits)
         by_name = {name: np.stack([terms[:, i], error[:, i]]) for i, name in enumerate(names)}
         lost = (
             ()

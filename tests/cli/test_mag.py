@@ -156,7 +156,9 @@ def test_counts_need_neither_times_nor_a_unit(call, folder):
 def test_counts_need_no_unit_beside_rates(call, folder, reference):
     """A flight controller's log (pichim): columns without names, of which three are counts and three rates."""
     log = next((reference / "data" / "magnetometer" / "pichim").glob("*.txt"))
-    found = call("mag", log, "--columns", "mag=0:2,gyro=3:5", "--units", "gyro=rad/s", "--rate", "200", "--align", "gyro", "--out", "pichim")
+    found = call(
+        "mag", log, "--columns", "mag=0:2,gyro=3:5", "--units", "gyro=rad/s", "--rate", "200", "--align", "gyro", "--out", "pichim"
+    )
     assert (found.status, found.err) == (0, "")
     assert "hard iron (counts)" in found.out
     assert json.loads((folder / "pichim" / "mag.json").read_text())["alignment"]["source"] == "gyro"
@@ -289,3 +291,19 @@ def test_fields_of_currents_are_taken_off_a_log(call, folder, swung):
     wrong = call("apply", "device.json", "powered.csv", "--rate", "1", "--currents", "heading", "--out", "no.csv")
     assert wrong.status == 1
     assert "no field of the current 'heading'; it has motor" in wrong.reason
+
+
+def test_a_warming_sensor_is_fitted_with_its_temperature(call, folder):
+    """The hard iron follows a temperature between 25 and 40 degC; the message says the call that fits it."""
+    rng, time = np.random.default_rng(0), np.arange(600) / 5
+    u, warmth = rng.normal(size=(600, 3)), 40 - 15 * np.exp(-time / 50)
+    m = 47 * u / np.linalg.norm(u, axis=1, keepdims=True) + np.outer(warmth, [0.2, 0.0, -0.07]) + 0.2 * rng.normal(size=u.shape)
+    save(folder / "warm.csv", np.column_stack([time, m, warmth]), "time [s],mag_x [uT],mag_y [uT],mag_z [uT],temperature [degC]")
+    first = call("mag", "warm.csv", "--out", "alone")
+    assert "--currents temperature" in " ".join(first.out.split())
+    found = call("mag", "warm.csv", "--currents", "temperature", "--json", "warm.json", "--out", "warm")
+    assert (found.status, found.err) == (0, "")
+    document = json.loads((folder / "warm.json").read_text())
+    assert np.abs(np.array(document["terms"]["temperature"][0]) * 1e6 - [0.2, 0.0, -0.07]).max() < 0.01
+    # at the temperatures of the record, not at 0 degC
+    assert np.rad2deg(document["heading_error"][0]) < 0.15

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from jaxcal import DataError
+from jaxcal import DataError, Log
 from jaxcal.magnetometer import (
     Accelerometer,
     Gyroscope,
@@ -347,3 +347,16 @@ def test_headings_of_a_sensor_with_other_axes():
     assert found.verdict == "good"
     np.testing.assert_allclose(found.model.soft_iron, sensor.soft_iron, atol=4e-3)
     assert found.angle < np.deg2rad(6)
+
+
+def test_the_accelerometer_of_a_log_shows_the_dip_and_turns_nothing():
+    """Where its axes are others than those of the magnetometer, nothing is taken from it."""
+    attitudes = scenario("all", samples=60, seed=1)
+    up = -9.81 * body_field(attitudes, 1.0, np.pi / 2)
+    m = cases.MILD.measure(body_field(attitudes, 1.0, np.deg2rad(70.0))) + 0.002 * np.random.default_rng(0).normal(size=up.shape)
+    found = fit(Log(None, mag=m, accel=up, rate=1.0))
+    assert np.rad2deg(found.inclination) == pytest.approx(70.0, abs=0.5)
+    assert found.alignment is None
+    assert "The accelerometer shows a dip of 70 degrees." in found.reason
+    other = fit(Log(None, mag=m, accel=up[:, [1, 2, 0]], rate=1.0))
+    assert "This assumes a dip of 57 degrees" in other.reason

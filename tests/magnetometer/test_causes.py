@@ -108,7 +108,7 @@ def test_halves_of_real_logs_differ_as_predicted(reference):
 def test_a_drift_says_what_a_term_would_leave():
     m, _ = faults.simulate(("drift", 0.1), 0)
     found = fit(m)
-    assert "with the time as the current would leave an error of" in found.warnings[0]
+    assert "time as the current of `fit_current`, or --currents time) it would leave an error of" in found.warnings[0]
     promised = float(found.warnings[0].split("leave an error of ")[1].split()[0])
     modelled = fit_current(m, {"time": np.arange(len(m)) / len(m)})
     # the hard iron of `fit_current` is that at the start, which is the truth here; the promise is for the middle of the range

@@ -84,6 +84,8 @@ class Accelerometer(eqx.Module):
     accel : (n, 3) specific force in m/s^2, calibrated; poses in motion (norm off by more than 3 %) are not used.
     dip : known inclination of the field in rad; without it, it is found.
     mounting : "near", the axes of both sensors differ by less than 45 degrees, or "any": the 24 ways to exchange axes are tried first.
+    turns : whether the axes of the magnetometer are turned to those of the accelerometer. If not, `fit` takes the dip alone from it, where
+        the axes agree so well that the dip of the readings at rest scatters by less than 5 degrees.
 
     Examples
     --------
@@ -97,6 +99,7 @@ class Accelerometer(eqx.Module):
     accel: Any
     dip: float | int | None = None
     mounting: str = eqx.field(static=True, default="near")
+    turns: bool = eqx.field(static=True, default=True)
 
     def __check_init__(self) -> None:
         if self.mounting not in ("near", "any"):
@@ -121,17 +124,25 @@ class Accelerometer(eqx.Module):
         )
 
 
-def vertical(aid: Any, turn: Alignment) -> tuple[float | None, np.ndarray | None]:
+def vertical(aid: Any, turn: Alignment | None, y: Any = None) -> tuple[float | None, np.ndarray | None]:
     """Dip, and the axis that points down at level, in the axes of the corrected field before the rotation; None where it is not seen.
 
-    A sensor that was tilted little has a mean vertical; one that was turned all over has none.
+    A sensor that was tilted little has a mean vertical; one that was turned all over has none. Without a rotation the corrected readings y
+    (n, 3) show the dip.
     """
-    if not isinstance(aid, Accelerometer) or turn.verdict == "refused":
+    if not isinstance(aid, Accelerometer) or (turn is not None and turn.verdict == "refused"):
         return None, None
     force = array(aid.accel, "specific force")
-    mean = unit(force[still(force)]).mean(axis=0)
+    kept = still(force)
+    up = unit(force[kept])
+    mean = up.mean(axis=0) if len(up) else np.zeros(3)
     size = float(np.linalg.norm(mean))
-    return turn.dip, -turn.rotation @ mean / size if size > _LEVEL else None
+    if turn is not None:
+        return turn.dip, -turn.rotation @ mean / size if size > _LEVEL else None
+    dips = -np.arcsin(np.clip(np.sum(unit(y[kept]) * up, axis=1), -1, 1))
+    if len(dips) < _FEWEST or np.std(dips) > LIMITS[1]:
+        return None, None
+    return float(np.mean(dips)), -mean / size if size > _LEVEL else None
 
 
 class Gyroscope(eqx.Module):

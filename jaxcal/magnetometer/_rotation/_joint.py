@@ -38,7 +38,7 @@ _DIPS = np.deg2rad(5.0)
 
 def checked_joint(method: str, model: str, aid: Any, loss: Any, field_error: Any) -> None:
     """Options that `joint` needs, and those that it has no part in."""
-    if not isinstance(aid, Accelerometer | Gyroscope):
+    if not isinstance(aid, Accelerometer | Gyroscope) or not getattr(aid, "turns", True):
         raise DataError("A joint fit needs an `aid`, Accelerometer or Gyroscope; known headings are aligned to after the fit.")
     out = {
         f"is one of maximum likelihood: leave out method={method!r}, or joint": method != "ml",
