@@ -13,7 +13,7 @@ import numpy as np
 
 from .._errors import DataError, UnitError
 from .._log import Log
-from .._results import by_channel, plain
+from .._results import NORMAL95, by_channel, plain
 from .._units import STANDARD_GRAVITY, noise_units, si_unit
 from ..io._suited import unsuited
 from ._fleet import Coefficient
@@ -56,12 +56,12 @@ def mag(log: Log, **options: Any) -> Answer:
     result = fit(log.mag[np.isfinite(log.mag).all(axis=1)], **options)
     if result.model is None or result.verdict == "refused":
         raise DataError(f"the calibration is refused. {result.reason}")
-    half = 1.96 * np.asarray(result.hard_iron_error)
+    half = NORMAL95 * np.asarray(result.hard_iron_error)
     found = {
         f"hard_iron_{axis}": _coefficient(b, b - s, b + s, "T")
         for axis, b, s in zip("xyz", np.asarray(result.model.hard_iron), half, strict=True)
     }
-    matrix, spread = np.asarray(result.model.soft_iron), 1.96 * np.asarray(result.soft_iron_error)
+    matrix, spread = np.asarray(result.model.soft_iron), NORMAL95 * np.asarray(result.soft_iron_error)
     low, high = matrix - spread, matrix + spread
     found |= {
         f"soft_iron_{a}{b}": _coefficient(matrix[i, j], low[i, j], high[i, j]) for i, a in enumerate("xyz") for j, b in enumerate("xyz")

@@ -9,6 +9,7 @@ from cyclopts import Parameter
 
 import jaxcal
 
+from .._results import NORMAL95
 from .._units import noise_factor, noise_units, number
 from ._export import FILES, ids_of
 from ._options import CallError, Files, Level, Reading, Running, stem
@@ -103,7 +104,7 @@ def _table(screen: Screen, sensor: str, name: str, axes: dict[str, Any]) -> None
         model = [fit.kind if fit.degree is None or fit.steps else f"{fit.kind} {fit.degree}"]
         for step in fit.steps:
             height = number(step.height / scale, step.height_error / scale)
-            model.append(f"jump {height} at {step.centre:.2f} +- {1.96 * step.centre_error:.2g} degC")
+            model.append(f"jump {height} at {step.centre:.2f} +- {NORMAL95 * step.centre_error:.2g} degC")
         model += [f"lag {fit.model.lag:.0f} s"] * (fit.model.lag > 0) + [f"play {fit.model.play:.2f} degC"] * (fit.model.play > 0)
         if fit.model.rate != 0:
             model.append(f"{fit.model.rate / scale / 60:.3g} {unit} per degC/min")

@@ -6,6 +6,7 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .._errors import DataError
+from .._results import NORMAL95
 from ..alignment import AlignmentFit, Positions, Readings
 from ._style import INK, MUTED, SERIES, SHADE, stacked, style_axes
 
@@ -75,7 +76,7 @@ def north(readings: Any, result: Any, ax: Any = None) -> Any:
 def _readings(ax: "Axes", readings: Readings, name: str, label: str, scale: float, curves: dict[str, Readings]) -> None:
     positions = readings.positions
     values, variance = np.asarray(getattr(readings, name)) * scale, readings.variance(name)
-    bars = None if variance is None else 1.96 * scale * np.sqrt(variance)
+    bars = None if variance is None else NORMAL95 * scale * np.sqrt(variance)
     angle = np.mod(positions.angle / _DEG, 360.0)
     words, there = np.array(positions.mounting), np.isfinite(values)
     mark = {"fmt": "o", "markersize": 5, "capsize": 3}

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._errors import DataError
+from .._results import NORMAL95
 from ..temperature import TemperatureFit
 from ._channels import Channel, draw_groups
 from ._style import INK, MUTED, SENSORS, SERIES, interval_labels, number_label, place_legend, style_axes
@@ -91,7 +92,7 @@ def _described(fit: TemperatureFit, scale: float, unit: str) -> str:
     """What the key says about a model: "smooth; 300 at 24.50 °C; lag 60 s"."""
     words = [fit.kind if fit.degree is None or fit.steps else f"{fit.kind} {fit.degree}"]
     for step in fit.steps:
-        value, half = abs(step.height) / scale, 1.96 * step.height_error / scale
+        value, half = abs(step.height) / scale, NORMAL95 * step.height_error / scale
         height = interval_labels(value, value - half, value + half)[0]
         sign = "" if step.height > 0 else "\u2212"
         words.append(f"{sign}{height} {unit} at {step.centre:.2f} °C".replace("  ", " "))

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from .._errors import DataError
+from .._results import NORMAL95
 from .._units import STANDARD_GRAVITY
 from ..alignment import UNITS, AlignmentFit, Positions, Readings, verdict_name
 from ..plot._north import student_density
@@ -82,7 +83,7 @@ def _readings(readings: Readings, result: AlignmentFit) -> list[Chart]:
             continue
         values, variance = np.asarray(getattr(readings, name)), readings.variance(name)
         angle, curves = np.mod(positions.angle / _DEG, 360.0), []
-        half = None if variance is None else 1.96 * np.sqrt(np.asarray(variance))
+        half = None if variance is None else NORMAL95 * np.sqrt(np.asarray(variance))
         for color, word in enumerate(dict.fromkeys(words)):
             here = (words == word) & np.isfinite(values)
             if here.any() and word != "fixed z":

@@ -7,6 +7,7 @@ import numpy as np
 
 from .._errors import DataError
 from .._log import Log
+from .._results import NORMAL95
 from .._units import noise_factor, noise_units, si_unit
 from ..plot._style import SENSORS, display_unit, number_label, unit_label
 from ..temperature import TemperatureFit
@@ -111,7 +112,7 @@ def _sentence(fit: TemperatureFit, scale: float, unit: str) -> str:
     words = [fit.kind if fit.degree is None or fit.steps else f"{fit.kind} of degree {fit.degree}"]
     words += [
         f"jump of {number_label(abs(s.height) / scale)} {unit} {'up' if s.height > 0 else 'down'} at {s.centre:.2f} ± "
-        f"{1.96 * s.centre_error:.2g} °C" for s in fit.steps
+        f"{NORMAL95 * s.centre_error:.2g} °C" for s in fit.steps
     ]  # fmt: skip
     if fit.model.lag > 0:
         words.append(f"lag {float(fit.model.lag):.0f} s")
