@@ -59,8 +59,7 @@ def _covariances(calibration: Calibration, options: Options, warnings: list[str]
             if held is not None:
                 warnings.append(f"{name} is not written: no N was found on some axis of {sensor}")
             continue
-        at = f" at {number(rate)} Hz" if sensor == "gyro" else ""
-        lines.append(f"{name}: {listed(np.diag((held.N * options.inflate) ** 2 * rate))}   # {unit}{at}")
+        lines.append(f"{name}: {listed(np.diag((held.N * options.inflate) ** 2 * rate))}   # {unit} at {number(rate)} Hz")
         if any(values is not None and np.any(values > 0) for values in (held.K, held.B)):
             warnings.append(f"{name}: K and B are not written; a covariance holds white noise alone")
     if options.inflate != 1 and lines:

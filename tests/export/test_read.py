@@ -275,6 +275,14 @@ def test_yaml_beyond_calibrations_is_refused(tmp_path, text, format):
         read(tmp_path / "a.yaml", format=format)
 
 
+def test_a_ros_file_with_the_noise_of_the_accelerometer_alone_has_its_rate(tmp_path):
+    noise = {"rate": 50.0, "accel": {"unit": "m/s^2", "Q": None, "N": np.full(3, 2e-3), "B": None, "K": None, "R": None}}
+    write(Calibration(noise=noise), tmp_path / "a.yaml", format="ros")
+    back = read(tmp_path / "a.yaml", format="ros").noise
+    assert back.rate == 50.0
+    np.testing.assert_allclose(back.accel.N, 2e-3)
+
+
 FILES = {
     "kalibr": "imu.yaml", "openvins": "kalibr_imu_chain.yaml", "vins": "vins.yaml", "orbslam3": "orbslam3.yaml", "px4": "px4.params",
     "ardupilot": "ardupilot.param", "ros": "ros_ros2.yaml", "imu_tk": "golden_acc.calib",
