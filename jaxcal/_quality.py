@@ -16,6 +16,9 @@ _FROZEN = 50
 _LOOK = 100_000
 _WARM_UP = 60.0
 
+#: SI, beyond the range of any sensor: larger readings are counts
+_LARGEST = {"mag": STRONGEST_FIELD, "accel": 4e3, "gyro": 1e3}
+
 
 def checked_rate(rate: Any) -> float:
     """The sampling rate as a positive number, in Hz."""
@@ -97,7 +100,7 @@ def mark_missing(sensor: str, names: list[str], values: np.ndarray, warnings: li
 
 
 def shown_unit(quantity: str, values: np.ndarray) -> str:
-    """Unit to print beside readings: the SI unit, or counts where no field on Earth is so strong.
+    """Unit to print beside readings: the SI unit, or counts where no sensor's range is so large.
 
     Examples
     --------
@@ -106,7 +109,8 @@ def shown_unit(quantity: str, values: np.ndarray) -> str:
     >>> shown_unit("mag", np.array([47e-6])), shown_unit("mag", np.array([310.0]))
     ('T', 'counts')
     """
-    return "counts" if quantity == "mag" and np.fmax.reduce(np.abs(values), axis=None, initial=0.0) > STRONGEST_FIELD else si_unit(quantity)
+    most = _LARGEST.get(quantity, np.inf)
+    return "counts" if np.fmax.reduce(np.abs(values), axis=None, initial=0.0) > most else si_unit(quantity)
 
 
 def inspect(sensor: str, names: list[str], values: np.ndarray, rate: float, notes: list[str], warnings: list[str]) -> np.ndarray:

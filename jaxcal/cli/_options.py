@@ -1,6 +1,7 @@
 """Options that the commands share."""
 
 import contextlib
+import dataclasses
 import datetime
 from collections.abc import Callable
 from dataclasses import dataclass, fields
@@ -178,6 +179,15 @@ def day(text: str) -> datetime.date:
             f"--date {text} may be {' or '.join(f'{one:%d %B %Y}' for one in days)}; write --date {' or --date '.join(map(str, days))}"
         )
     raise CallError(f"--date {text} is no day; write year, month, day: --date 2026-05-31")
+
+
+def in_counts(options: Reading, *sensors: str) -> Reading:
+    """The options with one count as the unit of these sensors, where they have no unit."""
+    from .._units import si_unit
+
+    given = options.units or ()
+    units = tuple(f"{sensor}=1 {si_unit(sensor)}" for sensor in sensors if not any(sensor in unit for unit in given))
+    return dataclasses.replace(options, units=(*given, *units) or None)
 
 
 def reading_options(options: Reading) -> dict[str, Any]:

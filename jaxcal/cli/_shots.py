@@ -4,7 +4,7 @@ import dataclasses
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ._options import CallError, Reading, read_log
+from ._options import CallError, Reading, in_counts, read_log
 from ._readings import column_of
 
 _PEEK, _SMALL = 20_000, 5_000_000  # bytes
@@ -57,8 +57,8 @@ def ready(path: Path, reading: Reading, needs_time: bool) -> tuple[Reading, list
     if not needs_time and not reading.columns and reading.format in (None, "csv", "json"):
         reading, said = _by_position(path, reading)
     timeless = [] if needs_time or reading.rate is not None else [({"rate": 1.0}, [_NO_TIMES])]
-    named = any("mag" in unit for unit in reading.units or ())
-    counted = [] if named else [({"units": (*(reading.units or ()), "mag=1 T")}, [_COUNTS])]
+    units = in_counts(reading, "mag").units
+    counted = [] if units == reading.units else [({"units": units}, [_COUNTS])]
     both = [({**one, **other}, [*word, *more]) for one, word in counted for other, more in timeless]
     for options, words in [({}, []), *timeless, *counted, *both]:
         tried = dataclasses.replace(reading, **options)

@@ -318,7 +318,7 @@ def finished(
     if result.sigma[0] > 0.02 * options.gravity:
         weak.append(f"The norms scatter by {result.sigma[0]:.2g} m/s^2: the sensor moved while it should rest, or is not linear.")
     if gyro and options.latitude is None and 0 < rms < _ROTATION:
-        notes.append("The turns agree so well that the Earth's rate matters: give latitude=.")
+        notes.append("The turns agree so well that the Earth's rate matters: give the `latitude` (--earth-rate --latitude).")
     verdict, sentences = "refused" if refused else "weak" if weak else "good", [*refused, *weak]
     if refused and (why := explain()):
         sentences.append(why)

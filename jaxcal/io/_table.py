@@ -285,7 +285,8 @@ def _check_turns(
         return
     factor, _ = scale(guesses["gyro"].unit, "gyro")
     slope = turns.slope / factor
-    if not 0.2 < abs(slope) < 5.0:
+    counted = guesses["gyro"].unit == f"1 {si_unit('gyro')}"  # counts of unknown size
+    if not counted and not 0.2 < abs(slope) < 5.0:
         what = "the clock is not in " + clock.unit if clock is not None and not clock.sure else "the unit of gyro or of time is wrong"
         sentence = (
             f"gravity or the field turns {slope:.3g} times as fast as gyro in {guesses['gyro'].unit} says "
@@ -394,5 +395,7 @@ def _label(indices: list[int], names: list[str]) -> str:
 def _note(name: str, indices: list[int], names: list[str], guess: _guess.Guess) -> str:
     why = f" ({guess.reason})" if guess.reason else ""
     where = f"column{'s' * (len(indices) > 1)} {_label(indices, names)}"
-    options = f"--columns {name}={_spelled(indices, ':', ',')} --units {name}={guess.other or guess.unit}"
+    other = guess.other or guess.unit
+    quoted = f"'{other}'" if " " in other else other
+    options = f"--columns {name}={_spelled(indices, ':', ',')} --units {name}={quoted}"
     return f"{name}: {where}, {guess.unit}{why}; override with {options}"

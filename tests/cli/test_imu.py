@@ -50,6 +50,19 @@ def test_a_simulated_log_is_calibrated(call, folder):
     assert (again.device, again.imu.verdict) == ({"name": "unit 7"}, "good")
     widths = [np.diff([one.imu.accel.interval.low[:9], one.imu.accel.interval.high[:9]], axis=0) for one in (stored, again)]
     assert np.mean(widths[1]) < np.mean(widths[0])
+    # and in counts of 16384 per g and 131 per deg/s, whose size the command is not told
+    table = np.genfromtxt(folder / "log.csv", delimiter=",", skip_header=1)
+    axes = (folder / "log.csv").read_text().partition("\n")[0].split(",")
+    size = np.array([1 / 16384 * 9.80665 if "accel" in name else np.deg2rad(1 / 131) for name in axes[1:]])
+    counts = np.column_stack([table[:, 0], np.round(table[:, 1:] / size)])
+    header = ",".join([axes[0], *(name.partition(" ")[0] for name in axes[1:])])
+    np.savetxt(folder / "counts.csv", counts, delimiter=",", header=header, comments="", fmt=["%.9f"] + ["%d"] * 6)
+    found = call("imu", "counts.csv", "--gravity", "9.80665", "--counts", "--json", "counts.json", "--out", "counts")
+    assert (found.status, found.err) == (0, "")
+    assert "gyro_x" in found.out
+    assert "counts" in found.out.split("\n")[1]
+    matrix = json.loads((folder / "counts.json").read_text())["sensors"]["accel"]["matrix"]
+    assert np.array(matrix) * 9.80665 / 16384 == pytest.approx(np.array(accel["matrix"]), abs=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -105,5 +118,5 @@ def test_a_session_with_labelled_regions(call, folder):
     document = json.loads((folder / "box.json").read_text())
     assert (document["verdict"], document["method"], document["poses"], document["turns"]) == ("good", "ferraris", 6, 3)
     assert np.diag(document["sensors"]["gyro"]["matrix"]) == pytest.approx(np.ones(3), abs=2e-3)
-    refused = call("imu", "box.csv", "--rate", "100", "--gravity", "9.81", "--regions", "regions.json", "--raw")
-    assert (refused.status, "take none of --raw" in refused.reason) == (2, True)
+    refused = call("imu", "box.csv", "--rate", "100", "--gravity", "9.81", "--regions", "regions.json", "--counts")
+    assert (refused.status, "take none of --counts" in refused.reason) == (2, True)
