@@ -72,9 +72,8 @@ def deviation(
     More than 512 cluster sizes, or all (``m="all"``), cost O(n log^2 n) in a record without gaps. FFT correlations then replace the direct
     sums, with a relative error of the variance below 1e-8; cluster sizes where rounding could exceed this are summed directly. With gaps,
     adev and hdev are as fast, but the overlapping statistics need the direct sums: n^2/4 differences for all cluster sizes of oadev, which
-    takes minutes for 10^6 samples. More than 5e11 differences are refused. The noise type is then identified at 512 cluster sizes and used
-    up
-    to the next of them, and the degrees of freedom agree with their formula to 1e-3.
+    takes minutes for 10^6 samples. More than 5e11 differences are refused. The noise type is then identified at 512 cluster sizes and kept
+    up to the next of them, and the degrees of freedom agree with their formula to 1e-3.
 
     Parameters
     ----------
@@ -83,7 +82,7 @@ def deviation(
         stretch without gaps, and a warning reports it. If only some channels contain samples, the others give NaN and a warning.
     rate : sampling rate in Hz.
     kind : "adev", "oadev" (default), "mdev", "tdev", "hdev", "ohdev", "totdev", "mtotdev", "ttotdev", "htotdev", "theo1", "theoh",
-            "mtie" or "tierms". A traced record (jit, grad, vmap) allows all except mtotdev, ttotdev, htotdev, theo1, theoh and mtie.
+        "mtie" or "tierms". A traced record (jit, grad, vmap) allows all except mtotdev, ttotdev, htotdev, theo1, theoh and mtie.
     m : cluster sizes in samples: "log" (default, about 15 per decade), "octave", "decade", "all", or integers.
     data : "rate" (default) or "phase".
     confidence : level of the intervals, 0.95 by default.
@@ -99,14 +98,14 @@ def deviation(
     Returns
     -------
     Deviation
-            tau in s, deviation and its limits in the unit of y, edf, counts and noise types. No interval is known for mtie and tierms:
-            their limits and edf are NaN.
+        tau in s, deviation and its limits in the unit of y, edf, counts and noise types. No interval is known for mtie and tierms:
+        their limits and edf are NaN.
 
     Raises
     ------
     DataError
-            If y is not a record of finite numbers (apart from NaN), y is too short for the statistic or a cluster size, an option is
-                unknown, a statistic cannot be traced, or a record with gaps would need more than 5e11 differences.
+        If y is not a record of finite numbers (apart from NaN), y is too short for the statistic or a cluster size, an option is
+        unknown, a statistic cannot be traced, or a record with gaps would need more than 5e11 differences.
 
     Examples
     --------

@@ -100,13 +100,13 @@ def dynamic(
     Returns
     -------
     DynamicDeviation
-            time and tau in s, deviation and limits in the unit of y. The intervals equal those of `deviation` in each window. With more
-            than 256 windows, noise types are identified in 256 of them, and the others use those of the nearest.
+        time and tau in s, deviation and limits in the unit of y. The intervals equal those of `deviation` in each window. With more
+        than 256 windows, noise types are identified in 256 of them, and the others use those of the nearest.
 
     Raises
     ------
     DataError
-            If y is not a record of finite numbers (apart from NaN), a window or step does not suit it, or an option is unknown.
+        If y is not a record of finite numbers (apart from NaN), a window or step does not suit it, or an option is unknown.
 
     Examples
     --------

@@ -143,8 +143,8 @@ def cluster_sizes(m: Any, kind: str | Kind, samples: int) -> Int[np.ndarray, " c
     Raises
     ------
     DataError
-            If the record is too short for the statistic, or a given size is not an integer within 1 .. the largest possible size, or
-            it is odd for a statistic with even sizes only.
+        If the record is too short for the statistic, or a given size is not an integer within 1 .. the largest possible size, or
+        it is odd for a statistic with even sizes only.
 
     Examples
     --------

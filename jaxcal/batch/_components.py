@@ -109,7 +109,7 @@ def components(values: Any, levels: Mapping[str, Groups], *, crossed: Sequence[s
     Raises
     ------
     DataError
-            If there are too few measurements, a value is not finite, or a level cannot be separated from those before it.
+        If there are too few measurements, a value is not finite, or a level cannot be separated from those before it.
 
     Examples
     --------
@@ -157,7 +157,7 @@ def gauge(
     Raises
     ------
     DataError
-            As for `components`; or if there are fewer than two parts or operators, or no repeated measurements.
+        As for `components`; or if there are fewer than two parts or operators, or no repeated measurements.
 
     Examples
     --------

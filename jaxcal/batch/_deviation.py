@@ -40,7 +40,7 @@ def deviation(
     Parameters
     ----------
     source : a path to a .npy, .npz, Parquet, HDF5 or text file, to a PX4 ULog, an ArduPilot DataFlash log or a ROS recording, an array or
-            memory map (n,) or (n, channels), or a list of these, each one a separate record.
+        memory map (n,) or (n, channels), or a list of these, each one a separate record.
     rate : sampling rate in Hz, one for all logs, or a list with one for each.
     kind : statistic, see `jaxcal.allan.deviation`.
     m : cluster sizes in samples, as in `jaxcal.allan.deviation`; not "all" for a record longer than `chunk`.
@@ -60,12 +60,12 @@ def deviation(
     Returns
     -------
     Deviation
-            tau in s, deviation and its limits in the unit of the record. For a list of logs: a list of results in the same order.
+        tau in s, deviation and its limits in the unit of the record. For a list of logs: a list of results in the same order.
 
     Raises
     ------
     DataError
-            If a record cannot be read or is not a record; for a list, the message names the log.
+        If a record cannot be read or is not a record; for a list, the message names the log.
 
     Examples
     --------
@@ -234,7 +234,7 @@ def reduce(parts: Iterable[T]) -> T:
     Raises
     ------
     DataError
-            If there are no parts, or they are not neighbours.
+        If there are no parts, or they are not neighbours.
 
     Examples
     --------

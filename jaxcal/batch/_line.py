@@ -100,7 +100,7 @@ def line(found: Population, when: Sequence[Any] | AnyArray, *, false_alarm: floa
     Raises
     ------
     DataError
-            If there are fewer than eight recordings, a device has several, or the times differ in number or are all the same.
+        If there are fewer than eight recordings, a device has several, or the times differ in number or are all the same.
 
     Examples
     --------

@@ -60,7 +60,7 @@ def pool(
     Raises
     ------
     DataError
-            If a log is not in the table or does not fit the pattern, or there is nothing to pool; see `population`.
+        If a log is not in the table or does not fit the pattern, or there is nothing to pool; see `population`.
     ExportError
         If the folder of the run cannot be written.
 

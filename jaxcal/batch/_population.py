@@ -174,8 +174,8 @@ def population(
     Raises
     ------
     DataError
-            If there are fewer than five devices, the lists differ in length, a fit has several channels or no likelihood, no term is
-            found often enough, or a level has only one group in each device.
+        If there are fewer than five devices, the lists differ in length, a fit has several channels or no likelihood, no term is
+        found often enough, or a level has only one group in each device.
 
     Examples
     --------

@@ -77,15 +77,15 @@ def run(
     Returns
     -------
     Fleet
-            Its entries hold status, reason, coefficients, warnings and the whole result of each log; `spread` compares the logs.
+        Its entries hold status, reason, coefficients, warnings and the whole result of each log; `spread` compares the logs.
 
     Raises
     ------
     DataError
-            If there are no logs, the call is wrong, another run writes to the same folder, or the executor broke. Finished results are
-            kept.
-        ExportError
-            If results cannot be written, as on a full disk. Finished results are kept.
+        If there are no logs, the call is wrong, another run writes to the same folder, or the executor broke. Finished results are
+        kept.
+    ExportError
+        If results cannot be written, as on a full disk. Finished results are kept.
 
     Examples
     --------

@@ -49,7 +49,7 @@ class Calibration(eqx.Module):
     Raises
     ------
     DataError
-            If a section lacks a key, or contains anything but numbers of the right shape; the message names the key.
+        If a section lacks a key, or contains anything but numbers of the right shape; the message names the key.
 
     Examples
     --------
@@ -103,8 +103,8 @@ class Calibration(eqx.Module):
 
         Raises
         ------
+        DataError
             If nothing in the log can be corrected, a thermal model finds no temperature in it, or a current is unknown.
-            If nothing in the log can be corrected, a thermal model finds no temperature in it, or a current is not known.
 
         Examples
         --------
@@ -138,7 +138,7 @@ class Calibration(eqx.Module):
         Raises
         ------
         DataError
-                If both have thermal models that cannot be added.
+            If both have thermal models that cannot be added.
 
         Examples
         --------
@@ -196,7 +196,7 @@ class Calibration(eqx.Module):
         Raises
         ------
         DataError
-                If the file is not such a calibration; the message names the wrong key.
+            If the file is not such a calibration; the message names the wrong key.
         """
         path = pathlib.Path(path)
         document = read_document(path)

@@ -29,7 +29,7 @@ def find(folder: str | os.PathLike[str], device: str, date: Date | None = None) 
     Raises
     ------
     DataError
-            If the folder does not exist, it has no calibration of the device, none is old enough, or two have the same date.
+        If the folder does not exist, it has no calibration of the device, none is old enough, or two have the same date.
 
     Examples
     --------

@@ -46,16 +46,16 @@ def covariance(
     Parameters
     ----------
     fit
-            A fit. A parameter at its bound counts as fixed and has zero covariance, except with "jackknife", where it may leave the bound.
+        A fit. A parameter at its bound counts as fixed and has zero covariance, except with "jackknife", where it may leave the bound.
     kind
         "model", "sandwich" or "jackknife".
     blocks
-            Blocks of residuals: a number of contiguous blocks in the order of `fit.residuals` (without padding), or (n,) labels. By
-            default six blocks for "jackknife", and one block per residual for "sandwich".
+        Blocks of residuals: a number of contiguous blocks in the order of `fit.residuals` (without padding), or (n,) labels. By
+        default six blocks for "jackknife", and one block per residual for "sandwich".
     scaled
-            For "model": multiply by the reduced chi-square. Use it if the standard deviation of the residuals is unknown.
+        For "model": multiply by the reduced chi-square. Use it if the standard deviation of the residuals is unknown.
     information
-            (p, p) information of the data instead of J'J, such as the expected information of a likelihood, in units of the parameters.
+        (p, p) information of the data instead of J'J, such as the expected information of a likelihood, in units of the parameters.
 
     Returns
     -------
@@ -64,7 +64,7 @@ def covariance(
     Raises
     ------
     FitError
-            If the labels are not one per residual, blocks are too few, `kind` takes no blocks, or a jackknife lacks the data of its fit.
+        If the labels are not one per residual, blocks are too few, `kind` takes no blocks, or a jackknife lacks the data of its fit.
 
     Examples
     --------
@@ -115,7 +115,7 @@ def intervals(
     confidence
         Probability that an interval covers its parameter.
     options
-            Further options of `covariance`.
+        Further options of `covariance`.
 
     Returns
     -------

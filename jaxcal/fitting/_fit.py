@@ -41,30 +41,30 @@ def solve(
     Parameters
     ----------
     residuals
-            Function of (model, data) that returns an array of any shape, with each entry divided by its standard deviation. Define it
-            once, at module level: each new function object is compiled again. Entries that are zero with zero derivative are padding.
+        Function of (model, data) that returns an array of any shape, with each entry divided by its standard deviation. Define it
+        once, at module level: each new function object is compiled again. Entries that are zero with zero derivative are padding.
     start
         Model to start from: an Equinox module or any other tree. Its floating-point leaves are the parameters.
     data
         Second argument of `residuals`: any tree.
     free
-            True for the parameters to fit and False for those to hold fixed: one value, or a tree like `start` (or a prefix of it)
-            whose leaves may be arrays.
+        True for the parameters to fit and False for those to hold fixed: one value, or a tree like `start` (or a prefix of it)
+        whose leaves may be arrays.
     bounds
-            (lower, upper), each a number or a tree like `start`. A parameter may start and end on its bound. If it ends there, the outcome
-            is `Outcome.at_bound`, and the parameter counts as fixed for covariance and degrees of freedom.
+        (lower, upper), each a number or a tree like `start`. A parameter may start and end on its bound. If it ends there, the outcome
+        is `Outcome.at_bound`, and the parameter counts as fixed for covariance and degrees of freedom.
     loss
         Robust loss, such as `Huber()`.
     priors
-            Prior knowledge of the parameters: one prior such as `Gaussian("bias[2]", 0.0, 0.01)`, or several.
+        Prior knowledge of the parameters: one prior such as `Gaussian("bias[2]", 0.0, 0.01)`, or several.
     solver
-            Any least-squares solver of optimistix, to replace the default one; without bounds.
+        Any least-squares solver of optimistix, to replace the default one; without bounds.
     starts
-            Tree like `start` with one more leading axis in every leaf: fit from each start and keep the lowest cost.
+        Tree like `start` with one more leading axis in every leaf: fit from each start and keep the lowest cost.
     max_steps
-            Largest number of evaluations of the residuals from one start.
+        Largest number of evaluations of the residuals from one start.
     rtol
-            Remaining step, relative to the statistical uncertainty, at which the fit has converged.
+        Remaining step, relative to the statistical uncertainty, at which the fit has converged.
 
     Returns
     -------
@@ -73,7 +73,7 @@ def solve(
     Raises
     ------
     FitError
-            Before compiling, if a start is not finite or outside the bounds, or if residuals are too few or not finite.
+        Before compiling, if a start is not finite or outside the bounds, or if residuals are too few or not finite.
 
     Examples
     --------
@@ -172,14 +172,14 @@ def solve_many(
     residuals
         As for `solve`.
     start, data
-            As for `solve`, with one more leading axis in every `batched` leaf.
+        As for `solve`, with one more leading axis in every `batched` leaf.
     batched
-            Whether leaves have that axis: True or False for all of `start`, and for all of `data` (or a tree for each).
-        batch
-            "map" solves one data set after another, each in its own number of steps; "vmap" solves all at once, in as many steps as the
-            slowest needs. The default is "map" on a CPU and "vmap" elsewhere.
-        options
-            Options of `solve`, the same for every fit.
+        Whether leaves have that axis: True or False for all of `start`, and for all of `data` (or a tree for each).
+    batch
+        "map" solves one data set after another, each in its own number of steps; "vmap" solves all at once, in as many steps as the
+        slowest needs. The default is "map" on a CPU and "vmap" elsewhere.
+    options
+        Options of `solve`, the same for every fit.
 
     Returns
     -------

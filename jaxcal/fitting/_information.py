@@ -107,12 +107,12 @@ def information(
     Parameters
     ----------
     jacobian
-            (n, p) derivative of residuals with standard deviation one. Priors may add rows like any others; entries that are not finite
-            count as zero.
+        (n, p) derivative of residuals with standard deviation one. Priors may add rows like any others; entries that are not finite
+        count as zero.
     held
         (p,) True for parameters that are fixed; by default none.
     tolerance
-            Singular values below it, with columns of unit length, count as zero; by default 10 p times the rounding error.
+        Singular values below it, with columns of unit length, count as zero; by default 10 p times the rounding error.
     names
         Names of the parameters, for `Information.sentence`.
 

@@ -155,15 +155,15 @@ class Gaussian(AbstractPrior):
     Parameters
     ----------
     where
-            Name of one parameter, such as "bias[2]", or of a whole leaf, such as "bias"; or a function of the model that returns the known
-            quantity, an array or a tree of arrays. Define the function once: each new function object is compiled again.
-        mean, sigma
-            Mean and standard deviation in the unit of the parameter: one for all values, or one for each value.
+        Name of one parameter, such as "bias[2]", or of a whole leaf, such as "bias"; or a function of the model that returns the known
+        quantity, an array or a tree of arrays. Define the function once: each new function object is compiled again.
+    mean, sigma
+        Mean and standard deviation in the unit of the parameter: one for all values, or one for each value.
 
     Raises
     ------
     FitError
-            When the prior is used, if the model has no parameter of that name.
+        When the prior is used, if the model has no parameter of that name.
 
     Examples
     --------

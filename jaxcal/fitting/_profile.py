@@ -43,13 +43,13 @@ def profile_interval(fit: Fit[Any], name: str, *, confidence: float = 0.95, scal
     Parameters
     ----------
     fit
-            A converged fit by `solve`.
+        A converged fit by `solve`.
     name
         Name of the parameter, one of `fit.names`.
     confidence
         Level of the interval.
     scaled
-            True if the standard deviation of the residuals is unknown.
+        True if the standard deviation of the residuals is unknown.
 
     Returns
     -------
@@ -58,7 +58,7 @@ def profile_interval(fit: Fit[Any], name: str, *, confidence: float = 0.95, scal
     Raises
     ------
     FitError
-            If the name is unknown, the fit did not converge, or the search finds a better fit.
+        If the name is unknown, the fit did not converge, or the search finds a better fit.
 
     Examples
     --------

@@ -181,7 +181,7 @@ def leverage(fit: Fit[Any]) -> AnyArray:
     Parameters
     ----------
     fit
-            Any fit by `solve`.
+        Any fit by `solve`.
 
     Returns
     -------

@@ -76,7 +76,7 @@ def check(found: MagFit, m: Any, *, accel: Any = None, headings: Any = None) -> 
 
     The magnitude of a corrected reading, divided by the field, has the variance
 
-    .. math:: \frac{\sigma^2}{H^2} |C^{-T} \hat y|^2 + r\,\mathrm{Cov}\,r^T,
+    .. math:: \frac{\sigma^2}{H^2} |C^{-T} \hat y|^2 + r\,\mathrm{Cov}\,r^T
 
     where r are the slopes of the magnitude with respect to shape and hard iron. The variance of a heading is the sum of the calibration's
     variance and that of the reading's own noise.
@@ -95,7 +95,7 @@ def check(found: MagFit, m: Any, *, accel: Any = None, headings: Any = None) -> 
     Raises
     ------
     DataError
-            If the fit has no model, or the shapes differ.
+        If the fit has no model, or the shapes differ.
 
     Examples
     --------

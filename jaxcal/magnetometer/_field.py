@@ -129,7 +129,7 @@ def heading(m: Any, accel: Any, *, declination: float = 0.0) -> AnyArray:
     Raises
     ------
     DataError
-            If the shapes differ or do not end in three.
+        If the shapes differ or do not end in three.
 
     Examples
     --------
@@ -191,7 +191,7 @@ def earth_field(latitude: float | int, longitude: float | int, date: Any, *, alt
     Raises
     ------
     DataError
-            If there is no such place on Earth, the model does not hold at the date, or pygeomag is not installed.
+        If there is no such place on Earth, the model does not hold at the date, or pygeomag is not installed.
 
     Examples
     --------

@@ -69,9 +69,9 @@ def fit(
 
     The default is the maximum-likelihood fit. It assumes white noise of one unknown variance in all axes, and any attitudes:
 
-    .. math:: \min_{A, b} \sum_i d_i^2,\qquad d_i = \text{distance of } m_i \text{ to } (x - b)^T A (x - b) = 1,\quad A = U^T U.
+    .. math:: \min_{A, b} \sum_i d_i^2,\qquad d_i = \text{distance of } m_i \text{ to } (x - b)^T A (x - b) = 1,\quad A = U^T U,
 
-    It starts from the consistent algebraic fit. Where the noise exceeds 2 % of the field, the fit corrects the distances for the mean
+    and starts from the consistent algebraic fit. Where the noise exceeds 2 % of the field, the fit corrects the distances for the mean
     offset that noise causes at a curved surface. The soft iron found is symmetric, C = H A^{-1/2}. A rotation of all corrected readings,
     from an unsymmetric soft iron or a rotated sensor, leaves every magnitude unchanged, so magnitudes alone cannot show it. With an
     `aid`, `align` finds this rotation after the fit, and the soft iron includes it.
@@ -121,7 +121,7 @@ def fit(
     Raises
     ------
     DataError
-            If the readings are not (n, 3) finite numbers, or an option is unknown or does not suit the method.
+        If the readings are not (n, 3) finite numbers, or an option is unknown or does not suit the method.
 
     Examples
     --------

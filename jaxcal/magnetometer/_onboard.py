@@ -206,7 +206,7 @@ class Moments(eqx.Module):
         Raises
         ------
         DataError
-                If there are fewer than 10 readings, there is no such method, or the moments belong to no ellipsoid.
+            If there are fewer than 10 readings, there is no such method, or the moments belong to no ellipsoid.
         """
         if method not in ("consistent", "algebraic"):
             raise DataError(f"There is no method {method!r} for moments; known are 'consistent' and 'algebraic'.")

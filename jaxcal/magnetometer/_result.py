@@ -86,7 +86,6 @@ class MagFit(Result):
     joint : whether magnitudes and the other sensor were fitted together. `heading_error` then includes the correlation of ellipsoid and
         rotation.
     values : values of the parameters in `names`; `parameters` and `interval` give them by name.
-    values : of the parameters in `names`; `parameters` and `interval` have them by name.
     method, kind : name of the method; "sphere", "diagonal", "symmetric", or in a plane "circle" and "ellipse".
 
     Examples

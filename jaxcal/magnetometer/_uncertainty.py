@@ -46,7 +46,7 @@ def bootstrap(m: Any, found: MagFit, *, replicas: int = 1000, seed: int = 0) -> 
     Raises
     ------
     DataError
-            If the fit has no model, is planar, or was made from other readings.
+        If the fit has no model, is planar, or was made from other readings.
 
     Examples
     --------

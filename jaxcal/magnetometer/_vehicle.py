@@ -101,7 +101,7 @@ def motor_terms(m: Any, current: Any) -> CurrentTerms:
     Raises
     ------
     DataError
-            If the shapes differ, or a current does not vary independently.
+        If the shapes differ, or a current does not vary independently.
 
     Examples
     --------
@@ -166,7 +166,7 @@ def fit_attitudes(m: Any, field: Any, *, current: Any = None) -> AttitudeFit:
     Raises
     ------
     DataError
-            If the shapes differ, or the attitudes do not determine twelve parameters.
+        If the shapes differ, or the attitudes do not determine twelve parameters.
 
     Examples
     --------
@@ -227,7 +227,7 @@ def fit_current(m: Any, current: Any, **options: Any) -> CurrentTerms:
     Raises
     ------
     DataError
-            If the shapes differ, a current does not vary, or the readings determine no ellipsoid.
+        If the shapes differ, a current does not vary, or the readings determine no ellipsoid.
 
     Examples
     --------
@@ -359,7 +359,7 @@ def fit_several(readings: dict[str, Any], **options: Any) -> dict[str, MagFit]:
     Raises
     ------
     DataError
-            If the lengths differ, or a sensor has no model.
+        If the lengths differ, or a sensor has no model.
 
     Examples
     --------

@@ -33,7 +33,7 @@ def dynamic(result: Any, ax: Any = None) -> Any:
     Raises
     ------
     DataError
-            If the result does not have a single channel, or no deviation is above zero.
+        If the result does not have a single channel, or no deviation is above zero.
 
     Examples
     --------

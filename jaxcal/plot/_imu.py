@@ -29,7 +29,7 @@ def imu(result: Any, ax: Any = None) -> Any:
     Raises
     ------
     DataError
-            If the result is not an `ImuFit`, was refused, or the number of axes is wrong.
+        If the result is not an `ImuFit`, was refused, or the number of axes is wrong.
 
     Examples
     --------

@@ -136,7 +136,7 @@ def residual(m: Any, found: Any, ax: Any = None) -> Any:
     Raises
     ------
     DataError
-            If the fit has no model, or was made from other readings.
+        If the fit has no model, or was made from other readings.
 
     Examples
     --------
@@ -180,7 +180,7 @@ def heading_error(found: Any, ax: Any = None) -> Any:
     Raises
     ------
     DataError
-            If the fit has no model, or its readings do not determine the heading.
+        If the fit has no model, or its readings do not determine the heading.
 
     Examples
     --------

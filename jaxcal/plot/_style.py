@@ -127,7 +127,7 @@ def save(figure: Any, path: str | os.PathLike[str], *, dpi: float | int = 150) -
     Raises
     ------
     ExportError
-            If the extension does not belong to an image format, or the file cannot be written.
+        If the extension does not belong to an image format, or the file cannot be written.
 
     Examples
     --------

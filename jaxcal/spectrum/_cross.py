@@ -87,7 +87,7 @@ def cross(y: Any, rate: Any, *, average: Any = "octave", confidence: float = 0.9
     Raises
     ------
     DataError
-            If there is only one channel, the record has gaps, or an option is unknown.
+        If there is only one channel, the record has gaps, or an option is unknown.
 
     Examples
     --------

@@ -67,8 +67,8 @@ def density(
     Raises
     ------
     DataError
-            If y is constant, too short, or not finite everywhere (the message names the longest stretch without gaps), or an option
-            is unknown.
+        If y is constant, too short, or not finite everywhere (the message names the longest stretch without gaps), or an option
+        is unknown.
 
     Examples
     --------

@@ -85,7 +85,7 @@ class Segments(eqx.Module):
         Raises
         ------
         DataError
-                If the chunk has another number of channels, is empty, or contains values that are not finite.
+            If the chunk has another number of channels, is empty, or contains values that are not finite.
         """
         if is_traced(chunk):
             raise DataError("Segments take data at hand, not traced values; use jaxcal.spectrum.density inside jit or grad")
@@ -109,7 +109,7 @@ class Segments(eqx.Module):
         Raises
         ------
         DataError
-                If the parts differ in their options, or are not neighbours.
+            If the parts differ in their options, or are not neighbours.
         """
         if not isinstance(other, Segments):
             raise DataError(f"only Segments can be merged; got {type(other).__name__}")

@@ -134,12 +134,12 @@ class Accumulator(eqx.Module):
         Returns
         -------
         Accumulator
-                The state after the chunk; this accumulator does not change.
+            The state after the chunk; this accumulator does not change.
 
         Raises
         ------
         DataError
-                If the chunk is empty, has another number of channels, or contains infinite values or anything but numbers.
+            If the chunk is empty, has another number of channels, or contains infinite values or anything but numbers.
 
         Examples
         --------
@@ -175,13 +175,13 @@ class Accumulator(eqx.Module):
         Returns
         -------
         Accumulator
-                The same as if one accumulator had received both parts.
+            The same as if one accumulator had received both parts.
 
         Raises
         ------
         DataError
-                If a part is empty, the parts differ in their options, they do not follow one another, or the second part's starting points
-                do not continue those of the first. In the last case the message gives the `start` that is needed.
+            If a part is empty, the parts differ in their options, they do not follow one another, or the second part's starting points
+            do not continue those of the first. In the last case the message gives the `start` that is needed.
 
         Examples
         --------
@@ -218,8 +218,8 @@ class Accumulator(eqx.Module):
         Returns
         -------
         Deviation
-                The cluster sizes that have a difference; `warnings` names given sizes that have none. `count` and `skipped` count the
-                differences used (see `exact`). A channel without any sample is NaN, and `warnings` names it.
+            The cluster sizes that have a difference; `warnings` names given sizes that have none. `count` and `skipped` count the
+            differences used (see `exact`). A channel without any sample is NaN, and `warnings` names it.
 
         Raises
         ------

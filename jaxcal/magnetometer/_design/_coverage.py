@@ -109,7 +109,7 @@ def coverage(m: Any) -> Coverage:
     Raises
     ------
     DataError
-            If a reading is zero or not finite, or there are no readings.
+        If a reading is zero or not finite, or there are no readings.
 
     Examples
     --------

@@ -279,7 +279,7 @@ def align(m: Any, model: MagModel, aid: Any) -> Alignment:
     Raises
     ------
     DataError
-            If the shapes do not match, or too few readings are left.
+        If the shapes do not match, or too few readings are left.
 
     Examples
     --------

@@ -323,7 +323,7 @@ def aligned(found: MagFit, m: Any, aid: Any, *, joint: bool = False) -> MagFit:
     Raises
     ------
     DataError
-            As for `align`, and for a fit without a model.
+        As for `align`, and for a fit without a model.
 
     Examples
     --------

@@ -136,7 +136,7 @@ def hard_iron_by_turning(m: Any, gyro: Any, rate: float | int, *, soft_iron: Any
     Raises
     ------
     DataError
-            If the shapes differ, or all turns are about one axis, which does not determine the hard iron along that axis.
+        If the shapes differ, or all turns are about one axis, which does not determine the hard iron along that axis.
 
     Examples
     --------
