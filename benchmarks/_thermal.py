@@ -1,7 +1,7 @@
-"""Records of a sensor whose bias depends on temperature, made without the package, and what `jaxcal.temperature.fit` says of them.
+"""Records of a sensor whose bias depends on temperature, made without jaxcal, and results of `jaxcal.temperature.fit` for them.
 
-Units are free: a curve of about 15, and noise at a sample a second. Steps are error functions, which the estimator does not know, and
-flicker is a sum of first-order processes.
+Units are arbitrary: a curve of about 15, and noise at one sample per second. Steps are error functions, which the estimator does not
+assume, and flicker is a sum of first-order processes.
 """
 
 import math
@@ -17,10 +17,10 @@ from jaxcal.temperature import fit
 
 LOW, HIGH, PERIOD = 20.0, 45.0, 4500
 JUMPS = {"none": (), "one": ((3.0, 24.0, 0.12),), "two": ((3.0, 24.0, 0.12), (-2.0, 36.0, 0.25))}
-#: N, B and K of the cases with jumps, and of the comparison of models, unit/sqrt(Hz) and so on
+#: N, B and K for the cases with jumps, and for the comparison of models, unit/sqrt(Hz) and so on
 QUIET, LOUD = (0.3, 0.1, 0.003), (1.0, 0.3, 0.01)
 TAUS = 10 ** np.arange(-0.5, 6.5, 0.25)
-LENGTH, SPREAD = 8.0, 4.0  # degC and unit: the kernel of random curves
+LENGTH, SPREAD = 8.0, 4.0  # degC and unit: length and standard deviation of random curves
 
 
 def temperature(count, period=PERIOD):
@@ -29,7 +29,7 @@ def temperature(count, period=PERIOD):
 
 
 def flicker_variance(b):
-    """Variance of each first-order process, so that their density together is B^2/(2 pi f)."""
+    """Variance of each first-order process, such that the sum of their densities is B^2/(2 pi f)."""
     return b**2 * 0.25 * math.log(10) / math.pi
 
 
@@ -51,7 +51,7 @@ def kernel(a, b):
 
 
 def smooth(rng=None):
-    """A curve of about 15 between LOW and HIGH: a fixed one, or a random one of `kernel`."""
+    """A curve of about 15 between LOW and HIGH: a fixed one, or with `rng` a random one with covariance `kernel`."""
     if rng is None:
         return lambda t: (
             5 * (t - 32.5) / 12.5 - 2.5 * ((t - 32.5) / 12.5) ** 2 + 1.5 * ((t - 32.5) / 12.5) ** 3 + 0.8 * np.exp((t - 32.5) / 12.5)
@@ -67,7 +67,7 @@ def steps(t, jumps):
 
 
 def counted(case, run, *, thermometer=0.01, random=True):
-    """Jumps found less jumps there, and the errors of the heights of the true ones over their standard errors."""
+    """Number of jumps found minus true number, and errors of the heights of true jumps over their standard errors."""
     rng = np.random.default_rng([21, run])
     curve, true = smooth(rng if random else None), temperature(PERIOD)
     bias = curve(true) + steps(true, JUMPS[case]) + noise(PERIOD, QUIET, rng)
@@ -81,7 +81,7 @@ def counted(case, run, *, thermometer=0.01, random=True):
 
 
 def rate(run, thermometer=0.02):
-    """Effect of dT/dt, rms, and rms of what the model leaves of it and of the curve on the next cycle, less its mean."""
+    """Rms residuals on the next cycle, without their mean: of a static model, and of the default fit, for a bias that follows dT/dt."""
     rng, count = np.random.default_rng([22, run]), 2 * PERIOD
     true = temperature(count)
     change = np.gradient(true)
@@ -95,7 +95,7 @@ def rate(run, thermometer=0.02):
 
 
 def compared(run, random, level=LOUD, block=5):
-    """Rms error of each model on the next cycle, less its mean, and how much of truth and readings the intervals hold."""
+    """Rms error of each model on the next cycle, without its mean, and shares of truth and of readings inside the intervals."""
     rng, count = np.random.default_rng([23, run]), 2 * PERIOD
     curve, true = smooth(rng if random else None), temperature(count)
     wander = noise(count, level, rng)
@@ -117,7 +117,7 @@ def compared(run, random, level=LOUD, block=5):
 
 
 def processes(t, b, test, level, block):
-    """The Gaussian process that knows the kernel of the curve, with N, B and K by maximum likelihood, and with those of the truth."""
+    """Gaussian processes that know the kernel of the curve, with N, B and K by maximum likelihood, and with the true N, B and K."""
     size = len(t) // block
     middle = (np.arange(size) + 0.5) * block
     t, b = (x.reshape(size, block).mean(axis=1) for x in (t, b))
@@ -139,7 +139,7 @@ def processes(t, b, test, level, block):
 
 
 def lagging(run, thermometer=0.02, tau=60.0):
-    """Rms error on the second cycle, mdeg/s, of the case "lag": jump of 300 mdeg/s, noise of 4, lag of 60 s; and the lag found."""
+    """Rms error in mdeg/s on the second cycle of the case "lag" (jump of 300 mdeg/s, noise of 4, lag of 60 s), and the lag found."""
     rng, count = np.random.default_rng([24, run]), 2 * PERIOD
     true = temperature(count)
     felt = lfilter([1 - math.exp(-1 / tau)], [1.0, -math.exp(-1 / tau)], true - true[0]) + true[0]

@@ -1,16 +1,16 @@
-"""Noise of records that are not the model's: missing samples, and causes that pass for slow noise.
+"""Noise of records that do not follow the model: missing samples, and other causes that look like slow noise.
 
     python benchmarks/records.py [--only gaps,causes,levels,alternatives] [--runs 20] [--seed 1]
 
-gaps: case A (2^17 samples at 100 Hz; N 0.25 deg/sqrt(h), B 7.6 deg/h, K 1.8 deg/h/sqrt(s)) with samples missing; rmse in % of N, B, K,
-share of 95 % intervals that hold the truth, share of records in which K is present, and processor seconds of a fit.
+gaps: case A (2^17 samples at 100 Hz; N 0.25 deg/sqrt(h), B 7.6 deg/h, K 1.8 deg/h/sqrt(s)) with missing samples; rmse in % of N, B, K,
+share of 95 % intervals that hold the truth, share of records in which K is present, and CPU seconds of a fit.
 causes: white noise (2^16 samples) with a step, a sinusoid, a warm-up, noise of another exponent or two Gauss-Markov processes; how often
-B and K are present, N is covered, and the cause named.
-alternatives: gain in likelihood of each family of other spectra in records of noise of the model, which sets the levels of
+B and K are present, N is covered, and the cause is named.
+alternatives: gain in likelihood of each family of other spectra, for records with noise of the model; this sets the levels of
 `jaxcal.noise._alternatives`.
-levels: highest likelihood ratio of each family of causes in records of noise alone, which set `jaxcal.noise._causes.LEVELS`.
+levels: highest likelihood ratio of each family of causes, for records of noise alone; this sets `jaxcal.noise._causes.LEVELS`.
 
-Records are drawn ordinate by ordinate from their density; nothing is shared with `jaxcal.noise.Noise.simulate`.
+Records are drawn ordinate by ordinate from their density, without using `jaxcal.noise.Noise.simulate`.
 """
 
 import argparse
@@ -38,20 +38,20 @@ GAPS = {
 
 
 def columns(n):
-    """Density of the ordinates of a DCT-II of n samples per squared coefficient N, B, K."""
+    """Density of the ordinates of a DCT-II of n samples, per squared coefficient N, B, K."""
     k, dt = np.arange(1, n), 1 / RATE
     s = 2 * np.sin(np.pi * k / (2 * n))
     return np.stack([np.ones(n - 1), dt / s * (1 - 2 / (np.pi**2 * k)), dt**2 / s**2], axis=1)
 
 
 def drawn(density, rng):
-    """A record with this density of its ordinates."""
+    """A record whose ordinates have this density."""
     ordinates = np.sqrt(density * RATE) * rng.standard_normal(len(density))
     return scipy.fft.idct(np.concatenate([[0.0], ordinates]), norm="ortho")
 
 
 def lost(y, share, length, rng):
-    """The record without a share of its samples, in gaps of a length: 1 for single samples, else a share of the record."""
+    """The record without a share of its samples, in gaps of one length: 1 for single samples, otherwise a share of the record."""
     y, n = y.copy(), len(y)
     size = 1 if length == 1 else int(length * n)
     for start in rng.choice(n - size, round(share * n / size), replace=False):
@@ -82,12 +82,12 @@ def gaps(runs, seed):
 
 
 def _made(n):
-    """Name -> (family that is to be named, record from a generator); white noise of density 1."""
+    """Name -> (family that should be named, function that draws a record); white noise has density 1."""
     t, angle = np.arange(n) / n, np.pi * np.arange(1, n) / n
     frequency = 2 * np.sin(angle / 2) * RATE / (2 * np.pi)
 
     def process(time):
-        """Density of a Gauss-Markov process relative to that at zero."""
+        """Density of a Gauss-Markov process relative to its value at zero frequency."""
         a = np.exp(-1 / (RATE * time))
         return (1 - a) ** 2 / (1 + a * a - 2 * a * np.cos(angle))
 
@@ -156,7 +156,7 @@ def alternatives(runs, seed):
             for one in find_alternatives(fitted, terms, 1 / RATE, n / RATE):
                 found.setdefault(one.family, []).append(one.gain)
         for family, gains in found.items():
-            gains = np.append(gains, np.full(runs - len(gains), -np.inf))  # no B and no K to be replaced
+            gains = np.append(gains, np.full(runs - len(gains), -np.inf))  # runs without B and K, which nothing can replace
             print(f"{name:8s} {family:16s}   " + "  ".join(f"{np.sort(gains)[int(q * (runs - 1))]:6.1f}" for q in (0.5, 0.9, 0.97, 0.99)))
 
 

@@ -1,11 +1,11 @@
-"""The tables of thermal models, with fixed seeds: jumps, noise, rate of change, hysteresis, and time of a fit.
+"""Tables of thermal models, with fixed seeds: jumps, noise, rate of change, hysteresis, and time of a fit.
 
     python benchmarks/temperature.py                  everything (an hour)
     python benchmarks/temperature.py --only phantoms  one part: phantoms, noise, rate, lag, curves, hysteresis, speed
     python benchmarks/temperature.py --runs 20        fewer runs of each
 
-`_thermal.py` makes the records of the first four parts without the package. Errors of the others are those of the curve against the truth,
-in mdeg/s.
+`_thermal.py` makes the records of the first four parts without jaxcal. In the other parts, errors compare the curve with the truth, in
+mdeg/s.
 """
 
 import argparse
@@ -23,7 +23,7 @@ MODELS = ("polynomial 1", "polynomial 3", "polynomial 5", "polynomial 9", "polyn
 
 
 def errors(value, low, high, test, jump):
-    """rms, rms in 24-25 degC, maximum; median removed."""
+    """rms, rms in 24-25 degC, and maximum of the error of a curve, with its median removed."""
     t = test.true_temperature
     off = (value(np.clip(t, low, high)) - reference_bias(t, np.deg2rad(jump))) / MDEG
     off = off - np.median(off)
