@@ -22,10 +22,12 @@ from ._prior import known_of
 from ._recording import Recording, Rests, padded
 from ._residuals import Turns, Weighted, pieces
 from ._rests import Ends, Multiples
-from ._result import SINGULAR, ImuFit, Observability, finished, observability
+from ._result import SINGULAR, ImuFit, Observability, finished, observability, spread_of
 
 #: poses beyond the number of parameters from which errors of prediction can be compared
 _SPARE = 3
+#: degrees within which all poses are one attitude, from which turns back to it do not free the accelerometer's parameters
+_ONE_ATTITUDE = 5.0
 #: ratio of the noise of two rests that is the hand's
 _UNEVEN = 10.0
 #: level of the test below which the gyroscope is sensitive to specific force beyond doubt
@@ -122,8 +124,10 @@ class Job(eqx.Module):
         vertical, size = at_rest.vertical[: len(start)], options.gravity - at_rest.norm[: len(start)]
         rests = rests.shortened(np.linalg.inv(np.asarray(fit.model.accel.matrix)), vertical, size)
         seen = observability(vertical, not options.misalignment)
-        # with turns the joint fit tells what both determine: six faces and the turns between them show the misalignment
-        if not seen.condition <= SINGULAR and record.gyro is None and not known_of(options.prior):
+        # with turns the joint fit tells what both determine: six faces and the turns between them show the misalignment; of one attitude
+        # it tells nothing, and takes all its steps to do so
+        one = record.gyro is None or spread_of(vertical) < _ONE_ATTITUDE
+        if not seen.condition <= SINGULAR and one and not known_of(options.prior):
             return Refusal(seen.sentence, seen)
         accel = jax.tree.map(np.asarray, fit.model.accel)
         if record.gyro is None:
