@@ -37,11 +37,11 @@ def wander(factor, count, columns, rng):
 def turned(count, rng, speed, finer=1):
     """True field in body axes, (count, 3), of magnitude one."""
     rates = speed / finer * wander(np.exp(-1 / (25 * finer)), count * finer, 3, rng)
-    attitude, found = Rotation.random(random_state=int(rng.integers(2**31))), []
-    for step in rates:
-        attitude = attitude * Rotation.from_rotvec(step)
-        found.append(attitude.as_quat())
-    return Rotation.from_quat(np.array(found)).inv().apply([np.cos(DIP), 0.0, np.sin(DIP)])
+    attitude, found = Rotation.random(random_state=int(rng.integers(2**31))).as_matrix(), []
+    for step in Rotation.from_rotvec(rates).as_matrix():
+        attitude = attitude @ step
+        found.append(attitude)
+    return np.array([np.cos(DIP), 0.0, np.sin(DIP)]) @ np.array(found)
 
 
 def simulate(case, seed, count=COUNT):

@@ -98,6 +98,12 @@ def _programs_let_go():
         gc.collect()
 
 
+def pytest_collection_finish():
+    """What is loaded by now stays: the collector of cycles need not look through a million of its objects again and again."""
+    gc.collect()
+    gc.freeze()
+
+
 @pytest.fixture(params=["float64", "float32"])
 def precision(request):
     """Run the test twice: with the user's JAX in float64 and in its default float32."""

@@ -22,10 +22,12 @@ from ._prior import known_of
 from ._recording import Recording, Rests, padded
 from ._residuals import Turns, Weighted, pieces
 from ._rests import Ends, Multiples
-from ._result import SINGULAR, ImuFit, Observability, finished, observability
+from ._result import SINGULAR, ImuFit, Observability, finished, observability, spread_of
 
 #: poses in excess of the number of parameters that are needed to compare prediction errors
 _SPARE = 3
+#: spread of the poses in degrees below which they are one attitude, so that turns cannot determine the accelerometer either
+_ONE_ATTITUDE = 5.0
 #: ratio of the noise of two rests above which motion of the hand is the cause
 _UNEVEN = 10.0
 #: significance level of the test for sensitivity of the gyroscope to specific force
@@ -122,8 +124,10 @@ class Job(eqx.Module):
         vertical, size = at_rest.vertical[: len(start)], options.gravity - at_rest.norm[: len(start)]
         rests = rests.shortened(np.linalg.inv(np.asarray(fit.model.accel.matrix)), vertical, size)
         seen = observability(vertical, not options.misalignment)
-        # with a gyroscope the joint fit judges this later: six faces and the turns between them determine the misalignment
-        if not seen.condition <= SINGULAR and record.gyro is None and not known_of(options.prior):
+        # with a gyroscope the joint fit judges this later: six faces and the turns between them determine the misalignment. Poses of one
+        # attitude determine nothing, and the joint fit would take all its steps to find that
+        one = record.gyro is None or spread_of(vertical) < _ONE_ATTITUDE
+        if not seen.condition <= SINGULAR and one and not known_of(options.prior):
             return Refusal(seen.sentence, seen)
         accel = jax.tree.map(np.asarray, fit.model.accel)
         if record.gyro is None:

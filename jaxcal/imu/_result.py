@@ -131,14 +131,18 @@ def observability(up: np.ndarray, diagonal: bool = False) -> Observability:
         picked.append(_UP[best])
         grown = grown + 3 * len(up) * np.outer(extra[best], extra[best])
         free &= _UP @ _UP[best] < _NEAR
-    middle = up.mean(axis=0)
-    apart = np.rad2deg(np.arccos(np.clip(np.min(up @ middle) / max(np.linalg.norm(middle), 1e-12), -1, 1)))
-    if apart < _ALIKE:
+    if (apart := spread_of(up)) < _ALIKE:
         words = f"the accelerometer: they are all alike, within {max(apart, 1):.0f} degrees of one attitude"
     degree = "do not determine" if condition > SINGULAR else "hardly determine" if condition > _ILL else "leave uncertain"
     advice = "; ".join(_name(direction) for direction in picked)
     sentence = f"The {len(up)} poses {degree} {words} (condition number {condition:.3g})."
     return Observability(condition, np.array(picked).reshape(-1, 3), sentence + (f" Add poses with {advice}." if picked else ""))
+
+
+def spread_of(up: np.ndarray) -> float:
+    """Largest angle between a pose's vertical and the mean of all, in degrees."""
+    middle = up.mean(axis=0)
+    return float(np.rad2deg(np.arccos(np.clip(np.min(up @ middle) / max(np.linalg.norm(middle), 1e-12), -1, 1))))
 
 
 def _unknown(*shape: int, fill: float = np.nan) -> Any:

@@ -8,6 +8,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from .._compile import jit
 from .._errors import DataError
 from .._precision import host_float64, is_traced
 from .._types import AnyArray
@@ -145,6 +146,15 @@ def heading(m: Any, accel: Any, *, declination: float = 0.0) -> AnyArray:
     m, accel = jnp.asarray(m, dtype=jnp.result_type(float)), jnp.asarray(accel, dtype=jnp.result_type(float))
     if m.shape != accel.shape or m.ndim not in (1, 2) or m.shape[-1] != 3:
         raise DataError(f"The field has shape {m.shape} and the specific force {accel.shape}; both must be (3,) or (n, 3).")
+    angle, falling, steep = _heading(m, accel, declination)
+    if not is_traced(m, accel):
+        _explain(int(np.sum(falling)), int(np.sum(steep)), int(np.size(falling)))
+    return angle
+
+
+@jit
+def _heading(m: Any, accel: Any, declination: Any) -> tuple[Any, Any, Any]:
+    """Heading, where the sensor falls, and where the field is too steep otherwise."""
     x, y, z = jnp.moveaxis(m, -1, 0)
     fx, fy, fz = jnp.moveaxis(accel, -1, 0)
     force, field = jnp.linalg.norm(accel, axis=-1), jnp.linalg.norm(m, axis=-1)
@@ -162,9 +172,7 @@ def heading(m: Any, accel: Any, *, declination: float = 0.0) -> AnyArray:
     steep = ~(jnp.sqrt(forward**2 + right**2) > _STEEPEST * field)
     angle = jnp.arctan2(-jnp.where(steep, 0, right), jnp.where(steep, 1, forward))
     angle = jnp.mod(angle + declination, 2 * jnp.pi)
-    if not is_traced(m, accel):
-        _explain(int(np.sum(falling)), int(np.sum(steep & ~falling)), int(np.size(falling)))
-    return jnp.where(falling | steep, jnp.nan, angle)
+    return jnp.where(falling | steep, jnp.nan, angle), falling, steep & ~falling
 
 
 def _explain(falling: int, steep: int, count: int) -> None:

@@ -20,6 +20,13 @@ def recording(seed, **options):
     )
 
 
+def rests(poses=POSES):
+    """Where the poses of a recording begin and end, as the simulation has them, (poses, 2)."""
+    still, turn, first = (int(seconds * RATE) for seconds in (STILL, TURN, 30.0))
+    stop = first + np.arange(poses) * (still + turn)
+    return np.stack([np.r_[0, stop[1:] - still], stop], axis=1)
+
+
 def turned_truth(accel=ACCEL, gyro=GYRO):
     """The 33 parameters of the simulated device in the frame of the upper triangle, by numpy."""
     correction = np.linalg.inv(accel.matrix)

@@ -111,7 +111,8 @@ def recorded():
 
 @pytest.fixture(scope="module")
 def found(recorded):
-    return multi_position(recorded, gravity=G, model=START, held_out=False)
+    # to look for the rests takes a fit for each threshold
+    return multi_position(recorded, gravity=G, model=START, held_out=False, rests=cases.rests())
 
 
 def test_a_recording_is_fitted_drawn_stored_and_applied(recorded, found, tmp_path):

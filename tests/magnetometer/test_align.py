@@ -269,16 +269,14 @@ def hand(delay, seed, rate=100.0, count=1200, fine=20):
     t = np.arange(total)[:, None] / (rate * fine)
     waves = [rng.normal(size=3) * np.sin(2 * np.pi * rng.uniform(0.1, 1.2) * t + rng.uniform(0, 2 * np.pi, 3)) for _ in range(8)]
     rates = 0.75 * np.sum(waves, axis=0)
-    attitude, found = Rotation.identity(), []
-    for middle in (rates[1:] + rates[:-1]) / 2 / (rate * fine):
-        found.append(attitude.as_quat())
-        attitude = attitude * Rotation.from_rotvec(middle)
-    found.append(attitude.as_quat())
-    body = Rotation.from_quat(np.array(found))
+    body = [np.eye(3)]
+    for step in Rotation.from_rotvec((rates[1:] + rates[:-1]) / 2 / (rate * fine)).as_matrix():
+        body.append(body[-1] @ step)
+    body = np.array(body)
     now = np.arange(count) * fine
     then = np.clip(now - round(delay * rate * fine), 0, total - 1)
     turn = Rotation.from_rotvec(VECTOR).as_matrix()
-    field = body[then].inv().apply([np.cos(1.0), 0.0, np.sin(1.0)])
+    field = np.array([np.cos(1.0), 0.0, np.sin(1.0)]) @ body[then]
     m = field @ turn.T + 0.005 * rng.normal(size=field.shape) + [0.3, -0.2, 0.1]
     return m, rates[now] + 0.002 * rng.normal(size=(count, 3)) + [0.01, -0.02, 0.005], turn
 

@@ -84,6 +84,7 @@ def _(primals, tangents):
     return _forward(*_distance_slopes(*primals), *tangents)
 
 
+@jax.jit
 def _distance_slopes(shape, z):
     """Distance, and its derivatives with respect to the nine entries of A and to z."""
     t, y = foot(shape, z)
@@ -118,6 +119,7 @@ def _(primals, tangents):
     return _forward(*_curvature_slopes(*primals), *tangents)
 
 
+@jax.jit
 def _curvature_slopes(shape, z):
     """Mean curvature, and its derivatives with respect to the nine entries of A and to z."""
     normal = z @ shape

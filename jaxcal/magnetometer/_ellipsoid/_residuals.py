@@ -17,6 +17,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..._compile import filter_jit
 from ..._types import Any, Array, Float
 from .._model import MagModel
 from ._distance import corrected_distance, signed_distance
@@ -188,4 +189,14 @@ def residuals(model: MagModel, data: Any) -> Array:
     N. I. Chernov and H. Ma, Least squares fitting of quadratic curves and surfaces, 2011, section 5 (the nearest point).
     """
     m, field, *conditions = data
-    return surface_distances(model, m, field, conditions[0] if conditions else {}, 0.0)
+    return _residuals(*jax.tree.map(_as_array, (model, m, field, conditions[0] if conditions else {})))
+
+
+def _as_array(leaf: Any) -> Any:
+    return jnp.asarray(leaf) if isinstance(leaf, np.ndarray | float | int) else leaf
+
+
+@filter_jit
+def _residuals(model: MagModel, m: Any, field: Any, conditions: Any) -> Array:
+    # one program: called by themselves, its two hundred operations would be compiled one by one
+    return surface_distances(model, m, field, conditions, 0.0)
