@@ -224,7 +224,7 @@ def test_the_earths_rate_is_taken_off():
     log = cases.recording(0, latitude=np.deg2rad(40.0), noise=quiet)
     truth = cases.turned_truth()[24:]
     plain, told = fit(log), fit(log, latitude=np.deg2rad(40.0))
-    assert any("give latitude" in sentence for sentence in plain.warnings)
+    assert any("give the `latitude`" in sentence for sentence in plain.warnings)
     bias = np.rad2deg((plain.values[24:] - truth) * cases.GRAVITY).reshape(3, 3) * 3600
     assert np.mean(np.diag(bias)) == pytest.approx(9.67, abs=1.0)
     left = np.rad2deg((told.values[24:] - truth) * cases.GRAVITY) * 3600
