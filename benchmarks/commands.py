@@ -1,7 +1,7 @@
 """CPU time of whole commands, with an empty and with a warm compilation cache, and the time until the first table is on the screen.
 
     python benchmarks/commands.py                               every command, this checkout
-    python benchmarks/commands.py --beside ../other             the same commands of another checkout, in turn, with the ratio
+    python benchmarks/commands.py --beside ../other             alternate with the same commands of another checkout, and give the ratio
     python benchmarks/commands.py --only noise mag --repeats 5
 
 CPU means user and system seconds of the whole process, including imports, tracing and compilation. `first table` is the share of the wall

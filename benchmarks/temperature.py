@@ -126,7 +126,7 @@ if __name__ == "__main__":
     parser.add_argument("--only", choices=PARTS)
     parser.add_argument("--runs", type=int, default=100)
     options = parser.parse_args()
-    warnings.simplefilter("ignore")  # of temperatures a hair outside the range
+    warnings.simplefilter("ignore")  # there are warnings of temperatures just outside the range
     for name, part in PARTS.items():
         if options.only in (None, name):
             part(options.runs)

@@ -72,8 +72,8 @@ def deviation(
     More than 512 cluster sizes, or all (``m="all"``), cost O(n log^2 n) in a record without gaps. FFT correlations then replace the direct
     sums, with a relative error of the variance below 1e-8; cluster sizes where rounding could exceed this are summed directly. With gaps,
     adev and hdev are as fast, but the overlapping statistics need the direct sums: n^2/4 differences for all cluster sizes of oadev, which
-    takes minutes for 10^6 samples. More than 5e11 differences are refused. The noise type is then identified at 512 cluster sizes and kept
-    up to the next of them, and the degrees of freedom agree with their formula to 1e-3.
+    takes minutes for 10^6 samples. More than 5e11 differences are refused. With more than 512 cluster sizes, the noise type is identified
+    at up to 512 of them and kept up to the next, and the degrees of freedom agree with their formula to 1e-3.
 
     Parameters
     ----------

@@ -84,8 +84,8 @@ def line(found: Population, when: Sequence[Any] | AnyArray, *, false_alarm: floa
 
     Each recording is compared with the middle of the population, in standard deviations that combine the population's and the recording's
     own error. Two statistics are computed: the weighted slope over time, and the largest weighted difference of means before and after any
-    recording. Both, and the rarer of the two, are compared with those of 2,000 random orders of the same recordings. The limits hold for
-    any distribution of the devices.
+    recording. Each statistic, and the rarer of the two, is compared with its values in 2,000 random orders of the same recordings. The
+    limits hold for any distribution of the devices.
 
     Parameters
     ----------

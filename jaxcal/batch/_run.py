@@ -72,7 +72,7 @@ def run(
         and at least 2 GB; `math.inf` sets no limit. Not for an executor.
     progress : called as progress(done, total, name) after each log.
     each : give a result for every IMU of a log that contains several (ULog, DataFlash, bags, groups of HDF5). By default only the IMU that
-        `jaxcal.read` chooses is used, and a warning in the result tells so.
+        `jaxcal.read` chooses is used, and a warning in the result says so.
 
     Returns
     -------

@@ -36,7 +36,7 @@ class Store:
     def file_of(self, log: str | os.PathLike[str], topics: str = "") -> pathlib.Path:
         """The result file of a log, or of one of its IMUs.
 
-        Its name is that of the log in plain characters, plus a part of the hash of its path, for logs of one name in two folders.
+        Its name is the log's name in plain characters, plus a part of the hash of the path, so that logs of one name in two folders differ.
         """
         path = os.path.abspath(log)
         name = re.sub(r"[^A-Za-z0-9_-]+", "_", os.path.basename(path).rsplit(".", 1)[0]).strip("_")[:80] or "log"

@@ -89,7 +89,7 @@ def fit(
     field : magnitude of the true field, or the field vector (north, east, down), in the unit of the readings. The vector also gives the
         dip. Without `field`, the corrected readings keep the unit and mean size of the readings.
     field_error : relative standard deviation of `field` in the unit of the readings. It covers the sensor's sensitivity and the mean
-        stretch of its soft iron, not the field model alone. The fit then uses `field`, which helps most with part of a sphere.
+        stretch of its soft iron as well as the field model. The fit then uses `field`, which helps most with part of a sphere.
     loss : None, "huber", "cauchy", "tukey" or a loss of `jaxcal.fitting`, for readings with outliers; "ml" and "radial" only.
     inclination : dip of the field in rad, used for `heading_error`. By default it comes from `field` or from an `Accelerometer`; without
         either, 57 degrees are assumed and `heading_range` gives the error for other dips.
@@ -251,7 +251,7 @@ def _distinct(m: np.ndarray) -> int:
 
 
 def _corrected(model: MagModel, m: np.ndarray) -> np.ndarray:
-    """Corrected readings, by NumPy: JAX would compile anew for each length of log."""
+    """Corrected readings, computed by NumPy, because JAX would compile a program for each length of log."""
     return (m - model.hard_iron) @ np.linalg.inv(model.soft_iron).T
 
 
@@ -372,7 +372,7 @@ def _checked(m, method, model, field, loss, inclination, choose, penalty, field_
 
 
 def _norm_and_dip(field: Any, inclination: Any, model: str = "") -> tuple[Any, Any]:
-    """Magnitude of the field, traced or not, and its dip: the given one, or that of the field vector, or that of Ankara."""
+    """Magnitude of the field, traced or not, and its dip: as given, from the field vector, or else the dip at Ankara."""
     if field is not None and model == "planar":
         raise DataError("Readings in a plane do not show the whole field: leave out `field` with model='planar'.")
     norm = dip = None

@@ -52,7 +52,7 @@ class MagModel(eqx.Module):
 
     @host_float64
     def correct(self, m: Any) -> AnyArray:
-        """Fields C^-1 (m - b) that belong to the readings `m` (3,) or (n, 3), in the same unit: C has none."""
+        """Fields C^-1 (m - b) that belong to the readings `m` (3,) or (n, 3), in the same unit, because C has no unit."""
         m, matrix, offset = _same_dtype(m, self.soft_iron, self.hard_iron)
         return jnp.einsum("ij,...j->...i", jnp.linalg.inv(matrix), m - jnp.broadcast_to(offset, m.shape))
 

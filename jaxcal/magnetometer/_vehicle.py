@@ -32,7 +32,7 @@ class CurrentTerms(eqx.Module):
     error : (3, currents) standard deviations.
     correlation : (currents,) largest correlation of a current with the readings' directions; above 0.5 its field is hard to separate.
     noise : standard deviation of a reading.
-    fit : `MagFit` of the readings after the fields of the currents were subtracted; its errors include those of the terms. None if the
+    fit : `MagFit` of the readings after the fields of the currents were subtracted; its errors include the errors of the terms. None if the
         attitude was held.
 
     Examples

@@ -33,7 +33,7 @@ class Channel(eqx.Module):
 
     @property
     def label(self) -> str:
-        """Name in the legend: only the axis if the sensor is known. It must not become a formula, or hidden by a leading underscore."""
+        """Name in the legend: only the axis if the sensor is known. No "$" may start a formula, and no leading underscore may hide it."""
         name = (self.name if self.sensor is None else self.name.partition("_")[2]).replace("$", r"\$")
         return f" {name}" if name.startswith("_") else name
 

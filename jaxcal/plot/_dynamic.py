@@ -87,7 +87,7 @@ def _draw(ax: "Axes", result: DynamicDeviation, tau: np.ndarray, shown: Any) -> 
 
 
 def _edges(centres: np.ndarray, alone: float) -> np.ndarray:
-    """Borders half way between centres, and as far beyond the first and last centre; `alone` is the width of a single one."""
+    """Borders of cells: half way between centres, and as far beyond the first and last one; `alone` is the width of a single cell."""
     if len(centres) == 1:
         return np.array([centres[0] - alone / 2, centres[0] + alone / 2])
     middle = (centres[1:] + centres[:-1]) / 2

@@ -67,7 +67,7 @@ def spectrum(result: Any, ax: Any = None, noise: Any = None) -> Any:
     """Draw power spectral densities on log-log axes: density, chi-square interval, noise model.
 
     The vertical axis is in the squared unit of the bias instability per Hz (gyroscope deg/h, accelerometer mg, magnetometer nT) if the
-    name of the channel tells the sensor, and in that of the record otherwise. The model is drawn with its exact density for samples. A
+    name of the channel tells the sensor, and in the record's unit otherwise. The model is drawn with its exact density for samples. A
     single channel is drawn with a line for each term of the model, dotted if only an upper limit of the term is known. Of many values at
     nearly the same frequency, the lowest and the highest are drawn.
 

@@ -23,7 +23,7 @@ class CrossSpectrum(Unjudged):
     ----------
     frequency : (values,) Hz, mean over the averaged ordinates.
     density : (values, channels, channels) complex, two-sided, in the products of the channels' units per Hz. The diagonal is the
-        spectrum of each channel; the phase of an entry [i, j] is that of channel i relative to channel j.
+        spectrum of each channel; the phase of an entry [i, j] is the phase of channel i relative to channel j.
     coherence : (values, channels, channels) squared modulus of the density over both spectra, 0 to 1; 1 for a single ordinate.
     level : (values,) coherence that independent channels exceed with the probability 1 - confidence; NaN for a single ordinate.
     count : (values,) number of ordinates averaged.

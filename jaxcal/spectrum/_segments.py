@@ -104,7 +104,7 @@ class Segments(eqx.Module):
         return replaced(self, samples=self.samples + len(x), count=self.count + count, _sums=self._sums + sums, _head=head, _tail=tail)
 
     def merge(self, other: "Segments") -> "Segments":
-        """A new `Segments` for the record of this one followed directly, without a sample between, by that of `other`.
+        """A new `Segments` for this part of the record and the part in `other`, which must follow it without a missing sample.
 
         Raises
         ------

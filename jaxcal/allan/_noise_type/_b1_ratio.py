@@ -113,7 +113,7 @@ def bounds_of_ratios(averages, weight, series: Segments, m, kind: Kind, samples:
         both = followed(weight, xp)
         number, pairs = series.sums(weight), one_less.sums(both)
         some = (number >= fewest_averages(kind)) & (pairs >= 2)
-        number, pairs = (xp.where(some, v, 10.0) for v in (number, pairs))  # 10 stands for any valid divisor
+        number, pairs = (xp.where(some, v, 10.0) for v in (number, pairs))  # 10 is an arbitrary valid divisor; its results are not used
         terms = terms * pairs / (points - 1.0)
         averages, change = averages * weight, change * both
     spread = averages - series.spread(series.sums(averages) / number)

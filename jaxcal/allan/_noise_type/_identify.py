@@ -177,8 +177,8 @@ def _from_moments(taken: list[np.ndarray], series: Segments, long: Segments, kin
 def noise_types(theta, marks, sizes, kind: Kind, samples: int, data: str) -> np.ndarray:
     """Noise types at ascending cluster sizes, (clusters,), by `identify`.
 
-    Of more than 512 cluster sizes, 512 spaced evenly in their logarithm are identified; each of the others has the type of the next
-    smaller identified one. The arguments are those of `identify`.
+    Of more than 512 cluster sizes, at most 512 are identified, evenly spaced in their logarithm; each of the others has the type of the
+    next smaller identified one. The arguments are those of `identify`.
     """
     if len(sizes) <= _MOST_SIZES:
         return identify(theta, marks, sizes, kind, samples, data)

@@ -166,7 +166,7 @@ class Accumulator(eqx.Module):
         return replaced(self, _taken=self._advanced(pieces, given), _waiting=(rest,) if len(rest) else ())
 
     def merge(self, other: "Accumulator") -> "Accumulator":
-        """A new accumulator for the record of this one followed directly, without a sample between, by that of `other`.
+        """A new accumulator for this part of the record and the part in `other`, which must follow it without a missing sample.
 
         Parameters
         ----------

@@ -158,7 +158,7 @@ def joined(a: Tracks, b: Tracks, border: int, shift: int, frames: tuple, lost: n
             mine[:, missing] -= lost
             come = b.lead[i][j].copy()
             come[:, 0] += shift
-            come = come[come[:, 0] >= a.due[i, j]]  # others would have started before the record
+            come = come[come[:, 0] >= a.due[i, j]]  # the differences of earlier points would start before the record
             early = come[: int(ahead[i, j])].copy()
             come = come[len(early) :]
             ahead[i, j] -= len(early)

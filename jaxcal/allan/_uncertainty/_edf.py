@@ -90,7 +90,7 @@ def _at_nodes(function, x) -> np.ndarray:
     values = np.sort(x)
     values = values[np.diff(values, prepend=0.0) > 0]  # np.unique takes ten times as long
     if len(values) > _NODES:
-        # BasicSum has kinks where one of its terms meets a whole number of clusters, hence the additional even spacing
+        # half of the nodes are evenly spaced, because BasicSum has kinks where one of its terms meets a whole number of clusters
         inner = [spaced(values[0], values[-1], _NODES // 2) for spaced in (np.geomspace, np.linspace)]
         ends = np.arange(_NODES // 8)
         chosen = np.searchsorted(values, np.concatenate(inner)).clip(max=len(values) - 1)
@@ -124,7 +124,7 @@ def _inverse_edf(m, alpha, points, kind: Kind) -> np.ndarray:
             out[common] = (constant - slope / total[common]) / total[common]
             short = short & ~common
     for one in {*alpha[limited | short].tolist()}:
-        infinite = not modified and one <= 0  # the paper's f where m is large
+        infinite = not modified and one <= 0  # whether f, in the paper's notation, is infinite where m is large
         here = limited & (alpha == one)
         if here.any():
             out[here] = _limited(r[here], size[here], one, kind)

@@ -87,7 +87,7 @@ def degrees_of_freedom(m: Any, alpha: Any, kind: str | Kind, samples: Any) -> Fl
 
 def _totdev(m, n, alpha: int, _):
     x = n / m
-    if alpha == 2:  # differences within m of an end share the end point twice: 32 m^2
+    if alpha == 2:  # 32 m^2: differences within m of an end share the end point twice
         return (6.0 * n + 8.0 * m) ** 2 / (70.0 * n + 110.0 * m + 32.0 * m**2)
     if alpha == 1:  # fitted up to n = 512
         return n / (1.339 + 0.2834 * m * np.minimum(m, 512.0) ** -0.094) / (1.0 + 0.96 / x)

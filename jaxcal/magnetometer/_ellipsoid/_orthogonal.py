@@ -229,7 +229,7 @@ def _log_size(found: Found) -> tuple[float, np.ndarray]:
 
 
 def _with_size(found: Found, alone: Found, size: Size) -> Found:
-    """Add the prior's information to the covariance, and the distance of the prior from the readings alone."""
+    """The fit with the prior's information in its covariance, and with the distance between prior and readings as `conflict`."""
     value, slope = _log_size(alone)
     conflict = 0.0
     if alone.converged and np.isfinite(alone.covariance).all():

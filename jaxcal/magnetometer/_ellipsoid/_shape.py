@@ -42,7 +42,7 @@ class Found:
     """An ellipsoid in scaled readings: shape and centre, (9, 9) covariance of its parameters, noise, distances and weights.
 
     noise2 : variance for the curvature term, which was subtracted from the distances. penalty : weight of the penalty. bias : shift of the
-    fit by the penalty; conflict : distance between the field by the readings alone and the known field, both in standard errors.
+    fit by the penalty; conflict : distance between the known field and the one that the readings alone give, both in standard errors.
     """
 
     parameters: AnyArray

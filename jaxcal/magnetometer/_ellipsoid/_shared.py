@@ -29,7 +29,7 @@ def shared(residuals: np.ndarray, normals: np.ndarray) -> Shared:
     first, second = (np.concatenate([part(k) for k in lags]) for part in (lambda k: normals[k:], lambda k: normals[:-k]))
     products = np.concatenate([residuals[k:] * residuals[:-k] for k in lags])
     norm, offset = np.linalg.lstsq(np.stack([np.ones(len(first)), np.sum(first * second, axis=1)], axis=1), products, rcond=None)[0]
-    # use close neighbours, which share most, but not the closest, which share what the log repeats
+    # use close neighbours, which have most in common, but not the closest, because a log may repeat readings
     near = np.concatenate([residuals[k:] * residuals[:-k] for k in _CLOSE])
     turned = np.concatenate([np.sum(normals[k:] * normals[:-k], axis=1) for k in _CLOSE])
     swing = float(np.sqrt(max(np.sum(turned * near) / max(np.sum(turned**2), 1e-300), 0.0)))

@@ -248,7 +248,7 @@ def jointly(
 
 
 def _spread(found: Solution, u: np.ndarray) -> float:
-    """`Alignment.spread` after the fit: of the dip, or of an axis of the unit field while the sensor turns, rad."""
+    """`Alignment.spread` after the fit, in rad: the scatter of the dip, or of an axis of the unit field while the sensor turns."""
     data, there = found.data, found.data.paired[: len(u)] > 0
     y = unit((u - found.parameters[CENTRE]) @ found.matrix.T)[there]
     if isinstance(data, JointPoses):
@@ -259,7 +259,7 @@ def _spread(found: Solution, u: np.ndarray) -> float:
 
 
 def _order(found: Solution) -> tuple[bool, float]:
-    """Rank of a solution among those from several starts: whether it failed, then -log of the likelihood, in lengths among the readings."""
+    """Sorting key of solutions from several starts: whether one failed, then -log of its likelihood as lengths among the readings."""
     data = found.data
     pairs = data.paired > 0
     along = 2 * np.sum(pairs) * np.log(found.sigma[1])
