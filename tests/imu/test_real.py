@@ -1,4 +1,4 @@
-"""Logs of an MPU-9150 turned by hand (mikoff/imu-calib) need gravity as the only option; results agree with those that their author published."""
+"""Logs of an MPU-9150 turned by hand (mikoff/imu-calib): gravity is the only option needed, and results agree with the published ones."""
 
 import json
 
