@@ -1,4 +1,4 @@
-"""`Calibration.correct`, and the temperature section: equations (5.4), (5.5), exact storage, warnings."""
+"""`Calibration.correct` and the temperature section: equations (5.4) and (5.5), exact storage, warnings."""
 
 import pathlib
 
@@ -108,7 +108,7 @@ def test_what_cannot_be_corrected_is_refused(device, log):
 
 
 def test_the_slow_noise_of_a_drifting_temperature_goes(device):
-    """An hour whose temperature drifts by 2 degC, which counts as B, K or R at long times without the correction."""
+    """The temperature drifts by 2 degC within an hour; without the correction this appears as B, K or R at long cluster times."""
     n, rate = 9_000, 2.5
     t = 30 + 2 * np.sin(np.pi * np.arange(n) / n)
     white = 1e-4 * np.sqrt(rate) * np.random.default_rng(0).standard_normal(n)

@@ -1,4 +1,4 @@
-"""`jaxcal imu`: both triads from a log of still poses and the turns between them."""
+"""`jaxcal imu`: calibrate both triads from a log of still poses and the turns between them."""
 
 import json
 import math
@@ -20,16 +20,16 @@ from ._screen import Screen
 from ._work import carry_out
 
 _AXES = "xyz"
-_TURNS = 14  # from which on a delay can be told
-_LATE = 1e-3  # s, a delay that is worth a word
-#: format of --export -> name of the file where none is given
+_TURNS = 14  # least number of turns to estimate a delay
+_LATE = 1e-3  # s; a longer delay is reported
+#: format of --export -> default name of the file
 _EXPORTS = {name: FILES[name] for name in ("c", "csv")}
 _OTHER = "File for another tool: c, csv, or such as c=FILE. Repeatable; jaxcal export writes the other formats."
 
 
 @dataclass(frozen=True, kw_only=True)
 class ImuWriting(Files):
-    """Where results go. Without any of these, into the folder LOG-imu, all of them."""
+    """Where results go. By default all go into the folder LOG-imu."""
 
     json: Annotated[Path | None, Parameter(help="Triads, intervals, residuals and verdict as JSON.")] = None
     calibration: Annotated[Path | None, Parameter(help="Calibration file, for jaxcal apply and jaxcal export.")] = None
@@ -102,7 +102,7 @@ def imu(
     known |= {} if not asked else {"terms": "auto" if asked == ("auto",) else asked}
 
     def compute(data: Any, _: Any) -> Any:
-        from ..imu._session import rests_among  # a command's help must not wait for JAX
+        from ..imu._session import rests_among  # imported here, so that the help of a command need not wait for JAX
 
         labelled = jaxcal.imu.read_regions(regions, data.rate) if regions is not None else None
         if method == "six_position" and labelled is None:
@@ -138,7 +138,7 @@ def imu(
 
 
 def _prior(path: Path) -> Any:
-    """An earlier calibration, or the data sheet in a JSON file."""
+    """Read an earlier calibration, or a data sheet from a JSON file."""
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
     except (UnicodeDecodeError, ValueError) as error:
@@ -159,7 +159,7 @@ def _gravity(gravity: float | None, latitude: float | None, height: float, notes
 
 
 def _tables(screen: Screen, found: Any, counts: bool) -> None:
-    """Scale errors, misalignment and bias of every axis with intervals of 95 %."""
+    """Print matrix, bias and further parameters of every axis with 95 % intervals."""
     for sensor, name, first in (("accel", "accelerometer", 0), ("gyro", "gyroscope", 12)):
         if getattr(found, sensor) is None:
             continue

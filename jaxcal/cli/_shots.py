@@ -1,4 +1,4 @@
-"""What `jaxcal mag` takes beside readings: known headings, currents, readings that are held back; and logs without times or names."""
+"""Further inputs of `jaxcal mag`: known headings, currents, held-out readings; and logs without times or names."""
 
 import dataclasses
 from pathlib import Path
@@ -13,7 +13,7 @@ _COUNTS = "whole numbers without a unit are counts, and so are all results; give
 
 
 class Shots(NamedTuple):
-    """Known headings in rad (n,), specific force from known attitudes (n, 3), currents by name (n,), and the readings held back (n,)."""
+    """Known headings in rad (n,), specific force from known attitudes (n, 3), currents by name (n,), flags of held-out readings (n,)."""
 
     headings: Any
     up: Any
@@ -22,7 +22,7 @@ class Shots(NamedTuple):
 
 
 def shots(path: Path, reading: Reading, log: Any, headings: str | None, currents: str | None, check: int | None) -> Shots:
-    """The columns that were asked for, on the samples of the log."""
+    """Read the requested columns on the samples of the log."""
     import numpy as np
 
     from ..magnetometer import body_field
@@ -43,14 +43,14 @@ def shots(path: Path, reading: Reading, log: Any, headings: str | None, currents
     found = {name: column_of(path, reading, name, len(log.time), None) if own.get(name) is None else own[name] for name in wanted}
     held = np.zeros(len(log.time), dtype=bool)
     if check is not None:
-        # readings of one pose are held back together
+        # hold out all readings of a pose together
         pose = np.arange(len(held)) if angle is None else np.cumsum(np.diff(angle, prepend=np.nan) != 0)
         held = pose % check == check - 1
     return Shots(angle, up, found, held)
 
 
 def ready(path: Path, reading: Reading, needs_time: bool) -> tuple[Reading, list[str]]:
-    """How to read a log whose columns or times are not named; a fit of norms needs neither times nor a unit. And the notes on that."""
+    """Options to read a log without named columns or times, with notes; a fit of field magnitudes needs neither times nor a unit."""
     if not path.is_file() or path.stat().st_size > _SMALL:
         return reading, []
     said: list[str] = []
@@ -64,11 +64,11 @@ def ready(path: Path, reading: Reading, needs_time: bool) -> tuple[Reading, list
         tried = dataclasses.replace(reading, **options)
         if _has_readings(path, tried, "units" in options):
             return tried, [*said, *words]
-    return reading, said  # the command says why
+    return reading, said  # reading by the command will report the reason
 
 
 def _has_readings(path: Path, reading: Reading, whole: bool) -> bool:
-    """Whether a log can be read like this and has a magnetometer of three axes, of whole numbers if these are to be counts."""
+    """Whether a log can be read with these options and has a magnetometer with three axes (`whole`: of whole numbers, for counts)."""
     import numpy as np
 
     import jaxcal
@@ -81,7 +81,7 @@ def _has_readings(path: Path, reading: Reading, whole: bool) -> bool:
 
 
 def _by_position(path: Path, reading: Reading) -> tuple[Reading, list[str]]:
-    """Three columns without names, or called x, y and z, are the magnetometer."""
+    """Read three columns without names, or called x, y and z, as the magnetometer."""
     import numpy as np
 
     chosen: dict[str, Any] = {}
@@ -93,7 +93,7 @@ def _by_position(path: Path, reading: Reading) -> tuple[Reading, list[str]]:
         try:
             table = read_json(path)
         except jaxcal.DataError:
-            return reading, []  # the command says why
+            return reading, []  # reading by the command will report the reason
         bare = len(table.names) == 3 and not any(table.names)
         if not bare and not {"x", "y", "z"} <= set(table.names):
             return reading, []

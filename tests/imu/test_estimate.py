@@ -1,4 +1,4 @@
-"""`estimate` with a gyroscope: truth of a simulated motion, and derivatives under jit against finite differences."""
+"""`estimate` with a gyroscope: it recovers a simulated device, and its derivatives under jit agree with finite differences."""
 
 import jax
 import jax.numpy as jnp
@@ -15,7 +15,7 @@ COUNT = 16
 
 @pytest.fixture(scope="module")
 def data():
-    """Poses and turns of a record, cut where the simulation says."""
+    """Poses and turns of a simulated recording, cut at the times that the simulation used."""
     log = cases.recording(0, poses=COUNT, up=cases.UP[:COUNT], latitude=LATITUDE)
     turn, (start, stop) = int(cases.TURN * cases.RATE), cases.rests(COUNT).T
     accel, gyro = (np.array([x[i:j].mean(axis=0) for i, j in zip(start, stop, strict=True)]) for x in (log.accel, log.gyro))
@@ -28,7 +28,7 @@ def data():
 
 @jax.jit
 def scale(gravity, latitude, poses, turns):
-    """A number that depends on everything; without a loss, whose corners finite differences would step across."""
+    """A number that depends on all arguments. The fit has no robust loss: finite differences would step across its corners."""
     found = estimate(poses, turns, gravity=gravity, latitude=latitude)
     return found.model.gyro.matrix[0, 1] + 1e3 * found.model.gyro.g_sensitivity[2, 2] + found.model.accel.bias[0], found
 
@@ -48,7 +48,7 @@ def test_derivatives_by_held_values_and_readings(data):
     at = (jnp.asarray(cases.GRAVITY), jnp.asarray(LATITUDE), poses, turns)
     slope = jax.jit(jax.grad(lambda *x: scale(*x)[0], argnums=(0, 1, 2, 3)))(*at)
     rng = np.random.default_rng(0)
-    # arithmetic of NumPy: JAX would compile each operation for each shape
+    # NumPy does the arithmetic below, since JAX would compile each operation for each shape
     at, slope = jax.tree.map(np.asarray, (at, slope))
     poses, turns = at[2:]
     zero = jax.tree.map(np.zeros_like, at)
