@@ -1,0 +1,76 @@
+"""Limits and verdicts that hold for every model of the slow noise that the record does not exclude."""
+
+from typing import Any
+
+import numpy as np
+
+from .._types import AnyArray
+from ._alternatives import Alternative, Alternatives
+from ._limits import Limits, levels_of
+from ._result import PRESENT
+from ._spectral import FILTER, Fitted, uncertainty
+
+_LEAST = 1e-2  # likelihood ratio at which limits are found at least
+
+
+def competing(found: Alternatives, confidence: float) -> Alternative | None:
+    """The likeliest model without B and K, where the likelihood does not exclude it."""
+    rival, (level, _) = found.rival, levels_of(confidence)
+    return rival if rival is not None and rival.net > _own(found) - level else None
+
+
+def widest(limits: Limits, names: tuple[str, ...], other: Limits, terms: tuple[str, ...]) -> Limits:
+    """Limits of some terms that reach to those of another fit, which has limits of these terms alone."""
+    low, high, upper = limits.low.copy(), limits.high.copy(), limits.upper.copy()
+    for j, name in enumerate([name for name in names if name in terms]):
+        i = _row(names, name)
+        low[i], high[i], upper[i] = min(low[i], other.low[j]), max(high[i], other.high[j]), max(upper[i], other.upper[j])
+    return limits._replace(low=low, high=high, upper=upper)
+
+
+def over_models(
+    limits: Limits, names: tuple[str, ...], squares: Any, fitted: Fitted, others: tuple[str, ...], widened: AnyArray, unit: float,
+    found: Alternatives, confidence: float,
+) -> Limits:  # fmt: skip
+    """Limits of N from the likelihood of both models, that of the fit and its rival's: where it has fallen from the larger maximum.
+
+    Parameters
+    ----------
+    limits, names : those of the fit, and the names of its columns.
+    squares : its squared coefficients.
+    fitted, others, widened : the fit of the rival, the names of its columns, and by how much their variances are widened.
+    unit : unit of the rival's squared coefficients in that of the fit's.
+    found : the alternatives, for the gains of both.
+    confidence : level of the limits.
+    """
+    assert found.rival is not None
+    i, own, both = _row(names, "N"), _own(found), levels_of(confidence)
+    behind = found.rival.net - own
+    # the root of the likelihood ratio is nearly linear in the coefficient
+    best = np.sqrt(squares[names.index("N")])
+    shrunk = [np.sqrt(max(level - max(behind, 0.0), 0.0) / level) for level in both]
+    ends = [best + (np.sqrt(end[i]) - best) * shrink for end, shrink in zip(limits[:3], (shrunk[0], *shrunk), strict=True)]
+    levels = [max(level - max(-behind, 0.0), _LEAST) for level in both]
+    other = uncertainty(fitted, widened, *levels, others, ("N",))[1].scaled(unit)
+    low, high, upper = (np.array(end) for end in limits[:3])
+    low[i], high[i], upper[i] = ends[0] ** 2, ends[1] ** 2, ends[2] ** 2
+    return widest(limits._replace(low=low, high=high, upper=upper), names, other, ("N",))
+
+
+def doubted(limits: Limits, names: tuple[str, ...], doubts: dict[str, Alternative]) -> tuple[Limits, dict[str, Alternative]]:
+    """Limits in which a term is a hint at most and may be zero, where a model without it is nearly as likely; and those doubts."""
+    low, significance = limits.low.copy(), limits.significance.copy()
+    there = {name: one for name, one in doubts.items() if name in names and significance[_row(names, name)] > PRESENT}
+    for i in (_row(names, name) for name in there):
+        low[i], significance[i] = 0.0, PRESENT * (1.0 - 1e-9)
+    return limits._replace(low=low, significance=significance), there
+
+
+def _own(found: Alternatives) -> float:
+    """Net gain of the model that is fitted over B and K alone."""
+    return found.admitted.net if found.admitted else 0.0
+
+
+def _row(names: tuple[str, ...], name: str) -> int:
+    """Where a term stands in limits, which have none of the filter."""
+    return [one for one in names if one != FILTER].index(name)
