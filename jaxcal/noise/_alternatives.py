@@ -10,7 +10,7 @@ An alternative that is not admitted may still be as likely as B and K. Then N ha
 that the alternative does without is a hint at most:
 
 - K, unless it explains more than flicker of any exponent does. The exponents of measured flicker lie near one, so the gain of an
-  exponent :math:`\alpha` is reduced by :math:`((\alpha - 1)/\sigma)^2`, with :math:`\sigma = 1/8`, the logarithm of a normal prior.
+  exponent :math:`\alpha` is reduced by :math:`((\alpha - 1)/\sigma)^2`, with :math:`\sigma = 1/6`, the logarithm of a normal prior.
 - B, where one Gauss-Markov process explains more than B and K do, or two explain much more.
 """
 
@@ -31,7 +31,7 @@ _ALIKE = 0.1  # exponents nearer than this to 1 are flicker
 _EXPONENTS = np.arange(3, 19) / 10.0
 _OTHER = np.abs(_EXPONENTS - 1.0) > _ALIKE / 2.0
 _LAWS: tuple[tuple[Term, ...], ...] = tuple((PowerLaw(exponent=float(value)),) for value in _EXPONENTS)
-_SPREAD = 0.125  # standard deviation of the exponents of measured flicker about 1
+_SPREAD = 1.0 / 6.0  # standard deviation of the exponents of measured flicker about 1
 _TIMES = 14  # correlation times that are tried, from ten samples to a quarter of the record
 _HALVINGS = 4  # of the step between neighbours, around the best of them
 _WORTH = 3.0  # score of one more term below which the search is short: alternatives that are admitted have twice that and more
@@ -39,9 +39,9 @@ _SLOW = 5.41  # twice the gain of B and K over none below which there is nothing
 _OWN = 1e-9  # part of a term's squares that the terms of the fit must leave for it to be another term
 _TINY = np.finfo(float).tiny ** 0.5
 #: family -> shape parameters and coefficients beyond those of B and K, twice the gain in log likelihood that admits it, and that
-#: from which B is a hint at most
+#: from which B, or K beside a power law, is a hint at most
 _FAMILIES = {
-    "power law": (0, 9.0, np.inf), "one process": (0, 8.0, 2.0), "two processes": (2, 13.0, 8.0), "process beside": (2, 13.0, np.inf),
+    "power law": (0, 9.0, -PRESENT), "one process": (0, 8.0, 1.0), "two processes": (2, 13.0, 7.0), "process beside": (2, 13.0, np.inf),
 }  # fmt: skip
 _PARAMETER = 2.0  # what one parameter more must gain for a family to be preferred to another
 
@@ -88,13 +88,10 @@ class Alternatives(NamedTuple):
         model, found = self.admitted, {}
         if model is not None and model.family != "process beside":
             return {}  # B and K are judged by what they explain beyond it
-        gain = model.gain if model else 0.0
-        if self.flicker and self.flicker.gain > gain - PRESENT:
-            found["K"] = self.flicker
-        for one in self.listed:
-            enough = gain - PRESENT if model else _FAMILIES[one.family][2]
-            if one.family in ("one process", "two processes") and one.gain > enough:
-                found.setdefault("B", one)
+        judged = [("B", one) for one in self.listed if one.family in ("one process", "two processes")]
+        for term, one in [("K", self.flicker), *judged] if self.flicker else judged:
+            if one.net > model.net - PRESENT if model else one.gain > _FAMILIES[one.family][2]:
+                found.setdefault(term, one)
         return found
 
 
@@ -142,10 +139,11 @@ def _near_one(gains: AnyArray) -> tuple[tuple[Term, ...], float]:
     """The likeliest exponent of flicker under its prior, from the gains at all exponents, and its gain less that of the prior."""
     gains = gains - ((_EXPONENTS - 1.0) / _SPREAD) ** 2
     index = int(np.clip(np.argmax(gains), 1, len(gains) - 2))
-    before, best, after = gains[index - 1 : index + 2]
+    near = gains[index - 1 : index + 2]
+    before, best, after = np.where(np.isfinite(near), near, 0.0)
     bend = 2.0 * best - before - after  # of the parabola through the three
-    if not (np.isfinite(bend) and bend > 0.0):
-        return _LAWS[index], float(best)
+    if not np.all(np.isfinite(near)) or bend <= 0.0:
+        return _LAWS[index], float(near[1])
     at = float(np.clip((after - before) / (2.0 * bend), -1.0, 1.0))
     exponent = float(_EXPONENTS[index] + at * (_EXPONENTS[1] - _EXPONENTS[0]))
     return (PowerLaw(exponent=exponent),), float(best + at * (after - before) / 4.0)
