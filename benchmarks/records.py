@@ -1,12 +1,14 @@
 """Noise of records that are not the model's: missing samples, and causes that pass for slow noise.
 
-    python benchmarks/records.py [--only gaps,causes,levels,alternatives] [--case exponent] [--runs 20] [--seed 1]
+    python benchmarks/records.py [--only gaps,causes,tails,doubling,recordings,degenerate,levels,alternatives] [--case exponent]
+        [--runs 20] [--seed 1]
 
 gaps: case A (2^17 samples at 100 Hz; N 0.25 deg/sqrt(h), B 7.6 deg/h, K 1.8 deg/h/sqrt(s)) with samples missing; rmse in % of N, B, K,
 share of 95 % intervals that hold the truth, share of records in which K is present, and processor seconds of a fit.
 causes: white noise (2^16 samples) with a step, a sinusoid, a warm-up, noise of another exponent or two Gauss-Markov processes; how often
 B and K are present or a hint, N is covered, how wide its interval is, and how often the cause is named: in all records, and in those
 whose likelihood ratio of the true density over Q, N, B and K exceeds the level of 1 %. Then noise of the model, where B and K are there.
+tails, doubling, recordings, degenerate: heavy tails, a level that doubles, several recordings of a device, and records that are hardly any.
 alternatives: gain in likelihood of each family of other spectra in records of noise of the model, which sets the levels of
 `jaxcal.noise._alternatives`.
 levels: highest likelihood ratio of each family of causes in records of noise alone, which set `jaxcal.noise._causes.LEVELS`.
@@ -15,15 +17,22 @@ Records are drawn ordinate by ordinate from their density; nothing is shared wit
 """
 
 import argparse
+import contextlib
+import io
+import pathlib
+import tempfile
 import time
+import warnings
 from functools import partial
 
+import jax
 import numpy as np
 import scipy.fft
 import scipy.optimize
 
 import jaxcal
 from jaxcal._precision import host_float64
+from jaxcal.cli import main
 from jaxcal.noise import _causes
 from jaxcal.noise._alternatives import find_alternatives
 from jaxcal.noise._model import checked_terms
@@ -82,7 +91,8 @@ def gaps(runs, seed, case=""):
         rmse, held = 100 * np.sqrt(np.mean(np.square(errors), axis=0)), 100 * np.mean(inside, axis=0)
         cells = " ".join(f"{value:4.0f}" for value in held)
         print(
-            f"{name:20s} {rmse[0]:8.2f} {rmse[1]:6.1f} {rmse[2]:6.1f}   {cells}   {100 * np.mean(present):9.0f}   {np.median(spent):5.2f}"
+            f"{name:20s} {rmse[0]:8.2f} {rmse[1]:6.1f} {rmse[2]:6.1f}   {cells}   {100 * np.mean(present):9.0f}   {np.median(spent):5.2f}",
+            flush=True,
         )
 
 
@@ -211,6 +221,109 @@ def alternatives(runs, seed):
             print(f"{name:8s} {family:16s}   " + "  ".join(f"{np.sort(gains)[int(q * (runs - 1))]:6.1f}" for q in (0.5, 0.9, 0.97, 0.99)))
 
 
+def tails(runs, seed):
+    """N of the core of white noise with heavy tails, 2^16 samples: its error, and whether the interval holds it."""
+    n = 2**16
+    laws = {
+        "normal": (1.0, lambda r: r.standard_normal(n)),
+        "9 % of 12 standard deviations": (1.0, lambda r: r.standard_normal(n) * np.where(r.random(n) < 0.09, 12.0, 1.0)),
+        "9 % of Laplace bursts": (1.0, lambda r: r.standard_normal(n) + (r.random(n) < 0.09) * r.laplace(0, 15, n)),
+        "Student, 3 degrees of freedom": (3.0**0.5, lambda r: r.standard_t(3, n)),
+    }
+    print(f"{'law':30s}   mean error of N   largest, %   N covered   tails named   (in % of {runs})")
+    for name, (truth, draw) in laws.items():
+        rows = []
+        for i in range(runs):
+            found = jaxcal.noise.fit(draw(np.random.default_rng([seed, i])), RATE, robust=True)
+            (low, high), truth_here = found.interval["N"], truth / np.sqrt(RATE)
+            named = any("heavy tails" in sentence for sentence in found.warnings)
+            rows.append([found.noise.N / truth_here - 1, low <= truth_here <= high, named])
+        error, inside, named = 100 * np.array(rows, dtype=float).T
+        print(f"{name:30s}{error.mean():15.2f}{np.abs(error).max():13.2f}{inside.mean():12.1f}{named.mean():12.1f}", flush=True)
+
+
+def doubling(runs, seed):
+    """White noise whose level doubles at 30 to 70 % of 2^16 samples."""
+    n, rows = 2**16, []
+    for i in range(runs):
+        r = np.random.default_rng([seed, i])
+        y = r.standard_normal(n) * np.where(np.arange(n) < n * r.uniform(0.3, 0.7), 1.0, 2.0)
+        found = jaxcal.noise.fit(y, RATE)
+        said = [sentence for sentence in found.warnings if "level of the white noise changes" in sentence]
+        levels = [float(part.split(" +- ")[0]) * np.sqrt(RATE) for part in said[0].split("N is ")[1].split(" s, ")] if said else []
+        error = np.abs(np.array(levels) / [1.0, 2.0] - 1).max() if len(levels) == 2 else np.nan
+        rows.append(
+            [found.verdict["N"] == "present", len(levels) == 2, error, found.verdict["B"] == "present", found.verdict["K"] == "present"]
+        )
+    present, two, error, b, k = 100 * np.array(rows, dtype=float).T
+    print(f"level doubles, {runs} records: N present {present.mean():.1f} %, two levels {two.mean():.1f} %, their largest error "
+          f"{np.nanmax(error):.2f} %, B and K present {b.mean():.1f} and {k.mean():.1f} %")  # fmt: skip
+
+
+def recordings(runs, seed):
+    """Whether the interval of four recordings holds the coefficient of the fifth; 4,096 samples, true spreads of N."""
+    for spread in (0.01, 0.1, 0.3):
+        inside = []
+        for i in range(runs):
+            r = np.random.default_rng([seed, i])
+            truth = np.exp(spread * r.standard_normal(5))
+            found = jaxcal.noise.fit_recordings([n * r.standard_normal(4096) for n in truth[:4]], RATE, terms="NK")
+            low, high = found.interval["N"]
+            inside.append(low <= truth[4] / np.sqrt(RATE) <= high)
+        print(
+            f"spread {100 * spread:.0f} %: the interval of four recordings holds the fifth's N in {100 * np.mean(inside):.1f} % of {runs}",
+            flush=True,
+        )
+
+
+def degenerate(runs, seed):
+    """Short, moving and degenerate records: answers, refusals, NaN, warnings of Python; and the status of the command for moving ones."""
+    kinds = {
+        "white": lambda t, w, r: w, "moving": lambda t, w, r: r.uniform(1, 5) * np.sin(r.uniform(0.5, 3) * t) + 0.01 * w,
+        "sine": lambda t, w, r: 1e-9 * w + np.sin(2 * np.pi * r.uniform(0.1, 30.0) * t), "summed": lambda t, w, r: w.cumsum().cumsum(),
+        "coarse": lambda t, w, r: np.round(0.4 * w), "late": lambda t, w, r: np.where(np.arange(len(t)) < len(t) // 2, 0.0, w),
+        "lost": lambda t, w, r: np.where(r.random(len(t)) < r.random(), np.nan, w),
+        "growing": lambda t, w, r: w * np.exp(5 * t / max(t[-1], 0.01)), "ramp": lambda t, w, r: 100.0 * t,
+        "step": lambda t, w, r: (t > t[len(t) // 2]).astype(float), "cauchy": lambda t, w, r: r.standard_cauchy(len(t)),
+        "held": lambda t, w, r: np.repeat(w[: len(t) // 10 + 1], 10)[: len(t)], "offset": lambda t, w, r: 1e15 + 1e8 * w,
+        "tiny": lambda t, w, r: 1e-150 * w, "constant": lambda t, w, r: 0 * t,
+    }  # fmt: skip
+    counts = dict.fromkeys(("answers", "refusals", "NaN", "warnings", "other errors"), 0)
+    for i in range(runs):
+        r, kind = np.random.default_rng([seed, i]), list(kinds)[i % len(kinds)]
+        n = int(np.exp(r.uniform(np.log(2), np.log(5000))))
+        y = kinds[kind](np.arange(n) / RATE, r.standard_normal(n), r)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            try:
+                fit = jaxcal.noise.fit(y, RATE)
+                tables = (fit.interval, fit.upper_limit, fit.significance, fit.longer_record, fit.decides, fit.covariance, fit.noise)
+                outcome = "NaN" if any(np.isnan(leaf).any() for leaf in jax.tree.leaves(tables)) else "answers"
+            except jaxcal.JaxcalError:
+                outcome = "refusals"
+            except Warning:
+                outcome = "warnings"
+            except Exception:
+                outcome = "other errors"
+        counts[outcome] += 1
+        if outcome not in ("answers", "refusals"):
+            print(kind, n, outcome)
+    print(f"{runs} records: {counts}")
+    status = []
+    for i in range(runs // 10):
+        r = np.random.default_rng([seed, i, 1])
+        n = int(r.uniform(500, 5000))
+        t = np.arange(n) / RATE
+        turn = np.stack([r.uniform(0.3, 3) * np.sin(r.uniform(0.5, 3) * t + phase) for phase in range(3)], axis=1)
+        with tempfile.TemporaryDirectory() as folder:
+            path = pathlib.Path(folder) / "log.csv"
+            table = np.column_stack([t, turn + 0.01 * r.standard_normal((n, 3))])
+            np.savetxt(path, table, delimiter=",", header="time [s],gyro_x [rad/s],gyro_y [rad/s],gyro_z [rad/s]", comments="")
+            with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+                status.append(main(["noise", str(path), "--json", str(path.with_suffix(".json"))]))
+    print(f"{len(status)} logs of a sensor that moves: status 0 in {sum(one == 0 for one in status)}")
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", default="gaps,causes")
@@ -219,6 +332,7 @@ if __name__ == "__main__":
     parser.add_argument("--case", default="", help="rows of gaps and causes that begin with one of these, separated by semicolons")
     options = parser.parse_args()
     tables = {"gaps": partial(gaps, case=options.case), "causes": partial(causes, case=options.case), "levels": levels}
-    tables["alternatives"] = host_float64(alternatives)
+    tables |= {"alternatives": host_float64(alternatives), "tails": tails, "doubling": doubling, "recordings": recordings}
+    tables["degenerate"] = degenerate
     for table in options.only.split(","):
         tables[table](options.runs, options.seed)
