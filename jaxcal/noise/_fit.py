@@ -58,7 +58,8 @@ def fit(
     sensor, are left out and named; what a filter leaves below is fitted as a nuisance, and Q, which has its shape, is then not
     estimated. Spectral lines are taken out, and become sinusoids of the model. Where the record scatters more than the model
     allows, the intervals are widened, with a warning. A step, a ramp, a warm-up or a slow sinusoid is fitted together with the noise and
-    named. Another exponent, or Gauss-Markov processes, join the model where they explain the slow noise better than B and K.
+    named. Another exponent, or Gauss-Markov processes, join the model where they explain the slow noise better than B and K. Where
+    they explain it about as well, B or K is a hint at most, which a note says, and the interval of N holds for both models.
     Single outlying samples are set to the mean of their neighbours, and counted.
 
     Parameters
