@@ -58,12 +58,11 @@ def over_models(
 
 
 def doubted(limits: Limits, names: tuple[str, ...], doubts: dict[str, Alternative]) -> tuple[Limits, dict[str, Alternative]]:
-    """Limits in which a term is a hint at most and may be zero, where a model without it is nearly as likely; and those doubts."""
-    low, significance = limits.low.copy(), limits.significance.copy()
-    there = {name: one for name, one in doubts.items() if name in names and significance[_row(names, name)] > PRESENT}
-    for i in (_row(names, name) for name in there):
-        low[i], significance[i] = 0.0, PRESENT * (1.0 - 1e-9)
-    return limits._replace(low=low, significance=significance), there
+    """Limits in which a term may be zero that a model without it makes doubtful; and the doubts of terms that would be present."""
+    there = {name: one for name, one in doubts.items() if name in names and limits.significance[_row(names, name)] > PRESENT}
+    low = limits.low.copy()
+    low[[_row(names, name) for name in there]] = 0.0
+    return limits._replace(low=low), there
 
 
 def _own(found: Alternatives) -> float:

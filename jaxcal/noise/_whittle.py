@@ -149,6 +149,7 @@ def fit_record(
         decides={name: float(factor[names.index(name)]) * n * dt for name in asked if name in names}, confidence=confidence,
         goodness=float(solved.fitted.goodness), method="whittle", band=(float(curve.tau[used].min()), float(curve.tau[used].max())),
     )  # fmt: skip
+    fit = dataclasses.replace(fit, verdict=fit.verdict | dict.fromkeys(doubts, "hint"))
     left_out = _messages.of_octaves(curve, used, np.sqrt(np.asarray(fit.noise.avar(curve.tau, dt=dt))), band is None)
     inflation = float(solved.fitted.inflation)
     told, notes = _messages.of_alternatives(found, doubts, fit)
