@@ -10,7 +10,7 @@ An alternative that is not admitted may still be as likely as B and K. Then N ha
 that the alternative does without is a hint at most:
 
 - K, unless it explains more than flicker of any exponent does. The exponents of measured flicker lie near one, so the gain of an
-  exponent :math:`\alpha` is reduced by :math:`((\alpha - 1)/\sigma)^2`, with :math:`\sigma = 1/6`, the logarithm of a normal prior.
+  exponent :math:`\alpha` is reduced by :math:`((\alpha - 1)/\sigma)^2`, with :math:`\sigma = 0.15`, the logarithm of a normal prior.
 - B, where one Gauss-Markov process explains more than B and K do, or two explain much more.
 """
 
@@ -31,7 +31,7 @@ _ALIKE = 0.1  # exponents nearer than this to 1 are flicker
 _EXPONENTS = np.arange(3, 19) / 10.0
 _OTHER = np.abs(_EXPONENTS - 1.0) > _ALIKE / 2.0
 _LAWS: tuple[tuple[Term, ...], ...] = tuple((PowerLaw(exponent=float(value)),) for value in _EXPONENTS)
-_SPREAD = 1.0 / 6.0  # standard deviation of the exponents of measured flicker about 1
+_SPREAD = 0.15  # standard deviation of the exponents of measured flicker about 1
 _TIMES = 14  # correlation times that are tried, from ten samples to a quarter of the record
 _HALVINGS = 4  # of the step between neighbours, around the best of them
 _WORTH = 3.0  # score of one more term below which the search is short: alternatives that are admitted have twice that and more
@@ -41,7 +41,7 @@ _TINY = np.finfo(float).tiny ** 0.5
 #: family -> shape parameters and coefficients beyond those of B and K, twice the gain in log likelihood that admits it, and that
 #: from which B, or K beside a power law, is a hint at most
 _FAMILIES = {
-    "power law": (0, 9.0, -PRESENT), "one process": (0, 8.0, 1.0), "two processes": (2, 13.0, 7.0), "process beside": (2, 13.0, np.inf),
+    "power law": (0, 9.0, -PRESENT), "one process": (0, 8.0, 1.0), "two processes": (2, 13.0, 8.0), "process beside": (2, 13.0, np.inf),
 }  # fmt: skip
 _PARAMETER = 2.0  # what one parameter more must gain for a family to be preferred to another
 
