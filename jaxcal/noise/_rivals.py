@@ -1,9 +1,5 @@
 """Limits and verdicts that hold for every model of the slow noise that the record does not exclude."""
 
-from typing import Any
-
-import numpy as np
-
 from .._types import AnyArray
 from ._alternatives import Alternative, Alternatives
 from ._limits import Limits, levels_of
@@ -29,32 +25,23 @@ def widest(limits: Limits, names: tuple[str, ...], other: Limits, terms: tuple[s
 
 
 def over_models(
-    limits: Limits, names: tuple[str, ...], squares: Any, fitted: Fitted, others: tuple[str, ...], widened: AnyArray, unit: float,
-    found: Alternatives, confidence: float,
+    limits: Limits, names: tuple[str, ...], fitted: Fitted, others: tuple[str, ...], widened: AnyArray, unit: float, found: Alternatives,
+    confidence: float,
 ) -> Limits:  # fmt: skip
-    """Limits of N from the likelihood of both models, that of the fit and its rival's: where it has fallen from the larger maximum.
+    """Limits of N that reach to where the likelihood of the rival has fallen as far below the larger maximum.
 
     Parameters
     ----------
     limits, names : those of the fit, and the names of its columns.
-    squares : its squared coefficients.
     fitted, others, widened : the fit of the rival, the names of its columns, and by how much their variances are widened.
     unit : unit of the rival's squared coefficients in that of the fit's.
     found : the alternatives, for the gains of both.
     confidence : level of the limits.
     """
     assert found.rival is not None
-    i, own, both = _row(names, "N"), _own(found), levels_of(confidence)
-    behind = found.rival.net - own
-    # the root of the likelihood ratio is nearly linear in the coefficient
-    best = np.sqrt(squares[names.index("N")])
-    shrunk = [np.sqrt(max(level - max(behind, 0.0), 0.0) / level) for level in both]
-    ends = [best + (np.sqrt(end[i]) - best) * shrink for end, shrink in zip(limits[:3], (shrunk[0], *shrunk), strict=True)]
-    levels = [max(level - max(-behind, 0.0), _LEAST) for level in both]
-    other = uncertainty(fitted, widened, *levels, others, ("N",))[1].scaled(unit)
-    low, high, upper = (np.array(end) for end in limits[:3])
-    low[i], high[i], upper[i] = ends[0] ** 2, ends[1] ** 2, ends[2] ** 2
-    return widest(limits._replace(low=low, high=high, upper=upper), names, other, ("N",))
+    behind = max(_own(found) - found.rival.net, 0.0)
+    levels = [max(level - behind, _LEAST) for level in levels_of(confidence)]
+    return widest(limits, names, uncertainty(fitted, widened, *levels, others, ("N",))[1].scaled(unit), ("N",))
 
 
 def doubted(limits: Limits, names: tuple[str, ...], doubts: dict[str, Alternative]) -> tuple[Limits, dict[str, Alternative]]:

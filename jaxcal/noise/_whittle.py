@@ -137,7 +137,7 @@ def fit_record(
     if "N" in asked and (rival := rivals.competing(found, confidence)):
         other = _solve(observed, (*rest, *rival.terms), band)
         wide, unit = widening(other.fitted, other.columns, rival.terms, dt), float(other.bins.unit / solved.bins.unit)
-        limits = rivals.over_models(limits, names, solved.fitted.theta, other.fitted, other.names, wide, unit, found, confidence)
+        limits = rivals.over_models(limits, names, other.fitted, other.names, wide, unit, found, confidence)
     limits, doubts = rivals.doubted(limits, names, found.doubts())
     lines = amplitudes(solved.bins, solved.taken, density(solved.bins.columns, solved.fitted.theta), n * dt)
     lines = [found for found in lines if found[1] <= solved.end]
