@@ -224,10 +224,12 @@ class Log(eqx.Module):
         lines = [f"{len(self.time)} samples at {self.rate:.6g} Hz, {span(self.duration)}, {gaps}"]
         channels = self.channels()
         width = max(map(len, channels))
+        clock = self.provenance.get("quantity") == "clock"  # fractional frequencies stand in the columns of a sensor
         for name, column in channels.items():
             present = column[np.isfinite(column)]
-            sensor = name.split("_")[0]
-            lines.append(f"{name:<{width}}  mean {present.mean():.4g}  std {present.std():.4g}  {shown_unit(sensor, present)}")
+            sensor, _, axis = name.partition("_")
+            name, unit = (f"clock_{axis}", "fractions of the frequency") if clock else (name, shown_unit(sensor, present))
+            lines.append(f"{name:<{width}}  mean {present.mean():.4g}  std {present.std():.4g}  {unit}")
         return "\n".join(lines)
 
     def _sensors(self) -> dict[str, np.ndarray]:

@@ -18,6 +18,7 @@ _DRAWS = 20_000  # number of draws for the generalised intervals
 _SEED = 24  # seed of the draws: the same study always gives the same numbers
 _POOL = 0.25  # p value above which an interaction counts as repeatability: the rule of the AIAG manual
 _LARGEST = 4_000_000  # largest number of values times groups
+_OPEN = 3.0  # ratio of a component's upper limit to the scatter of the whole study above which the study is weak
 _CATEGORIES = 1.41  # distinct categories: 1.41 times the standard deviation of parts over that of the gauge
 
 
@@ -34,7 +35,7 @@ class Components(Result):
     ratios, ratio_interval : (q,) and (q, 2), results of a gauge study, in the order of `ratio_names`; empty for `components`.
     ratio_names : names of the ratios.
     confidence : level of the intervals.
-    warnings : sentences.
+    warnings : a sentence for each level of too few groups, whose interval goes beyond three times the deviation of all components.
 
     Examples
     --------
@@ -64,7 +65,7 @@ class Components(Result):
 
     @property
     def verdict(self) -> str:
-        """The word "good", or "weak" if there are warnings."""
+        """The word "good"; "weak" if a component may be larger than three times the scatter of the whole study."""
         return "weak" if self.warnings else "good"
 
     @property
@@ -211,12 +212,21 @@ def _analysed(values: Any, levels: Mapping[str, Any], crossed: tuple[str, ...], 
         return np.array([fill if at == -1 else array[at] for at in where])
 
     limits = dict(zip([*names, "repeatability"], np.maximum(np.quantile(drawn, ends, axis=0).T, 0.0), strict=True)) | pooled
+    total, said = float(np.sqrt(np.sum(variance))), []
+    for name, free in zip(names, freedom[:-1], strict=True):
+        highest = float(np.sqrt(limits[name][1]))
+        if highest > _OPEN * total > 0.0:
+            said.append(
+                f"the standard deviation of {name} may be {highest:.3g}, {highest / total:.1f} times that of the whole study: "
+                f"{free:.0f} degree{'s' * bool(free > 1)} of freedom tell too little; measure with five or more of them"
+            )
     ratio_names, ratios, ratio_limits = _reported(names, variance, np.maximum(drawn, 0.0), ends, study) if study else ((), [], [])
     return Components(
         names=tuple(order), variance=placed(variance, 0.0), interval=np.array([limits[name] for name in order]),
         degrees_of_freedom=placed(freedom, np.nan), mean_square=placed(means, np.nan),
         p_value=placed(tests, np.nan), pooled=tuple(pooled), mean=float(values.mean()),
         ratio_names=ratio_names, ratios=np.array(ratios), ratio_interval=np.array(ratio_limits).reshape(-1, 2), confidence=confidence,
+        warnings=tuple(said),
     )  # fmt: skip
 
 

@@ -83,16 +83,20 @@ def allan(
     """
     options: dict[str, Any] = {"kind": kind, "m": _sizes(m), "confidence": confidence, "bias_corrected": bias_corrected}
     options |= {"alpha": alpha, "robust": robust}
+    asked = dict(options)
 
+    change = None
     if clock:
-        # read the column as rad/s, which leaves the numbers unchanged
+        # read a column without a unit as rad/s, whose factor is one; the files name what was asked for
+        options |= {"clock": True, "columns": reading.columns, "units": reading.units}
         reading = replace(reading, columns=reading.columns or ("gyro=0",), units=("gyro=rad/s", *(reading.units or ())))
+        change = _as_clock
 
     def compute(recording: Any, _: Any) -> dict[str, Any]:
         found = {}
         for sensor in ("gyro", "accel", "mag"):
             if (values := getattr(recording, sensor)) is not None:
-                result = jaxcal.allan.deviation(values.reshape(len(values), -1), recording.rate, **options)
+                result = jaxcal.allan.deviation(values.reshape(len(values), -1), recording.rate, **asked)
                 name = "clock" if clock else sensor
                 found |= {f"{name}_{'xyz'[axis]}": result.channel(axis) for axis in range(result.deviation.shape[1])}
         if not found:
@@ -102,7 +106,9 @@ def allan(
     names = ("tau", "m", "deviation", "lower", "upper", "edf")
     plan = _outputs(log, writing, "allan", "tau_s", names, ("count", "alpha", "bias"), ("kind", "confidence"), lambda plot: plot.allan)
     show = partial(_tables, table=_deviations)
-    done = carry_out(log, reading, running, plan, compute, doing="computing", show=show, command="jaxcal allan", options=options)
+    done = carry_out(
+        log, reading, running, plan, compute, doing="computing", show=show, change=change, command="jaxcal allan", options=options
+    )
     done.tell([sentence for result in done.found.values() for sentence in result.warnings])
 
 
@@ -164,6 +170,14 @@ def psd(
     warnings = {channel: [f"left out: {sentence}" for sentence in sentences] for channel, sentences in refused.items()}
     warnings |= {channel: result.warnings for channel, result in done.found.items()}
     done.tell(by_channel(warnings))
+
+
+def _as_clock(log: Any) -> Any:
+    """The log with a provenance that says what its column holds, in place of the units of a sensor."""
+    import equinox as eqx
+
+    known = {name: value for name, value in log.provenance.items() if name not in ("units", "columns")}
+    return eqx.tree_at(lambda one: one.provenance, log, known | {"quantity": "clock"})
 
 
 def _tables(screen: Screen, found: Mapping[str, Any], *, table: Callable[[Screen, str, str, Mapping[str, Any]], None]) -> None:

@@ -95,7 +95,7 @@ def _signed(path: Path, log: Any, command: str, reading: Reading, options: Mappi
 
     from ..calibration import provenance
 
-    found = provenance(log, command, {**options, **reading.asked()}, rate_given=reading.rate is not None)
+    found = provenance(log, command, {**reading.asked(), **options}, rate_given=reading.rate is not None)
     if "date" not in found:
         found |= {"date": date_of(log, path), "date_from": "time of the file"}
     return eqx.tree_at(lambda one: one.provenance, log, found)

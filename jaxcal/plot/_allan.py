@@ -117,6 +117,8 @@ def _channels(name: str, item: Any) -> list[_Channel]:
 def _draw(ax: "Axes", channels: list[_Channel], *, own: bool) -> None:
     deviation = channels[0].deviation
     unit = (channels[0].unit[1] or "unit of the record") + (" s" if deviation.unit_of_phase else "")
+    if channels[0].name.startswith("clock_"):  # fractions of the frequency
+        unit = "s" if deviation.unit_of_phase else "1"
     log_axes(ax, "Cluster time τ (s)", f"{KINDS.get(deviation.kind, deviation.kind)} ({unit})")
     columns = draw_curves(ax, channels, beneath=INK)
     if not all(np.all(channel.points()[4]) for channel in channels):
