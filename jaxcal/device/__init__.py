@@ -1,0 +1,7 @@
+"""One device: accelerometer, gyroscope and magnetometer calibrated together, from one recording by hand.
+
+A recording determines far more than its sensors do one by one. Gravity and the field of the Earth are constants of the world: the
+gyroscope says how both turn in the frame of the device, and a hand stays in its place. `fit` writes all of this into one likelihood.
+"""
+
+from ._model import DeviceModel as DeviceModel
