@@ -1,0 +1,213 @@
+"""The estimator: Gauss and Newton over the parameters and the way of the device (host)."""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from ..fitting._chain import Chain, Eliminated
+from ._model import DeviceModel
+from ._normal import GYRO_DELAY, MAG_DELAY, Inertial, Rows, chain_of, exponential, inertial, left_over, rows
+from ._windows import NAMES, Grid, Windows, model_of, vector_of, windows
+
+_STEPS = 60
+_SETTLED = 1e-4  # of the cost that a step promises to take away, in halves of squared standard deviations
+#: size that an error of each kind may have: for damping, and for what counts as not seen
+_SIZES = {
+    "accel.matrix": 0.05, "accel.bias": 0.5, "accel.g_sensitivity": 1.0, "gyro.matrix": 0.05, "gyro.bias": 0.05, "gyro.g_sensitivity": 1e-3,
+    "magnetometer.soft_iron": 0.3, "magnetometer.hard_iron": 1.0, "field": 1.0, "dip": 0.3, "gyro_delay": 0.02, "mag_delay": 0.02,
+    "lever": 0.05,
+}  # fmt: skip
+SIZES = np.array([_SIZES[name.partition("[")[0]] for name in NAMES])
+
+
+@dataclasses.dataclass(frozen=True)
+class Noise:
+    """Noise of a recording: densities of gyroscope and accelerometer, and the magnetometer's standard deviation per reading."""
+
+    gyro: float
+    accel: float
+    mag: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Place:
+    """Where the hand stays: standard deviations of place (m) and velocity (m/s) along each axis.
+
+    The place is a Gauss-Markov process of second order, with the covariance (1 + a|t|) exp(-a|t|) times the variance, a = speed / reach.
+    """
+
+    reach: float
+    speed: float
+
+    def transition(self, time: float) -> tuple[np.ndarray, np.ndarray]:
+        """Transition of (velocity, place) over a time, and the inverse of the covariance of what it leaves."""
+        a = self.speed / self.reach
+        step = np.exp(-a * time) * np.array([[1 - a * time, -(a**2) * time], [time, 1 + a * time]])
+        whole = np.diag([self.speed**2, self.reach**2])
+        return step, np.linalg.inv(whole - step @ whole @ step.T)
+
+    def rows(self, velocity: np.ndarray, place: np.ndarray, time: float, moving: np.ndarray) -> tuple[float, Chain]:
+        """Half a sum of squares, and the part of the normal equations; only of windows in which the device is `moving`."""
+        step, known = self.transition(time)
+        x = np.stack([velocity, place], axis=1)  # (K + 1, 2, 3)
+        left = x[1:] - step @ x[:-1]
+        inner = known @ left * moving[:, None, None]
+        first = np.diag([self.speed**-2, self.reach**-2])
+        begin = first @ x[0]
+        cost = 0.5 * float(np.sum(left * inner) + np.sum(x[0] * begin))
+        count = len(x)
+        links, ties, score = np.zeros((count, 9, 9)), np.zeros((count - 1, 9, 9)), np.zeros((count, 9))
+        gone, both, own = step.T @ known @ step, -step.T @ known, known
+        for axis in range(3):
+            at = np.ix_(range(count), [3 + axis, 6 + axis], [3 + axis, 6 + axis])
+            links[at[0][:-1], at[1], at[2]] += gone * moving[:, None, None]
+            links[at[0][1:], at[1], at[2]] += own * moving[:, None, None]
+            links[0][np.ix_([3 + axis, 6 + axis], [3 + axis, 6 + axis])] += first
+            ties[at[0][:-1], at[1], at[2]] += both * moving[:, None, None]
+        pushed = inner.transpose(0, 2, 1)  # (K, 3, 2)
+        moved = np.einsum("ba,kbi->kia", step, inner)
+        for row, part in enumerate((slice(3, 6), slice(6, 9))):
+            score[1:, part] += pushed[..., row]
+            score[:-1, part] -= moved[..., row]
+            score[0, part] += begin[row]
+        return cost, Chain(links, ties, np.zeros((count, 9, 0)), np.zeros((0, 0)), score, np.zeros(0))
+
+
+def added(chain: Chain, other: Chain) -> Chain:
+    """Normal equations with those of a prior on the links."""
+    return dataclasses.replace(
+        chain, links=chain.links + other.links, ties=chain.ties + other.ties, link_score=chain.link_score + other.link_score
+    )
+
+
+def whitened(found: Inertial, noise: Noise, time: float, broken: np.ndarray) -> np.ndarray:
+    """(K, 9, 9) matrices that make the inertial residuals of every window white, by white noise of the rates and the specific force."""
+    count = len(found.speed)
+    mean = found.speed / time
+    down = np.zeros((count, 3, 3))
+    down[:, 0, 1], down[:, 0, 2], down[:, 1, 2] = -mean[:, 2], mean[:, 1], -mean[:, 0]
+    down -= np.swapaxes(down, 1, 2)
+    down = -down
+    eye, square = np.eye(3), -(down @ down)  # a turn moves the specific force
+    g, a = noise.gyro**2, noise.accel**2
+    matrix = np.zeros((count, 9, 9))
+    matrix[:, :3, :3] = g * time * eye
+    matrix[:, 3:6, 3:6] = a * time * eye + g * time**3 / 3 * square
+    matrix[:, 6:, 6:] = a * time**3 / 3 * eye + g * time**5 / 20 * square
+    matrix[:, 3:6, 6:] = a * time**2 / 2 * eye + g * time**4 / 8 * square
+    end = np.swapaxes(found.rotation[:, -1], 1, 2)
+    matrix[:, :3, 3:6] = g * time**2 / 2 * end @ np.swapaxes(down, 1, 2)
+    matrix[:, :3, 6:] = g * time**3 / 6 * end @ np.swapaxes(down, 1, 2)
+    lower = np.swapaxes(np.triu(np.ones((9, 9)), 1) * matrix, 1, 2)
+    matrix = np.triu(np.ones((9, 9))) * matrix + lower
+    matrix[broken] = np.diag(np.repeat([1.0, 10.0, 1.0], 3) ** 2)
+    return np.linalg.inv(np.linalg.cholesky(matrix))
+
+
+@dataclasses.dataclass
+class Way:
+    """Attitude (K + 1, 3, 3), velocity and place (K + 1, 3) at the ends of the windows, in the world."""
+
+    rotation: np.ndarray
+    velocity: np.ndarray
+    place: np.ndarray
+
+    @property
+    def states(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The three arrays."""
+        return self.rotation, self.velocity, self.place
+
+    def moved(self, step: np.ndarray) -> "Way":
+        """After a step (K + 1, 9)."""
+        return Way(self.rotation @ exponential(step[:, :3]), self.velocity + step[:, 3:6], self.place + step[:, 6:])
+
+
+@dataclasses.dataclass
+class Record:
+    """Readings (n, 3) without gaps, magnetometer in units of the field, with what is known to be missing."""
+
+    accel: np.ndarray
+    gyro: np.ndarray
+    mag: np.ndarray
+    there: np.ndarray  # (n,) readings of the magnetometer that exist
+    broken: np.ndarray  # (K,) windows in which inertial samples are missing
+    grid: Grid
+    gravity: float
+
+    @property
+    def time(self) -> float:
+        """Length of a window, s."""
+        return self.grid.steps * self.grid.step
+
+    def windows(self, vector: np.ndarray) -> Windows:
+        return windows(self.grid, self.accel, self.gyro, self.mag, float(vector[GYRO_DELAY]), float(vector[MAG_DELAY]))
+
+
+@dataclasses.dataclass
+class Solution:
+    """Parameters, the way, and what was computed there."""
+
+    vector: np.ndarray
+    way: Way
+    cost: float
+    rows: Rows
+    chain: Chain
+    steps: int
+    converged: bool
+    eliminated: Eliminated
+    free: np.ndarray
+    weight: np.ndarray
+
+    @property
+    def model(self) -> DeviceModel:
+        return model_of(self.vector)
+
+
+def solved(
+    record: Record, vector: np.ndarray, way: Way, free: np.ndarray, noise: Noise, place: Place, weight: np.ndarray, steps: int = _STEPS,
+    moving: np.ndarray | None = None, settled: float = _SETTLED,
+) -> Solution:  # fmt: skip
+    """Least squares from a start. `weight` (K, m) multiplies the residuals of the magnetometer, in standard deviations."""
+    moving = np.ones(len(record.grid.first)) if moving is None else moving
+    wanted = [name.partition("[")[0] for name in np.array(NAMES)[free]]
+    options = {"sensitivity": "gyro.g_sensitivity" in wanted, "lever": "lever" in wanted}
+    sizes, damping = SIZES[free], 0.0
+    whiten = None
+
+    def at(vector, way, whiten):
+        model, w = model_of(vector), record.windows(vector)
+        found = inertial(model, w, **options)
+        whiten = whitened(found, noise, record.time, record.broken) if whiten is None else whiten
+        made = rows(way.states, w, found, model, whiten, weight / noise.mag, record.gravity)
+        prior, more = place.rows(way.velocity, way.place, record.time, moving)
+        cost = 0.5 * float(np.sum(made.inertial**2) + np.sum(made.field**2)) + prior
+        return cost, made, more, whiten
+
+    cost, made, more, whiten = at(vector, way, whiten)
+    chain = added(chain_of(made, free), more)
+    done, step = False, 0
+    for step in range(steps):
+        known = chain.eliminated()
+        while True:
+            move = -np.linalg.solve(known.information + damping * np.diag(sizes**-2.0), known.score)
+            promised = -0.5 * float(move @ known.score) - 0.5 * float(np.sum(chain.link_score * known.links(np.zeros(len(free)))))
+            trial = vector.copy()
+            trial[free] += move
+            if not np.all(np.abs(trial[[GYRO_DELAY, MAG_DELAY]]) < _REACH):
+                trial[[GYRO_DELAY, MAG_DELAY]] = np.clip(trial[[GYRO_DELAY, MAG_DELAY]], -_REACH, _REACH)
+            there = way.moved(known.links(move))
+            found = at(trial, there, None)
+            if found[0] <= cost * (1 + 1e-9) + 1e-6 or damping > 1e12:
+                break
+            damping = max(10 * damping, 1.0)
+        done = abs(promised) < settled
+        vector, way, cost, made, more, whiten = trial, there, *found
+        damping = damping / 10 if damping > 1 else 0.0
+        chain = added(chain_of(made, free), more)
+        if done:
+            break
+    return Solution(vector, way, cost, made, chain, step + 1, done, chain.eliminated(), free, weight)
+
+
+_REACH = 0.05  # s, the largest delay
