@@ -39,6 +39,7 @@ class HandMotion:
     position, velocity, acceleration : (n, 3) of the device's origin in world coordinates, m, m/s and m/s^2.
     force : (n, 3) specific force at the device's origin in device coordinates, m/s^2.
     resting : (n,) whether the device rests.
+    clock : (n, 3) the motion's own clock in s, its pace and the change of its pace; the pace is 0 at rest.
     """
 
     time: Float[np.ndarray, " n"]
@@ -50,6 +51,7 @@ class HandMotion:
     acceleration: Float[np.ndarray, "n 3"]
     force: Float[np.ndarray, "n 3"]
     resting: Bool[np.ndarray, " n"]
+    clock: Float[np.ndarray, "n 3"]
 
 
 class Waves:
@@ -190,7 +192,7 @@ class Hand:
             spin = spin - fast[:, None] * np.cross(axis, rate) + faster[:, None] * axis
             rate = rate + fast[:, None] * axis
         force = np.einsum("nji,nj->ni", attitude, acceleration + np.array([0.0, 0.0, self.gravity]))
-        return HandMotion(time, attitude, rate, spin, place, velocity, acceleration, force, resting)
+        return HandMotion(time, attitude, rate, spin, place, velocity, acceleration, force, resting, np.stack([clock, clock_pace, clock_change], axis=1))
 
 
 def _slowed(
