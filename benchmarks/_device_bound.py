@@ -25,8 +25,8 @@ from scipy.linalg import block_diag, expm, solve_continuous_lyapunov, solve_tria
 
 UPPER = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]
 PARTS = {
-    "accel matrix": slice(0, 6), "accel bias": slice(6, 9), "gyro matrix": slice(9, 18), "gyro bias": slice(18, 21), 
-    "soft iron": slice(21, 30), "hard iron": slice(30, 33), "dip": slice(33, 34), "gyro delay": slice(34, 35), 
+    "accel matrix": slice(0, 6), "accel bias": slice(6, 9), "gyro matrix": slice(9, 18), "gyro bias": slice(18, 21),
+    "soft iron": slice(21, 30), "hard iron": slice(30, 33), "dip": slice(33, 34), "gyro delay": slice(34, 35),
     "mag delay": slice(35, 36),
 }  # fmt: skip
 COUNT, FIELD = 36, slice(36, 37)
