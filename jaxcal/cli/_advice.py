@@ -31,7 +31,7 @@ _OTHER_OPTIONS = {
     "--local-gravity": "--gravity", "--dip": "--inclination", "--declination": "--inclination",
 }  # fmt: skip
 #: what `jaxcal simulate` makes
-KINDS = ("noise", "temperature", "imu", "mag", "north")
+KINDS = ("noise", "temperature", "imu", "mag", "device", "north")
 _USAGE = {
     "apply": "jaxcal apply calibration.json LOG.csv --out corrected.csv", "convert": "jaxcal convert LOG.csv LOG.npz",
     "export": "jaxcal export calibration.json --to kalibr", "diff": "jaxcal diff old.json new.json",
