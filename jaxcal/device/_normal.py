@@ -9,6 +9,8 @@ from ._model import DeviceModel
 from ._windows import NAMES, Windows
 
 ACCEL, ACCEL_BIAS, GYRO, GYRO_BIAS, SENSITIVITY, IRON, HARD, LEVER = 0, 9, 21, 30, 33, 42, 51, 58
+#: unknowns of a link: rotation, velocity, place, and an acceleration that no sensor feels at an instant
+LINK = 12
 DIP, GYRO_DELAY, MAG_DELAY = (NAMES.index(name) for name in ("dip", "gyro_delay", "mag_delay"))
 #: columns of the gyroscope's parameters: matrix, bias, sensitivity, delay
 TURNING = np.array([*range(GYRO, GYRO + 9), *range(GYRO_BIAS, GYRO_BIAS + 3), *range(SENSITIVITY, SENSITIVITY + 9), GYRO_DELAY])
@@ -224,18 +226,18 @@ def chain_of(found: Rows, free: np.ndarray) -> Chain:
     """Normal equations of the free parameters and of the states at the K + 1 ends."""
     count, size = len(found.inertial), len(NAMES)
     width = len(free)
-    links, ties = np.zeros((count + 1, 9, 9)), np.zeros((count, 9, 9))
-    border, score = np.zeros((count + 1, 9, width)), np.zeros((count + 1, 9))
+    links, ties = np.zeros((count + 1, LINK, LINK)), np.zeros((count, LINK, LINK))
+    border, score = np.zeros((count + 1, LINK, width)), np.zeros((count + 1, LINK))
     j = found.inertial_by[:, :, np.append(free, np.arange(size, size + 18))]
     normal = np.swapaxes(j, 1, 2) @ j
     push = np.einsum("kra,kr->ka", j, found.inertial)
     first, second = slice(width, width + 9), slice(width + 9, width + 18)
-    links[:-1], ties[:] = normal[:, first, first], normal[:, first, second]
-    links[1:] += normal[:, second, second]
-    border[:-1] = normal[:, first, :width]
-    border[1:] += normal[:, second, :width]
-    score[:-1] = push[:, first]
-    score[1:] += push[:, second]
+    links[:-1, :9, :9], ties[:, :9, :9] = normal[:, first, first], normal[:, first, second]
+    links[1:, :9, :9] += normal[:, second, second]
+    border[:-1, :9] = normal[:, first, :width]
+    border[1:, :9] += normal[:, second, :width]
+    score[:-1, :9] = push[:, first]
+    score[1:, :9] += push[:, second]
     corner, right = normal[:, :width, :width].sum(axis=0), push[:, :width].sum(axis=0)
     # the magnetometer's rows see some parameters alone
     seen = np.flatnonzero(np.any(found.field_by[0, 0, :, :size] != 0, axis=0)[free])
