@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 
-from ..fitting._chain import Chain
+from ..fitting import Chain
 from ._model import DeviceModel
 from ._windows import NAMES, Windows
 
@@ -164,13 +164,15 @@ class Rows:
     field_by: np.ndarray  # (K, m, 3, 67)
 
 
-def left_over(states: tuple, w: Windows, found: Inertial, model: DeviceModel, gravity: float) -> tuple[np.ndarray, np.ndarray]:
+def left_over(
+    states: tuple, w: Windows, found: Inertial, model: DeviceModel, gravity: float, earth: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Inertial residuals (K, 9) and those of the field (K, m, 3), in their units."""
     turn, velocity, place = states
     back, h = np.swapaxes(turn[:-1], 1, 2), float(w.step[0])
     time, down = h * found.to_reading.shape[1], np.array([0.0, 0.0, gravity])
     rotation = found.rotation[:, -1]
-    turned = logarithm(np.swapaxes(rotation, 1, 2) @ (back @ turn[1:]))
+    turned = logarithm(np.swapaxes(rotation, 1, 2) @ (back @ earth @ turn[1:]))
     speed = np.einsum("kab,kb->ka", back, np.diff(velocity, axis=0) + time * down)
     moved = np.einsum("kab,kb->ka", back, np.diff(place, axis=0) - time * velocity[:-1] + time**2 / 2 * down)
     inner = np.einsum("kab,b->ka", back, np.asarray(model.world_field))
@@ -179,18 +181,27 @@ def left_over(states: tuple, w: Windows, found: Inertial, model: DeviceModel, gr
     return np.concatenate([turned, speed - found.speed, moved - found.place], axis=1), field
 
 
-def rows(states: tuple, w: Windows, found: Inertial, model: DeviceModel, whiten: np.ndarray, weight: np.ndarray, gravity: float) -> Rows:
+def rows(
+    states: tuple,
+    w: Windows,
+    found: Inertial,
+    model: DeviceModel,
+    whiten: np.ndarray,
+    weight: np.ndarray,
+    gravity: float,
+    earth: np.ndarray,
+) -> Rows:
     """Whitened rows: `whiten` (K, 9, 9) of the inertial part, `weight` (K, m) of every reading of the magnetometer."""
     turn, velocity, place = states
     count, steps = weight.shape
     back, h, size = np.swapaxes(turn[:-1], 1, 2), float(w.step[0]), len(NAMES)
     time, down = h * steps, np.array([0.0, 0.0, gravity])
     rotation = found.rotation[:, -1]
-    residual, field = left_over(states, w, found, model, gravity)
+    residual, field = left_over(states, w, found, model, gravity, earth)
     by = np.zeros((count, 9, size + 18))
     many = found.turned_by.shape[-1]
     columns = TURNING[np.append(np.arange(many - 1), len(TURNING) - 1)]
-    relative = np.swapaxes(back @ turn[1:], 1, 2)
+    relative = np.swapaxes(back @ earth @ turn[1:], 1, 2)
     # a turn at the beginning, about the axes there, is one at the end, about the axes there
     bend = np.eye(3) + skew(residual[:, :3]) / 2
     by[:, :3, columns] = -bend @ relative @ found.turned_by

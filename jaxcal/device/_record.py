@@ -7,6 +7,8 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .._errors import DataError
+from ..imu._model import EARTH_RATE
+from ._normal import exponential
 from ._solve import Noise, Record
 from ._windows import Grid
 
@@ -45,7 +47,7 @@ def white_noise(y: np.ndarray, rate: float, lost: np.ndarray) -> float:
     return float(np.sqrt(np.median(high[reach] ** 2) / 0.454936 / math.comb(2 * _ORDER, _ORDER) / rate))
 
 
-def recorded(log: Any, gravity: float, reach: float) -> tuple[Record, Noise, np.ndarray]:
+def recorded(log: Any, gravity: float, reach: float, latitude: float | None = None) -> tuple[Record, Noise, np.ndarray]:
     """The record, the noise of its inertial sensors, and the readings of the magnetometer in their unit."""
     for name in ("accel", "gyro", "mag"):
         value = getattr(log, name, None)
@@ -60,5 +62,7 @@ def recorded(log: Any, gravity: float, reach: float) -> tuple[Record, Noise, np.
     wide = math.ceil(reach * rate) + 4
     lost = no_accel | (np.convolve(no_gyro, np.ones(2 * wide + 1), mode="same") > 0)
     broken = lost[grid.inner].any(axis=1)
+    spin = np.zeros(3) if latitude is None else EARTH_RATE * np.array([np.cos(latitude), 0.0, np.sin(latitude)])
+    earth = exponential(spin * grid.steps * grid.step)
     noise = Noise(white_noise(gyro, rate, no_gyro), white_noise(accel, rate, no_accel), 0.01)
-    return Record(accel, gyro, np.where(there[:, None], mag, 0.0), there, broken, grid, gravity), noise, mag
+    return Record(accel, gyro, np.where(there[:, None], mag, 0.0), there, broken, grid, gravity, earth), noise, mag
