@@ -13,6 +13,7 @@ from ._windows import NAMES, readings_of
 _PIECES, _PARTS = 24, 6
 _CHANCE = 0.003  # of taking white noise for correlated
 _UNSEEN = 0.2  # of the standard deviation beforehand: what is known no better was not determined
+_LOOSE, _DEPENDS = 5.0, 1.2  # with a prior so many times as wide, an error grows by this where it stands on the prior
 _LACK = 1e-3  # level of the tests for terms that the model lacks
 
 
@@ -36,7 +37,7 @@ def known(found: Solution, place: Place, rests: Rests, time: float) -> Known:
     whole = found.eliminated.information
     prior = np.diag(SIZES[found.free] ** -2.0)
     matrix = np.linalg.inv(whole)
-    seen = np.sqrt(np.diag(matrix)) < _UNSEEN * SIZES[found.free]
+    seen = ~unseen(found)
     # do sixths of the recording want parameters of their own?
     sixth = hats.reshape(_PARTS, -1, *hats.shape[1:]).sum(axis=1), scores.reshape(_PARTS, -1, hats.shape[1]).sum(axis=1)
     scale = SIZES[found.free]
@@ -52,6 +53,14 @@ def known(found: Solution, place: Place, rests: Rests, time: float) -> Known:
         if np.isfinite(apart).all():
             return Known(apart + matrix @ prior @ matrix, _PARTS - 1, ratio, seen)
     return Known(matrix * max(ratio, 1.0), np.inf, ratio, seen)
+
+
+def unseen(found: Solution) -> np.ndarray:
+    """(p,) free parameters that hang on what was known before the recording: little is added to it, or what is depends on it."""
+    sizes, whole = SIZES[found.free], found.eliminated.information
+    scaled = whole * np.outer(sizes, sizes)
+    error, loose = (np.sqrt(np.diag(np.linalg.inv(scaled - share * np.eye(len(sizes))))) for share in (0.0, 1 - _LOOSE**-2))
+    return (error >= _UNSEEN) | ~(loose <= _DEPENDS * error)
 
 
 def _pieces(found: Solution, place: Place, rests: Rests, time: float) -> tuple[np.ndarray, np.ndarray]:
