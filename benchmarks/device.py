@@ -5,8 +5,8 @@
     python benchmarks/device.py --show                     the tables of what is there already
     python benchmarks/device.py --time                     seconds and memory of the first and the second call, in one process
 
-Every recording is one line of the file --out (JSON), written as it comes. Recordings that are in the file already are not fitted again, so that
-an interrupted run goes on. The bound is that of `_device_bound.py`, which knows the noise, the rests and the spectrum of the hand's place.
+Every recording is one line of the file --out (JSON), written as it comes. Recordings that are in the file already are not fitted again,
+so that an interrupted run goes on. The bound is that of `_device_bound.py`, which knows the noise, the rests and the spectrum of the place.
 
 Tables: in the first, the root mean square error of each group of parameters, its ratio to the root mean square of the bounds of the same
 recordings, the share of intervals of 95 % that hold the truth, and its 95 % interval over recordings; in the second, the verdicts.
@@ -46,7 +46,8 @@ class Cell:
 
 _COLOURED = {"accel_noise": _ar1(NOISE_ACCEL * 10), "gyro_noise": _ar1(NOISE_GYRO * 10), "mag_noise": _ar1(0.005 * 50e-6)}
 _FLICKER = {
-    "accel_noise": jaxcal.noise.Noise(N=NOISE_ACCEL, B=50e-6 * 9.80665), "gyro_noise": jaxcal.noise.Noise(N=NOISE_GYRO, B=np.deg2rad(10 / 3600))
+    "accel_noise": jaxcal.noise.Noise(N=NOISE_ACCEL, B=50e-6 * 9.80665),
+    "gyro_noise": jaxcal.noise.Noise(N=NOISE_GYRO, B=np.deg2rad(10 / 3600))
 }  # fmt: skip
 CELLS = {
     "free": Cell({}, bound.Setting()),
@@ -70,7 +71,8 @@ CELLS = {
 #: group -> its places in `bound.parameters`, the factor to the unit, and the unit
 _DIAGONAL, _REST = [0, 3, 5], [1, 2, 4]
 GROUPS = {
-    "accel scale": (_DIAGONAL, 100, "%"), "accel misalignment": (_REST, 180 / np.pi, "deg"), "accel bias": (range(6, 9), 1e3 / 9.80665, "mg"),
+    "accel scale": (_DIAGONAL, 100, "%"), "accel misalignment": (_REST, 180 / np.pi, "deg"),
+    "accel bias": (range(6, 9), 1e3 / 9.80665, "mg"),
     "gyro scale": ([9, 13, 17], 100, "%"), "gyro rotation": ([10, 11, 12, 14, 15, 16], 180 / np.pi, "deg"),
     "gyro bias": (range(18, 21), 3600 * 180 / np.pi, "deg/h"), "soft iron": ([21, 25, 29], 100, "%"),
     "iron and rotation": ([22, 23, 24, 26, 27, 28], 180 / np.pi, "deg"), "hard iron": (range(30, 33), 100 / 50e-6, "% of 50 uT"),
