@@ -9,7 +9,7 @@ Every recording is one line of the file --out (JSON), written as it comes. Recor
 so that an interrupted run goes on. The bound is that of `_device_bound.py`, which knows the noise, the rests and the spectrum of the place.
 
 The table of a cell has, for each group of parameters, the root mean square error, the root mean square bound of the first 25 recordings
-(2 s each; it differs by a tenth between recordings), the ratio of both, the error that the fit predicts, the share of intervals of 95 % that
+(2 s each; it differs by a tenth between recordings), the ratio of both, the error that the fit predicts, the share of 95 % intervals that
 hold the truth with its own interval of 95 % over recordings, and the errors of the fits to single sensors where there are rests.
 """
 
