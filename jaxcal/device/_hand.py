@@ -192,7 +192,9 @@ class Hand:
             spin = spin - fast[:, None] * np.cross(axis, rate) + faster[:, None] * axis
             rate = rate + fast[:, None] * axis
         force = np.einsum("nji,nj->ni", attitude, acceleration + np.array([0.0, 0.0, self.gravity]))
-        return HandMotion(time, attitude, rate, spin, place, velocity, acceleration, force, resting, np.stack([clock, clock_pace, clock_change], axis=1))
+        return HandMotion(
+            time, attitude, rate, spin, place, velocity, acceleration, force, resting, np.stack([clock, clock_pace, clock_change], axis=1)
+        )
 
 
 def _slowed(

@@ -4,11 +4,13 @@ import dataclasses
 
 import numpy as np
 
-from ..fitting._chain import Chain
+from ..fitting import Chain
 from ._model import DeviceModel
 from ._windows import NAMES, Windows
 
 ACCEL, ACCEL_BIAS, GYRO, GYRO_BIAS, SENSITIVITY, IRON, HARD, LEVER = 0, 9, 21, 30, 33, 42, 51, 58
+#: unknowns of a link: rotation, velocity, place, and an acceleration that no sensor feels at an instant
+LINK = 12
 DIP, GYRO_DELAY, MAG_DELAY = (NAMES.index(name) for name in ("dip", "gyro_delay", "mag_delay"))
 #: columns of the gyroscope's parameters: matrix, bias, sensitivity, delay
 TURNING = np.array([*range(GYRO, GYRO + 9), *range(GYRO_BIAS, GYRO_BIAS + 3), *range(SENSITIVITY, SENSITIVITY + 9), GYRO_DELAY])
@@ -162,13 +164,15 @@ class Rows:
     field_by: np.ndarray  # (K, m, 3, 67)
 
 
-def left_over(states: tuple, w: Windows, found: Inertial, model: DeviceModel, gravity: float) -> tuple[np.ndarray, np.ndarray]:
+def left_over(
+    states: tuple, w: Windows, found: Inertial, model: DeviceModel, gravity: float, earth: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Inertial residuals (K, 9) and those of the field (K, m, 3), in their units."""
     turn, velocity, place = states
     back, h = np.swapaxes(turn[:-1], 1, 2), float(w.step[0])
     time, down = h * found.to_reading.shape[1], np.array([0.0, 0.0, gravity])
     rotation = found.rotation[:, -1]
-    turned = logarithm(np.swapaxes(rotation, 1, 2) @ (back @ turn[1:]))
+    turned = logarithm(np.swapaxes(rotation, 1, 2) @ (back @ earth @ turn[1:]))
     speed = np.einsum("kab,kb->ka", back, np.diff(velocity, axis=0) + time * down)
     moved = np.einsum("kab,kb->ka", back, np.diff(place, axis=0) - time * velocity[:-1] + time**2 / 2 * down)
     inner = np.einsum("kab,b->ka", back, np.asarray(model.world_field))
@@ -177,18 +181,27 @@ def left_over(states: tuple, w: Windows, found: Inertial, model: DeviceModel, gr
     return np.concatenate([turned, speed - found.speed, moved - found.place], axis=1), field
 
 
-def rows(states: tuple, w: Windows, found: Inertial, model: DeviceModel, whiten: np.ndarray, weight: np.ndarray, gravity: float) -> Rows:
+def rows(
+    states: tuple,
+    w: Windows,
+    found: Inertial,
+    model: DeviceModel,
+    whiten: np.ndarray,
+    weight: np.ndarray,
+    gravity: float,
+    earth: np.ndarray,
+) -> Rows:
     """Whitened rows: `whiten` (K, 9, 9) of the inertial part, `weight` (K, m) of every reading of the magnetometer."""
     turn, velocity, place = states
     count, steps = weight.shape
     back, h, size = np.swapaxes(turn[:-1], 1, 2), float(w.step[0]), len(NAMES)
     time, down = h * steps, np.array([0.0, 0.0, gravity])
     rotation = found.rotation[:, -1]
-    residual, field = left_over(states, w, found, model, gravity)
+    residual, field = left_over(states, w, found, model, gravity, earth)
     by = np.zeros((count, 9, size + 18))
     many = found.turned_by.shape[-1]
     columns = TURNING[np.append(np.arange(many - 1), len(TURNING) - 1)]
-    relative = np.swapaxes(back @ turn[1:], 1, 2)
+    relative = np.swapaxes(back @ earth @ turn[1:], 1, 2)
     # a turn at the beginning, about the axes there, is one at the end, about the axes there
     bend = np.eye(3) + skew(residual[:, :3]) / 2
     by[:, :3, columns] = -bend @ relative @ found.turned_by
@@ -224,18 +237,18 @@ def chain_of(found: Rows, free: np.ndarray) -> Chain:
     """Normal equations of the free parameters and of the states at the K + 1 ends."""
     count, size = len(found.inertial), len(NAMES)
     width = len(free)
-    links, ties = np.zeros((count + 1, 9, 9)), np.zeros((count, 9, 9))
-    border, score = np.zeros((count + 1, 9, width)), np.zeros((count + 1, 9))
+    links, ties = np.zeros((count + 1, LINK, LINK)), np.zeros((count, LINK, LINK))
+    border, score = np.zeros((count + 1, LINK, width)), np.zeros((count + 1, LINK))
     j = found.inertial_by[:, :, np.append(free, np.arange(size, size + 18))]
     normal = np.swapaxes(j, 1, 2) @ j
     push = np.einsum("kra,kr->ka", j, found.inertial)
     first, second = slice(width, width + 9), slice(width + 9, width + 18)
-    links[:-1], ties[:] = normal[:, first, first], normal[:, first, second]
-    links[1:] += normal[:, second, second]
-    border[:-1] = normal[:, first, :width]
-    border[1:] += normal[:, second, :width]
-    score[:-1] = push[:, first]
-    score[1:] += push[:, second]
+    links[:-1, :9, :9], ties[:, :9, :9] = normal[:, first, first], normal[:, first, second]
+    links[1:, :9, :9] += normal[:, second, second]
+    border[:-1, :9] = normal[:, first, :width]
+    border[1:, :9] += normal[:, second, :width]
+    score[:-1, :9] = push[:, first]
+    score[1:, :9] += push[:, second]
     corner, right = normal[:, :width, :width].sum(axis=0), push[:, :width].sum(axis=0)
     # the magnetometer's rows see some parameters alone
     seen = np.flatnonzero(np.any(found.field_by[0, 0, :, :size] != 0, axis=0)[free])

@@ -4,19 +4,20 @@ import dataclasses
 from typing import Any
 
 import numpy as np
+import scipy  # loads its parts when they are first used
 
-from ..fitting._chain import Chain, Eliminated
+from ..fitting import Chain, Eliminated
 from ._model import DeviceModel
-from ._normal import GYRO_DELAY, MAG_DELAY, Inertial, Rows, chain_of, exponential, inertial, left_over, rows
+from ._normal import GYRO_DELAY, LINK, MAG_DELAY, Inertial, Rows, chain_of, exponential, inertial, logarithm, rows
 from ._windows import NAMES, Grid, Windows, model_of, vector_of, windows
 
 _STEPS = 60
 _SETTLED = 1e-4  # of the cost that a step promises to take away, in halves of squared standard deviations
-#: size that an error of each kind may have: for damping, and for what counts as not seen
+#: standard deviation that an error of each kind has before anything is recorded; far wider than what a recording leaves
 _SIZES = {
-    "accel.matrix": 0.05, "accel.bias": 0.5, "accel.g_sensitivity": 1.0, "gyro.matrix": 0.05, "gyro.bias": 0.05, "gyro.g_sensitivity": 1e-3,
-    "magnetometer.soft_iron": 0.3, "magnetometer.hard_iron": 1.0, "field": 1.0, "dip": 0.3, "gyro_delay": 0.02, "mag_delay": 0.02,
-    "lever": 0.05,
+    "accel.matrix": 0.1, "accel.bias": 1.0, "accel.g_sensitivity": 1.0, "gyro.matrix": 0.1, "gyro.bias": 0.1, "gyro.g_sensitivity": 1e-3,
+    "magnetometer.soft_iron": 0.5, "magnetometer.hard_iron": 2.0, "field": 1.0, "dip": 1.0, "gyro_delay": 0.03, "mag_delay": 0.03,
+    "lever": 0.1,
 }  # fmt: skip
 SIZES = np.array([_SIZES[name.partition("[")[0]] for name in NAMES])
 
@@ -34,44 +35,49 @@ class Noise:
 class Place:
     """Where the hand stays: standard deviations of place (m) and velocity (m/s) along each axis.
 
-    The place is a Gauss-Markov process of second order, with the covariance (1 + a|t|) exp(-a|t|) times the variance, a = speed / reach.
+    The place is a Matern process of order 5/2, with the density (a^2 + w^2)^-3 and a^2 = 3 (speed / reach)^2. It is Markov together with
+    its velocity and acceleration.
     """
 
     reach: float
     speed: float
 
-    def transition(self, time: float) -> tuple[np.ndarray, np.ndarray]:
-        """Transition of (velocity, place) over a time, and the inverse of the covariance of what it leaves."""
-        a = self.speed / self.reach
-        step = np.exp(-a * time) * np.array([[1 - a * time, -(a**2) * time], [time, 1 + a * time]])
-        whole = np.diag([self.speed**2, self.reach**2])
-        return step, np.linalg.inv(whole - step @ whole @ step.T)
+    def transition(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Transition of (velocity, place, acceleration) over a time, and the inverse covariances of what it leaves and of the first."""
+        a = np.sqrt(3) * self.speed / self.reach
+        drift = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [-3 * a**2, -(a**3), -3 * a]])
+        step = scipy.linalg.expm(drift * time)
+        v = self.speed**2
+        whole = np.array([[v, 0.0, 0.0], [0.0, self.reach**2, -v], [0.0, -v, self.reach**2 * a**4]])
+        # what is left is tiny for short times: as an integral it keeps its digits, as a difference it would not
+        nodes, weights = np.polynomial.legendre.leggauss(12)
+        drive = [scipy.linalg.expm(drift * time * (1 - x) / 2)[:, 2] for x in nodes]
+        left = 16 / 3 * self.reach**2 * a**5 * time / 2 * sum(
+            w * np.outer(d, d) for w, d in zip(weights, drive, strict=True)
+        )  # fmt: skip
+        return step, np.linalg.inv(left), np.linalg.inv(whole)
 
-    def rows(self, velocity: np.ndarray, place: np.ndarray, time: float, moving: np.ndarray) -> tuple[float, Chain]:
+    def rows(self, way: Any, time: float, moving: np.ndarray) -> tuple[float, Chain]:
         """Half a sum of squares, and the part of the normal equations; only of windows in which the device is `moving`."""
-        step, known = self.transition(time)
-        x = np.stack([velocity, place], axis=1)  # (K + 1, 2, 3)
+        step, known, first = self.transition(time)
+        x = np.stack([way.velocity, way.place, way.acceleration], axis=1)  # (K + 1, 3, axes)
         left = x[1:] - step @ x[:-1]
         inner = known @ left * moving[:, None, None]
-        first = np.diag([self.speed**-2, self.reach**-2])
         begin = first @ x[0]
         cost = 0.5 * float(np.sum(left * inner) + np.sum(x[0] * begin))
         count = len(x)
-        links, ties, score = np.zeros((count, 9, 9)), np.zeros((count - 1, 9, 9)), np.zeros((count, 9))
-        gone, both, own = step.T @ known @ step, -step.T @ known, known
+        links, ties, score = np.zeros((count, LINK, LINK)), np.zeros((count - 1, LINK, LINK)), np.zeros((count, LINK))
+        pace = moving[:, None, None]
         for axis in range(3):
-            at = np.ix_(range(count), [3 + axis, 6 + axis], [3 + axis, 6 + axis])
-            links[at[0][:-1], at[1], at[2]] += gone * moving[:, None, None]
-            links[at[0][1:], at[1], at[2]] += own * moving[:, None, None]
-            links[0][np.ix_([3 + axis, 6 + axis], [3 + axis, 6 + axis])] += first
-            ties[at[0][:-1], at[1], at[2]] += both * moving[:, None, None]
-        pushed = inner.transpose(0, 2, 1)  # (K, 3, 2)
-        moved = np.einsum("ba,kbi->kia", step, inner)
-        for row, part in enumerate((slice(3, 6), slice(6, 9))):
-            score[1:, part] += pushed[..., row]
-            score[:-1, part] -= moved[..., row]
-            score[0, part] += begin[row]
-        return cost, Chain(links, ties, np.zeros((count, 9, 0)), np.zeros((0, 0)), score, np.zeros(0))
+            at = slice(3 + axis, LINK, 3)
+            links[:-1, at, at] += step.T @ known @ step * pace
+            links[1:, at, at] += known * pace
+            links[0, at, at] += first
+            ties[:, at, at] -= step.T @ known * pace
+            score[1:, at] += inner[..., axis]
+            score[:-1, at] -= inner[..., axis] @ step
+            score[0, at] += begin[:, axis]
+        return cost, Chain(links, ties, np.zeros((count, LINK, 0)), np.zeros((0, 0)), score, np.zeros(0))
 
 
 def added(chain: Chain, other: Chain) -> Chain:
@@ -107,20 +113,22 @@ def whitened(found: Inertial, noise: Noise, time: float, broken: np.ndarray) -> 
 
 @dataclasses.dataclass
 class Way:
-    """Attitude (K + 1, 3, 3), velocity and place (K + 1, 3) at the ends of the windows, in the world."""
+    """Attitude (K + 1, 3, 3), velocity, place and acceleration (K + 1, 3) at the ends of the windows, in the world."""
 
     rotation: np.ndarray
     velocity: np.ndarray
     place: np.ndarray
+    acceleration: np.ndarray
 
     @property
     def states(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The three arrays."""
+        """What the sensors feel."""
         return self.rotation, self.velocity, self.place
 
     def moved(self, step: np.ndarray) -> "Way":
-        """After a step (K + 1, 9)."""
-        return Way(self.rotation @ exponential(step[:, :3]), self.velocity + step[:, 3:6], self.place + step[:, 6:])
+        """After a step (K + 1, LINK)."""
+        rotation = self.rotation @ exponential(step[:, :3])
+        return Way(rotation, self.velocity + step[:, 3:6], self.place + step[:, 6:9], self.acceleration + step[:, 9:])
 
 
 @dataclasses.dataclass
@@ -134,6 +142,7 @@ class Record:
     broken: np.ndarray  # (K,) windows in which inertial samples are missing
     grid: Grid
     gravity: float
+    earth: np.ndarray  # (3, 3) turn of the Earth in a window
 
     @property
     def time(self) -> float:
@@ -164,12 +173,52 @@ class Solution:
         return model_of(self.vector)
 
 
+@dataclasses.dataclass(frozen=True)
+class Rests:
+    """Where the device rests: windows (K,), and how far it does: standard deviations of velocity (m/s) and of the turn of a window (rad)."""
+
+    windows: np.ndarray
+    speed: float = 2e-3
+    turn: float = 1e-3
+
+    @property
+    def moving(self) -> np.ndarray:
+        return 1.0 - self.windows
+
+    @property
+    def ends(self) -> np.ndarray:
+        """(K + 1,) ends of windows at rest."""
+        return np.concatenate([self.windows, [False]]) | np.concatenate([[False], self.windows])
+
+    def rows(self, way: Way, place: Place) -> tuple[float, Chain]:
+        """Half a sum of squares, and the part of the normal equations."""
+        count, ends = len(way.velocity), self.ends
+        links, ties, score = np.zeros((count, LINK, LINK)), np.zeros((count - 1, LINK, LINK)), np.zeros((count, LINK))
+        # within a rest the place is no Matern process; the acceleration after it begins anew
+        weight = np.concatenate([np.full(3, self.speed**-2), np.full(3, (3 * place.speed**2 / place.reach) ** -2)])
+        at = np.array([3, 4, 5, 9, 10, 11])
+        x = np.concatenate([way.velocity, way.acceleration], axis=1) * ends[:, None]
+        links[:, at, at] += weight * ends[:, None]
+        score[:, at] += weight * x
+        back = np.swapaxes(way.rotation[:-1], 1, 2) @ way.rotation[1:]
+        turned = logarithm(back) * self.windows[:, None]
+        own, relative = self.turn**-2 * self.windows[:, None, None], np.swapaxes(back, 1, 2)
+        links[:-1, :3, :3] += own * np.eye(3)
+        links[1:, :3, :3] += own * np.eye(3)
+        ties[:, :3, :3] -= own * back
+        score[1:, :3] += self.turn**-2 * turned
+        score[:-1, :3] -= self.turn**-2 * np.einsum("kba,kb->ka", relative, turned)
+        cost = 0.5 * float(np.sum(weight * x**2) + np.sum(turned**2) / self.turn**2)
+        return cost, Chain(links, ties, np.zeros((count, LINK, 0)), np.zeros((0, 0)), score, np.zeros(0))
+
+
 def solved(
     record: Record, vector: np.ndarray, way: Way, free: np.ndarray, noise: Noise, place: Place, weight: np.ndarray, steps: int = _STEPS,
-    moving: np.ndarray | None = None, settled: float = _SETTLED,
+    rests: Rests | None = None, centre: np.ndarray | None = None,
 ) -> Solution:  # fmt: skip
     """Least squares from a start. `weight` (K, m) multiplies the residuals of the magnetometer, in standard deviations."""
-    moving = np.ones(len(record.grid.first)) if moving is None else moving
+    rests = Rests(np.zeros(len(record.grid.first), dtype=bool)) if rests is None else rests
+    centre = vector if centre is None else centre
     wanted = [name.partition("[")[0] for name in np.array(NAMES)[free]]
     options = {"sensitivity": "gyro.g_sensitivity" in wanted, "lever": "lever" in wanted}
     sizes, damping = SIZES[free], 0.0
@@ -179,13 +228,22 @@ def solved(
         model, w = model_of(vector), record.windows(vector)
         found = inertial(model, w, **options)
         whiten = whitened(found, noise, record.time, record.broken) if whiten is None else whiten
-        made = rows(way.states, w, found, model, whiten, weight / noise.mag, record.gravity)
-        prior, more = place.rows(way.velocity, way.place, record.time, moving)
-        cost = 0.5 * float(np.sum(made.inertial**2) + np.sum(made.field**2)) + prior
+        made = rows(way.states, w, found, model, whiten, weight / noise.mag, record.gravity, record.earth)
+        prior, more = place.rows(way, record.time, rests.moving)
+        if rests.windows.any():
+            still, other = rests.rows(way, place)
+            prior, more = prior + still, added(more, other)
+        cost = 0.5 * float(np.sum(made.inertial**2) + np.sum(made.field**2) + np.sum(((vector - centre)[free] / sizes) ** 2)) + prior
         return cost, made, more, whiten
 
     cost, made, more, whiten = at(vector, way, whiten)
-    chain = added(chain_of(made, free), more)
+
+    def equations(vector, made, more):
+        chain = added(chain_of(made, free), more)
+        off = (vector - centre)[free] / sizes**2
+        return dataclasses.replace(chain, corner=chain.corner + np.diag(sizes**-2.0), score=chain.score + off)
+
+    chain = equations(vector, made, more)
     done, step = False, 0
     for step in range(steps):
         known = chain.eliminated()
@@ -201,10 +259,10 @@ def solved(
             if found[0] <= cost * (1 + 1e-9) + 1e-6 or damping > 1e12:
                 break
             damping = max(10 * damping, 1.0)
-        done = abs(promised) < settled
+        done = abs(promised) < _SETTLED
         vector, way, cost, made, more, whiten = trial, there, *found
         damping = damping / 10 if damping > 1 else 0.0
-        chain = added(chain_of(made, free), more)
+        chain = equations(vector, made, more)
         if done:
             break
     return Solution(vector, way, cost, made, chain, step + 1, done, chain.eliminated(), free, weight)
