@@ -84,7 +84,16 @@ GROUPS = {
 
 def of_fit(found):
     """(37,) values and (37, 2) intervals in the order of `bound.parameters`, NaN for what has no number."""
-    raise NotImplementedError
+    where = {name: i for i, name in enumerate(found.names)}
+    square = [(i, j) for i in range(3) for j in range(3)]
+    names = [
+        *(f"accel.matrix[{i},{j}]" for i, j in bound.UPPER), *(f"accel.bias[{i}]" for i in range(3)),
+        *(f"gyro.matrix[{i},{j}]" for i, j in square), *(f"gyro.bias[{i}]" for i in range(3)),
+        *(f"magnetometer.soft_iron[{i},{j}]" for i, j in square), *(f"magnetometer.hard_iron[{i}]" for i in range(3)),
+        "dip", "gyro_delay", "mag_delay", "field",
+    ]  # fmt: skip
+    at = [where[name] for name in names]
+    return np.asarray(found.values)[at], np.asarray(found.interval)[at]
 
 
 def run(cell, seed):
@@ -99,7 +108,7 @@ def run(cell, seed):
     else:
         values, interval = of_fit(found)
         line |= {"error": values - truth, "inside": _inside(truth, interval), "width": (interval[:, 1] - interval[:, 0]) / 2,
-                 "verdict": found.verdict, "reason": found.reason, "unknown": list(found.unknown)}  # fmt: skip
+                 "verdict": found.verdict, "reason": found.reason, "unknown": list(found.undetermined)}  # fmt: skip
     line["seconds"] = time.perf_counter() - start
     if cell.known is not None and seed < _BOUNDS:
         line["bound"] = np.sqrt(np.diag(bound.covariance_of(bound.information(true, model, cell.known), model)))
