@@ -11,6 +11,7 @@ from .._precision import host_float64
 from .._units import STANDARD_GRAVITY
 from ..imu import Triad, windowed_variance
 from ..magnetometer import MagModel
+from ._contribution import shares
 from ._judge import known, lacks, stretches
 from ._model import DeviceModel
 from ._normal import logarithm
@@ -199,5 +200,5 @@ def _result(
         noise={"gyro": level.gyro, "accel": level.accel, "mag": level.mag * strength}, reach=place.reach, speed=place.speed,
         disagreement=told.ratio, time=np.append(start, start[-1] + record.time), attitude=found.way.rotation, velocity=found.way.velocity,
         place=found.way.place, residual_inertial=found.rows.inertial, residual_field=rms, gravity=record.gravity, rate=float(log.rate),
-        duration=float(log.duration),
+        duration=float(log.duration), contribution={kind: part[: len(names)] for kind, part in shares(told.terms, slope).items()},
     )  # fmt: skip
