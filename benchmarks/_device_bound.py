@@ -2,11 +2,11 @@
 
 The unknowns are the parameters, the attitude at every sample, and the place. The gyroscope drives the attitude. The place is a Matern
 process of order 5/2, which is Markov with its first two derivatives; it has the variance and the corner frequency that
-`jaxcal.device.simulate` gave it, so that the prior is the true one and neither above nor below it. (The simulator leaves out what lies
-above 20 corner frequencies, and the tremor comes on top: the accelerometer sees both a thousand times above its noise.) The place has an
-unknown centre, and the attitude at the beginning is unknown. Rests are known as such: there the clock of the motion stands still, and the
-gyroscope reads its bias. So this is the variance that no unbiased estimator can undercut which knows noise, spectrum and rests. Real
-estimators know less.
+`jaxcal.device.simulate` gave it, so that the prior is the true one. The simulator leaves out what lies above 20 corner frequencies, which
+samples of the acceleration would fold down to where the accelerometer is read best; so a reading is taken as the mean acceleration since
+the last one, whose density has zeros at all multiples of the rate. The place has an unknown centre, and the attitude at the beginning is
+unknown. Rests are known as such: there the clock of the motion stands still, and the gyroscope reads its bias. So this is the variance
+that no unbiased estimator can undercut which knows noise, spectrum and rests. Real estimators know less.
 
 It is computed by a Kalman filter over the nuisance states alone, through which the sensitivity of all readings to each parameter runs as
 one column (de Jong, Biometrika 75, 1988): the information is the sum of the whitened innovations of these columns. NumPy alone; nothing
@@ -21,7 +21,7 @@ import dataclasses
 import sys
 
 import numpy as np
-from scipy.linalg import block_diag, expm, solve_continuous_lyapunov, solve_triangular
+from scipy.linalg import expm, solve_continuous_lyapunov, solve_triangular
 
 UPPER = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]
 PARTS = {
@@ -102,21 +102,24 @@ def information(true, model, setting):
     """
     n, dt, width = len(true.time), true.time[1] - true.time[0], COUNT + 3
     rate, accel, mag, field = _sensitivities(true, model)
-    reading, pace, change = true.clock.T
+    reading, pace = true.clock.T[:2]
     drift, stationary = _place(setting)
     matrix_a, inverse_g, soft = np.asarray(model.accel.matrix), np.linalg.inv(model.gyro.matrix), np.asarray(model.magnetometer.soft_iron)
 
-    # states: attitude; place and its derivatives, three axes each; then three for each Markov noise
-    noises = [(sensor, sd, np.exp(-dt / tau), slice(12 + 3 * i, 15 + 3 * i)) for i, (sensor, sd, tau) in enumerate(setting.markov)]
-    size = 12 + 3 * len(noises)
-    covariance = block_diag(np.zeros((3, 3)), np.kron(stationary, np.eye(3)), *[sd**2 * np.eye(3) for _, sd, _, _ in noises])
+    # states: attitude; place, its derivatives by the clock, and the first of these one sample ago; then three for each Markov noise
+    noises = [(sensor, sd, np.exp(-dt / tau), slice(15 + 3 * i, 18 + 3 * i)) for i, (sensor, sd, tau) in enumerate(setting.markov)]
+    size = 15 + 3 * len(noises)
+    covariance = np.zeros((size, size))
+    covariance[3:12, 3:12] = np.kron(stationary, np.eye(3))
+    for _, sd, _, at in noises:
+        covariance[at, at] = sd**2 * np.eye(3)
     columns = np.zeros((size, width))
     columns[:3, COUNT:] = np.eye(3)
     world = np.einsum("ij,nkj->nik", matrix_a, true.attitude)
     measured, direct = np.zeros((n, 6, size)), np.zeros((n, 6, width))
     measured[:, :3, :3] = matrix_a @ skew(true.force)
-    measured[:, :3, 6:9] = change[:, None, None] * world
-    measured[:, :3, 9:12] = pace[:, None, None] ** 2 * world
+    measured[1:, :3, 6:9] = (pace[1:] / dt)[:, None, None] * world[1:]
+    measured[1:, :3, 12:15] = -(pace[:-1] / dt)[:, None, None] * world[1:]
     measured[:, 3:, :3] = soft @ skew(field)
     direct[:, :3, :COUNT], direct[:, 3:, :COUNT] = accel, mag
     bias = np.zeros((3, size))
@@ -148,20 +151,23 @@ def information(true, model, setting):
         columns = columns - gain @ innovation
 
     for k in range(n):
-        update(measured[k, :rows], direct[k, :rows], spread)
+        first = 0 if k else 3  # the first reading of the accelerometer has no step before it
+        update(measured[k, first:rows], direct[k, first:rows], spread[first:])
         if k == n - 1:
             return total
         key = round(steps[k], 9)
         if key not in kept:
             phi = expm(drift * steps[k])
-            kept[key] = np.kron(phi, np.eye(3)), np.kron(stationary - phi @ stationary @ phi.T, np.eye(3))
-        transition[3:12, 3:12], driven[3:12, 3:12] = kept[key]
+            step = np.zeros((4, 4))
+            step[:3, :3], step[3, 1] = phi, 1.0
+            kept[key] = np.kron(step, np.eye(3)), np.kron(stationary - phi @ stationary @ phi.T, np.eye(3))
+        transition[3:15, 3:15], driven[3:12, 3:12] = kept[key]
         if still[k]:
             # the attitude stands, and the gyroscope measures its bias
             update(bias, offset, np.full(3, setting.gyro**2 / dt))
-            transition[:3, :3], transition[:3, 12:], driven[:3, :3] = np.eye(3), 0.0, 0.0
+            transition[:3, :3], transition[:3, 15:], driven[:3, :3] = np.eye(3), 0.0, 0.0
         else:
-            transition[:3, :3], transition[:3, 12:], driven[:3, :3] = turned[k], -dt * inverse_g @ bias[:, 12:], wandering
+            transition[:3, :3], transition[:3, 15:], driven[:3, :3] = turned[k], -dt * inverse_g @ bias[:, 15:], wandering
         covariance = transition @ covariance @ transition.T + driven
         columns = transition @ columns
         if not still[k]:
@@ -222,16 +228,16 @@ def dense(true, model, setting):
     by_error = slopes(lambda u: readings(base, np.zeros(3), u.reshape(n, 3), zeros), 3 * n, 1e-5)
     by_force = slopes(lambda u: readings(base, np.zeros(3), zeros, u.reshape(n, 3)), 3 * n, 1e-3)
     drift, stationary = _place(setting)
-    # covariance of the acceleration between two times, from the spectrum and not by steps
-    ages = np.abs(true.time[:, None] - true.time)
-    apart = np.array([(expm(drift * age) @ stationary)[2, 2] for age in ages[0]])
+    # covariance of the mean accelerations of steps, from that of the velocity
+    speed = np.array([(expm(drift * dt * i) @ stationary)[1, 1] for i in range(n + 1)])
+    apart = np.concatenate([[2 * (speed[0] - speed[1])], 2 * speed[1:n] - speed[: n - 1] - speed[2:]]) / dt**2
     index = np.abs(np.arange(n)[:, None] - np.arange(n))
     inverse = np.linalg.inv(model.gyro.matrix)
     cover = by_error @ np.kron(np.eye(n), setting.gyro**2 * dt * inverse @ inverse.T) @ by_error.T
     cover += by_force @ np.kron(apart[index], np.eye(3)) @ by_force.T
     cover += np.diag(np.tile(np.repeat([setting.accel**2 / dt, (setting.mag * float(model.field)) ** 2], 3), n))
-    jacobian = np.concatenate([by_theta, by_tilt], axis=1)
-    return jacobian.T @ np.linalg.solve(cover, jacobian)
+    jacobian = np.concatenate([by_theta, by_tilt], axis=1)[3:]
+    return jacobian.T @ np.linalg.solve(cover[3:, 3:], jacobian)
 
 
 def rotation(vector):

@@ -9,8 +9,9 @@ from .._errors import DataError
 from .._log import as_log
 from .._precision import host_float64
 from .._units import STANDARD_GRAVITY
-from ..imu import Triad, windowed_variance
+from ..imu import windowed_variance
 from ..magnetometer import MagModel
+from ._contribution import shares
 from ._judge import known, lacks, stretches, unseen
 from ._model import DeviceModel
 from ._normal import MAG_DELAY, logarithm
@@ -19,7 +20,7 @@ from ._result import DeviceFit, gauged
 from ._solve import STEPS, Noise, Place, Record, Rests, Solution, solved
 from ._start import started, undisturbed
 from ._verdict import judged
-from ._windows import NAMES, model_of, readings_of, windows
+from ._windows import NAMES, model_of, readings_of
 
 _REACH = 0.05  # s, the largest delay
 _ROUNDS, _MOST = 3, 8
@@ -210,5 +211,5 @@ def _result(
         noise={"gyro": level.gyro, "accel": level.accel, "mag": level.mag * strength}, reach=place.reach, speed=place.speed,
         disagreement=told.ratio, time=np.append(start, start[-1] + record.time), attitude=found.way.rotation, velocity=found.way.velocity,
         place=found.way.place, residual_inertial=found.rows.inertial, residual_field=rms, gravity=record.gravity, rate=float(log.rate),
-        duration=float(log.duration),
+        duration=float(log.duration), contribution={kind: part[: len(names)] for kind, part in shares(told.terms, slope).items()},
     )  # fmt: skip

@@ -1,14 +1,16 @@
 """What is known about the parameters of a device: errors that hold where noise is correlated, what was not seen, what the model lacks."""
 
 import dataclasses
+import itertools
 
 import numpy as np
 import scipy  # loads its parts when they are first used
 
 from ..fitting import Chain, leave_out_pieces
-from ._normal import exponential, skew
+from ._contribution import kinds_of, terms_of
+from ._normal import skew
 from ._solve import SIZES, Place, Record, Rests, Solution
-from ._windows import NAMES, readings_of
+from ._windows import NAMES
 
 _PIECES, _PARTS = 24, 6
 _CHANCE = 0.003  # of taking white noise for correlated
@@ -25,6 +27,7 @@ class Known:
     freedom: float
     ratio: float
     seen: np.ndarray  # (p,) parameters that the recording determines
+    terms: dict[str, np.ndarray]  # kind of motion -> (p, p) its part of the covariance
 
 
 def known(found: Solution, place: Place, rests: Rests, time: float) -> Known:
@@ -33,9 +36,11 @@ def known(found: Solution, place: Place, rests: Rests, time: float) -> Known:
     The score of a part is that of its residuals with the way at its best, so that it has the information of the part as its covariance
     where noise is as the model says.
     """
-    hats, scores = _pieces(found, place, rests, time)
+    normal, score = _by_window(found, place, rests, time)
+    hats, scores = _pieces(normal), _pieces(score)
     whole = found.eliminated.information
     prior = np.diag(SIZES[found.free] ** -2.0)
+    terms = terms_of(normal, kinds_of(found, rests), prior)
     matrix = np.linalg.inv(whole)
     seen = ~unseen(found)
     # do sixths of the recording want parameters of their own?
@@ -51,8 +56,8 @@ def known(found: Solution, place: Place, rests: Rests, time: float) -> Known:
     if count > 0 and scipy.special.chdtrc(count, statistic) < _CHANCE:
         apart = leave_out_pieces(hats, scores, prior)
         if np.isfinite(apart).all():
-            return Known(apart + matrix @ prior @ matrix, _PARTS - 1, ratio, seen)
-    return Known(matrix * max(ratio, 1.0), np.inf, ratio, seen)
+            return Known(apart + matrix @ prior @ matrix, _PARTS - 1, ratio, seen, terms)
+    return Known(matrix * max(ratio, 1.0), np.inf, ratio, seen, terms)
 
 
 def unseen(found: Solution) -> np.ndarray:
@@ -63,8 +68,14 @@ def unseen(found: Solution) -> np.ndarray:
     return (error >= _UNSEEN) | ~(loose <= _DEPENDS * error)
 
 
-def _pieces(found: Solution, place: Place, rests: Rests, time: float) -> tuple[np.ndarray, np.ndarray]:
-    """J'J (24, p, p) and J'r (24, p) of parts of the recording, with the derivative of the way in J."""
+def _pieces(values: np.ndarray) -> np.ndarray:
+    """Sums (24, ...) over parts of the recording."""
+    edges = np.round(np.arange(_PIECES + 1) * len(values) / _PIECES).astype(int)
+    return np.array([values[a:b].sum(axis=0) for a, b in itertools.pairwise(edges)])
+
+
+def _by_window(found: Solution, place: Place, rests: Rests, time: float) -> tuple[np.ndarray, np.ndarray]:
+    """J'J (K, p, p) and J'r (K, p) of all windows, with the derivative of the way in J."""
     free, carried, rows = found.free, -found.eliminated.carried, found.rows
     size, count = len(NAMES), len(rows.inertial)
     first, second = carried[:-1], carried[1:]
@@ -95,9 +106,7 @@ def _pieces(found: Solution, place: Place, rests: Rests, time: float) -> tuple[n
     start = carried[0][at]
     normal[0] += np.einsum("xap,ab,xbq->pq", start, begin, start)
     score[0] += np.einsum("xap,ab,bx->p", start, begin, x[0])
-    edges = np.round(np.arange(_PIECES + 1) * count / _PIECES).astype(int)
-    parts = [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
-    return np.array([normal[p].sum(axis=0) for p in parts]), np.array([score[p].sum(axis=0) for p in parts])
+    return normal, score
 
 
 @dataclasses.dataclass(frozen=True)

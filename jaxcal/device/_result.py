@@ -39,6 +39,8 @@ class DeviceFit(Result):
     residual_inertial : (k - 1, 9) what rotation, velocity and place of each window leave, in standard deviations.
     residual_field : (k - 1, 3) rms of each axis of the field that is left in each window, T.
     gravity, rate, duration : m/s^2, Hz, s.
+    contribution : kind of motion ("rests", "slow turns", "fast turns") -> (p,) its share in what is known of each parameter. The shares
+        of a parameter add up to one.
     verdict : "good", "weak" or "refused", that of the worst sensor.
     reason : a sentence or more. warnings : sentences.
 
@@ -78,6 +80,7 @@ class DeviceFit(Result):
     gravity: float
     rate: float
     duration: float
+    contribution: dict[str, AnyArray]
 
     @property
     def standard_error(self) -> np.ndarray:

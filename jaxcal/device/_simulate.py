@@ -109,7 +109,7 @@ def simulate(
     travel : m that the hand is carried north, in the second third of the recording.
     model : the device; None for `random_device` with this seed.
     accel_noise, gyro_noise : white noise in m/s/sqrt(s) and rad/sqrt(s), or a `jaxcal.noise.Noise`; None for 120 ug/sqrt(Hz) and
-        0.007 deg/s/sqrt(Hz).
+        0.007 deg/s/sqrt(Hz), both two-sided as `Noise.N`.
     mag_noise : standard deviation of a reading in the unit of the field, or a `jaxcal.noise.Noise`; None for 0.5 % of the field.
     gradient : change of the field per metre, as a part of the field (Frobenius norm of its gradient); without curl and divergence.
     iron : (start, end, strength): a stretch beside iron, in s, and its largest field, as a part of the field.

@@ -9,7 +9,7 @@ import scipy  # loads its parts when they are first used
 from ..fitting import Chain, Eliminated
 from ._model import DeviceModel
 from ._normal import GYRO_DELAY, LINK, MAG_DELAY, Inertial, Rows, chain_of, exponential, inertial, logarithm, rows
-from ._windows import NAMES, Grid, Windows, model_of, vector_of, windows
+from ._windows import NAMES, Grid, Windows, model_of, windows
 
 STEPS = 25
 _SETTLED = 1e-4  # of the cost that a step promises to take away, in halves of squared standard deviations
