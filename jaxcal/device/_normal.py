@@ -192,11 +192,10 @@ def rows(
     earth: np.ndarray,
 ) -> Rows:
     """Whitened rows: `whiten` (K, 9, 9) of the inertial part, `weight` (K, m) of every reading of the magnetometer."""
-    turn, velocity, place = states
+    turn = states[0]
     count, steps = weight.shape
     back, h, size = np.swapaxes(turn[:-1], 1, 2), float(w.step[0]), len(NAMES)
-    time, down = h * steps, np.array([0.0, 0.0, gravity])
-    rotation = found.rotation[:, -1]
+    time = h * steps
     residual, field = left_over(states, w, found, model, gravity, earth)
     by = np.zeros((count, 9, size + 18))
     many = found.turned_by.shape[-1]

@@ -9,8 +9,10 @@ import scipy  # loads its parts when they are first used
 from ..fitting import Chain, Eliminated
 from ._model import DeviceModel
 from ._normal import GYRO_DELAY, LINK, MAG_DELAY, Inertial, Rows, chain_of, exponential, inertial, logarithm, rows
-from ._windows import NAMES, Grid, Windows, model_of, windows
+from ._windows import NAMES, Grid, Windows, model_of, readings_of, windows
 
+#: s, the largest delay
+REACH = 0.05
 STEPS = 25
 _SETTLED = 1e-4  # of the cost that a step promises to take away, in halves of squared standard deviations
 #: standard deviation that an error of each kind has before anything is recorded; far wider than what a recording leaves
@@ -149,6 +151,10 @@ class Record:
         """Length of a window, s."""
         return self.grid.steps * self.grid.step
 
+    def kept(self, vector: np.ndarray) -> np.ndarray:
+        """(K, m) readings of the magnetometer that are there, in windows whose rates are."""
+        return self.there[readings_of(self.grid, float(vector[MAG_DELAY]))] & ~self.broken[:, None]
+
     def windows(self, vector: np.ndarray) -> Windows:
         return windows(self.grid, self.accel, self.gyro, self.mag, float(vector[GYRO_DELAY]), float(vector[MAG_DELAY]))
 
@@ -175,7 +181,7 @@ class Solution:
 
 @dataclasses.dataclass(frozen=True)
 class Rests:
-    """Where the device rests: windows (K,), and how far it does: standard deviations of velocity (m/s) and of the turn of a window (rad)."""
+    """Where the device rests: windows (K,), and how far it does: standard deviations of velocity (m/s) and of a window's turn (rad)."""
 
     windows: np.ndarray
     speed: float = 2e-3
@@ -244,16 +250,16 @@ def solved(
         return dataclasses.replace(chain, corner=chain.corner + np.diag(sizes**-2.0), score=chain.score + off)
 
     chain = equations(vector, made, more)
-    done, step = False, 0
-    for step in range(steps):
+    done, taken = False, 0
+    for taken in range(1, steps + 1):  # noqa: B007
         known = chain.eliminated()
         while True:
             move = -np.linalg.solve(known.information + damping * np.diag(sizes**-2.0), known.score)
             promised = -0.5 * float(move @ known.score) - 0.5 * float(np.sum(chain.link_score * known.links(np.zeros(len(free)))))
             trial = vector.copy()
             trial[free] += move
-            if not np.all(np.abs(trial[[GYRO_DELAY, MAG_DELAY]]) < _REACH):
-                trial[[GYRO_DELAY, MAG_DELAY]] = np.clip(trial[[GYRO_DELAY, MAG_DELAY]], -_REACH, _REACH)
+            if not np.all(np.abs(trial[[GYRO_DELAY, MAG_DELAY]]) < REACH):
+                trial[[GYRO_DELAY, MAG_DELAY]] = np.clip(trial[[GYRO_DELAY, MAG_DELAY]], -REACH, REACH)
             there = way.moved(known.links(move))
             found = at(trial, there, None)
             if found[0] <= cost * (1 + 1e-9) + 1e-6 or damping > 1e12:
@@ -265,7 +271,4 @@ def solved(
         chain = equations(vector, made, more)
         if done:
             break
-    return Solution(vector, way, cost, made, chain, step + 1, done, chain.eliminated(), free, weight)
-
-
-_REACH = 0.05  # s, the largest delay
+    return Solution(vector, way, cost, made, chain, taken, done, chain.eliminated(), free, weight)
