@@ -104,17 +104,16 @@ def _rounds(record: Record, vector: Any, way: Any, free: Any, level: Noise) -> t
     counts = undisturbed(record, vector)
     place, rests, settled = Place(0.3, 0.4), _rests(record, vector), False
     # what the motion does not show is known before the fit: there the least squares have a flat valley, along which to go is no use
-    first = solved(record, vector, way, free, level, place, counts[:, None] * record.kept(vector), 2, rests, centre)
+    first = solved(record, vector, way, free, level, place, counts, 2, rests, centre)
     vector, way, blind = first.vector, first.way, bool(unseen(first).any())
     for turn in range(2 if blind else _MOST):
-        kept = record.kept(vector)
-        found = solved(record, vector, way, free, level, place, counts[:, None] * kept, _FEW if blind else STEPS, rests, centre)
+        found = solved(record, vector, way, free, level, place, counts, _FEW if blind else STEPS, rests, centre)
         vector, way = found.vector, found.way
         if settled and turn >= _ROUNDS - 1:
             break
         # the size of what is left of the field, by windows, of which a few may be disturbed
-        power, number = _power(found.rows.field / np.where(kept, counts[:, None], 1.0)[..., None], kept)
-        some = kept.any(axis=1)
+        power, number = _power(found.field, found.kept)
+        some = found.kept.any(axis=1)
         size = level.mag * np.sqrt(power)
         level = Noise(level.gyro, level.accel, float(np.sqrt(np.median(size[some] ** 2) / _median(3 * float(np.median(number[some]))))))
         far = size / level.mag
@@ -200,12 +199,9 @@ def _result(
     covariance = np.where(blind[:, None] | blind[None], np.where(np.eye(len(blind), dtype=bool), np.inf, 0.0), covariance)
     half = scipy.special.stdtrit(told.freedom, 0.975) * np.sqrt(np.diag(covariance))
     missing = lacks(found, record, level.mag, told.ratio)
-    used = found.weight > 0
-    scale = np.where(used, found.weight, 1.0)[..., None]
-    left = np.where(used[..., None], found.rows.field / scale, 0.0) * level.mag
-    rms = np.sqrt(np.sum(left**2, axis=1) / np.maximum(used.sum(axis=1), 1)[:, None]) * strength
-    there = record.kept(found.vector).any(axis=1)
-    disturbed = stretches(there & (found.weight.max(axis=1) < 0.5), record)
+    number = np.maximum(found.kept.sum(axis=1), 1)[:, None]
+    rms = np.sqrt(np.sum(found.field**2, axis=1) / number) * level.mag * strength
+    disturbed = stretches(found.kept.any(axis=1) & (found.counts < 0.5), record)
     undetermined = tuple(name for name, lost in zip(names, blind, strict=True) if lost)
     facts = {
         "names": names, "values": values, "covariance": covariance, "undetermined": undetermined, "disturbed": disturbed,

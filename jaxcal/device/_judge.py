@@ -120,7 +120,7 @@ class Lack:
 
 def lacks(found: Solution, record: Record, mag: float, ratio: float) -> list[Lack]:
     """Terms of the field that the model lacks, each by a test of its score with everything else fitted beside it."""
-    model, w = found.model, record.windows(found.vector)
+    model, w = found.model, record.windows(found.vector, found.back)
     moved = inertial(model, w)
     turn = found.way.rotation[:-1, None] @ moved.to_reading
     at = np.asarray(model.magnetometer.soft_iron) @ np.swapaxes(turn, 2, 3)

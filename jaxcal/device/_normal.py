@@ -250,7 +250,7 @@ def chain_of(found: Rows, free: np.ndarray) -> Chain:
     score[1:, :9] += push[:, second]
     corner, right = normal[:, :width, :width].sum(axis=0), push[:, :width].sum(axis=0)
     # the magnetometer's rows see some parameters alone
-    seen = np.flatnonzero(np.any(found.field_by[0, 0, :, :size] != 0, axis=0)[free])
+    seen = np.flatnonzero(np.any(found.field_by[..., free] != 0, axis=(0, 1, 2)))
     f = found.field_by[..., np.append(free[seen], np.arange(size, size + 3))].reshape(count, -1, len(seen) + 3)
     normal = np.swapaxes(f, 1, 2) @ f
     push = np.einsum("kra,kr->ka", f, found.field.reshape(count, -1))

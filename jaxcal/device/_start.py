@@ -87,10 +87,11 @@ def undisturbed(record: Record, vector: np.ndarray) -> np.ndarray:
 
 def followed(record: Record, vector: np.ndarray) -> tuple[Way, float]:
     """Attitude by the gyroscope, drawn to the field and slowly to the vertical, forwards and then backwards; and the dip."""
-    model, w = model_of(vector), record.windows(vector)
+    back = record.back(vector)
+    model, w = model_of(vector), record.windows(vector, back)
     seen = inertial(model, w)
     fields = (w.field - model.magnetometer.hard_iron) @ np.linalg.inv(model.magnetometer.soft_iron).T
-    kept = record.kept(vector)
+    kept = record.kept(back)
     ahead = np.einsum("kiab,kib->kia", seen.to_reading, fields) * kept[..., None]
     count = np.maximum(kept.sum(axis=1), 1)
     field, force = ahead.sum(axis=1) / count[:, None], seen.speed / record.time
