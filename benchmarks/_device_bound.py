@@ -5,9 +5,9 @@ process of order 5/2, which is Markov with its first two derivatives; it has the
 `jaxcal.device.simulate` gave it, so that the prior is the true one. The simulator leaves out what lies above 20 corner frequencies, which
 samples of the acceleration would fold down to where the accelerometer is read best; so a reading is taken as the mean acceleration since
 the last one, whose density has zeros at all multiples of the rate. (`cut` computes what knowing the cut itself would tell of the
-accelerometer where the attitude is known: 1 to 5 % smaller standard errors.) The place has an unknown centre, and the attitude at the beginning is
-unknown. Rests are known as such: there the clock of the motion stands still, and the gyroscope reads its bias. So this is the variance
-that no unbiased estimator can undercut which knows noise, spectrum and rests. Real estimators know less.
+accelerometer where the attitude is known: 1 to 5 % smaller standard errors.) The place has an unknown centre, and the attitude at the
+beginning is unknown. Rests are known as such: there the clock of the motion stands still, and the gyroscope reads its bias. So this is
+the variance that no unbiased estimator can undercut which knows noise, spectrum and rests. Real estimators know less.
 
 It is computed by a Kalman filter over the nuisance states alone, through which the sensitivity of all readings to each parameter runs as
 one column (de Jong, Biometrika 75, 1988): the information is the sum of the whitened innovations of these columns. NumPy alone; nothing
