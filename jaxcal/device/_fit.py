@@ -9,21 +9,23 @@ from .._errors import DataError
 from .._log import as_log
 from .._precision import host_float64
 from .._units import STANDARD_GRAVITY
-from ..imu import Triad, windowed_variance
+from ..imu import windowed_variance
 from ..magnetometer import MagModel
 from ._contribution import shares
-from ._judge import known, lacks, stretches
+from ._judge import known, lacks, stretches, unseen
 from ._model import DeviceModel
-from ._normal import logarithm
+from ._normal import MAG_DELAY, logarithm
 from ._record import recorded
 from ._result import DeviceFit, gauged
-from ._solve import Noise, Place, Record, Rests, Solution, solved
-from ._start import started
+from ._solve import STEPS, Noise, Place, Record, Rests, Solution, solved
+from ._start import started, undisturbed
 from ._verdict import judged
-from ._windows import NAMES, model_of, readings_of, windows
+from ._windows import NAMES, model_of, readings_of
 
 _REACH = 0.05  # s, the largest delay
-_ROUNDS = 3
+_ROUNDS, _MOST = 3, 8
+_FEW = 12  # steps where the motion leaves parameters open
+_SAME = 0.1  # change of a window's weight
 _HELD = ("accel.g_sensitivity", "field")
 _BELOW = ("accel.matrix[1,0]", "accel.matrix[2,0]", "accel.matrix[2,1]")
 _LEAST = 20.0  # s of recording
@@ -100,25 +102,34 @@ def fit(
 def _rounds(record: Record, vector: Any, way: Any, free: Any, level: Noise) -> tuple[Solution, Place, Rests, Noise]:
     """Fits, between which the noise of the field, the hand's reach and speed, and the weights of disturbed windows are found."""
     centre = vector.copy()
-    there = record.there[readings_of(record.grid, 0.0)].astype(float)
-    weight, place, rests = there, Place(0.3, 0.4), _rests(record, vector)
-    for turn in range(_ROUNDS):
-        kept = record.there[readings_of(record.grid, float(vector[NAMES.index("mag_delay")]))].astype(float)
-        found = solved(record, vector, way, free, level, place, weight * kept, rests=rests, centre=centre)
+    counts = undisturbed(record, vector)
+    place, rests, settled = Place(0.3, 0.4), _rests(record, vector), False
+    # what the motion does not show is known before the fit: there the least squares have a flat valley, along which to go is no use
+    first = solved(record, vector, way, free, level, place, counts[:, None] * record.there[readings_of(record.grid, 0.0)], 2, rests, centre)
+    vector, way, blind = first.vector, first.way, bool(unseen(first).any())
+    for turn in range(2 if blind else _MOST):
+        kept = record.there[readings_of(record.grid, float(vector[MAG_DELAY]))]
+        found = solved(record, vector, way, free, level, place, counts[:, None] * kept, _FEW if blind else STEPS, rests, centre)
         vector, way = found.vector, found.way
+        if settled and turn >= _ROUNDS - 1:
+            break
         # the size of what is left of the field, by windows, of which a few may be disturbed
-        used = found.weight > 0
-        left = np.where(used[..., None], found.rows.field / np.where(used, found.weight, 1.0)[..., None], 0.0) * level.mag
-        count = np.maximum(used.sum(axis=1), 1)
-        power = np.sum(left**2, axis=(1, 2)) / (3 * count)
-        some = used.any(axis=1)
-        level = Noise(level.gyro, level.accel, float(np.sqrt(np.median(power[some]) / _median(3 * float(np.median(count[some]))))))
-        far = np.sqrt(power) / level.mag
-        weight = there * np.where(far > _GONE, _LITTLE, np.minimum(1.0, _FAR / np.maximum(far, 1e-9)))[:, None]
-        if turn < _ROUNDS - 1:
-            spread = found.chain.variances(np.linalg.inv(found.eliminated.information), found.eliminated.carried)
-            place, rests = _hand(found, np.diagonal(spread, axis1=1, axis2=2), rests, record, level)
+        power, number = _power(found.rows.field / np.where(kept, counts[:, None], 1.0)[..., None], kept)
+        some = kept.any(axis=1)
+        size = level.mag * np.sqrt(power)
+        level = Noise(level.gyro, level.accel, float(np.sqrt(np.median(size[some] ** 2) / _median(3 * float(np.median(number[some]))))))
+        far = size / level.mag
+        new = np.where(far > _GONE, _LITTLE, np.minimum(1.0, _FAR / np.maximum(far, 1e-9)))
+        settled, counts = bool(np.max(np.abs(new - counts)) < _SAME), new
+        spread = found.chain.variances(np.linalg.inv(found.eliminated.information), found.eliminated.carried)
+        place, rests = _hand(found, np.diagonal(spread, axis1=1, axis2=2), rests, record, level)
     return found, place, rests, level  # type: ignore[possibly-unbound]
+
+
+def _power(field: np.ndarray, kept: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(K,) mean square of the field that is left in each window, and how many readings it has."""
+    number = kept.sum(axis=1)
+    return np.sum(np.where(kept[..., None], field, 0.0) ** 2, axis=(1, 2)) / (3 * np.maximum(number, 1)), number
 
 
 def _median(freedom: float) -> float:
@@ -183,7 +194,7 @@ def _result(
     scale = np.where(used, found.weight, 1.0)[..., None]
     left = np.where(used[..., None], found.rows.field / scale, 0.0) * level.mag
     rms = np.sqrt(np.sum(left**2, axis=1) / np.maximum(used.sum(axis=1), 1)[:, None]) * strength
-    there = record.there[readings_of(record.grid, float(found.vector[NAMES.index("mag_delay")]))].any(axis=1)
+    there = record.there[readings_of(record.grid, float(found.vector[MAG_DELAY]))].any(axis=1)
     disturbed = stretches(there & (found.weight.max(axis=1) < 0.5), record)
     undetermined = tuple(name for name, lost in zip(names, blind, strict=True) if lost)
     facts = {

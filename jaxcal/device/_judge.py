@@ -8,13 +8,14 @@ import scipy  # loads its parts when they are first used
 
 from ..fitting import Chain, leave_out_pieces
 from ._contribution import kinds_of, terms_of
-from ._normal import exponential, skew
+from ._normal import skew
 from ._solve import SIZES, Place, Record, Rests, Solution
-from ._windows import NAMES, readings_of
+from ._windows import NAMES
 
 _PIECES, _PARTS = 24, 6
 _CHANCE = 0.003  # of taking white noise for correlated
 _UNSEEN = 0.2  # of the standard deviation beforehand: what is known no better was not determined
+_LOOSE, _DEPENDS = 5.0, 1.2  # with a prior so many times as wide, an error grows by this where it stands on the prior
 _LACK = 1e-3  # level of the tests for terms that the model lacks
 
 
@@ -41,7 +42,7 @@ def known(found: Solution, place: Place, rests: Rests, time: float) -> Known:
     prior = np.diag(SIZES[found.free] ** -2.0)
     terms = terms_of(normal, kinds_of(found, rests), prior)
     matrix = np.linalg.inv(whole)
-    seen = np.sqrt(np.diag(matrix)) < _UNSEEN * SIZES[found.free]
+    seen = ~unseen(found)
     # do sixths of the recording want parameters of their own?
     sixth = hats.reshape(_PARTS, -1, *hats.shape[1:]).sum(axis=1), scores.reshape(_PARTS, -1, hats.shape[1]).sum(axis=1)
     scale = SIZES[found.free]
@@ -57,6 +58,14 @@ def known(found: Solution, place: Place, rests: Rests, time: float) -> Known:
         if np.isfinite(apart).all():
             return Known(apart + matrix @ prior @ matrix, _PARTS - 1, ratio, seen, terms)
     return Known(matrix * max(ratio, 1.0), np.inf, ratio, seen, terms)
+
+
+def unseen(found: Solution) -> np.ndarray:
+    """(p,) free parameters that hang on what was known before the recording: little is added to it, or what is depends on it."""
+    sizes, whole = SIZES[found.free], found.eliminated.information
+    scaled = whole * np.outer(sizes, sizes)
+    error, loose = (np.sqrt(np.diag(np.linalg.inv(scaled - share * np.eye(len(sizes))))) for share in (0.0, 1 - _LOOSE**-2))
+    return (error >= _UNSEEN) | ~(loose <= _DEPENDS * error)
 
 
 def _pieces(values: np.ndarray) -> np.ndarray:

@@ -40,7 +40,7 @@ def logarithm(r: np.ndarray) -> np.ndarray:
 
 
 def _cross(a: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """a x each column: (..., 3) and (..., 3, q)."""
+    """A x each column: (..., 3) and (..., 3, q)."""
     return skew(a) @ columns
 
 

@@ -9,9 +9,9 @@ import scipy  # loads its parts when they are first used
 from ..fitting import Chain, Eliminated
 from ._model import DeviceModel
 from ._normal import GYRO_DELAY, LINK, MAG_DELAY, Inertial, Rows, chain_of, exponential, inertial, logarithm, rows
-from ._windows import NAMES, Grid, Windows, model_of, vector_of, windows
+from ._windows import NAMES, Grid, Windows, model_of, windows
 
-_STEPS = 60
+STEPS = 25
 _SETTLED = 1e-4  # of the cost that a step promises to take away, in halves of squared standard deviations
 #: standard deviation that an error of each kind has before anything is recorded; far wider than what a recording leaves
 _SIZES = {
@@ -213,7 +213,7 @@ class Rests:
 
 
 def solved(
-    record: Record, vector: np.ndarray, way: Way, free: np.ndarray, noise: Noise, place: Place, weight: np.ndarray, steps: int = _STEPS,
+    record: Record, vector: np.ndarray, way: Way, free: np.ndarray, noise: Noise, place: Place, weight: np.ndarray, steps: int = STEPS,
     rests: Rests | None = None, centre: np.ndarray | None = None,
 ) -> Solution:  # fmt: skip
     """Least squares from a start. `weight` (K, m) multiplies the residuals of the magnetometer, in standard deviations."""

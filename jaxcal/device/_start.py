@@ -4,42 +4,89 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from .. import magnetometer
-from .._errors import DataError
+from .._errors import DataError, FitError
 from ._model import DeviceModel
-from ._normal import GYRO_DELAY, MAG_DELAY, exponential, inertial
+from ._normal import DIP, GYRO_BIAS, HARD, IRON, MAG_DELAY, exponential, inertial
 from ._solve import Record, Way
-from ._windows import NAMES, template, vector_of
+from ._windows import model_of, template, vector_of
 
 _FIELD, _FORCE = 1.0, 10.0  # s, time constants with which the attitude follows field and specific force
+_FLAT = 4.0  # ratio of the axes of an ellipsoid that is none
+_PLANE = 0.15  # thickness of readings that lie in a plane, of their width
+_SLOW = 0.02  # of the largest eigenvalue
+_STRANGE = 6.0  # robust standard deviations of the norm
 _FIRST = 2.0  # s whose mean gives the first attitude
 
 
 def started(record: Record, mag: np.ndarray) -> tuple[np.ndarray, Way, float]:
     """Parameters, the way, and the strength of the field in the unit of `mag`, by which the record's is divided from here on."""
-    there = record.there
-    rate = 1 / record.grid.step
-    found = magnetometer.fit(mag[there], method="ml", model="symmetric")
-    if found.model is None:
-        raise DataError(f"The magnetometer's readings give no ellipsoid to begin with: {found.reason}")
-    readings = np.where(there[:, None], mag, np.nan)
-    turned = magnetometer.align(readings, found.model, magnetometer.Gyroscope(record.gyro, rate))
-    iron = np.asarray(turned.model.soft_iron)
-    strength = float(found.field)
     vector = vector_of(template())
-    vector[[NAMES.index(f"magnetometer.soft_iron[{i},{j}]") for i in range(3) for j in range(3)]] = iron.ravel()
-    vector[[NAMES.index(f"magnetometer.hard_iron[{i}]") for i in range(3)]] = np.asarray(turned.model.hard_iron) / strength
-    vector[[NAMES.index(f"gyro.bias[{i}]") for i in range(3)]] = turned.bias
-    vector[MAG_DELAY] = np.clip(turned.delay, -0.045, 0.045) if np.isfinite(turned.delay) else 0.0
+    iron, hard, strength = _ellipsoid(record, mag, vector) or _turned(record, mag)
+    vector[IRON : IRON + 9], vector[HARD : HARD + 3] = iron.ravel(), hard / strength
     record.mag = record.mag / strength
     way, dip = followed(record, vector)
-    vector[NAMES.index("dip")] = dip
+    vector[DIP] = dip
     return vector, way, strength
+
+
+def _ellipsoid(record: Record, mag: np.ndarray, vector: np.ndarray) -> tuple[np.ndarray, np.ndarray, float] | None:
+    """Soft iron, hard iron and strength by the norms, with rotation, bias and delay by the rates; None where the norms show no ellipsoid."""
+    there, rate = record.there, 1 / record.grid.step
+    extent = np.linalg.svd(np.cov(mag[there].T), compute_uv=False)
+    if extent[-1] < _PLANE**2 * extent[0]:
+        return None
+    try:
+        found = magnetometer.fit(mag[there], method="ml", model="symmetric", loss="huber")
+    except FitError:
+        return None
+    if found.model is None or found.verdict == "refused":
+        return None
+    sizes = np.linalg.svd(np.asarray(found.model.soft_iron), compute_uv=False)
+    if not sizes[0] < _FLAT * sizes[-1]:
+        return None
+    readings = np.where(there[:, None], mag, np.nan)
+    turned = magnetometer.align(readings, found.model, magnetometer.Gyroscope(record.gyro, rate))
+    vector[GYRO_BIAS : GYRO_BIAS + 3] = turned.bias
+    vector[MAG_DELAY] = np.clip(turned.delay, -0.045, 0.045) if np.isfinite(turned.delay) else 0.0
+    return np.asarray(turned.model.soft_iron), np.asarray(turned.model.hard_iron), float(found.field)
+
+
+def _turned(record: Record, mag: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """The same from readings that the rates turn about the hard iron: what no turn moves stays at the mean reading."""
+    index = np.flatnonzero(record.there)
+    index = index[:: max(round(0.1 / record.grid.step), 1)]
+    total = np.cumsum(np.concatenate([np.zeros((1, 3)), record.gyro[1:] + record.gyro[:-1]]), axis=0) * record.grid.step / 2
+    back = exponential(-np.diff(total[index], axis=0))
+    mean = mag[index].mean(axis=0)
+    y = mag[index] - mean
+    rows = np.eye(3) - back
+    left = y[1:] - np.einsum("kab,kb->ka", back, y[:-1])
+    normal = np.einsum("kba,kbc->ac", rows, rows)
+    # directions that hardly move are left alone
+    values, vectors = np.linalg.eigh(normal)
+    gain = values / (values**2 + (_SLOW * values[-1]) ** 2)
+    centre = vectors @ (gain * (vectors.T @ np.einsum("kba,kb->a", rows, left)))
+    strength = float(np.sqrt(np.mean(np.sum((y - centre) ** 2, axis=1))))
+    if not strength > 0:
+        raise DataError("The magnetometer's readings are all alike; turn the device through all attitudes.")
+    return np.eye(3), mean + centre, strength
+
+
+def undisturbed(record: Record, vector: np.ndarray) -> np.ndarray:
+    """(K,) weights of the windows, less where the norm of the field differs from the usual one."""
+    model = model_of(vector)
+    fields = (record.mag - model.magnetometer.hard_iron) @ np.linalg.inv(model.magnetometer.soft_iron).T
+    norm = np.linalg.norm(fields, axis=1)[record.grid.inner[:, :-1]]
+    there = record.there[record.grid.inner[:, :-1]]
+    mean = np.sum(np.where(there, norm, 0), axis=1) / np.maximum(there.sum(axis=1), 1)
+    some = there.any(axis=1)
+    usual = np.median(mean[some])
+    spread = 1.4826 * np.median(np.abs(mean[some] - usual))
+    return np.where(np.abs(mean - usual) > _STRANGE * spread, 1e-2, 1.0)
 
 
 def followed(record: Record, vector: np.ndarray) -> tuple[Way, float]:
     """Attitude by the gyroscope, drawn to the field and slowly to the vertical, forwards and then backwards; and the dip."""
-    from ._windows import model_of
-
     model, w = model_of(vector), record.windows(vector)
     seen = inertial(model, w)
     fields = (w.field - model.magnetometer.hard_iron) @ np.linalg.inv(model.magnetometer.soft_iron).T

@@ -76,7 +76,7 @@ def judged(facts: dict[str, Any]) -> tuple[str, str, tuple[str, ...], dict[str, 
             f"Parts of the recording disagree {np.sqrt(facts['disagreement']):.2g} times as much as white noise explains: the errors are "
             "those of fits without parts of it."
         )
-    if not facts["converged"]:
+    if not (facts["converged"] or facts["undetermined"]):
         verdicts = dict.fromkeys(verdicts, "refused")
         sentences.insert(0, "The fit did not converge.")
     order = ("good", "weak", "refused")
