@@ -4,9 +4,10 @@ The unknowns are the parameters, the attitude at every sample, and the place. Th
 process of order 5/2, which is Markov with its first two derivatives; it has the variance and the corner frequency that
 `jaxcal.device.simulate` gave it, so that the prior is the true one. The simulator leaves out what lies above 20 corner frequencies, which
 samples of the acceleration would fold down to where the accelerometer is read best; so a reading is taken as the mean acceleration since
-the last one, whose density has zeros at all multiples of the rate. The place has an unknown centre, and the attitude at the beginning is
-unknown. Rests are known as such: there the clock of the motion stands still, and the gyroscope reads its bias. So this is the variance
-that no unbiased estimator can undercut which knows noise, spectrum and rests. Real estimators know less.
+the last one, whose density has zeros at all multiples of the rate. (`cut` computes what knowing the cut itself would tell of the
+accelerometer where the attitude is known: 1 to 5 % smaller standard errors.) The place has an unknown centre, and the attitude at the
+beginning is unknown. Rests are known as such: there the clock of the motion stands still, and the gyroscope reads its bias. So this is
+the variance that no unbiased estimator can undercut which knows noise, spectrum and rests. Real estimators know less.
 
 It is computed by a Kalman filter over the nuisance states alone, through which the sensitivity of all readings to each parameter runs as
 one column (de Jong, Biometrika 75, 1988): the information is the sum of the whitened innovations of these columns. NumPy alone; nothing
@@ -21,7 +22,7 @@ import dataclasses
 import sys
 
 import numpy as np
-from scipy.linalg import expm, solve_continuous_lyapunov, solve_triangular
+from scipy.linalg import cho_factor, cho_solve, expm, solve_continuous_lyapunov, solve_triangular, toeplitz
 
 UPPER = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]
 PARTS = {
@@ -240,6 +241,21 @@ def dense(true, model, setting):
     return jacobian.T @ np.linalg.solve(cover[3:, 3:], jacobian)
 
 
+def cut(true, model, setting):
+    """(9,) standard errors of the accelerometer where the attitude is known, from the density up to 20 corner frequencies, densely."""
+    n, dt = len(true.time), true.time[1] - true.time[0]
+    rate = 2 * np.pi * setting.corner
+    omega = np.linspace(0, 20 * rate, 20001)
+    density = omega**4 * 16 / 3 * setting.reach**2 * rate**5 / (rate**2 + omega**2) ** 3
+    cover = np.array([np.trapezoid(density * np.cos(omega * dt * i), omega) / np.pi for i in range(n)])
+    factor = cho_factor(toeplitz(cover) + setting.accel**2 / dt * np.eye(n))
+    inverse = np.linalg.inv(model.accel.matrix)
+    columns = [np.einsum("nab,b,n->na", true.attitude, inverse[:, i], true.force[:, j]) for i, j in UPPER]
+    columns = np.concatenate([np.stack(columns, axis=-1), true.attitude @ inverse], axis=-1)
+    total = sum(columns[:, k].T @ cho_solve(factor, columns[:, k]) for k in range(3))
+    return np.sqrt(np.diag(np.linalg.inv(total)))
+
+
 def rotation(vector):
     """Rotation matrix of a rotation vector."""
     return expm(skew(np.asarray(vector)))
@@ -323,6 +339,10 @@ if __name__ == "__main__":
     ours, whole = information(path, device, Setting()), dense(path, device, Setting())
     unit = 1 / np.sqrt(np.diag(whole))
     print(f"filter against one dense matrix, 80 samples: {np.abs((ours - whole) * unit[:, None] * unit).max():.1e} of the information")
+    _, device, path = jaxcal.device.simulate(90.0, 20.0, seed=3, tremor=0.0)
+    known = information(path, device, dataclasses.replace(Setting(), gyro=1e-7))[:9, :9]
+    ratio = np.sqrt(np.diag(np.linalg.inv(known))) / cut(path, device, Setting())
+    print(f"standard errors over those of the cut density, attitude known: {ratio.min():.3f} to {ratio.max():.3f}")
     table(
         {
             "180 s of free motion": ({}, Setting()),

@@ -18,6 +18,7 @@ import collections
 import dataclasses
 import json
 import pathlib
+import re
 import resource
 import time
 
@@ -38,12 +39,11 @@ def _ar1(deviation):
 
 @dataclasses.dataclass(frozen=True)
 class Cell:
-    """Options of `simulate`, what the bound knows (None: no bound is computed), options of `fit`, and whether the model holds."""
+    """Options of `simulate`, what the bound knows (None: no bound is computed), and options of `fit`."""
 
     motion: dict
     known: bound.Setting | None = None
     options: dict = dataclasses.field(default_factory=dict)
-    holds: bool = True
 
 
 _COLOURED = {"accel_noise": _ar1(NOISE_ACCEL * 10), "gyro_noise": _ar1(NOISE_GYRO * 10), "mag_noise": _ar1(0.005 * 50e-6)}
@@ -61,14 +61,14 @@ CELLS = {
     "AR(1), 8 rests": Cell(_COLOURED | {"rests": 8}),
     "flicker": Cell(_FLICKER),
     "flicker, 8 rests": Cell(_FLICKER | {"rests": 8}),
-    "gradient 10 %/m": Cell({"gradient": 0.1}, holds=False),
-    "gradient 30 %/m": Cell({"gradient": 0.3}, holds=False),
-    "soft mount 4 Hz": Cell({"soft_mount": 4.0}, holds=False),
-    "iron for 15 s": Cell({"iron": (60.0, 75.0, 0.3)}, holds=False),
-    "reach 1.5 m": Cell({"reach": 1.5}, holds=False),
-    "travel 5 m": Cell({"travel": 5.0}, holds=False),
-    "one axis": Cell({"turns": "one axis"}, holds=False),
-    "no tilt": Cell({"turns": "no tilt"}, holds=False),
+    "gradient 10 %/m": Cell({"gradient": 0.1}),
+    "gradient 30 %/m": Cell({"gradient": 0.3}),
+    "soft mount 4 Hz": Cell({"soft_mount": 4.0}),
+    "iron for 15 s": Cell({"iron": (60.0, 75.0, 0.3)}),
+    "reach 1.5 m": Cell({"reach": 1.5}),
+    "travel 5 m": Cell({"travel": 5.0}),
+    "one axis": Cell({"turns": "one axis"}),
+    "no tilt": Cell({"turns": "no tilt"}),
 }
 #: group -> its places in `bound.parameters`, the factor to the unit, and the unit
 _DIAGONAL, _REST = [0, 3, 5], [1, 2, 4]
@@ -108,7 +108,8 @@ def run(cell, seed):
     else:
         values, interval = of_fit(found)
         line |= {"error": values - truth, "inside": _inside(truth, interval), "width": (interval[:, 1] - interval[:, 0]) / 2,
-                 "verdict": found.verdict, "reason": found.reason, "unknown": list(found.undetermined)}  # fmt: skip
+                 "verdict": found.verdict, "reason": found.reason, "unknown": list(found.undetermined), "disturbed": list(found.disturbed),
+                 "warnings": list(found.warnings)}  # fmt: skip
     line["seconds"] = time.perf_counter() - start
     if cell.known is not None and seed < _BOUNDS:
         line["bound"] = np.sqrt(np.diag(bound.covariance_of(bound.information(true, model, cell.known), model)))
@@ -169,6 +170,14 @@ def show(path):
             (line["verdict"], line["reason"].split(". ")[0][:150]) for line in lines if line["verdict"] != "good"
         ).most_common(3):
             print(f"  {count} x {verdict}: {reason}")
+        told = collections.Counter(
+            " ".join(re.sub(r"[-+.\d]+", "#", word).split()[:9]) for line in lines for word in line.get("warnings", ())
+        )
+        for word, count in told.most_common(4):
+            print(f"  {count} warnings: {word} ...")
+        named = [sum(stop - start for start, stop in line["disturbed"]) for line in lines if "disturbed" in line]
+        if any(named):
+            print(f"  named as disturbed: {np.mean(named):.1f} s on average")
         unknown = collections.Counter(word for line in lines for word in line.get("unknown", ()))
         if unknown:
             print("  without number: " + ", ".join(f"{word} ({count})" for word, count in unknown.most_common()))

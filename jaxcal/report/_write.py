@@ -21,7 +21,8 @@ else:
 
 _PACKAGE = __name__.partition(".")[0]
 #: kind of result -> module of the package with its `document`, its `page` and its `summary`; and of a dictionary channel -> result
-_KINDS = {("alignment", "AlignmentFit"): "_north", ("imu", "ImuFit"): "_imu", ("magnetometer", "MagFit"): "_magnetometer"}
+_KINDS = {("alignment", "AlignmentFit"): "_north", ("imu", "ImuFit"): "_imu", ("magnetometer", "MagFit"): "_magnetometer",
+          ("device", "DeviceFit"): "_device"}  # fmt: skip
 _BY_CHANNEL = {("temperature", "TemperatureFit"): "_thermal", ("allan", "Deviation"): "_curves", ("spectrum", "Spectrum"): "_curves"}
 _TITLES = {"Noise": "Sensor noise", "Alignment": "Alignment on a turntable"}  # where neither device nor file is known
 _BADGES = {"good": " present", "ok": " present", "fitted": " present"}
@@ -37,7 +38,8 @@ def write(results: Any, path: str | os.PathLike[str], *, log: Log | Readings | N
     ----------
     results : channel -> `NoiseFit`, as `jaxcal.noise.characterise` returns them, channel -> `TemperatureFit`, as
         `jaxcal.temperature.characterise` does, channel -> `Deviation` or channel -> `Spectrum`, the `ImuFit` of an IMU, the `MagFit` of a
-        magnetometer, or the `AlignmentFit` of a turntable. Or a list of these, or of pairs (result, its log), of one device.
+        magnetometer, the `DeviceFit` of all three, or the `AlignmentFit` of a turntable. Or a list of these, or of pairs (result, its
+        log), of one device.
     path : file to write; an existing one is replaced in one step.
     log : the recording, for its summary, notes, warnings and provenance; with an `AlignmentFit` the `Readings` that were fitted, which
         its page shows. With a list it is the log of every result that comes without one, but not of an `AlignmentFit`.
@@ -120,6 +122,10 @@ def document(results: Any, log: Any = None) -> dict[str, Any]:
       `covariance` (`parameters`, `values`),
       `coverage`, `needed`, `outliers`, `readings`, `alignment`, `terms` (of currents: value, error), `check`, `warnings`, `provenance`
       and `notes`.
+    - "jaxcal.device/1": `verdict`, `reason`, `verdicts` (of each sensor), `parameters` (name -> `value`, `low`, `high` at 95 %, or None
+      where the recording does not determine it), `undetermined`, `covariance` (`parameters`, `values`), `noise`, `reach` (m), `speed`
+      (m/s), `disagreement`, `disturbed` and `rests` (start, stop in s), `contribution` (kind of motion -> share in each parameter),
+      `gravity`, `rate`, `duration`, `warnings`, `notes` and `provenance`.
     - "jaxcal.north/1": `verdict`, `reason`, `parameters` (name -> `value`, `std`, `low`, `high` at 95 %, `unit`), `rank`, `unobservable`,
       `undetermined`, `chi_square`, `degrees_of_freedom`, `p_value` and `notes`.
 
