@@ -62,7 +62,8 @@ def fit(
     g_sensitivity, lever : whether to fit the gyroscope's sensitivity to specific force, and the places of the accelerometer's elements.
     noise : {"gyro": noise, "accel": noise}, each a `jaxcal.noise.Noise` or {"N": ..., "B": ..., "K": ...} in SI; or what
         `jaxcal.noise.characterise` returns, or a `Calibration` with noise. Flicker and random walk then count in the errors of the biases,
-        as those of a mean over a day: one recording cannot show them by itself. None takes white noise from the fast differences of the readings, and no slow noise.
+        as those of a mean over a day: one recording cannot show them by itself. None takes white noise from the fast differences of the
+        readings, and no slow noise.
 
     Returns
     -------
