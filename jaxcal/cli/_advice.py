@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 #: commands that take a log
-LOGS = ("info", "noise", "allan", "psd", "temperature", "imu", "rate-table", "vibration", "mag", "north")
+LOGS = ("info", "noise", "allan", "psd", "temperature", "imu", "rate-table", "vibration", "mag", "device", "north")
 #: options of every command that reads a log
 READING_OPTIONS = {"--columns", "--units", "--rate", "--topics", "--raw", "--data", "--missing", "--format"}
 #: commands that `jaxcal batch --task` can run
@@ -31,7 +31,7 @@ _OTHER_OPTIONS = {
     "--local-gravity": "--gravity", "--dip": "--inclination", "--declination": "--inclination",
 }  # fmt: skip
 #: kinds of logs that `jaxcal simulate` makes
-KINDS = ("noise", "temperature", "imu", "mag", "north")
+KINDS = ("noise", "temperature", "imu", "mag", "device", "north")
 _USAGE = {
     "apply": "jaxcal apply calibration.json LOG.csv --out corrected.csv", "convert": "jaxcal convert LOG.csv LOG.npz",
     "export": "jaxcal export calibration.json --to kalibr", "diff": "jaxcal diff old.json new.json",

@@ -175,6 +175,74 @@ def simulate_mag(
     show_written(screen, [out])
 
 
+def simulate_device(
+    *,
+    out: LogFile,
+    rate: Annotated[float, Parameter(help="Sampling rate of all sensors in Hz.")] = 100.0,
+    duration: Annotated[float, Parameter(help="Length of the log in s.")] = 180.0,
+    rests: Annotated[int, Parameter(help="Number of rests of 4 s in it.")] = 0,
+    initial: Annotated[float, Parameter(help="Length of a rest at its beginning in s.")] = 0.0,
+    held: Annotated[bool, Parameter(help="A hand holds the device in the rests; without, it lies on a table.")] = False,
+    turns: Annotated[
+        Literal["free", "one-axis", "no-tilt"],
+        Parameter(help="free, through all attitudes; one-axis, about one axis of the device; no-tilt, about the vertical."),
+    ] = "free",
+    reach: Annotated[float, Parameter(help="Standard deviation of the place along each axis in m.")] = 0.25,
+    gyro: Annotated[str | None, Parameter(help="Noise of each gyroscope axis, as for simulate noise.")] = None,
+    accel: Annotated[str | None, Parameter(help="Noise of each accelerometer axis.")] = None,
+    gradient: Annotated[float, Parameter(help="Change of the field in a metre, as a part of the field.")] = 0.0,
+    soft_mount: Annotated[
+        float | None, Parameter(help="Natural frequency in Hz of a mount in which the magnetometer turns; rigid without.")
+    ] = None,
+    running: Running = Running(),
+) -> None:
+    """A log of accelerometer, gyroscope and magnetometer waved by hand.
+
+    Scale factors, misalignment, biases, hard and soft iron and delays are
+    those of a consumer's MEMS device, drawn with the seed. They are
+    printed: the truth to hold a calibration against.
+    """
+    _check_size(rate, duration)
+    given = {f"{sensor}_noise": noise for sensor, noise in noises(gyro, accel).items()}
+    said: list[str] = []
+
+    def make(_: Any) -> tuple[Any, dict[str, Any]]:
+        from .._errors import DataError
+        from ..device import simulate
+
+        try:
+            log, model, _ = simulate(
+                duration, rate, seed=running.seed, rests=rests, initial=initial, held=held, turns=turns.replace("-", " "), reach=reach,
+                gradient=gradient, soft_mount=soft_mount, **given,
+            )  # fmt: skip
+        except DataError as error:
+            raise CallError(str(error)) from None
+        said.extend(_told(model))
+        return log.time, {"accel": log.accel, "gyro": log.gyro, "mag": log.mag}
+
+    _write(out, make, running)
+    screen = Screen(running.quiet)
+    for line in said:
+        screen.line(line)
+    show_written(screen, [out])
+
+
+def _told(model: Any) -> list[str]:
+    """The truth of a simulated device, a line each for what the sensors read per unit and at zero."""
+    parts = (
+        ("accelerometer", model.accel.matrix, model.accel.bias, 1.0, "m/s^2"),
+        ("gyroscope", model.gyro.matrix, model.gyro.bias, 1 / _DEG, "deg/s"),
+        ("magnetometer", model.magnetometer.soft_iron, model.magnetometer.hard_iron, 1e6, "uT"),
+    )
+    lines = []
+    for name, matrix, bias, factor, unit in parts:
+        lines.append(f"{name}: bias {', '.join(f'{factor * b:+.5f}' for b in bias)} {unit}; matrix")
+        lines.extend("  " + "  ".join(f"{c:+.6f}" for c in row) for row in matrix)
+    lines.append(f"field {1e6 * model.field:.4f} uT, {model.dip / _DEG:.4f} deg below the horizontal")
+    lines.append(f"delay of the gyroscope {1e3 * model.gyro_delay:+.4f} ms, of the magnetometer {1e3 * model.mag_delay:+.4f} ms")
+    return lines
+
+
 def simulate_north(
     *,
     out: Annotated[Path, checked("--out", lambda path: path.suffix == ".csv", "a name that ends in .csv", "File to write: FILE.csv.")],

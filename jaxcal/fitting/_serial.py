@@ -129,15 +129,23 @@ def leave_out(jacobian: np.ndarray, residuals: np.ndarray, known: np.ndarray | N
     pieces = list(itertools.pairwise(edges))
     hats = np.array([rows[a:b].T @ rows[a:b] for a, b in pieces])
     scores = np.array([rows[a:b].T @ residuals[a:b] for a, b in pieces])
-    whole, score = hats.sum(axis=0) + known / np.outer(size, size), scores.sum(axis=0)
+    matrix = leave_out_pieces(hats, scores, known / np.outer(size, size))
+    return matrix / np.outer(size, size)
+
+
+def leave_out_pieces(hats: np.ndarray, scores: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """`leave_out` from what consecutive pieces of a log, all as long, say: J'J (k, p, p) and J'r (k, p) of each; k is a multiple of 24."""
+    free, width = hats.shape[-1], len(hats) // BLOCKS
+    whole, score = hats.sum(axis=0) + known, scores.sum(axis=0)
+    size = np.sqrt(np.diag(whole))
     steps = []
-    for first in range(len(pieces) - _STEPS + 1):
-        window = slice(first, first + _STEPS)
+    for first in range(0, len(hats) - width + 1, width // _STEPS):
+        window = slice(first, first + width)
         rest = whole - hats[window].sum(axis=0)
-        if np.linalg.eigvalsh(rest)[0] < 1e-10 * free:
+        if np.linalg.eigvalsh(rest / np.outer(size, size))[0] < 1e-10 * free:
             return np.full((free, free), np.inf)
         steps.append(np.linalg.solve(rest, score - scores[window].sum(axis=0)))
-    off = (np.array(steps) - np.mean(steps, axis=0)) / size
+    off = np.array(steps) - np.mean(steps, axis=0)
     return (BLOCKS - 1) / len(off) * off.T @ off
 
 

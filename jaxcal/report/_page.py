@@ -115,7 +115,7 @@ footer { color: var(--muted); font-size: .875rem; padding-bottom: 2rem; }
   :is(.terms, .matrix) tbody th span { display: inline; }
   :is(.terms, .matrix) tbody th * + span { margin-left: .5rem; }
   :is(.terms, .matrix) td { border: 0; padding: .1rem .3rem .1rem 0; overflow-wrap: anywhere; }
-  :is(.terms, .matrix) td::before { content: attr(data-axis); color: var(--muted); }
+  :is(.terms, .matrix) td::before { content: attr(data-axis); color: var(--muted); margin-right: .3rem; }
   .numbers table { font-size: .8rem; }
   .verdicts thead { display: none; }
   .verdicts tr { display: grid; grid-template-columns: 1fr auto; border-bottom: 1px solid var(--line); padding: .3rem 0; }

@@ -21,7 +21,10 @@ else:
 
 _PACKAGE = __name__.partition(".")[0]
 #: kind of result -> module with its `document`, `page` and `summary`; for single results, and for dictionaries channel -> result
-_KINDS = {("alignment", "AlignmentFit"): "_north", ("imu", "ImuFit"): "_imu", ("magnetometer", "MagFit"): "_magnetometer"}
+_KINDS = {
+    ("alignment", "AlignmentFit"): "_north", ("imu", "ImuFit"): "_imu", ("magnetometer", "MagFit"): "_magnetometer",
+    ("device", "DeviceFit"): "_device",
+}  # fmt: skip
 _BY_CHANNEL = {("temperature", "TemperatureFit"): "_thermal", ("allan", "Deviation"): "_curves", ("spectrum", "Spectrum"): "_curves"}
 _TITLES = {"Noise": "Sensor noise", "Alignment": "Alignment on a turntable"}  # if neither device nor file is known
 _BADGES = {"good": " present", "ok": " present", "fitted": " present"}
@@ -36,8 +39,8 @@ def write(results: Any, path: str | os.PathLike[str], *, log: Log | Readings | N
     Parameters
     ----------
     results : channel -> `NoiseFit` (from `jaxcal.noise.characterise`), channel -> `TemperatureFit` (from
-        `jaxcal.temperature.characterise`), channel -> `Deviation`, channel -> `Spectrum`, an `ImuFit`, a `MagFit` or an `AlignmentFit`.
-        Or a list of these, or of pairs (result, log), from one device.
+        `jaxcal.temperature.characterise`), channel -> `Deviation`, channel -> `Spectrum`, an `ImuFit`, a `MagFit`, a
+        `DeviceFit` or an `AlignmentFit`. Or a list of these, or of pairs (result, log), from one device.
     path : file to write; an existing file is replaced atomically.
     log : the recording, for its summary, notes, warnings and provenance; for an `AlignmentFit`, the `Readings` that were fitted and that
         the page shows. With a list, it is the log of every result without its own log, except of an `AlignmentFit`.
@@ -120,6 +123,10 @@ def document(results: Any, log: Any = None) -> dict[str, Any]:
       `covariance` (`parameters`, `values`),
       `coverage`, `needed`, `outliers`, `readings`, `alignment`, `terms` (of currents: value, error), `check`, `warnings`, `provenance`
       and `notes`.
+    - "jaxcal.device/1": `verdict`, `reason`, `verdicts` (of each sensor), `parameters` (name -> `value`, `low`, `high` at 95 %, or None
+      where the recording does not determine it), `undetermined`, `covariance` (`parameters`, `values`), `noise`, `reach` (m), `speed`
+      (m/s), `disagreement`, `disturbed` and `rests` (start, stop in s), `contribution` (kind of motion -> share in each parameter),
+      `gravity`, `rate`, `duration`, `warnings`, `notes` and `provenance`.
     - "jaxcal.north/1": `verdict`, `reason`, `parameters` (name -> `value`, `std`, `low`, `high` at 95 %, `unit`), `rank`, `unobservable`,
       `undetermined`, `chi_square`, `degrees_of_freedom`, `p_value` and `notes`.
 

@@ -40,6 +40,19 @@ def test_axes_are_independent_of_one_another(call, folder):
     assert np.abs(together - np.eye(6)).max() < 0.05
 
 
+def test_a_simulated_device_prints_its_truth(call, folder):
+    found = call("simulate", "device", "--out", "d.csv", "--duration", "20", "--seed", "4", "--rests", "2", "--gyro", "N=1deg/sqrt(h)")
+    assert (found.status, found.err) == (0, "")
+    log = jaxcal.read(folder / "d.csv", quiet=True)
+    again, device, _ = jaxcal.device.simulate(20.0, seed=4, rests=2, gyro_noise=jaxcal.noise.Noise(N=np.deg2rad(1 / 60)))
+    for sensor in ("accel", "gyro", "mag"):
+        assert getattr(log, sensor) == pytest.approx(getattr(again, sensor), rel=1e-7, abs=1e-12)
+    printed = " ".join(found.out.split())
+    for number in (*device.accel.bias, *np.rad2deg(device.gyro.bias), *(1e6 * device.magnetometer.hard_iron)):
+        assert f"{number:+.5f}" in printed
+    assert f"delay of the gyroscope {1e3 * device.gyro_delay:+.4f} ms" in printed
+
+
 def test_the_demo_runs_from_the_shell_and_its_log_gives_the_same_again(tmp_path, shell):
     found = shell("demo", "--out", "device", cwd=tmp_path, cached=True)
     assert (found.status, found.err) == (0, "")

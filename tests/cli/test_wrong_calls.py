@@ -38,7 +38,7 @@ accel rest.csv                             | use: jaxcal imu
 inspect rest.csv                           | use: jaxcal info
 correct device.json rest.csv               | use: jaxcal apply
 frobnicate rest.csv                        | there is no command frobnicate; the commands are demo, info, noise
-simulate nois                              | takes what to simulate: noise, temperature, imu, mag, north
+simulate nois                              | takes what to simulate: noise, temperature, imu, mag, device, north
 noise rest.csv tumble.csv                  | To work on each: jaxcal batch rest.csv tumble.csv --task noise --out fleet
 mag rest.csv tumble.csv                    | To work on each: jaxcal batch rest.csv tumble.csv --task mag --out fleet
 psd rest.csv tumble.csv                    | one after the other: jaxcal psd rest.csv
@@ -196,6 +196,7 @@ simulate noise --out a.csv --gyro N=0.25   | N has no unit
 simulate noise --out a.csv --gyro Z=1deg   | with a term of QNBKR
 simulate noise --out a.csv --gyro N=1deg/sqrt(h) --duration 0 | expected a log of 2 to
 simulate imu --out a.csv --poses 1         | expected 2 poses or more
+simulate device --out a.csv --rests 90     | 90 rests of 4 s and 0 s at the beginning do not fit
 simulate mag --out a.csv --noise -1        | expected --noise of 0 or more
 simulate north --out a.csv --latitude 40 --attitude 1,2 | expected roll, pitch and azimuth in degrees
 """

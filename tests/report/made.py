@@ -8,6 +8,7 @@ import numpy as np
 import jaxcal
 from jaxcal import Log
 from jaxcal.alignment import NAMES, AlignmentFit, Positions, Readings, Sensor, Turntable, Verdict, simulate
+from jaxcal.device import DeviceFit
 from jaxcal.imu import ImuFit, Observability, Triad
 from jaxcal.magnetometer import body_field, scenario
 
@@ -60,6 +61,34 @@ def mag():
     return jaxcal.magnetometer.fit(m), Log(None, mag=m, rate=50.0)
 
 
+def joint():
+    """A device waved for forty seconds, with a rest and a disturbed stretch; the delay of its magnetometer is not determined."""
+    log, model, true = jaxcal.device.simulate(40.0, seed=2, rests=1, iron=(30.0, 36.0, 0.3))
+    values = {}
+    for part, field in (("accel", "matrix"), ("accel", "bias"), ("gyro", "matrix"), ("gyro", "bias"), ("magnetometer", "soft_iron"),
+                        ("magnetometer", "hard_iron")):  # fmt: skip
+        array = np.asarray(getattr(getattr(model, part), field))
+        values |= {f"{part}.{field}[{','.join(map(str, i))}]": x for i, x in np.ndenumerate(array)}
+    values |= {name: getattr(model, name) for name in ("dip", "gyro_delay", "mag_delay", "field")}
+    names, known = tuple(values), np.array([float(x) for x in values.values()])
+    half = np.where(known == 0, 0.0, 1e-3 * np.abs(known))
+    lost = np.array([name == "mag_delay" for name in names])
+    known[lost], half[lost] = np.nan, np.nan
+    rng, ends = np.random.default_rng(3), slice(None, None, 20)
+    count = len(true.time[ends]) - 1
+    share = {"rests": 0.5, "slow turns": 0.3, "fast turns": 0.2}
+    found = DeviceFit(
+        verdict="weak", reason="The magnetometer was disturbed.", warnings=(f"A warning {EVIL}.",), model=model, names=names, values=known,
+        covariance=np.diag(np.where(lost, np.inf, half**2)), interval=np.stack([known - half, known + half], axis=1),
+        degrees_of_freedom=np.inf, undetermined=("mag_delay",), verdicts={"accel": "good", "gyro": "good", "magnetometer": "weak"},
+        disturbed=((30.5, 35.5),), rests=((18.0, 22.0),), noise={"gyro": 1e-4, "accel": 1e-3, "mag": 2e-7}, reach=0.25, speed=0.3,
+        disagreement=1.1, time=true.time[ends], attitude=true.attitude[ends], velocity=true.velocity[ends], place=true.position[ends],
+        residual_inertial=rng.normal(size=(count, 9)), residual_field=1e-7 * np.abs(rng.normal(size=(count, 3))), gravity=9.80665,
+        rate=100.0, duration=40.0, contribution={kind: np.full(len(names), part) for kind, part in share.items()},
+    )  # fmt: skip
+    return found, log
+
+
 def north():
     """North finding from six positions: one has another mounting, one reading is missing, and a prior alone determines a scale error."""
     where = Positions(np.deg2rad([0.0, 90, 180, 270, 0, 45]), mounting=("x", "x", "x", "x", "z", "x"))
@@ -94,4 +123,4 @@ def psd():
     return {"gyro_x": jaxcal.spectrum.density(np.tile(values, 8), log.rate, average=None)}, log
 
 
-KINDS = {"noise": noise, "allan": allan, "psd": psd, "thermal": thermal, "imu": imu, "mag": mag, "north": north}
+KINDS = {"noise": noise, "allan": allan, "psd": psd, "thermal": thermal, "imu": imu, "mag": mag, "joint": joint, "north": north}

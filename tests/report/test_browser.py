@@ -16,7 +16,7 @@ from . import browser, made
 SCRIPT = (pathlib.Path(__file__).parent / "look.js").read_text(encoding="utf-8")
 LOOKS = [(1280, "light", "screen"), (1280, "dark", "screen"), (390, "light", "screen"), (360, "dark", "screen"), (680, "dark", "print")]
 #: least number of texts in the figures; interactive charts draw theirs on a canvas, except in print
-LEAST = {"noise": 0, "allan": 0, "psd": 0, "thermal": 0, "imu": 0, "mag": 20, "north": 0, "device": 20}
+LEAST = {"noise": 0, "allan": 0, "psd": 0, "thermal": 0, "imu": 0, "mag": 20, "joint": 0, "north": 0, "device": 20}
 
 
 @pytest.fixture(scope="module")
@@ -323,6 +323,19 @@ def test_residuals_of_poses_are_explored(tab, pages, results):
     rest = 1e3 * np.rad2deg(results["imu"][0].residual_rest[0])
     assert " x " not in said
     assert float(re.search(r"y (-?[\d.]+) mdeg/s", said)[1]) == pytest.approx(rest[1], rel=1e-3)
+    assert tab.complaints() == []
+
+
+def test_the_way_and_the_residuals_of_a_device_are_explored(tab, pages, results):
+    tab.look(1280)
+    tab.open((pages / "joint.html").as_uri())
+    found, _ = results["joint"]
+    tab.run(PRESS.format(0, "ArrowRight"))
+    said = tab.run(SAID.format(0))
+    assert said.startswith("Time (s): 0 ")
+    assert [float(x) for x in re.findall(r"[xyz] (-?[\d.]+)", said)] == pytest.approx(found.attitude[0, 2], rel=2e-3)
+    titles = [tab.run(FIGURE.format(i) + ".querySelector('b').textContent") for i in range(6)]
+    assert titles == ["Direction up", "Direction of magnetic north", "Place", "Gyroscope", "Accelerometer", "Magnetometer"]
     assert tab.complaints() == []
 
 

@@ -328,3 +328,17 @@ def test_from_a_recording_to_every_file(tmp_path):
     assert (tmp_path / "a.json").read_bytes() == (tmp_path / "b.json").read_bytes()
     warnings = jaxcal.export.write(device, tmp_path / "imu.yaml", random_walk="upper_limit")
     assert any(warning.startswith("K was not found on accel_x") for warning in warnings)
+
+
+def test_a_device_says_what_it_does_not_determine(tmp_path):
+    found, log = made.joint()
+    text = Page(written(found, tmp_path / "device.html", log=log)).text
+    for words in ("not determined", "mag_delay", "30.5 to 35.5 s", "18.0 to 22.0 s", "The magnetometer was disturbed."):
+        assert words in text
+    told = json.loads(json.dumps(document(found, log), allow_nan=False))
+    assert told["schema"] == "jaxcal.device/1"
+    assert told["parameters"]["mag_delay"] is None
+    assert told["undetermined"] == ["mag_delay"]
+    assert told["parameters"]["dip"]["low"] < found.model.dip < told["parameters"]["dip"]["high"]
+    shares = np.array([told["contribution"][kind] for kind in ("rests", "slow turns", "fast turns")])
+    assert shares.sum(axis=0) == pytest.approx(np.ones(len(found.names)))

@@ -1,0 +1,240 @@
+"""`jaxcal.device.fit` on recordings by hand whose truth is known: error, bound, coverage and verdict, cell by cell.
+
+    python benchmarks/device.py                            all cells, 100 recordings each
+    python benchmarks/device.py --runs 20 --only free brisk
+    python benchmarks/device.py --show                     the tables of what is there already
+    python benchmarks/device.py --time                     seconds and memory of the first and the second call, in one process
+
+Every recording is one line of the file --out (JSON), written as it comes. Recordings that are in the file already are not fitted again,
+so that an interrupted run goes on. The bound is that of `_device_bound.py`, which knows the noise, the rests and the spectrum of the place.
+
+The table of a cell has, for each group of parameters, the root mean square error, the root mean square bound of the first 25 recordings
+(2 s each; it differs by a tenth between recordings), the ratio of both, the error that the fit predicts, the share of 95 % intervals that
+hold the truth with its own interval of 95 % over recordings, and the errors of the fits to single sensors where there are rests.
+"""
+
+import argparse
+import collections
+import dataclasses
+import json
+import pathlib
+import re
+import resource
+import time
+
+import _device_bound as bound
+import numpy as np
+
+import jaxcal
+
+NOISE_ACCEL, NOISE_GYRO, RATE = 120e-6 * 9.80665, np.deg2rad(0.007), 100.0
+_BOUNDS = 25  # recordings of a cell whose bound is computed
+#: AR(1) of the samples' usual deviation: coefficient 0.7, for all three sensors
+_TAU = -1 / RATE / np.log(0.7)
+
+
+def _ar1(deviation):
+    return jaxcal.noise.Noise(markov=((deviation * np.sqrt(2 / _TAU), _TAU),))
+
+
+@dataclasses.dataclass(frozen=True)
+class Cell:
+    """Options of `simulate`, what the bound knows (None: no bound is computed), and options of `fit`."""
+
+    motion: dict
+    known: bound.Setting | None = None
+    options: dict = dataclasses.field(default_factory=dict)
+
+
+_COLOURED = {"accel_noise": _ar1(NOISE_ACCEL * 10), "gyro_noise": _ar1(NOISE_GYRO * 10), "mag_noise": _ar1(0.005 * 50e-6)}
+_FLICKER = {
+    "accel_noise": jaxcal.noise.Noise(N=NOISE_ACCEL, B=50e-6 * 9.80665),
+    "gyro_noise": jaxcal.noise.Noise(N=NOISE_GYRO, B=np.deg2rad(10 / 3600))
+}  # fmt: skip
+CELLS = {
+    "free": Cell({}, bound.Setting()),
+    "brisk": Cell({"swing": 2.0}, bound.Setting()),
+    "24 rests": Cell({"rests": 24, "initial": 10.0, "still": 4.0}, bound.Setting()),
+    "8 rests": Cell({"rests": 8}, bound.Setting()),
+    "8 rests in the hand": Cell({"rests": 8, "held": True}),
+    "AR(1)": Cell(_COLOURED),
+    "AR(1), 8 rests": Cell(_COLOURED | {"rests": 8}),
+    "flicker": Cell(_FLICKER),
+    "flicker, 8 rests": Cell(_FLICKER | {"rests": 8}),
+    "gradient 10 %/m": Cell({"gradient": 0.1}),
+    "gradient 30 %/m": Cell({"gradient": 0.3}),
+    "soft mount 4 Hz": Cell({"soft_mount": 4.0}),
+    "iron for 15 s": Cell({"iron": (60.0, 75.0, 0.3)}),
+    "reach 1.5 m": Cell({"reach": 1.5}),
+    "travel 5 m": Cell({"travel": 5.0}),
+    "one axis": Cell({"turns": "one axis"}),
+    "no tilt": Cell({"turns": "no tilt"}),
+}
+#: group -> its places in `bound.parameters`, the factor to the unit, and the unit
+_DIAGONAL, _REST = [0, 3, 5], [1, 2, 4]
+GROUPS = {
+    "accel scale": (_DIAGONAL, 100, "%"), "accel misalignment": (_REST, 180 / np.pi, "deg"),
+    "accel bias": (range(6, 9), 1e3 / 9.80665, "mg"),
+    "gyro scale": ([9, 13, 17], 100, "%"), "gyro rotation": ([10, 11, 12, 14, 15, 16], 180 / np.pi, "deg"),
+    "gyro bias": (range(18, 21), 3600 * 180 / np.pi, "deg/h"), "soft iron": ([21, 25, 29], 100, "%"),
+    "iron and rotation": ([22, 23, 24, 26, 27, 28], 180 / np.pi, "deg"), "hard iron": (range(30, 33), 100 / 50e-6, "% of 50 uT"),
+    "dip": ([33], 180 / np.pi, "deg"), "gyro delay": ([34], 1e3, "ms"), "mag delay": ([35], 1e3, "ms"),
+}  # fmt: skip
+
+
+def of_fit(found):
+    """(37,) values and (37, 2) intervals in the order of `bound.parameters`, NaN for what has no number."""
+    where = {name: i for i, name in enumerate(found.names)}
+    square = [(i, j) for i in range(3) for j in range(3)]
+    names = [
+        *(f"accel.matrix[{i},{j}]" for i, j in bound.UPPER), *(f"accel.bias[{i}]" for i in range(3)),
+        *(f"gyro.matrix[{i},{j}]" for i, j in square), *(f"gyro.bias[{i}]" for i in range(3)),
+        *(f"magnetometer.soft_iron[{i},{j}]" for i, j in square), *(f"magnetometer.hard_iron[{i}]" for i in range(3)),
+        "dip", "gyro_delay", "mag_delay", "field",
+    ]  # fmt: skip
+    at = [where[name] for name in names]
+    return np.asarray(found.values)[at], np.asarray(found.interval)[at]
+
+
+def run(cell, seed):
+    """The line of one recording."""
+    log, model, true = jaxcal.device.simulate(seed=seed, **cell.motion)
+    truth, line = bound.parameters(model), {}
+    start = time.perf_counter()
+    try:
+        found = jaxcal.device.fit(log, **cell.options)
+    except jaxcal.JaxcalError as error:
+        line |= {"verdict": "error", "reason": str(error)}
+    else:
+        values, interval = of_fit(found)
+        line |= {"error": values - truth, "inside": _inside(truth, interval), "width": (interval[:, 1] - interval[:, 0]) / 2,
+                 "verdict": found.verdict, "reason": found.reason, "unknown": list(found.undetermined), "disturbed": list(found.disturbed),
+                 "warnings": list(found.warnings)}  # fmt: skip
+    line["seconds"] = time.perf_counter() - start
+    if cell.known is not None and seed < _BOUNDS:
+        line["bound"] = np.sqrt(np.diag(bound.covariance_of(bound.information(true, model, cell.known), model)))
+    if cell.motion.get("initial"):
+        line["single"] = _single(log, truth)
+    return line
+
+
+def _inside(truth, interval):
+    return [None if not np.isfinite(low) else bool(low <= value <= high) for value, (low, high) in zip(truth, interval, strict=True)]
+
+
+def _single(log, truth):
+    """Errors of the fits to single sensors, in the same places; NaN where they have none."""
+    error = np.full(37, np.nan)
+    alone = jaxcal.imu.multi_position(log, gravity=9.80665)
+    if alone.accel is not None:
+        matrix = np.asarray(alone.accel.matrix)
+        error[:6] = [matrix[i] for i in bound.UPPER] - truth[:6]
+        error[6:9] = alone.accel.bias - truth[6:9]
+    if alone.gyro is not None:
+        error[9:18] = np.ravel(alone.gyro.matrix) - truth[9:18]
+        error[18:21] = alone.gyro.bias - truth[18:21]
+    error[30:33] = np.asarray(jaxcal.magnetometer.fit(log.mag).model.hard_iron) - truth[30:33]
+    return error
+
+
+def _plain(value):
+    if isinstance(value, np.ndarray):
+        return [float(f"{x:.6g}") if np.isfinite(x) else None for x in value]
+    return value
+
+
+def _lines(path):
+    found = collections.defaultdict(dict)
+    if path.exists():
+        for text in path.read_text().splitlines():
+            line = json.loads(text)
+            found[line["cell"]][line["seed"]] = line
+    return found
+
+
+def _column(lines, name):
+    return np.array([[np.nan if x is None else float(x) for x in line[name]] for line in lines if name in line])
+
+
+def show(path):
+    """Print the tables."""
+    found = _lines(path)
+    for name, _cell in CELLS.items():
+        lines = list(found.get(name, {}).values())
+        if not lines:
+            continue
+        verdicts = collections.Counter(line["verdict"] for line in lines)
+        seconds = np.median([line["seconds"] for line in lines])
+        print(f"\n## {name}: {len(lines)} recordings, {dict(verdicts)}, {seconds:.1f} s each")
+        for (verdict, reason), count in collections.Counter(
+            (line["verdict"], line["reason"].split(". ")[0][:150]) for line in lines if line["verdict"] != "good"
+        ).most_common(3):
+            print(f"  {count} x {verdict}: {reason}")
+        told = collections.Counter(
+            " ".join(re.sub(r"[-+.\d]+", "#", word).split()[:9]) for line in lines for word in line.get("warnings", ())
+        )
+        for word, count in told.most_common(4):
+            print(f"  {count} warnings: {word} ...")
+        named = [sum(stop - start for start, stop in line["disturbed"]) for line in lines if "disturbed" in line]
+        if any(named):
+            print(f"  named as disturbed: {np.mean(named):.1f} s on average")
+        unknown = collections.Counter(word for line in lines for word in line.get("unknown", ()))
+        if unknown:
+            print("  without number: " + ", ".join(f"{word} ({count})" for word, count in unknown.most_common()))
+        error, inside, limit, single = (_column(lines, word) for word in ("error", "inside", "bound", "single"))
+        if not len(error):
+            continue
+        print("| | rmse | bound | ratio | predicted | coverage, % | single sensors |\n|---|---|---|---|---|---|---|")
+        for group, (places, factor, unit) in GROUPS.items():
+            at = list(places)
+            rmse = factor * np.sqrt(np.nanmean(error[:, at] ** 2)) if np.isfinite(error[:, at]).any() else np.nan
+            held = inside[:, at][np.isfinite(inside[:, at]).all(axis=1)].mean(axis=1)
+            cover = f"{100 * held.mean():.1f} +- {100 * 1.96 * held.std() / np.sqrt(len(held)):.1f}" if len(held) else "-"
+            width = factor * np.sqrt(np.nanmean(_column(lines, "width")[:, at] ** 2)) / 1.96 if len(held) else np.nan
+            low = factor * np.sqrt(np.mean(limit[:, at] ** 2)) if len(limit) else np.nan
+            alone = factor * np.sqrt(np.nanmean(single[:, at] ** 2)) if len(single) and np.isfinite(single[:, at]).any() else np.nan
+            cells = [rmse, low, rmse / low, width]
+            shown = [f"{x:.3g}" if np.isfinite(x) else "-" for x in cells]
+            print(f"| {group}, {unit} | {' | '.join(shown)} | {cover} | {alone:.3g} |".replace("nan", "-"))
+
+
+def clock():
+    """Seconds and memory of the first and the second call."""
+    for seed in (1, 2):
+        log = jaxcal.device.simulate(seed=seed)[0]
+        before = resource.getrusage(resource.RUSAGE_SELF)
+        start = time.perf_counter()
+        jaxcal.device.fit(log)
+        after = resource.getrusage(resource.RUSAGE_SELF)
+        used = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+        print(
+            f"call {seed}: {time.perf_counter() - start:.1f} s, {used:.1f} s of the processor, peak {after.ru_maxrss / 1e6:.2f} GB",
+            flush=True,
+        )
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--runs", type=int, default=100)
+    parser.add_argument("--only", nargs="*", default=list(CELLS), choices=list(CELLS), metavar="CELL")
+    parser.add_argument("--out", type=pathlib.Path, default=pathlib.Path("device.jsonl"))
+    parser.add_argument("--show", action="store_true")
+    parser.add_argument("--time", action="store_true")
+    chosen = parser.parse_args()
+    if chosen.time:
+        return clock()
+    if not chosen.show:
+        done = _lines(chosen.out)
+        # recording by recording through all cells, so that a run that is cut has some of each
+        for seed in range(chosen.runs):
+            for name in chosen.only:
+                if seed not in done[name]:
+                    line = run(CELLS[name], seed)
+                    text = json.dumps({"cell": name, "seed": seed} | {key: _plain(value) for key, value in line.items()})
+                    with chosen.out.open("a") as file:
+                        file.write(text + "\n")
+    return show(chosen.out)
+
+
+if __name__ == "__main__":
+    main()

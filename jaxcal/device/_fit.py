@@ -1,0 +1,232 @@
+"""`fit`: all sensors of a device from one recording by hand."""
+
+from typing import Any
+
+import numpy as np
+import scipy  # loads its parts when they are first used
+
+from .._errors import DataError
+from .._log import as_log
+from .._precision import host_float64
+from .._units import STANDARD_GRAVITY
+from ..imu import windowed_variance
+from ..imu._fits import coefficients
+from ..magnetometer import MagModel
+from ..noise import Noise as SlowNoise
+from ._contribution import shares
+from ._judge import known, lacks, stretches, unseen
+from ._model import DeviceModel
+from ._normal import HARD, IRON, logarithm
+from ._record import recorded
+from ._result import DeviceFit, gauged
+from ._solve import REACH, STEPS, Noise, Place, Record, Rests, Solution, solved
+from ._start import started, undisturbed
+from ._verdict import judged, sensor_of
+from ._windows import NAMES, model_of, template, vector_of
+
+_ROUNDS, _MOST = 3, 8
+_FEW = 12  # steps where the motion leaves parameters open
+_SAME = 0.1  # change of a window's weight
+_HELD = ("accel.g_sensitivity", "field")
+_BELOW = ("accel.matrix[1,0]", "accel.matrix[2,0]", "accel.matrix[2,1]")
+_LEAST = 20.0  # s of recording
+_FAR, _GONE = 1.5, 4.0  # rms of a window's field, in standard deviations, from which it counts less, and not at all
+_LITTLE = 1e-2  # weight of a window that counts for nothing, whose residuals are still seen
+#: m/s^2 and rad/s: scatter of a hand that holds still, and the rate that it does not exceed
+_STILL_FORCE, _STILL_RATE = 0.35, 0.06
+_SLOWEST = 1e-4  # m/s
+
+
+@host_float64
+def fit(
+    log: Any, *, gravity: float | int = STANDARD_GRAVITY, field: float | int | None = None, latitude: float | int | None = None,
+    g_sensitivity: bool = False, lever: bool = False, noise: Any = None,
+) -> DeviceFit:  # fmt: skip
+    r"""Accelerometer, gyroscope and magnetometer of a device, with the delays between them, from one recording by hand.
+
+    One likelihood holds all readings. Between the ends of windows of 0.2 s the corrected rates and forces are integrated; attitude,
+    velocity and place at these ends are unknowns beside the parameters,
+
+    .. math:: R_{k+1} = R_k\,\Delta R_k,\quad v_{k+1} = v_k + R_k\,\Delta v_k - g t,\quad
+              p_{k+1} = p_k + v_k t + R_k\,\Delta p_k - \tfrac12 g t^2,\quad y_m = C R^T h + b_m.
+
+    The place is a Matern process, whose size and speed are found from the recording. Rests are found and used where there are any.
+
+    Parameters
+    ----------
+    log : `jaxcal.Log`, or what `jaxcal.read` takes, with all three sensors: three minutes in which a hand turns the device through all
+        attitudes, within its reach, far from iron. Rests make the accelerometer ten times better.
+    gravity : m/s^2 at the place, see `jaxcal.imu.gravity`.
+    field : strength of the Earth's field in the unit of the readings, where the size of the soft iron is wanted too.
+    latitude : rad, to account for the Earth's rate; None leaves it out.
+    g_sensitivity, lever : whether to fit the gyroscope's sensitivity to specific force, and the places of the accelerometer's elements.
+    noise : {"gyro": noise, "accel": noise}, each a `jaxcal.noise.Noise` or {"N": ..., "B": ..., "K": ...} in SI; or what
+        `jaxcal.noise.characterise` returns, or a `Calibration` with noise. Flicker and random walk then count in the errors of the biases,
+        as those of a mean over a day: one recording cannot show them by itself. None takes white noise from the fast differences of the
+        readings, and no slow noise.
+
+    Returns
+    -------
+    DeviceFit
+        With verdicts for each sensor. Parameters that the motion does not show are named and have no value.
+
+    Raises
+    ------
+    DataError
+        If a sensor is missing, the recording is shorter than 20 s, or an option is out of range.
+
+    Examples
+    --------
+    >>> import jaxcal
+    >>> log, true, _ = jaxcal.device.simulate(60.0, 50.0, seed=1)
+    >>> found = jaxcal.device.fit(log)
+    >>> bool(abs(found.model.magnetometer.hard_iron - true.magnetometer.hard_iron).max() < 1e-7)
+    True
+
+    References
+    ----------
+    Preintegration: C. Forster et al., IEEE Trans. Robotics 33 (2017) 1. The place as a Gauss-Markov process: S. Sarkka and A. Solin,
+    Applied Stochastic Differential Equations, 2019, section 12.3.
+    """
+    log = as_log(log)
+    if not 9.7 < float(gravity) < 9.9:
+        raise DataError(f"gravity={gravity:g} m/s^2 is not that of a place on Earth; expected 9.76 to 9.84")
+    if log.duration < _LEAST:
+        raise DataError(f"The recording lasts {log.duration:.3g} s; {_LEAST:g} s are needed, and three minutes are advised.")
+    record, level, mag = recorded(log, float(gravity), REACH, None if latitude is None else float(latitude))
+    slow: dict[str, SlowNoise] = {}
+    if noise is not None:
+        white = {}
+        for sensor in ("gyro", "accel"):
+            white[sensor], flicker, walk = coefficients(noise, sensor)
+            slow[sensor] = SlowNoise(B=flicker, K=walk)
+        level = Noise(white["gyro"] or level.gyro, white["accel"] or level.accel, level.mag)
+    vector, way, strength = started(record, mag)
+    held = (*_HELD, *(() if g_sensitivity else ("gyro.g_sensitivity",)), *(() if lever else ("lever",)))
+    free = np.array([i for i, name in enumerate(NAMES) if name.partition("[")[0] not in held and name not in _BELOW])
+    found, place, rests, level = _rounds(record, vector, way, free, level)
+    return _result(log, record, found, place, rests, level, strength, None if field is None else float(field), slow)
+
+
+def _rounds(record: Record, vector: Any, way: Any, free: Any, level: Noise) -> tuple[Solution, Place, Rests, Noise]:
+    """Fits, between which the noise of the field, the hand's reach and speed, and the weights of disturbed windows are found."""
+    centre = vector.copy()
+    counts = undisturbed(record, vector)
+    place, rests, settled = Place(0.3, 0.4), _rests(record, vector), False
+    # what the motion does not show is known before the fit: there the least squares have a flat valley, along which to go is no use
+    first = solved(record, vector, way, free, level, place, counts, 2, rests, centre)
+    vector, way, blind = first.vector, first.way, bool(unseen(first).any())
+    for turn in range(2 if blind else _MOST):
+        found = solved(record, vector, way, free, level, place, counts, _FEW if blind else STEPS, rests, centre)
+        vector, way = found.vector, found.way
+        if settled and turn >= _ROUNDS - 1:
+            break
+        # the size of what is left of the field, by windows, of which a few may be disturbed
+        power, number = _power(found.field, found.kept)
+        some = found.kept.any(axis=1)
+        size = level.mag * np.sqrt(power)
+        level = Noise(level.gyro, level.accel, float(np.sqrt(np.median(size[some] ** 2) / _median(3 * float(np.median(number[some]))))))
+        far = size / level.mag
+        new = np.where(far > _GONE, _LITTLE, np.minimum(1.0, _FAR / np.maximum(far, 1e-9)))
+        settled, counts = bool(np.max(np.abs(new - counts)) < _SAME), new
+        spread = found.chain.variances(np.linalg.inv(found.eliminated.information), found.eliminated.carried)
+        place, rests = _hand(found, np.diagonal(spread, axis1=1, axis2=2), rests, record, level)
+    return found, place, rests, level  # type: ignore[possibly-unbound]
+
+
+def _power(field: np.ndarray, kept: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(K,) mean square of the field that is left in each window, and how many readings it has."""
+    number = kept.sum(axis=1)
+    return np.sum(np.where(kept[..., None], field, 0.0) ** 2, axis=(1, 2)) / (3 * np.maximum(number, 1)), number
+
+
+def _median(freedom: float) -> float:
+    """Median of a chi-square over its degrees of freedom."""
+    return float(scipy.special.chdtri(freedom, 0.5) / freedom)
+
+
+def _hand(found: Solution, spread: np.ndarray, rests: Rests, record: Record, level: Noise) -> tuple[Place, Rests]:
+    """Reach and speed of the hand in motion and in its rests: what was found, with the variance of what was found."""
+    ends, way = rests.ends, found.way
+    moving = ~ends
+    reach = np.mean(way.place[moving] ** 2 + spread[moving, 6:9])
+    speed = np.mean(way.velocity[moving] ** 2 + spread[moving, 3:6])
+    place = Place(float(np.sqrt(reach)), float(np.sqrt(speed)))
+    if not ends.any():
+        return place, rests
+    slow = np.mean(way.velocity[ends] ** 2 + spread[ends, 3:6])
+    back = np.swapaxes(way.rotation[:-1], 1, 2) @ way.rotation[1:]
+    turned = np.mean(logarithm(back[rests.windows]) ** 2)
+    least = 0.2 * level.gyro * np.sqrt(record.time)
+    return place, Rests(rests.windows, max(float(np.sqrt(slow)), _SLOWEST), max(float(np.sqrt(turned)), float(least)))
+
+
+def _rests(record: Record, vector: np.ndarray) -> Rests:
+    """Windows in which the specific force hardly changes and the device hardly turns, for a second at least."""
+    size = 2 * max(round(0.5 / record.grid.step), 2) + 1
+    bias = vector[[NAMES.index(f"gyro.bias[{i}]") for i in range(3)]]
+    rate = np.stack([np.convolve(x, np.ones(size) / size, mode="same") for x in (record.gyro - bias).T], axis=1)
+    calm = np.zeros(len(record.gyro), dtype=bool)
+    half = size // 2
+    shaken, turned = windowed_variance(record.accel, size), windowed_variance(record.gyro, size)
+    calm[half : half + len(shaken)] = (shaken < _STILL_FORCE**2) & (turned < _STILL_RATE**2)
+    calm &= np.linalg.norm(rate, axis=1) < _STILL_RATE
+    return Rests(calm[record.grid.inner].all(axis=1) & ~record.broken)
+
+
+def _result(
+    log: Any, record: Record, found: Solution, place: Place, rests: Rests, level: Noise, strength: float, field: float | None,
+    slow: dict[str, SlowNoise],
+) -> DeviceFit:  # fmt: skip
+    told = known(found, place, rests, record.time, slow)
+    fitted = tuple(np.array(NAMES)[found.free].tolist())
+    sensors, slope = gauged(found.vector, found.free, fitted, strength, field)
+    covariance = slope @ told.covariance @ slope.T
+    # a parameter is seen where all are that its value stands on
+    blind = np.abs(slope) @ ~told.seen > 0
+    names, values = (*fitted, "field"), np.append(found.vector[found.free], 0.0)
+    if not found.converged:
+        # along a flat valley the errors at one place of it say nothing: no parameter of a sensor that is open has a number
+        open_ = {sensor_of(name) for name, lost in zip(names, blind, strict=True) if lost}
+        blind |= np.array([sensor_of(name) in open_ for name in names])
+    plain = vector_of(template())
+    vector = found.vector.copy()
+    lost = found.free[blind[:-1]]
+    vector[lost] = plain[lost]
+    model = model_of(vector)
+    soft, offset = (np.isin(np.arange(first, first + size), lost) for first, size in ((IRON, 9), (HARD, 3)))
+    iron = np.where(soft.reshape(3, 3), np.eye(3), sensors["soft_iron"])
+    hard = np.where(offset, 0.0, sensors["hard_iron"])
+    model = DeviceModel(
+        model.accel, model.gyro, MagModel(iron, hard), float(sensors["field"]), float(model.dip),
+        float(model.gyro_delay), float(model.mag_delay), np.asarray(model.lever),
+    )  # fmt: skip
+    values[[names.index(f"magnetometer.soft_iron[{i},{j}]") for i in range(3) for j in range(3)]] = sensors["soft_iron"].ravel()
+    values[[names.index(f"magnetometer.hard_iron[{i}]") for i in range(3)]] = sensors["hard_iron"]
+    values[-1] = sensors["field"]
+    if field is not None:
+        names, values, covariance, blind = names[:-1], values[:-1], covariance[:-1, :-1], blind[:-1]
+    values = np.where(blind, np.nan, values)
+    covariance = np.where(blind[:, None] | blind[None], np.where(np.eye(len(blind), dtype=bool), np.inf, 0.0), covariance)
+    half = scipy.special.stdtrit(told.freedom, 0.975) * np.sqrt(np.diag(covariance))
+    missing = lacks(found, record, level.mag, told.ratio)
+    number = np.maximum(found.kept.sum(axis=1), 1)[:, None]
+    rms = np.sqrt(np.sum(found.field**2, axis=1) / number) * level.mag * strength
+    disturbed = stretches(found.kept.any(axis=1) & (found.counts < 0.5), record)
+    undetermined = tuple(name for name, lost in zip(names, blind, strict=True) if lost)
+    facts = {
+        "names": names, "values": values, "covariance": covariance, "undetermined": undetermined, "disturbed": disturbed,
+        "reach": place.reach, "place": found.way.place, "disagreement": told.ratio, "converged": found.converged, "field": model.field,
+        "model": model, "lacks": missing, "duration": float(log.duration), "freedom": told.freedom, "strength": strength,
+    }  # fmt: skip
+    verdict, reason, warnings, verdicts = judged(facts)
+    start = record.grid.first * record.grid.step
+    return DeviceFit(
+        verdict=verdict, reason=reason, warnings=warnings, model=model, names=names, values=values, covariance=covariance,
+        interval=np.stack([values - half, values + half], axis=1), degrees_of_freedom=float(told.freedom), undetermined=undetermined,
+        verdicts=verdicts, disturbed=disturbed, rests=stretches(rests.windows, record),
+        noise={"gyro": level.gyro, "accel": level.accel, "mag": level.mag * strength}, reach=place.reach, speed=place.speed,
+        disagreement=told.ratio, time=np.append(start, start[-1] + record.time), attitude=found.way.rotation, velocity=found.way.velocity,
+        place=found.way.place, residual_inertial=found.rows.inertial, residual_field=rms, gravity=record.gravity, rate=float(log.rate),
+        duration=float(log.duration), contribution={kind: part[: len(names)] for kind, part in shares(told.terms, slope).items()},
+    )  # fmt: skip

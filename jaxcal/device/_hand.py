@@ -1,0 +1,234 @@
+"""Motion of a device in a hand, as closed formulas of time: attitude, place, and their derivatives.
+
+The place and the angles are sums of sinusoids, and the attitude is a product of turns about fixed axes. Their derivatives
+are written down, not computed from differences, and nothing is integrated. A simulator that integrates as an estimator does
+would hide the errors that both make.
+
+A rest slows the motion's own clock: the motion at the time t is that of the clock's reading c(t), and c'(t) falls smoothly
+from 1 to 0 and rises again. So a rest is exact, wherever the motion happens to be.
+"""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+#: the sinusoids of one signal, and their highest frequency in corner frequencies
+_LINES, _HIGHEST = 160, 20.0
+#: samples for which the sinusoids are held at once
+_CHUNK = 8192
+#: s in which the motion stops and starts
+_EASE = 0.6
+#: rad: spread of each turn's angle, which covers all attitudes
+_SPREAD = 2.0
+#: Hz: band of the tremor of a hand; m: distance from the wrist to the device
+_TREMOR, _WRIST = (8.0, 12.0), 0.1
+#: pace of the motion that is left while a hand holds the device still
+DRIFT = 0.005
+
+
+@dataclasses.dataclass(frozen=True)
+class HandMotion:
+    """The true motion at some times. World axes: x to magnetic north, y to the west, z up. Device axes: those of the accelerometer.
+
+    Attributes
+    ----------
+    time : (n,) s.
+    attitude : (n, 3, 3) rotation that takes device coordinates to world coordinates.
+    rate, angular_acceleration : (n, 3) of the device against the world, in device coordinates, rad/s and rad/s^2.
+    position, velocity, acceleration : (n, 3) of the device's origin in world coordinates, m, m/s and m/s^2.
+    force : (n, 3) specific force at the device's origin in device coordinates, m/s^2.
+    resting : (n,) whether the device rests.
+    clock : (n, 3) the motion's own clock in s, its pace and the change of its pace; the pace is 0 at rest.
+    """
+
+    time: Float[np.ndarray, " n"]
+    attitude: Float[np.ndarray, "n 3 3"]
+    rate: Float[np.ndarray, "n 3"]
+    angular_acceleration: Float[np.ndarray, "n 3"]
+    position: Float[np.ndarray, "n 3"]
+    velocity: Float[np.ndarray, "n 3"]
+    acceleration: Float[np.ndarray, "n 3"]
+    force: Float[np.ndarray, "n 3"]
+    resting: Bool[np.ndarray, " n"]
+    clock: Float[np.ndarray, "n 3"]
+
+
+class Waves:
+    """Gaussian signals of unit variance with the density of a Matern process of order 5/2, below a highest frequency.
+
+    The density is in proportion to (1 + (f / corner)^2)^-3. One signal is a sum of sinusoids, whose frequencies are drawn one from
+    each of many bands, narrow at low frequencies, and whose cosine and sine coefficients are independent normal variables.
+    """
+
+    def __init__(self, rng: np.random.Generator, corner: float, signals: int):
+        edges = corner * ((1 + _HIGHEST) ** (np.arange(_LINES + 1) / _LINES) - 1)
+        frequency = edges[:-1] + rng.uniform(size=_LINES) * np.diff(edges)
+        # normalised by the whole density, so that the corner means what it says
+        power = np.diff(edges) / corner * (1 + (frequency / corner) ** 2) ** -3 * 16 / (3 * np.pi)
+        self.omega = 2 * np.pi * frequency
+        self.cosine, self.sine = rng.normal(size=(2, _LINES, signals)) * np.sqrt(power)[:, None]
+
+    def at(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(n, signals) values, first and second derivatives."""
+        return _sinusoids(self.omega, self.cosine, self.sine, time)
+
+
+class Tremor:
+    """Signals of unit variance in the band of the tremor of a hand."""
+
+    def __init__(self, rng: np.random.Generator, signals: int, lines: int = 40):
+        self.omega = 2 * np.pi * (_TREMOR[0] + (_TREMOR[1] - _TREMOR[0]) * (np.arange(lines) + rng.uniform(size=lines)) / lines)
+        self.cosine, self.sine = rng.normal(size=(2, lines, signals)) / np.sqrt(lines)
+
+    def at(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(n, signals) values, first and second derivatives."""
+        return _sinusoids(self.omega, self.cosine, self.sine, time)
+
+
+def _sinusoids(omega: np.ndarray, cosine: np.ndarray, sine: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Sums of cosine cos(omega t) + sine sin(omega t) and their first two derivatives."""
+    w, out = omega[:, None], np.empty((3, len(time), cosine.shape[1]))
+    for start in range(0, len(time), _CHUNK):
+        part = slice(start, start + _CHUNK)
+        angle = time[part, None] * omega
+        c, s = np.cos(angle), np.sin(angle)
+        out[0, part] = c @ cosine + s @ sine
+        out[1, part] = c @ (w * sine) - s @ (w * cosine)
+        out[2, part] = -(c @ (w**2 * cosine) + s @ (w**2 * sine))
+    return out[0], out[1], out[2]
+
+
+class Pauses:
+    """The rests of a recording: by how much the motion is slowed at each time."""
+
+    def __init__(self, starts: np.ndarray, ends: np.ndarray, depth: float):
+        self.starts, self.ends, self.depth = starts, ends, depth
+
+    def at(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """The clock, its first and second derivative, then what the pauses leave (1 in motion, 0 at rest) and whether it is 0."""
+        clock, pace, change, resting = time.copy(), np.ones(len(time)), np.zeros(len(time)), np.zeros(len(time), bool)
+        curvature = np.zeros(len(time))
+        for start, end in zip(self.starts, self.ends, strict=True):
+            for edge, sign in ((start - _EASE, 1.0), (end, -1.0)):
+                u = np.clip((time - edge) / _EASE, 0, 1)
+                # the step u^3 (10 - 15 u + 6 u^2): its integral, which goes on linearly after it, itself, and its derivatives
+                whole = _EASE * u**4 * (2.5 - 3 * u + u**2) + np.maximum(time - edge - _EASE, 0)
+                clock -= self.depth * sign * whole
+                pace -= sign * u**3 * (10 - 15 * u + 6 * u**2)
+                change -= sign * 30 * u**2 * (1 - u) ** 2 / _EASE
+                curvature -= sign * 60 * u * (1 - u) * (1 - 2 * u) / _EASE**2
+            resting |= (time >= start) & (time <= end)
+        return clock, pace, change, curvature, resting
+
+
+class Hand:
+    """One motion, for any times.
+
+    Parameters
+    ----------
+    rng : draws the motion.
+    pauses : its rests.
+    turns : "free", "one axis" or "no tilt".
+    reach : m, standard deviation of each coordinate. pace : Hz, corner frequency of the place.
+    swing : rad/s, root mean square rate about each axis of "free".
+    tremor : m, root mean square displacement along each axis.
+    held : whether the tremor goes on in the rests.
+    travel : m to the north, walked smoothly from the first third of the recording to the second. duration : s.
+    gravity : m/s^2.
+    """
+
+    def __init__(
+        self, rng: np.random.Generator, pauses: Pauses, *, turns: str, reach: float, pace: float, swing: float, tremor: float, held: bool,
+        travel: float, duration: float, gravity: float,
+    ):  # fmt: skip
+        self.pauses, self.reach, self.tremor, self.held, self.gravity = pauses, reach, tremor, held, gravity
+        self.travel, self.duration = travel, duration
+        # one draw of each kind for every motion, so that options which do not concern it leave the rest as it is
+        axes, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+        start = rng.normal(size=4)
+        self.place = Waves(rng, pace, 3)
+        # the rate of an angle with this density has the standard deviation spread * 2 pi corner / sqrt(3)
+        self.turn = Waves(rng, swing * np.sqrt(3) / (2 * np.pi * _SPREAD), 3)
+        self.shake = Tremor(rng, 6)
+        self.start = np.eye(3)
+        if turns == "no tilt":
+            self.axes = np.array([[0.0, 0.0, 1.0]])
+        else:
+            self.axes = axes.T if turns == "free" else axes.T[:1]
+            self.start = _from_quaternion(start / np.linalg.norm(start))
+
+    def at(self, time: np.ndarray) -> HandMotion:
+        """The motion at `time` (n,), in s."""
+        clock, pace, change, curvature, resting = self.pauses.at(time)
+        clock_pace, clock_change = 1 - self.pauses.depth * (1 - pace), self.pauses.depth * change
+        place, velocity, acceleration = _slowed(self.place.at(clock), clock_pace, clock_change)
+        angle, speed, growth = _slowed(self.turn.at(clock), clock_pace, clock_change)
+        shake, shake_1, shake_2 = self.shake.at(time)
+        if not self.held:
+            # the table stills the tremor, with the same smooth steps
+            p, c, k = pace[:, None], change[:, None], curvature[:, None]
+            shake, shake_1, shake_2 = p * shake, p * shake_1 + c * shake, p * shake_2 + 2 * c * shake_1 + k * shake
+        place, velocity, acceleration = (
+            self.reach * smooth + self.tremor * fine[:, :3]
+            for smooth, fine in ((place, shake), (velocity, shake_1), (acceleration, shake_2))
+        )
+        third = self.duration / 3
+        u = np.clip(time / third - 1, 0, 1)
+        place[:, 0] += self.travel * u**3 * (10 - 15 * u + 6 * u**2)
+        velocity[:, 0] += self.travel * 30 * u**2 * (1 - u) ** 2 / third
+        acceleration[:, 0] += self.travel * 60 * u * (1 - u) * (1 - 2 * u) / third**2
+
+        attitude = np.broadcast_to(self.start, (len(time), 3, 3))
+        rate, spin = np.zeros((2, len(time), 3))
+        small = self.tremor / _WRIST
+        turns = [(axis, _SPREAD * angle[:, i], _SPREAD * speed[:, i], _SPREAD * growth[:, i]) for i, axis in enumerate(self.axes)]
+        turns += [(np.eye(3)[i], small * shake[:, 3 + i], small * shake_1[:, 3 + i], small * shake_2[:, 3 + i]) for i in range(3)]
+        for axis, turned, fast, faster in turns:
+            one = _about(axis, turned)
+            attitude = attitude @ one
+            # the rate so far, in the coordinates after this turn, which turn about the axis at the rate `fast`
+            rate, spin = (np.einsum("nji,nj->ni", one, vector) for vector in (rate, spin))
+            spin = spin - fast[:, None] * np.cross(axis, rate) + faster[:, None] * axis
+            rate = rate + fast[:, None] * axis
+        force = np.einsum("nji,nj->ni", attitude, acceleration + np.array([0.0, 0.0, self.gravity]))
+        return HandMotion(
+            time, attitude, rate, spin, place, velocity, acceleration, force, resting, np.stack([clock, clock_pace, clock_change], axis=1)
+        )
+
+
+def _slowed(
+    signal: tuple[np.ndarray, np.ndarray, np.ndarray], pace: np.ndarray, change: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A signal of the clock and its derivatives by time, by the chain rule."""
+    value, first, second = signal
+    return value, first * pace[:, None], second * pace[:, None] ** 2 + first * change[:, None]
+
+
+def _about(axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """(n, 3, 3) rotations about a fixed unit axis."""
+    cross = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
+    s, c = np.sin(angle)[:, None, None], np.cos(angle)[:, None, None]
+    return np.eye(3) + s * cross + (1 - c) * (cross @ cross)
+
+
+def turned_by(vector: np.ndarray) -> np.ndarray:
+    """(n, 3, 3) rotations by the rotation vectors (n, 3)."""
+    angle = np.linalg.norm(vector, axis=1)
+    unit = vector / np.where(angle > 0, angle, 1.0)[:, None]
+    cross = np.zeros((len(vector), 3, 3))
+    cross[:, [2, 0, 1], [1, 2, 0]] = unit
+    cross -= cross.swapaxes(1, 2)
+    s, c = np.sin(angle)[:, None, None], np.cos(angle)[:, None, None]
+    return np.eye(3) + s * cross + (1 - c) * (cross @ cross)
+
+
+def _from_quaternion(q: np.ndarray) -> np.ndarray:
+    w, x, y, z = q
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )

@@ -1,0 +1,217 @@
+"""What is known about the parameters of a device: errors that hold where noise is correlated, what was not seen, what the model lacks."""
+
+import dataclasses
+import itertools
+
+import numpy as np
+import scipy  # loads its parts when they are first used
+
+from ..fitting import Chain, leave_out_pieces
+from ..noise import Noise
+from ._contribution import kinds_of, terms_of
+from ._normal import ACCEL_BIAS, GYRO_BIAS, inertial, skew
+from ._solve import SIZES, Place, Record, Rests, Solution
+from ._windows import NAMES
+
+_PIECES, _PARTS = 24, 6
+_CHANCE = 0.003  # of taking white noise for correlated
+_UNSEEN = 0.2  # of the standard deviation beforehand: what is known no better was not determined
+_LOOSE, _DEPENDS = 5.0, 1.2  # with a prior so many times as wide, an error grows by this where it stands on the prior
+_LINES, _DAY = 200, 86400.0  # of a bias that wanders; s
+_LACK = 1e-3  # level of the tests for terms that the model lacks
+
+
+@dataclasses.dataclass(frozen=True)
+class Known:
+    """Covariance of the free parameters, degrees of freedom of its size, and by how much parts of the recording disagree."""
+
+    covariance: np.ndarray
+    freedom: float
+    ratio: float
+    seen: np.ndarray  # (p,) parameters that the recording determines
+    terms: dict[str, np.ndarray]  # kind of motion -> (p, p) its part of the covariance
+
+
+def known(found: Solution, place: Place, rests: Rests, time: float, wander: dict[str, Noise]) -> Known:
+    """Errors from the information where parts of the recording agree, and else from fits without parts of it.
+
+    The score of a part is that of its residuals with the way at its best, so that it has the information of the part as its covariance
+    where noise is as the model says. `wander` is the slow noise of a sensor's bias, where it is given: it adds to the errors.
+    """
+    normal, score, pushed = _by_window(found, place, rests, time)
+    hats, scores = _pieces(normal), _pieces(score)
+    whole = found.eliminated.information
+    prior = np.diag(SIZES[found.free] ** -2.0)
+    terms = terms_of(normal, kinds_of(found, rests), prior)
+    matrix = np.linalg.inv(whole)
+    seen = ~unseen(found)
+    # do sixths of the recording want parameters of their own?
+    sixth = hats.reshape(_PARTS, -1, *hats.shape[1:]).sum(axis=1), scores.reshape(_PARTS, -1, hats.shape[1]).sum(axis=1)
+    scale = SIZES[found.free]
+    statistic, count = 0.0, -int(seen.sum())
+    for hat, score in zip(*sixth, strict=True):
+        values, vectors = np.linalg.eigh(hat * np.outer(scale, scale))
+        strong = values > 25.0
+        statistic += float(np.sum((vectors.T @ (scale * score))[strong] ** 2 / values[strong]))
+        count += int(strong.sum())
+    ratio = statistic / max(count, 1)
+    if count > 0 and scipy.special.chdtrc(count, statistic) < _CHANCE:
+        apart = leave_out_pieces(hats, scores, prior)
+        if np.isfinite(apart).all():
+            return Known(apart + matrix @ prior @ matrix, _PARTS - 1, ratio, seen, terms)
+    more = np.zeros_like(matrix)
+    for sensor, noise in wander.items():
+        more = more + _wandering(pushed[sensor], noise, time)
+    return Known(matrix * max(ratio, 1.0) + matrix @ more @ matrix, np.inf, ratio, seen, terms)
+
+
+def _wandering(pushed: np.ndarray, noise: Noise, time: float) -> np.ndarray:
+    """(p, p) variance of the score by a bias that wanders: `pushed` (K, p, 3) is by how much one in a window changes it.
+
+    Flicker has no mean of its own: the bias that is wanted is the mean over a day, within which a calibration is used.
+    """
+    count = len(pushed)
+    edges = np.geomspace(1 / _DAY, 1 / (2 * time), _LINES + 1)
+    middle, width = np.sqrt(edges[1:] * edges[:-1]), np.diff(edges)
+    power = 2 * np.asarray(noise.psd(middle)) * width
+    angle = 2 * np.pi * time * np.arange(count)[:, None] * middle
+    waves = np.concatenate([np.cos(angle), np.sin(angle)], axis=1) * np.sqrt(np.tile(power, 2))
+    felt = np.einsum("kpa,kl->pal", pushed, waves, optimize=True)
+    return np.einsum("pal,qal->pq", felt, felt, optimize=True)
+
+
+def unseen(found: Solution) -> np.ndarray:
+    """(p,) free parameters that hang on what was known before the recording: little is added to it, or what is depends on it."""
+    sizes, whole = SIZES[found.free], found.eliminated.information
+    scaled = whole * np.outer(sizes, sizes)
+    error, loose = (np.sqrt(np.diag(np.linalg.inv(scaled - share * np.eye(len(sizes))))) for share in (0.0, 1 - _LOOSE**-2))
+    return (error >= _UNSEEN) | ~(loose <= _DEPENDS * error)
+
+
+def _pieces(values: np.ndarray) -> np.ndarray:
+    """Sums (24, ...) over parts of the recording."""
+    edges = np.round(np.arange(_PIECES + 1) * len(values) / _PIECES).astype(int)
+    return np.array([values[a:b].sum(axis=0) for a, b in itertools.pairwise(edges)])
+
+
+def _by_window(found: Solution, place: Place, rests: Rests, time: float) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+    """J'J (K, p, p) and J'r (K, p) of all windows, with the derivative of the way in J; what a bias there adds to J'r (K, p, 3)."""
+    free, carried, rows = found.free, -found.eliminated.carried, found.rows
+    size, count = len(NAMES), len(rows.inertial)
+    first, second = carried[:-1], carried[1:]
+    by = rows.inertial_by
+    inertial = by[:, :, free] + by[:, :, size : size + 9] @ first[:, :9] + by[:, :, size + 9 :] @ second[:, :9]
+    field = rows.field_by[..., free] + rows.field_by[..., size:] @ first[:, None, :3]
+    step, inverse, begin = place.transition(time)
+    root = np.linalg.cholesky(inverse).T
+    at = np.array([[3, 6, 9], [4, 7, 10], [5, 8, 11]])
+    way = found.way
+    x = np.stack([way.velocity, way.place, way.acceleration], axis=1)
+    left = root @ (x[1:] - step @ x[:-1])  # (K, 3, axes)
+    slope = np.einsum("ab,kxbp->kxap", root, second[:, at] - np.einsum("ab,kxbp->kxap", step, first[:, at]), optimize=True)
+    pace = rests.moving[:, None, None]
+    prior, told = slope.reshape(count, 9, -1) * pace, left.transpose(0, 2, 1).reshape(count, 9, 1) * pace
+    jacobian = [inertial, field.reshape(count, -1, len(free)), prior]
+    residual = [rows.inertial, rows.field.reshape(count, -1), told[..., 0]]
+    if rests.windows.any():
+        back = np.swapaxes(way.rotation[:-1], 1, 2) @ way.rotation[1:]
+        turn = (second[:, :3] - np.swapaxes(back, 1, 2) @ first[:, :3]) / rests.turn * rests.windows[:, None, None]
+        still = first[:, 3:6] / rests.speed * rests.ends[:-1, None, None]
+        angle = np.stack([back[:, 2, 1], back[:, 0, 2], back[:, 1, 0]], axis=1)
+        jacobian += [turn, still]
+        residual += [angle / rests.turn * rests.windows[:, None], way.velocity[:-1] / rests.speed * rests.ends[:-1, None]]
+    j, r = np.concatenate(jacobian, axis=1), np.concatenate(residual, axis=1)
+    normal, score = np.swapaxes(j, 1, 2) @ j, np.einsum("kra,kr->ka", j, r)
+    # the first state has a prior of its own
+    start = carried[0][at]
+    normal[0] += np.einsum("xap,ab,xbq->pq", start, begin, start)
+    score[0] += np.einsum("xap,ab,bx->p", start, begin, x[0])
+    pushed = {}
+    for sensor, first in (("accel", ACCEL_BIAS), ("gyro", GYRO_BIAS)):
+        own = slice(first, first + 3)
+        alone = np.concatenate([by[:, :, own], rows.field_by[..., own].reshape(count, -1, 3)], axis=1)
+        pushed[sensor] = np.swapaxes(j[:, : alone.shape[1]], 1, 2) @ alone
+    return normal, score, pushed
+
+
+@dataclasses.dataclass(frozen=True)
+class Lack:
+    """A term that the magnetometer asks for, with the size that it has."""
+
+    name: str
+    level: float
+    size: float
+
+
+def lacks(found: Solution, record: Record, mag: float, ratio: float) -> list[Lack]:
+    """Terms of the field that the model lacks, each by a test of its score with everything else fitted beside it."""
+    model, w = found.model, record.windows(found.vector, found.back)
+    moved = inertial(model, w)
+    turn = found.way.rotation[:-1, None] @ moved.to_reading
+    at = np.asarray(model.magnetometer.soft_iron) @ np.swapaxes(turn, 2, 3)
+    weight = found.weight / mag
+    steps = record.grid.steps
+    part = (np.arange(steps) + 0.5) / steps
+    place = found.way.place[:-1, None] * (1 - part[:, None]) + found.way.place[1:, None] * part[:, None]
+    x, y, z = np.moveaxis(place, -1, 0)
+    zero = np.zeros_like(x)
+    # symmetric gradients without trace: a static field in air has neither curl nor divergence
+    fields = np.stack(
+        [np.stack(column, axis=-1) for column in ((x, zero, -z), (zero, y, -z), (y, x, zero), (z, zero, x), (zero, z, y))], axis=-1
+    )
+    gradient = at @ fields
+    world = np.asarray(model.world_field)
+    seen = np.einsum("kiba,b->kia", turn, world)
+    rate = moved.rate.reshape(len(turn), -1, 3)
+    whole = rate[:, :-1].reshape(-1, 3)
+    smooth = np.stack([np.convolve(c, [0.1, 0.2, 0.4, 0.2, 0.1], mode="same") for c in whole.T], axis=1)
+    spin = (np.gradient(smooth, axis=0) / record.grid.step).reshape(rate[:, :-1].shape)
+    force = np.diff(found.way.velocity, axis=0)[:, None] / record.time + np.array([0.0, 0.0, record.gravity])
+    body = np.einsum("kiba,kib->kia", turn, np.broadcast_to(force, (*turn.shape[:2], 3)))
+    iron = np.asarray(model.magnetometer.soft_iron)
+
+    def turned(by: np.ndarray) -> np.ndarray:
+        return iron @ -skew(seen) @ (by[..., None] * np.eye(3))
+
+    tests = []
+    for name, columns, unit in (
+        ("gradient", gradient, lambda c: float(np.linalg.norm([c[0], c[1], -c[0] - c[1], *(np.sqrt(2) * c[2:])]))),
+        ("mount", np.concatenate([turned(spin), turned(body)], axis=-1), lambda c: float(np.hypot(
+            np.linalg.norm(c[:3]) * np.sqrt(np.mean(spin**2)), np.linalg.norm(c[3:]) * np.sqrt(np.mean(body**2))))),
+    ):  # fmt: skip
+        score, information = _asked(found, columns * weight[..., None, None])
+        statistic = float(score @ np.linalg.solve(information, score)) / max(ratio, 1.0)
+        level = float(scipy.special.chdtrc(len(score), statistic))
+        tests.append(Lack(name, level, unit(-np.linalg.solve(information, score))))
+    return [test for test in tests if test.level < _LACK]
+
+
+def _asked(found: Solution, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Score and information of further columns (K, m, 3, q) of the field's rows, with parameters and way eliminated."""
+    chain, free, rows = found.chain, found.free, found.rows
+    size, count = len(NAMES), len(columns)
+    flat = columns.reshape(count, -1, columns.shape[-1])
+    own = rows.field_by[..., free].reshape(count, -1, len(free))
+    here = rows.field_by[..., size:].reshape(count, -1, 3)
+    border = np.zeros((*chain.border.shape[:2], flat.shape[-1]))
+    border[:-1, :3] = np.swapaxes(here, 1, 2) @ flat
+    between = np.einsum("krp,krq->pq", own, flat, optimize=True)
+    corner = np.einsum("krp,krq->pq", flat, flat, optimize=True)
+    more = Chain(
+        chain.links, chain.ties, np.concatenate([chain.border, border], axis=2), np.block([[chain.corner, between], [between.T, corner]]),
+        chain.link_score, np.append(chain.score, np.einsum("krq,kr->q", flat, rows.field.reshape(count, -1))),
+    )  # fmt: skip
+    whole = more.eliminated()
+    p = len(free)
+    gain = np.linalg.solve(whole.information[:p, :p], np.column_stack([whole.information[:p, p:], whole.score[:p]]))
+    left = whole.information[p:, p:] - whole.information[p:, :p] @ gain[:, :-1]
+    return whole.score[p:] - whole.information[p:, :p] @ gain[:, -1], left
+
+
+def stretches(flags: np.ndarray, record: Record) -> tuple[tuple[float, float], ...]:
+    """Times (start, stop) in s of the windows that are flagged, neighbours joined."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
+    begin = record.grid.first * record.grid.step
+    return tuple(
+        (round(float(begin[a]), 3), round(float(begin[b - 1] + record.time), 3)) for a, b in zip(edges[::2], edges[1::2], strict=True)
+    )

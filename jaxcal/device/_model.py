@@ -1,0 +1,59 @@
+"""`DeviceModel`: what the sensors of one device read, in one frame and on one clock."""
+
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+
+from .._precision import array_module
+from .._types import AnyArray
+from ..imu import Triad
+from ..magnetometer import MagModel
+
+
+class DeviceModel(eqx.Module):
+    r"""Accelerometer, gyroscope and magnetometer of one device.
+
+    In the frame of the device, with the specific force f, the angular rate w and the field h at a time t,
+
+    .. math:: y_a(t) = M_a f(t) + b_a,\quad y_g(t + d_g) = M_g w(t) + b_g + G f(t),\quad y_m(t + d_m) = C h(t) + b_m.
+
+    The frame is that of the accelerometer: M_a is upper triangular (`convention="upper"` of `jaxcal.imu`). The matrices of the other two
+    are full, so that they hold the rotations to that frame. The world has z up and x along magnetic north, and so y to the west.
+
+    Attributes
+    ----------
+    accel : `Triad`, readings per m/s^2, with an upper triangular matrix.
+    gyro : `Triad`, readings per rad/s, with a full matrix.
+    magnetometer : `MagModel` with a full matrix: soft iron and rotation. Its fields are in the unit of the readings.
+    field : strength of the Earth's field, in the unit of the readings. `fit` takes the strength for which det C = 1, unless it is given.
+    dip : angle of the Earth's field below the horizontal, rad.
+    gyro_delay, mag_delay : s by which the stream is later than that of the accelerometer, d_g and d_m; positive where it is late.
+    lever : (2, 3) places of the accelerometer's sensing elements y and z, from that of x, in the frame of the device, m.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.device import DeviceModel
+    >>> from jaxcal.imu import Triad
+    >>> from jaxcal.magnetometer import MagModel
+    >>> plain = Triad(np.eye(3), np.zeros(3))
+    >>> model = DeviceModel(plain, plain, MagModel(np.eye(3), np.zeros(3)), field=50e-6, dip=np.deg2rad(60.0))
+    >>> print((1e6 * model.world_field).round(2))
+    [ 25.    0.  -43.3]
+    """
+
+    accel: Triad
+    gyro: Triad
+    magnetometer: MagModel
+    field: Any = 1.0
+    dip: Any = 0.0
+    gyro_delay: Any = 0.0
+    mag_delay: Any = 0.0
+    lever: Any = eqx.field(default_factory=lambda: np.zeros((2, 3)))
+
+    @property
+    def world_field(self) -> AnyArray:
+        """(3,) field of the Earth in the world: north, west, up; in the unit of the magnetometer's readings."""
+        xp = array_module(self.field, self.dip)
+        return self.field * xp.stack([xp.cos(self.dip), xp.zeros(()), -xp.sin(self.dip)])

@@ -1,0 +1,262 @@
+"""Residuals of all windows with their derivatives in closed form (host, NumPy): `pieces` of `_windows`, without a compilation."""
+
+import dataclasses
+
+import numpy as np
+
+from ..fitting import Chain
+from ._model import DeviceModel
+from ._windows import NAMES, Windows
+
+ACCEL, ACCEL_BIAS, GYRO, GYRO_BIAS, SENSITIVITY, IRON, HARD, LEVER = 0, 9, 21, 30, 33, 42, 51, 58
+#: unknowns of a link: rotation, velocity, place, and an acceleration that no sensor feels at an instant
+LINK = 12
+DIP, GYRO_DELAY, MAG_DELAY = (NAMES.index(name) for name in ("dip", "gyro_delay", "mag_delay"))
+#: columns of the gyroscope's parameters: matrix, bias, sensitivity, delay
+TURNING = np.array([*range(GYRO, GYRO + 9), *range(GYRO_BIAS, GYRO_BIAS + 3), *range(SENSITIVITY, SENSITIVITY + 9), GYRO_DELAY])
+
+
+def skew(v: np.ndarray) -> np.ndarray:
+    """Matrices of the cross product with v."""
+    out = np.zeros((*v.shape, 3))
+    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
+    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = v[..., 2], -v[..., 1], v[..., 0]
+    return out
+
+
+def exponential(v: np.ndarray) -> np.ndarray:
+    """Rotation matrices of rotation vectors."""
+    angle = np.sqrt(np.sum(v * v, axis=-1))[..., None, None]
+    cross = skew(v)
+    return np.eye(3) + np.sinc(angle / np.pi) * cross + np.sinc(angle / (2 * np.pi)) ** 2 / 2 * (cross @ cross)
+
+
+def logarithm(r: np.ndarray) -> np.ndarray:
+    """Rotation vectors of matrices that turn by less than 180 degrees."""
+    twice = np.stack([r[..., 2, 1] - r[..., 1, 2], r[..., 0, 2] - r[..., 2, 0], r[..., 1, 0] - r[..., 0, 1]], axis=-1)
+    sine = np.linalg.norm(twice, axis=-1, keepdims=True) / 2
+    angle = np.arctan2(sine, (np.trace(r, axis1=-2, axis2=-1)[..., None] - 1) / 2)
+    return twice / 2 * np.where(sine > 1e-9, angle / np.maximum(sine, 1e-9), 1)
+
+
+def _cross(a: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """A x each column: (..., 3) and (..., 3, q)."""
+    return skew(a) @ columns
+
+
+@dataclasses.dataclass
+class Inertial:
+    """What the inertial sensors say of every window, with derivatives by all parameters where they are wanted.
+
+    Rotations and impulses are in the frame of the device at the beginning. A derivative of a rotation is a turn about the axes there.
+    """
+
+    rotation: np.ndarray  # (K, m + 1, 3, 3) from the beginning to each sample
+    speed: np.ndarray  # (K, 3) integral of the specific force
+    place: np.ndarray  # (K, 3) its second integral
+    rate: np.ndarray  # (K, m + 1, 3)
+    to_reading: np.ndarray  # (K, m, 3, 3) from the beginning to each reading of the magnetometer
+    turned_by: np.ndarray  # (K, 3, q) derivative of the rotation, over the columns TURNING
+    reading_by: np.ndarray  # (K, m, 3, q)
+    reading_late: np.ndarray  # (K, m, 3) derivative by the magnetometer's delay
+    speed_by: np.ndarray  # (K, 3, 64) derivatives by all parameters
+    place_by: np.ndarray
+
+
+def inertial(model: DeviceModel, w: Windows, sensitivity: bool = False, lever: bool = False) -> Inertial:
+    """Integrate all windows. Derivatives by the sensitivity to g, and by lever arms, are zero unless they are wanted."""
+    h, (count, steps) = float(w.step[0]), w.field_time.shape
+    gyro, accel = np.linalg.inv(model.gyro.matrix), np.linalg.inv(model.accel.matrix)
+    arms, g = np.asarray(model.lever), np.asarray(model.gyro.g_sensitivity)
+    rate = (w.rate - model.gyro.bias) @ gyro.T
+    force = (w.force - model.accel.bias) @ accel.T
+    plain_force = force.copy()
+    bent = skew(w.slope @ gyro.T) if lever or arms.any() else None
+    if bent is not None:
+        whirl = skew(rate)
+        bent = bent + whirl @ whirl
+        for axis in (1, 2):
+            force[..., axis] -= bent[..., axis, :] @ arms[axis - 1]
+    pull = force @ g.T
+    rate = rate - pull @ gyro.T
+    raw = w.turn - h * (model.gyro.bias + (pull[:, 1:] + pull[:, :-1]) / 2)
+    plain = raw @ gyro.T
+    small = plain + h**2 / 12 * np.cross(rate[:, :-1], rate[:, 1:])
+    by = exponential(small)
+    rotation = np.empty((count, steps + 1, 3, 3))
+    rotation[:, 0] = np.eye(3)
+    for i in range(steps):
+        rotation[:, i + 1] = rotation[:, i] @ by[:, i]
+    pushed = np.einsum("kiab,kib->kia", rotation, force)
+    half = np.full(steps + 1, h)
+    half[[0, -1]] = h / 2
+    # the sum of trapezia of the sum of trapezia
+    left = steps - np.arange(steps + 1)
+    twice = h**2 * left.astype(float)
+    twice[0], twice[-1] = h**2 * (2 * steps - 1) / 4, h**2 / 4
+    speed, place = np.einsum("i,kia->ka", half, pushed), np.einsum("i,kia->ka", twice, pushed)
+
+    # derivatives of rate and of the turn of each step, by the columns TURNING
+    many = len(TURNING) if sensitivity else 13
+    rate_by, raw_by = np.zeros((count, steps + 1, 3, many)), np.zeros((count, steps, 3, many))
+    for a in range(3):
+        for b in range(3):
+            rate_by[..., 3 * a + b] = -gyro[:, a] * rate[..., b, None]
+            raw_by[..., 3 * a + b] = -gyro[:, a] * plain[..., b, None]
+            if sensitivity:
+                rate_by[..., 12 + 3 * a + b] = -gyro[:, a] * force[..., b, None]
+                raw_by[..., 12 + 3 * a + b] = -gyro[:, a] * (h / 2 * (force[:, 1:, b] + force[:, :-1, b]))[..., None]
+    rate_by[..., 9:12], raw_by[..., 9:12] = -gyro, -h * gyro
+    rate_by[..., -1], raw_by[..., -1] = w.slope @ gyro.T, (w.rate[:, 1:] - w.rate[:, :-1]) @ gyro.T
+    raw_by += h**2 / 12 * (_cross(rate[:, :-1], rate_by[:, 1:]) - _cross(rate[:, 1:], rate_by[:, :-1]))
+    turn_by = np.zeros((count, steps + 1, 3, many))
+    np.cumsum((rotation[:, :-1] @ _left(small)) @ raw_by, axis=1, out=turn_by[:, 1:])
+
+    # readings of the magnetometer
+    late = w.field_time[..., None]
+    part = (w.field_turn - late * (model.gyro.bias + pull[:, :-1])) @ gyro.T
+    part_by = late[..., None] * rate_by[:, :-1]
+    for a in range(3):
+        for b in range(3):
+            part_by[..., 3 * a + b] = -gyro[:, a] * part[..., b, None]
+    part_by[..., -1] = (w.field_rate - w.rate[:, :-1]) @ gyro.T
+    ahead = rotation[:, :-1] @ _left(part)
+    to_reading = rotation[:, :-1] @ exponential(part)
+    reading_by = turn_by[:, :-1] + ahead @ part_by
+    reading_late = -np.einsum("kiab,kib->kia", ahead, (w.field_rate - model.gyro.bias - pull[:, :-1]) @ gyro.T)
+
+    # derivatives of both integrals of the specific force
+    force_by = np.zeros((count, 2, 3, len(NAMES)))
+    weights = np.stack([half, twice])
+    turning = -np.einsum("wi,kiab->kwiab", weights, skew(pushed), optimize=True)
+    some = np.append(np.arange(many - 1), len(TURNING) - 1)
+    force_by[..., TURNING[some]] = np.einsum("kwiab,kibq->kwaq", turning, turn_by, optimize=True)
+    carried = rotation @ accel
+    weighted = np.einsum("wi,kiab,kic->kwabc", weights, carried, plain_force, optimize=True)
+    force_by[..., ACCEL : ACCEL + 9] = -weighted.reshape(count, 2, 3, 9)
+    force_by[..., ACCEL_BIAS : ACCEL_BIAS + 3] = -np.einsum("wi,kiab->kwab", weights, carried, optimize=True)
+    if lever and bent is not None:
+        for axis in (1, 2):
+            place_of = slice(LEVER + 3 * (axis - 1), LEVER + 3 * axis)
+            force_by[..., place_of] = -np.einsum("wi,kia,kic->kwac", weights, rotation[..., axis], bent[..., axis, :], optimize=True)
+    return Inertial(
+        rotation, speed, place, rate, to_reading, turn_by[:, -1], reading_by, reading_late, force_by[:, 0], force_by[:, 1]
+    )  # fmt: skip
+
+
+def _left(v: np.ndarray) -> np.ndarray:
+    """Left Jacobian of a small rotation vector."""
+    cross = skew(v)
+    return np.eye(3) + cross / 2 + cross @ cross / 6
+
+
+@dataclasses.dataclass
+class Rows:
+    """Residuals in standard deviations and their derivatives.
+
+    The columns of `inertial_by` are the 64 parameters, then the nine changes at the beginning and the nine at the end; those of
+    `field_by` are the parameters and the rotation at the beginning.
+    """
+
+    inertial: np.ndarray  # (K, 9)
+    field: np.ndarray  # (K, m, 3)
+    inertial_by: np.ndarray  # (K, 9, 82)
+    field_by: np.ndarray  # (K, m, 3, 67)
+
+
+def left_over(
+    states: tuple, w: Windows, found: Inertial, model: DeviceModel, gravity: float, earth: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Inertial residuals (K, 9) and those of the field (K, m, 3), in their units."""
+    turn, velocity, place = states
+    back, h = np.swapaxes(turn[:-1], 1, 2), float(w.step[0])
+    time, down = h * found.to_reading.shape[1], np.array([0.0, 0.0, gravity])
+    rotation = found.rotation[:, -1]
+    turned = logarithm(np.swapaxes(rotation, 1, 2) @ (back @ earth @ turn[1:]))
+    speed = np.einsum("kab,kb->ka", back, np.diff(velocity, axis=0) + time * down)
+    moved = np.einsum("kab,kb->ka", back, np.diff(place, axis=0) - time * velocity[:-1] + time**2 / 2 * down)
+    inner = np.einsum("kab,b->ka", back, np.asarray(model.world_field))
+    seen = np.einsum("kiba,kb->kia", found.to_reading, inner)
+    field = seen @ np.asarray(model.magnetometer.soft_iron).T + model.magnetometer.hard_iron - w.field
+    return np.concatenate([turned, speed - found.speed, moved - found.place], axis=1), field
+
+
+def rows(
+    states: tuple,
+    w: Windows,
+    found: Inertial,
+    model: DeviceModel,
+    whiten: np.ndarray,
+    weight: np.ndarray,
+    gravity: float,
+    earth: np.ndarray,
+) -> Rows:
+    """Whitened rows: `whiten` (K, 9, 9) of the inertial part, `weight` (K, m) of every reading of the magnetometer."""
+    turn = states[0]
+    count, steps = weight.shape
+    back, h, size = np.swapaxes(turn[:-1], 1, 2), float(w.step[0]), len(NAMES)
+    time = h * steps
+    residual, field = left_over(states, w, found, model, gravity, earth)
+    by = np.zeros((count, 9, size + 18))
+    many = found.turned_by.shape[-1]
+    columns = TURNING[np.append(np.arange(many - 1), len(TURNING) - 1)]
+    relative = np.swapaxes(back @ earth @ turn[1:], 1, 2)
+    # a turn at the beginning, about the axes there, is one at the end, about the axes there
+    bend = np.eye(3) + skew(residual[:, :3]) / 2
+    by[:, :3, columns] = -bend @ relative @ found.turned_by
+    by[:, :3, size : size + 3], by[:, :3, size + 9 : size + 12] = -bend @ relative, bend
+    speed, moved = residual[:, 3:6] + found.speed, residual[:, 6:] + found.place
+    by[:, 3:6, :size], by[:, 6:, :size] = -found.speed_by, -found.place_by
+    by[:, 3:6, size : size + 3], by[:, 6:, size : size + 3] = skew(speed), skew(moved)
+    by[:, 3:6, size + 3 : size + 6], by[:, 3:6, size + 12 : size + 15] = -back, back
+    by[:, 6:, size + 3 : size + 6], by[:, 6:, size + 6 : size + 9], by[:, 6:, size + 15 :] = -time * back, -back, back
+
+    iron = np.asarray(model.magnetometer.soft_iron)
+    world = np.asarray(model.world_field)
+    inner = np.einsum("kab,b->ka", back, world)
+    at = np.swapaxes(found.to_reading, 2, 3)
+    seen = np.einsum("kiab,kb->kia", at, inner)
+    field_by = np.zeros((count, steps, 3, size + 3))
+    across = iron @ at @ skew(inner)[:, None]
+    field_by[..., columns] = across @ found.reading_by
+    field_by[..., MAG_DELAY] = np.einsum("kiab,kib->kia", across, found.reading_late)
+    for a in range(3):
+        field_by[..., a, IRON + 3 * a : IRON + 3 * a + 3] = seen
+        field_by[..., a, HARD + a] = 1
+    lower = float(model.field) * np.array([-np.sin(model.dip), 0.0, -np.cos(model.dip)])
+    field_by[..., DIP] = np.einsum("kiab,kb->kia", iron @ at, np.einsum("kab,b->ka", back, lower))
+    field_by[..., size:] = across
+    scale = weight[..., None]
+    return Rows(
+        np.einsum("kab,kb->ka", whiten, residual), scale * field, whiten @ by, scale[..., None] * field_by
+    )  # fmt: skip
+
+
+def chain_of(found: Rows, free: np.ndarray) -> Chain:
+    """Normal equations of the free parameters and of the states at the K + 1 ends."""
+    count, size = len(found.inertial), len(NAMES)
+    width = len(free)
+    links, ties = np.zeros((count + 1, LINK, LINK)), np.zeros((count, LINK, LINK))
+    border, score = np.zeros((count + 1, LINK, width)), np.zeros((count + 1, LINK))
+    j = found.inertial_by[:, :, np.append(free, np.arange(size, size + 18))]
+    normal = np.swapaxes(j, 1, 2) @ j
+    push = np.einsum("kra,kr->ka", j, found.inertial)
+    first, second = slice(width, width + 9), slice(width + 9, width + 18)
+    links[:-1, :9, :9], ties[:, :9, :9] = normal[:, first, first], normal[:, first, second]
+    links[1:, :9, :9] += normal[:, second, second]
+    border[:-1, :9] = normal[:, first, :width]
+    border[1:, :9] += normal[:, second, :width]
+    score[:-1, :9] = push[:, first]
+    score[1:, :9] += push[:, second]
+    corner, right = normal[:, :width, :width].sum(axis=0), push[:, :width].sum(axis=0)
+    # the magnetometer's rows see some parameters alone
+    seen = np.flatnonzero(np.any(found.field_by[..., free] != 0, axis=(0, 1, 2)))
+    f = found.field_by[..., np.append(free[seen], np.arange(size, size + 3))].reshape(count, -1, len(seen) + 3)
+    normal = np.swapaxes(f, 1, 2) @ f
+    push = np.einsum("kra,kr->ka", f, found.field.reshape(count, -1))
+    links[:-1, :3, :3] += normal[:, -3:, -3:]
+    border[:-1, :3][:, :, seen] += normal[:, -3:, :-3]
+    score[:-1, :3] += push[:, -3:]
+    corner[np.ix_(seen, seen)] += normal[:, :-3, :-3].sum(axis=0)
+    right[seen] += push[:, :-3].sum(axis=0)
+    return Chain(links, ties, border, corner, score, right)

@@ -1,0 +1,68 @@
+"""From a log to what the estimator works on: readings without gaps, where they are missing, and the noise that they show."""
+
+import math
+from typing import Any
+
+import numpy as np
+import scipy  # loads its parts when they are first used
+
+from .._errors import DataError
+from ..imu._model import EARTH_RATE
+from ._normal import exponential
+from ._solve import Noise, Record
+from ._windows import Grid
+
+_SHORT = 2  # samples that are interpolated where they are missing
+_ORDER = 6  # of the differences that show the noise: motion below an eighth of the rate leaves them alone
+_HELD = 0.3  # share of equal neighbours from which on a sensor repeats its last reading
+
+
+def _filled(y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Readings with short gaps interpolated, and (n,) where a longer one is."""
+    there = np.isfinite(y).all(axis=1)
+    if there.all():
+        return y, np.zeros(len(y), dtype=bool)
+    index = np.flatnonzero(there)
+    filled = scipy.interpolate.CubicSpline(index, y[index])(np.arange(len(y)))
+    edges = np.flatnonzero(np.diff(np.concatenate([[True], there, [True]]).astype(np.int8)))
+    lost = np.zeros(len(y), dtype=bool)
+    for start, stop in zip(edges[::2], edges[1::2], strict=True):
+        lost[start:stop] = stop - start > _SHORT
+    usual = np.median(y[index], axis=0)
+    return np.where(lost[:, None], usual, filled), lost
+
+
+def _changed(m: np.ndarray) -> np.ndarray:
+    """(n,) readings of a magnetometer that are there and new: a slow one repeats its last reading in many logs."""
+    there = np.isfinite(m).all(axis=1)
+    same = np.concatenate([[False], np.all(m[1:] == m[:-1], axis=1)])
+    return there & ~same if np.mean(same[there]) > _HELD else there
+
+
+def white_noise(y: np.ndarray, rate: float, lost: np.ndarray) -> float:
+    """Density of the white noise of three axes, from differences that motion hardly reaches."""
+    high = np.diff(y, _ORDER, axis=0)
+    reach = np.convolve(lost, np.ones(_ORDER + 1), mode="valid") == 0
+    # a median, which knocks and stretches with vibration do not move
+    return float(np.sqrt(np.median(high[reach] ** 2) / 0.454936 / math.comb(2 * _ORDER, _ORDER) / rate))
+
+
+def recorded(log: Any, gravity: float, reach: float, latitude: float | None = None) -> tuple[Record, Noise, np.ndarray]:
+    """The record, the noise of its inertial sensors, and the readings of the magnetometer in their unit."""
+    for name in ("accel", "gyro", "mag"):
+        value = getattr(log, name, None)
+        if value is None or np.shape(value)[1:] != (3,):
+            raise DataError(f"The log has no {name} with three axes; a device is fitted from accelerometer, gyroscope and magnetometer.")
+    accel, no_accel = _filled(np.asarray(log.accel, dtype=float))
+    gyro, no_gyro = _filled(np.asarray(log.gyro, dtype=float))
+    mag = np.asarray(log.mag, dtype=float)
+    there = _changed(mag)
+    rate = float(log.rate)
+    grid = Grid.of(len(accel), rate, reach)
+    wide = math.ceil(reach * rate) + 4
+    lost = no_accel | (np.convolve(no_gyro, np.ones(2 * wide + 1), mode="same") > 0)
+    broken = lost[grid.inner].any(axis=1)
+    spin = np.zeros(3) if latitude is None else EARTH_RATE * np.array([np.cos(latitude), 0.0, np.sin(latitude)])
+    earth = exponential(spin * grid.steps * grid.step)
+    noise = Noise(white_noise(gyro, rate, no_gyro), white_noise(accel, rate, no_accel), 0.01)
+    return Record(accel, gyro, np.where(there[:, None], mag, 0.0), there, broken, grid, gravity, earth), noise, mag

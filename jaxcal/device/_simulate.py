@@ -1,0 +1,249 @@
+"""Recordings of a device waved by hand, whose truth is known."""
+
+from typing import Any, Literal
+
+import numpy as np
+
+from .._errors import DataError
+from .._log import Log
+from .._precision import host_float64
+from .._units import STANDARD_GRAVITY
+from ..imu import Triad
+from ..imu._model import EARTH_RATE
+from ..magnetometer import MagModel
+from ..noise import Noise
+from ._hand import DRIFT, Hand, HandMotion, Pauses, turned_by
+from ._model import DeviceModel
+
+#: white noise of a MEMS accelerometer (120 ug/sqrt(Hz)) and gyroscope (0.007 deg/s/sqrt(Hz)): m/s/sqrt(s) and rad/sqrt(s)
+NOISE = {"accel": 120e-6 * STANDARD_GRAVITY, "gyro": np.deg2rad(0.007)}
+#: standard deviation of a reading of the magnetometer, per field
+_MAG_NOISE = 0.005
+_TURNS = ("free", "one axis", "no tilt")
+#: s of motion before and after each rest, at least
+_BETWEEN = 1.5
+
+
+def random_device(seed: Any, *, field: float = 50e-6) -> DeviceModel:
+    """A consumer's MEMS device: scale errors of 1 %, misalignment of half a degree, and biases as such parts have them.
+
+    Parameters
+    ----------
+    seed : of the device, or a generator of NumPy.
+    field : strength of the Earth's field, T.
+
+    Returns
+    -------
+    DeviceModel
+        With accelerometer biases of 30 mg, gyroscope biases of 1 deg/s, soft iron of 5 %, a hard iron of half the field, and
+        delays of up to 20 ms. All are standard deviations but the delays. The determinant of the soft iron is 1.
+
+    Examples
+    --------
+    >>> from jaxcal.device import random_device
+    >>> float(random_device(1).gyro_delay) < 0.02
+    True
+    """
+    rng = np.random.default_rng(seed)
+    accel = np.eye(3) + np.triu(rng.normal(size=(3, 3))) * np.where(np.eye(3), 0.01, 0.009)
+    gyro = np.eye(3) + rng.normal(size=(3, 3)) * np.where(np.eye(3), 0.01, 0.009)
+    half = 0.05 * rng.normal(size=(3, 3))
+    soft_iron = (np.eye(3) + (half + half.T) / 2) @ turned_by(np.deg2rad(2.0) * rng.normal(size=(1, 3)))[0]
+    size = np.cbrt(np.linalg.det(soft_iron))
+    direction = rng.normal(size=3)
+    hard_iron = 0.5 * field * size * direction / np.linalg.norm(direction)
+    return DeviceModel(
+        Triad(accel, 0.03 * STANDARD_GRAVITY * rng.normal(size=3)),
+        Triad(gyro, np.deg2rad(1.0) * rng.normal(size=3)),
+        MagModel(soft_iron / size, hard_iron),
+        field=field * size,
+        dip=rng.uniform(np.deg2rad(30.0), np.deg2rad(72.0)),
+        gyro_delay=rng.uniform(-0.02, 0.02),
+        mag_delay=rng.uniform(-0.02, 0.02),
+    )
+
+
+@host_float64
+def simulate(
+    duration: float | int = 180.0,
+    rate: float | int = 100.0,
+    *,
+    seed: int,
+    rests: int = 0,
+    still: float | int = 4.0,
+    initial: float | int = 0.0,
+    held: bool = False,
+    turns: Literal["free", "one axis", "no tilt"] = "free",
+    reach: float | int = 0.25,
+    pace: float | int = 0.3,
+    swing: float | int = 1.0,
+    tremor: float | int = 5e-5,
+    travel: float | int = 0.0,
+    model: DeviceModel | None = None,
+    accel_noise: Any = None,
+    gyro_noise: Any = None,
+    mag_noise: Any = None,
+    gradient: float | int = 0.0,
+    iron: tuple[float, float, float] | None = None,
+    soft_mount: float | int | None = None,
+    gravity: float | int = STANDARD_GRAVITY,
+    latitude: float | int | None = None,
+    motion: int | None = None,
+) -> tuple[Log, DeviceModel, HandMotion]:
+    """A recording of a device that a hand waves within its reach.
+
+    Place and angles are Gaussian signals whose density falls as (1 + (f / corner)^2)^-3, as that of a Matern process of order 5/2.
+    They are sums of sinusoids, and rates and accelerations are their derivatives in closed form: nothing is integrated. Each sensor
+    reads the motion at its own time, the stamp less its delay.
+
+    Parameters
+    ----------
+    duration : s. rate : Hz, of all sensors.
+    seed : of the device, the motion and the noise.
+    rests : number of rests within the recording. still : length of each, s. initial : length of a rest at its beginning, s; 0 for none.
+    held : whether a hand holds the device in its rests, with tremor and a slow drift; on a table it lies exactly still.
+    turns : "free", through all attitudes; "one axis", about an axis fixed in the device; "no tilt", about the vertical, device level.
+    reach : m, standard deviation of the place along each axis. pace : Hz, corner frequency of the place.
+    swing : rad/s, root mean square rate about each axis of "free".
+    tremor : m, root mean square displacement between 8 and 12 Hz along each axis; the angle is that of an arm of 0.1 m.
+    travel : m that the hand is carried north, in the second third of the recording.
+    model : the device; None for `random_device` with this seed.
+    accel_noise, gyro_noise : white noise in m/s/sqrt(s) and rad/sqrt(s), or a `jaxcal.noise.Noise`; None for 120 ug/sqrt(Hz) and
+        0.007 deg/s/sqrt(Hz), both two-sided as `Noise.N`.
+    mag_noise : standard deviation of a reading in the unit of the field, or a `jaxcal.noise.Noise`; None for 0.5 % of the field.
+    gradient : change of the field per metre, as a part of the field (Frobenius norm of its gradient); without curl and divergence.
+    iron : (start, end, strength): a stretch beside iron, in s, and its largest field, as a part of the field.
+    soft_mount : Hz, natural frequency of the magnetometer's mount, which turns against the device as this accelerates; None for rigid.
+    gravity : m/s^2.
+    latitude : rad, to add the Earth's rate; None for none.
+    motion : seed of device and motion where many noises of one motion are wanted; None for `seed`.
+
+    Returns
+    -------
+    log : Log
+        Readings of the three sensors, in rad/s, m/s^2 and the unit of the model's field (T).
+    model : DeviceModel
+        The device: the truth.
+    motion : HandMotion
+        The true motion at the stamps.
+
+    Raises
+    ------
+    DataError
+        For lengths, rates or densities that are not positive, unknown turns, or rests that do not fit the recording.
+
+    Examples
+    --------
+    >>> import jaxcal
+    >>> log, model, motion = jaxcal.device.simulate(30.0, seed=1)
+    >>> log.accel.shape, motion.attitude.shape
+    ((3000, 3), (3000, 3, 3))
+
+    References
+    ----------
+    Hand tremor of 8 to 12 Hz: Elble and Koller, Tremor, 1990.
+    """
+    positive = {"duration": duration, "rate": rate, "still": still, "pace": pace, "swing": swing, "gravity": gravity}
+    if soft_mount is not None:
+        positive["soft_mount"] = soft_mount
+    bad = [f"{name}={value}" for name, value in positive.items() if not 0 < value < np.inf]
+    rest = {"initial": initial, "reach": reach, "tremor": tremor, "gradient": gradient, "travel": travel, "rests": rests}
+    bad += [f"{name}={value}" for name, value in rest.items() if not 0 <= value < np.inf]
+    if bad:
+        raise DataError(f"{', '.join(bad)}: expected {', '.join(positive)} above 0, and {', '.join(rest)} of 0 or more")
+    if turns not in _TURNS:
+        raise DataError(f"turns={turns!r}: expected one of {', '.join(map(repr, _TURNS))}")
+    count = round(float(duration) * rate)
+    if count < 2:
+        raise DataError(f"duration={duration} s at rate={rate} Hz is {count} samples: expected 2 or more")
+
+    numbers = {name: np.random.default_rng([seed if motion is None else motion, i]) for i, name in enumerate(("device", "path", "field"))}
+    device = random_device(numbers["device"]) if model is None else model
+    pauses = _pauses(numbers["path"], float(duration), int(rests), float(still), float(initial), 1 - DRIFT if held else 1.0)
+    hand = Hand(
+        numbers["path"], pauses, turns=turns, reach=float(reach), pace=float(pace), swing=float(swing), tremor=float(tremor), held=held,
+        travel=float(travel), duration=float(duration), gravity=float(gravity),
+    )  # fmt: skip
+    time = np.arange(count) / float(rate)
+    true = hand.at(time)
+    late = hand.at(time - float(device.gyro_delay))
+    rates = late.rate
+    if latitude is not None:
+        rates = rates + EARTH_RATE * np.einsum("nji,j->ni", late.attitude, [np.cos(float(latitude)), 0.0, np.sin(float(latitude))])
+    readings = {
+        "accel": np.asarray(device.accel.measure(_at_elements(true, np.asarray(device.lever)))),
+        "gyro": np.asarray(device.gyro.measure(rates, late.force)),
+    }
+    turned = hand.at(time - float(device.mag_delay))
+    field = np.asarray(device.world_field)
+    change = _gradient(numbers["field"]) * float(gradient) * np.linalg.norm(field)
+    beside = numbers["field"].normal(size=3)
+    outside = field + turned.position @ change.T
+    if iron is not None:
+        outside = outside + _bump(turned.time, *iron) * np.linalg.norm(field) * beside / np.linalg.norm(beside)
+    inside = np.einsum("nji,nj->ni", turned.attitude, outside)
+    if soft_mount is not None:
+        # a torsion spring far above the motion's frequencies: the mount lags by the angular acceleration over its stiffness
+        inside = np.einsum("nij,nj->ni", turned_by(turned.angular_acceleration / (2 * np.pi * float(soft_mount)) ** 2), inside)
+    iron_model = device.magnetometer
+    readings["mag"] = inside @ np.asarray(iron_model.soft_iron).T + np.asarray(iron_model.hard_iron)
+
+    noise = np.random.default_rng([seed, 3])
+    given = {
+        "accel": NOISE["accel"] if accel_noise is None else accel_noise,
+        "gyro": NOISE["gyro"] if gyro_noise is None else gyro_noise,
+        # a standard deviation at this rate as a density
+        "mag": mag_noise if isinstance(mag_noise, Noise)
+        else (_MAG_NOISE * np.linalg.norm(field) if mag_noise is None else float(mag_noise)) / np.sqrt(float(rate)),
+    }  # fmt: skip
+    for sensor, own in given.items():
+        readings[sensor] = readings[sensor] + _noise(own, count, float(rate), noise, sensor)
+    return Log(None, **readings, rate=float(rate), provenance={"simulated": True, "seed": seed}), device, true
+
+
+def _noise(own: Any, count: int, rate: float, rng: np.random.Generator, sensor: str) -> np.ndarray:
+    if isinstance(own, Noise):
+        return np.stack([np.asarray(own.simulate(count, rate, seed=rng)) for _ in range(3)], axis=1)
+    if not 0 <= own < np.inf:
+        raise DataError(f"{sensor}_noise={own}: expected a number of 0 or more, or a jaxcal.noise.Noise")
+    return float(own) * np.sqrt(rate) * rng.normal(size=(count, 3))
+
+
+def _at_elements(true: HandMotion, lever: np.ndarray) -> np.ndarray:
+    """(n, 3) specific force, that of y and z at the places of their sensing elements."""
+    force = true.force.copy()
+    for axis, arm in enumerate(lever, start=1):
+        if arm.any():
+            w = true.rate
+            force[:, axis] += (np.cross(true.angular_acceleration, arm) + np.cross(w, np.cross(w, arm)))[:, axis]
+    return force
+
+
+def _gradient(rng: np.random.Generator) -> np.ndarray:
+    """A symmetric matrix without trace, of Frobenius norm 1: a static field in air has neither curl nor divergence."""
+    matrix = rng.normal(size=(3, 3))
+    matrix = matrix + matrix.T
+    matrix -= np.trace(matrix) / 3 * np.eye(3)
+    return matrix / np.linalg.norm(matrix)
+
+
+def _bump(time: np.ndarray, start: float, end: float, strength: float) -> np.ndarray:
+    """(n, 1) a field that comes and goes smoothly between two times."""
+    if not (end > start and np.isfinite([start, end, strength]).all()):
+        raise DataError(f"iron=({start}, {end}, {strength}): expected a start, a later end in s, and a strength as a part of the field")
+    u = np.clip((time - start) / (end - start), 0, 1)
+    return (strength * np.sin(np.pi * u) ** 2)[:, None]
+
+
+def _pauses(rng: np.random.Generator, duration: float, rests: int, still: float, initial: float, depth: float) -> Pauses:
+    """Rests spread over the recording, off from equal steps at random."""
+    share = (duration - initial) / max(rests, 1)
+    spare = share - still - _BETWEEN
+    if initial > duration or (rests and spare < 0):
+        raise DataError(
+            f"{rests} rests of {still:g} s and {initial:g} s at the beginning do not fit in {duration:g} s with {_BETWEEN:g} s between "
+            "them: expected fewer or shorter rests, or a longer recording"
+        )
+    starts = initial + _BETWEEN / 2 + share * np.arange(rests) + spare * rng.uniform(0.2, 0.8, rests) * (rests > 0)
+    first = np.array([-10.0]) if initial > 0 else np.empty(0)
+    return Pauses(np.concatenate([first, starts]), np.concatenate([first + 10.0 + initial, starts + still]), depth)

@@ -1,0 +1,294 @@
+"""The estimator: Gauss and Newton over the parameters and the way of the device (host)."""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import scipy  # loads its parts when they are first used
+
+from ..fitting import Chain, Eliminated
+from ._model import DeviceModel
+from ._normal import GYRO_DELAY, LINK, MAG_DELAY, Inertial, Rows, chain_of, exponential, inertial, logarithm, rows
+from ._windows import NAMES, Grid, Windows, model_of, steps_back, windows
+
+#: s, the largest delay
+REACH = 0.05
+_NEAR = 0.75  # steps
+STEPS = 25
+_SETTLED = 1e-4  # of the cost that a step promises to take away, in halves of squared standard deviations
+#: standard deviation that an error of each kind has before anything is recorded; far wider than what a recording leaves
+_SIZES = {
+    "accel.matrix": 0.1, "accel.bias": 1.0, "accel.g_sensitivity": 1.0, "gyro.matrix": 0.1, "gyro.bias": 0.1, "gyro.g_sensitivity": 1e-3,
+    "magnetometer.soft_iron": 0.5, "magnetometer.hard_iron": 2.0, "field": 1.0, "dip": 1.0, "gyro_delay": 0.03, "mag_delay": 0.03,
+    "lever": 0.1,
+}  # fmt: skip
+SIZES = np.array([_SIZES[name.partition("[")[0]] for name in NAMES])
+
+
+@dataclasses.dataclass(frozen=True)
+class Noise:
+    """Noise of a recording: densities of gyroscope and accelerometer, and the magnetometer's standard deviation per reading."""
+
+    gyro: float
+    accel: float
+    mag: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Place:
+    """Where the hand stays: standard deviations of place (m) and velocity (m/s) along each axis.
+
+    The place is a Matern process of order 5/2, with the density (a^2 + w^2)^-3 and a^2 = 3 (speed / reach)^2. It is Markov together with
+    its velocity and acceleration.
+    """
+
+    reach: float
+    speed: float
+
+    def transition(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Transition of (velocity, place, acceleration) over a time, and the inverse covariances of what it leaves and of the first."""
+        a = np.sqrt(3) * self.speed / self.reach
+        drift = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [-3 * a**2, -(a**3), -3 * a]])
+        step = scipy.linalg.expm(drift * time)
+        v = self.speed**2
+        whole = np.array([[v, 0.0, 0.0], [0.0, self.reach**2, -v], [0.0, -v, self.reach**2 * a**4]])
+        # what is left is tiny for short times: as an integral it keeps its digits, as a difference it would not
+        nodes, weights = np.polynomial.legendre.leggauss(12)
+        drive = [scipy.linalg.expm(drift * time * (1 - x) / 2)[:, 2] for x in nodes]
+        left = 16 / 3 * self.reach**2 * a**5 * time / 2 * sum(
+            w * np.outer(d, d) for w, d in zip(weights, drive, strict=True)
+        )  # fmt: skip
+        return step, np.linalg.inv(left), np.linalg.inv(whole)
+
+    def rows(self, way: Any, time: float, moving: np.ndarray) -> tuple[float, Chain]:
+        """Half a sum of squares, and the part of the normal equations; only of windows in which the device is `moving`."""
+        step, known, first = self.transition(time)
+        x = np.stack([way.velocity, way.place, way.acceleration], axis=1)  # (K + 1, 3, axes)
+        left = x[1:] - step @ x[:-1]
+        inner = known @ left * moving[:, None, None]
+        begin = first @ x[0]
+        cost = 0.5 * float(np.sum(left * inner) + np.sum(x[0] * begin))
+        count = len(x)
+        links, ties, score = np.zeros((count, LINK, LINK)), np.zeros((count - 1, LINK, LINK)), np.zeros((count, LINK))
+        pace = moving[:, None, None]
+        for axis in range(3):
+            at = slice(3 + axis, LINK, 3)
+            links[:-1, at, at] += step.T @ known @ step * pace
+            links[1:, at, at] += known * pace
+            links[0, at, at] += first
+            ties[:, at, at] -= step.T @ known * pace
+            score[1:, at] += inner[..., axis]
+            score[:-1, at] -= inner[..., axis] @ step
+            score[0, at] += begin[:, axis]
+        return cost, Chain(links, ties, np.zeros((count, LINK, 0)), np.zeros((0, 0)), score, np.zeros(0))
+
+
+def added(chain: Chain, other: Chain) -> Chain:
+    """Normal equations with those of a prior on the links."""
+    return dataclasses.replace(
+        chain, links=chain.links + other.links, ties=chain.ties + other.ties, link_score=chain.link_score + other.link_score
+    )
+
+
+def whitened(found: Inertial, noise: Noise, time: float, broken: np.ndarray) -> np.ndarray:
+    """(K, 9, 9) matrices that make the inertial residuals of every window white, by white noise of the rates and the specific force."""
+    count = len(found.speed)
+    mean = found.speed / time
+    down = np.zeros((count, 3, 3))
+    down[:, 0, 1], down[:, 0, 2], down[:, 1, 2] = -mean[:, 2], mean[:, 1], -mean[:, 0]
+    down -= np.swapaxes(down, 1, 2)
+    down = -down
+    eye, square = np.eye(3), -(down @ down)  # a turn moves the specific force
+    g, a = noise.gyro**2, noise.accel**2
+    matrix = np.zeros((count, 9, 9))
+    matrix[:, :3, :3] = g * time * eye
+    matrix[:, 3:6, 3:6] = a * time * eye + g * time**3 / 3 * square
+    matrix[:, 6:, 6:] = a * time**3 / 3 * eye + g * time**5 / 20 * square
+    matrix[:, 3:6, 6:] = a * time**2 / 2 * eye + g * time**4 / 8 * square
+    end = np.swapaxes(found.rotation[:, -1], 1, 2)
+    matrix[:, :3, 3:6] = g * time**2 / 2 * end @ np.swapaxes(down, 1, 2)
+    matrix[:, :3, 6:] = g * time**3 / 6 * end @ np.swapaxes(down, 1, 2)
+    lower = np.swapaxes(np.triu(np.ones((9, 9)), 1) * matrix, 1, 2)
+    matrix = np.triu(np.ones((9, 9))) * matrix + lower
+    matrix[broken] = np.diag(np.repeat([1.0, 10.0, 1.0], 3) ** 2)
+    return np.linalg.inv(np.linalg.cholesky(matrix))
+
+
+@dataclasses.dataclass
+class Way:
+    """Attitude (K + 1, 3, 3), velocity, place and acceleration (K + 1, 3) at the ends of the windows, in the world."""
+
+    rotation: np.ndarray
+    velocity: np.ndarray
+    place: np.ndarray
+    acceleration: np.ndarray
+
+    @property
+    def states(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """What the sensors feel."""
+        return self.rotation, self.velocity, self.place
+
+    def moved(self, step: np.ndarray) -> "Way":
+        """After a step (K + 1, LINK)."""
+        rotation = self.rotation @ exponential(step[:, :3])
+        return Way(rotation, self.velocity + step[:, 3:6], self.place + step[:, 6:9], self.acceleration + step[:, 9:])
+
+
+@dataclasses.dataclass
+class Record:
+    """Readings (n, 3) without gaps, magnetometer in units of the field, with what is known to be missing."""
+
+    accel: np.ndarray
+    gyro: np.ndarray
+    mag: np.ndarray
+    there: np.ndarray  # (n,) readings of the magnetometer that exist
+    broken: np.ndarray  # (K,) windows in which inertial samples are missing
+    grid: Grid
+    gravity: float
+    earth: np.ndarray  # (3, 3) turn of the Earth in a window
+
+    @property
+    def time(self) -> float:
+        """Length of a window, s."""
+        return self.grid.steps * self.grid.step
+
+    def back(self, vector: np.ndarray, now: int | None = None) -> int:
+        """`steps_back` for a delay; where it is near to the one of `now`, that one, for the cost then has no steps."""
+        part = -float(vector[MAG_DELAY]) / self.grid.step
+        return now if now is not None and now - _NEAR < part < now + 1 + _NEAR else steps_back(self.grid, float(vector[MAG_DELAY]))
+
+    def kept(self, back: int) -> np.ndarray:
+        """(K, m) readings of the magnetometer that are there, in windows whose rates are."""
+        return self.there[self.grid.inner[:, :-1] - back] & ~self.broken[:, None]
+
+    def windows(self, vector: np.ndarray, back: int) -> Windows:
+        """The windows, for the delays of these parameters."""
+        return windows(self.grid, self.accel, self.gyro, self.mag, float(vector[GYRO_DELAY]), float(vector[MAG_DELAY]), back)
+
+
+@dataclasses.dataclass
+class Solution:
+    """Parameters, the way, and what was computed there."""
+
+    vector: np.ndarray
+    way: Way
+    cost: float
+    rows: Rows
+    chain: Chain
+    steps: int
+    converged: bool
+    eliminated: Eliminated
+    free: np.ndarray
+    counts: np.ndarray  # (K,) by which the residuals of the field in each window are multiplied
+    back: int
+    kept: np.ndarray  # (K, m) readings of the magnetometer that are used
+
+    @property
+    def weight(self) -> np.ndarray:
+        return self.counts[:, None] * self.kept
+
+    @property
+    def field(self) -> np.ndarray:
+        """(K, m, 3) residuals of the field in standard deviations, before they are weighed; zero where there is no reading."""
+        return self.rows.field / self.counts[:, None, None]
+
+    @property
+    def model(self) -> DeviceModel:
+        return model_of(self.vector)
+
+
+@dataclasses.dataclass(frozen=True)
+class Rests:
+    """Where the device rests: windows (K,), and how far it does: standard deviations of velocity (m/s) and of a window's turn (rad)."""
+
+    windows: np.ndarray
+    speed: float = 2e-3
+    turn: float = 1e-3
+
+    @property
+    def moving(self) -> np.ndarray:
+        return 1.0 - self.windows
+
+    @property
+    def ends(self) -> np.ndarray:
+        """(K + 1,) ends of windows at rest."""
+        return np.concatenate([self.windows, [False]]) | np.concatenate([[False], self.windows])
+
+    def rows(self, way: Way, place: Place) -> tuple[float, Chain]:
+        """Half a sum of squares, and the part of the normal equations."""
+        count, ends = len(way.velocity), self.ends
+        links, ties, score = np.zeros((count, LINK, LINK)), np.zeros((count - 1, LINK, LINK)), np.zeros((count, LINK))
+        # within a rest the place is no Matern process; the acceleration after it begins anew
+        weight = np.concatenate([np.full(3, self.speed**-2), np.full(3, (3 * place.speed**2 / place.reach) ** -2)])
+        at = np.array([3, 4, 5, 9, 10, 11])
+        x = np.concatenate([way.velocity, way.acceleration], axis=1) * ends[:, None]
+        links[:, at, at] += weight * ends[:, None]
+        score[:, at] += weight * x
+        back = np.swapaxes(way.rotation[:-1], 1, 2) @ way.rotation[1:]
+        turned = logarithm(back) * self.windows[:, None]
+        own, relative = self.turn**-2 * self.windows[:, None, None], np.swapaxes(back, 1, 2)
+        links[:-1, :3, :3] += own * np.eye(3)
+        links[1:, :3, :3] += own * np.eye(3)
+        ties[:, :3, :3] -= own * back
+        score[1:, :3] += self.turn**-2 * turned
+        score[:-1, :3] -= self.turn**-2 * np.einsum("kba,kb->ka", relative, turned)
+        cost = 0.5 * float(np.sum(weight * x**2) + np.sum(turned**2) / self.turn**2)
+        return cost, Chain(links, ties, np.zeros((count, LINK, 0)), np.zeros((0, 0)), score, np.zeros(0))
+
+
+def solved(
+    record: Record, vector: np.ndarray, way: Way, free: np.ndarray, noise: Noise, place: Place, counts: np.ndarray, steps: int = STEPS,
+    rests: Rests | None = None, centre: np.ndarray | None = None,
+) -> Solution:  # fmt: skip
+    """Least squares from a start. `counts` (K,) multiplies the residuals of the magnetometer, in standard deviations."""
+    rests = Rests(np.zeros(len(record.grid.first), dtype=bool)) if rests is None else rests
+    centre = vector if centre is None else centre
+    wanted = [name.partition("[")[0] for name in np.array(NAMES)[free]]
+    options = {"sensitivity": "gyro.g_sensitivity" in wanted, "lever": "lever" in wanted}
+    sizes, damping = SIZES[free], 0.0
+    back = record.back(vector)
+
+    def at(vector, way, back):
+        model, w = model_of(vector), record.windows(vector, back)
+        found = inertial(model, w, **options)
+        whiten, weight = whitened(found, noise, record.time, record.broken), counts[:, None] * record.kept(back)
+        made = rows(way.states, w, found, model, whiten, weight / noise.mag, record.gravity, record.earth)
+        prior, more = place.rows(way, record.time, rests.moving)
+        if rests.windows.any():
+            still, other = rests.rows(way, place)
+            prior, more = prior + still, added(more, other)
+        cost = 0.5 * float(np.sum(made.inertial**2) + np.sum(made.field**2) + np.sum(((vector - centre)[free] / sizes) ** 2)) + prior
+        return cost, made, more
+
+    cost, made, more = at(vector, way, back)
+
+    def equations(vector, made, more):
+        chain = added(chain_of(made, free), more)
+        off = (vector - centre)[free] / sizes**2
+        return dataclasses.replace(chain, corner=chain.corner + np.diag(sizes**-2.0), score=chain.score + off)
+
+    chain = equations(vector, made, more)
+    done, taken = False, 0
+    for taken in range(1, steps + 1):  # noqa: B007
+        known = chain.eliminated()
+        while True:
+            move = -np.linalg.solve(known.information + damping * np.diag(sizes**-2.0), known.score)
+            promised = -0.5 * float(move @ known.score) - 0.5 * float(np.sum(chain.link_score * known.links(np.zeros(len(free)))))
+            trial = vector.copy()
+            trial[free] += move
+            if not np.all(np.abs(trial[[GYRO_DELAY, MAG_DELAY]]) < REACH):
+                trial[[GYRO_DELAY, MAG_DELAY]] = np.clip(trial[[GYRO_DELAY, MAG_DELAY]], -REACH, REACH)
+            there = way.moved(known.links(move))
+            found = at(trial, there, back)
+            if found[0] <= cost * (1 + 1e-9) + 1e-6 or damping > 1e12:
+                break
+            damping = max(10 * damping, 1.0)
+        done = abs(promised) < _SETTLED
+        vector, way, (cost, made, more) = trial, there, found
+        if (moved := record.back(vector, back)) != back:
+            back, (cost, made, more) = moved, at(vector, way, moved)
+        damping = damping / 10 if damping > 1 else 0.0
+        chain = equations(vector, made, more)
+        if done:
+            break
+    return Solution(vector, way, cost, made, chain, taken, done, chain.eliminated(), free, counts, back, record.kept(back))

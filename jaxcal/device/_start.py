@@ -1,0 +1,137 @@
+"""Where the fit begins: the single-sensor estimators, and an attitude that follows all three sensors."""
+
+import numpy as np
+import scipy  # loads its parts when they are first used
+
+from .. import magnetometer
+from .._errors import DataError, FitError
+from ._model import DeviceModel
+from ._normal import DIP, GYRO_BIAS, HARD, IRON, MAG_DELAY, exponential, inertial
+from ._solve import Record, Way
+from ._windows import model_of, template, vector_of
+
+_FIELD, _FORCE = 1.0, 10.0  # s, time constants with which the attitude follows field and specific force
+_FLAT = 4.0  # ratio of the axes of an ellipsoid that is none
+_PLANE = 0.15  # thickness of readings that lie in a plane, of their width
+_SLOW = 0.02  # of the largest eigenvalue
+_STRANGE = 6.0  # robust standard deviations of the norm
+_FIRST = 2.0  # s whose mean gives the first attitude
+
+
+def started(record: Record, mag: np.ndarray) -> tuple[np.ndarray, Way, float]:
+    """Parameters, the way, and the strength of the field in the unit of `mag`, by which the record's is divided from here on."""
+    vector = vector_of(template())
+    iron, hard, strength = _ellipsoid(record, mag, vector) or _turned(record, mag)
+    vector[IRON : IRON + 9], vector[HARD : HARD + 3] = iron.ravel(), hard / strength
+    record.mag = record.mag / strength
+    way, dip = followed(record, vector)
+    vector[DIP] = dip
+    return vector, way, strength
+
+
+def _ellipsoid(record: Record, mag: np.ndarray, vector: np.ndarray) -> tuple[np.ndarray, np.ndarray, float] | None:
+    """Soft iron, hard iron and strength by the norms; rotation, bias and delay by the rates. None where the norms show no ellipsoid."""
+    there, rate = record.there, 1 / record.grid.step
+    extent = np.linalg.svd(np.cov(mag[there].T), compute_uv=False)
+    if extent[-1] < _PLANE**2 * extent[0]:
+        return None
+    try:
+        found = magnetometer.fit(mag[there], method="ml", model="symmetric", loss="huber")
+    except FitError:
+        return None
+    if found.model is None or found.verdict == "refused":
+        return None
+    sizes = np.linalg.svd(np.asarray(found.model.soft_iron), compute_uv=False)
+    if not sizes[0] < _FLAT * sizes[-1]:
+        return None
+    readings = np.where(there[:, None], mag, np.nan)
+    turned = magnetometer.align(readings, found.model, magnetometer.Gyroscope(record.gyro, rate))
+    vector[GYRO_BIAS : GYRO_BIAS + 3] = turned.bias
+    vector[MAG_DELAY] = np.clip(turned.delay, -0.045, 0.045) if np.isfinite(turned.delay) else 0.0
+    return np.asarray(turned.model.soft_iron), np.asarray(turned.model.hard_iron), float(found.field)
+
+
+def _turned(record: Record, mag: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """The same from readings that the rates turn about the hard iron: what no turn moves stays at the mean reading."""
+    index = np.flatnonzero(record.there)
+    index = index[:: max(round(0.1 / record.grid.step), 1)]
+    total = np.cumsum(np.concatenate([np.zeros((1, 3)), record.gyro[1:] + record.gyro[:-1]]), axis=0) * record.grid.step / 2
+    back = exponential(-np.diff(total[index], axis=0))
+    mean = mag[index].mean(axis=0)
+    y = mag[index] - mean
+    rows = np.eye(3) - back
+    left = y[1:] - np.einsum("kab,kb->ka", back, y[:-1])
+    normal = np.einsum("kba,kbc->ac", rows, rows)
+    # directions that hardly move are left alone
+    values, vectors = np.linalg.eigh(normal)
+    gain = values / (values**2 + (_SLOW * values[-1]) ** 2)
+    centre = vectors @ (gain * (vectors.T @ np.einsum("kba,kb->a", rows, left)))
+    strength = float(np.sqrt(np.mean(np.sum((y - centre) ** 2, axis=1))))
+    if not strength > 0:
+        raise DataError("The magnetometer's readings are all alike; turn the device through all attitudes.")
+    return np.eye(3), mean + centre, strength
+
+
+def undisturbed(record: Record, vector: np.ndarray) -> np.ndarray:
+    """(K,) weights of the windows, less where the norm of the field differs from the usual one."""
+    model = model_of(vector)
+    fields = (record.mag - model.magnetometer.hard_iron) @ np.linalg.inv(model.magnetometer.soft_iron).T
+    norm = np.linalg.norm(fields, axis=1)[record.grid.inner[:, :-1]]
+    there = record.there[record.grid.inner[:, :-1]]
+    mean = np.sum(np.where(there, norm, 0), axis=1) / np.maximum(there.sum(axis=1), 1)
+    some = there.any(axis=1)
+    usual = np.median(mean[some])
+    spread = 1.4826 * np.median(np.abs(mean[some] - usual))
+    return np.where(np.abs(mean - usual) > _STRANGE * spread, 1e-2, 1.0)
+
+
+def followed(record: Record, vector: np.ndarray) -> tuple[Way, float]:
+    """Attitude by the gyroscope, drawn to the field and slowly to the vertical, forwards and then backwards; and the dip."""
+    back = record.back(vector)
+    model, w = model_of(vector), record.windows(vector, back)
+    seen = inertial(model, w)
+    fields = (w.field - model.magnetometer.hard_iron) @ np.linalg.inv(model.magnetometer.soft_iron).T
+    kept = record.kept(back)
+    ahead = np.einsum("kiab,kib->kia", seen.to_reading, fields) * kept[..., None]
+    count = np.maximum(kept.sum(axis=1), 1)
+    field, force = ahead.sum(axis=1) / count[:, None], seen.speed / record.time
+    some = kept.any(axis=1)
+    dip = float(np.arcsin(np.clip(-np.mean(np.sum(field * force, axis=1)[some]) / record.gravity, -0.999, 0.999)))
+    world, up = np.asarray(DeviceModel(model.accel, model.gyro, model.magnetometer, 1.0, dip).world_field), np.array([0.0, 0.0, 1.0])
+    step = seen.rotation[:, -1]
+    gain = np.where(some, record.time / _FIELD, 0.0), record.time / _FORCE
+    first = max(round(_FIRST / record.time), 1)
+    turn = _triad(_gathered(step, force, first), _gathered(step, field, first), dip)
+    total = len(step)
+    turns = np.empty((total + 1, 3, 3))
+
+    def corrected(turn, k):
+        wrong = gain[0][k] * np.cross(turn @ field[k], world) + gain[1] * np.cross(turn @ force[k] / record.gravity, up)
+        return exponential(np.clip(wrong, -0.3, 0.3)) @ turn
+
+    for k in range(total):
+        turn = corrected(turn, k) @ step[k]
+    turns[total] = turn
+    for k in range(total - 1, -1, -1):
+        turn = corrected(turn @ step[k].T, k)
+        turns[k] = turn
+    turns = scipy.spatial.transform.Rotation.from_matrix(turns).as_matrix()
+    still = np.zeros((total + 1, 3))
+    return Way(turns, still, still.copy(), still.copy()), dip
+
+
+def _gathered(step: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
+    """Sum of the first vectors, in the frame of the first."""
+    turn, total = np.eye(3), np.zeros(3)
+    for k in range(min(count, len(values))):
+        total += turn @ values[k]
+        turn = turn @ step[k]
+    return total
+
+
+def _triad(force: np.ndarray, field: np.ndarray, dip: float) -> np.ndarray:
+    """Attitude in which one vector points up and the other north and down."""
+    up = force / np.linalg.norm(force)
+    west = np.cross(up, field)
+    west /= max(np.linalg.norm(west), 1e-12)
+    return np.stack([np.cross(west, up), west, up])

@@ -1,0 +1,107 @@
+"""Verdicts on a device, in words."""
+
+from typing import Any
+
+import numpy as np
+
+from .._units import STANDARD_GRAVITY
+
+#: largest standard errors of a good sensor: of its matrix (1 or rad), and of its bias in SI; of the hard iron as a part of the field
+_GOOD = {"accel": (5e-3, 5e-3 * STANDARD_GRAVITY), "gyro": (5e-3, np.deg2rad(0.02)), "magnetometer": (1e-2, 5e-3)}
+_MOTIONS = {
+    "accel": "tilt the device through all attitudes, and rest it in several",
+    "gyro": "turn it about all three of its axes",
+    "magnetometer": "turn it about all three of its axes, through all attitudes",
+}
+_TITLES = {"accel": "accelerometer", "gyro": "gyroscope", "magnetometer": "magnetometer"}
+_WIDE = 1.5  # m from the middle: a hand with a reach of 0.25 m along each axis goes to 1.1 m in three minutes
+_DELAY = 2e-3  # s
+
+
+def sensor_of(name: str) -> str:
+    """Sensor that a parameter belongs to, with the delay of its stream; the field and its dip are the magnetometer's."""
+    first = name.partition(".")[0]
+    return {"gyro_delay": "gyro", "lever": "accel"}.get(first.partition("[")[0], first if first in _GOOD else "magnetometer")
+
+
+def _grouped(names: list[str]) -> str:
+    """Names with the entries of each field together: gyro.matrix[0,0 0,1]."""
+    fields: dict[str, list[str]] = {}
+    for name in names:
+        field, _, entry = name.partition("[")
+        fields.setdefault(field, []).append(entry.rstrip("]"))
+    return ", ".join(field + (f"[{' '.join(entries)}]" if entries[0] else "") for field, entries in fields.items())
+
+
+def judged(facts: dict[str, Any]) -> tuple[str, str, tuple[str, ...], dict[str, str]]:
+    """Verdict, reason, warnings, and the verdict on each sensor."""
+    names, error = facts["names"], np.sqrt(np.diag(facts["covariance"]))
+    verdicts, sentences, warnings = {}, [], []
+    for sensor, (matrix, bias) in _GOOD.items():
+        lost = [name for name in facts["undetermined"] if sensor_of(name) == sensor]
+        own = [i for i, name in enumerate(names) if sensor_of(name) == sensor and name not in lost]
+        kinds = {"matrix": [], "bias": []}
+        for i in own:
+            what = names[i].partition(".")[2].partition("[")[0]
+            kind = {"matrix": "matrix", "soft_iron": "matrix", "bias": "bias", "hard_iron": "bias"}.get(what)
+            if kind:
+                kinds[kind].append(error[i] / (facts["field"] if what == "hard_iron" else 1.0))
+        worst = [max(kinds["matrix"], default=0.0), max(kinds["bias"], default=0.0)]
+        verdicts[sensor] = "refused" if lost else "good" if worst[0] <= matrix and worst[1] <= bias else "weak"
+        title = _TITLES[sensor]
+        if lost:
+            sentences.append(f"The motion does not show {_grouped(lost)} of the {title}: {_MOTIONS[sensor]}.")
+        elif verdicts[sensor] == "weak":
+            sentences.append(
+                f"The {title} is known to {100 * worst[0]:.2g} % and {_bias(sensor, worst[1])} only: record longer, and {_MOTIONS[sensor]}."
+            )
+    away = np.linalg.norm(facts["place"] - facts["place"].mean(axis=0), axis=1).max()
+    if away > _WIDE:
+        warnings.append(
+            f"The hand went {away:.2g} m from its middle. The accelerometer's errors count on a hand that stays in its place: stand still, "
+            "and move the arm alone."
+        )
+        verdicts["accel"] = "refused" if verdicts["accel"] == "refused" else "weak"
+    for lack in facts["lacks"]:
+        verdicts["magnetometer"] = "refused" if verdicts["magnetometer"] == "refused" else "weak"
+        if lack.name == "gradient":
+            warnings.append(
+                f"The field varies with the place, by {100 * lack.size:.2g} % per metre (p = {max(lack.level, 1e-300):.1g}): go away from "
+                "iron, or move the device less."
+            )
+        else:
+            warnings.append(
+                f"The magnetometer turns against the other sensors, by {np.rad2deg(lack.size):.2g} degrees rms, as the device accelerates "
+                f"(p = {max(lack.level, 1e-300):.1g}): mount it firmly."
+            )
+    if facts["disturbed"]:
+        spans = ", ".join(f"{a:.1f} to {b:.1f} s" for a, b in facts["disturbed"][:6])
+        more = f" and {len(facts['disturbed']) - 6} more" if len(facts["disturbed"]) > 6 else ""
+        warnings.append(f"The field was disturbed from {spans}{more}; the fit counts these stretches less, or not at all.")
+        if sum(b - a for a, b in facts["disturbed"]) > 0.2 * facts["duration"]:
+            verdicts["magnetometer"] = "refused" if verdicts["magnetometer"] == "refused" else "weak"
+    if np.isfinite(facts["freedom"]):
+        warnings.append(
+            f"Parts of the recording disagree {np.sqrt(facts['disagreement']):.2g} times as much as white noise explains: the errors are "
+            "those of fits without parts of it."
+        )
+    if not (facts["converged"] or facts["undetermined"]):
+        verdicts = dict.fromkeys(verdicts, "refused")
+        sentences.insert(0, "The fit did not converge.")
+    order = ("good", "weak", "refused")
+    verdict = max(verdicts.values(), key=order.index)
+    good = [_TITLES[sensor] for sensor, word in verdicts.items() if word == "good"]
+    if verdict == "good":
+        sentences.append("The recording determines all three sensors.")
+    elif not sentences:
+        doubtful = " and ".join(_TITLES[sensor] for sensor, word in verdicts.items() if word != "good")
+        sentences.append(f"The {doubtful} may be wrong by more than the intervals say: see the warnings.")
+    elif good:
+        sentences.append(f"The {' and '.join(good)} {'is' if len(good) == 1 else 'are'} good.")
+    return verdict, " ".join(sentences), tuple(warnings), verdicts
+
+
+def _bias(sensor: str, value: float) -> str:
+    if sensor == "accel":
+        return f"{1e3 * value / STANDARD_GRAVITY:.2g} mg"
+    return f"{np.rad2deg(value):.2g} deg/s" if sensor == "gyro" else f"{100 * value:.2g} % of the field"
