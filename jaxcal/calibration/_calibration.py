@@ -33,8 +33,8 @@ class Calibration(eqx.Module):
         (3, 3), "bias": (3,), "covariance"}, "gyro": {"unit": "rad/s", "matrix", "bias", "g_sensitivity": (3, 3), "covariance"}}, where
         y = matrix x + bias + g_sensitivity a. Stored as `Imu`: `imu.gyro.model` is the `Triad`, `imu.gyro.covariance` its uncertainty.
     magnetometer : a `MagFit` of readings in tesla, a `DeviceFit`, a `MagModel`, or the stored form: {"unit": "T", "soft_iron": (3, 3),
-        "hard_iron": (3,), "field", "covariance"}, where measured = soft_iron true + hard_iron. Stored as `Part`: `magnetometer.model` is the
-        `MagModel`.
+        "hard_iron": (3,), "field", "covariance"}, where measured = soft_iron true + hard_iron. Stored as `Part`: `magnetometer.model` is
+        the `MagModel`.
     temperature : the result of `jaxcal.temperature.characterise` (channel -> `TemperatureFit`), or the stored form: {"unit": "degC",
         "reference", "minimum", "maximum"} with one of two entries. "accel" and "gyro" (3, powers) are coefficients of the powers 1, 2, ...
         of the temperature above the reference, in the unit of the sensor. "channels": {"gyro_x": {"curve", "minimum", "maximum", "lag",
