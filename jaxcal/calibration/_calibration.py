@@ -29,11 +29,12 @@ class Calibration(eqx.Module):
     noise : what `jaxcal.noise.characterise` returns (channel -> `NoiseFit`), or the stored form: {"rate": Hz, "gyro": {"unit":
         "rad/s", "Q": (3,), "N": (3,), "B": (3,), "K": (3,), "R": (3,)}, "accel": {...}, "mag": {...}}, with None for what is
         not known. Held as `DeviceNoise`.
-    imu : an `ImuFit`, {"accel": `Triad`, "gyro": `Triad`}, or the stored form: {"accel": {"unit": "m/s^2", "matrix": (3, 3), "bias":
-        (3,), "covariance"}, "gyro": {"unit": "rad/s", "matrix", "bias", "g_sensitivity": (3, 3), "covariance"}}, where
+    imu : an `ImuFit`, a `DeviceFit`, {"accel": `Triad`, "gyro": `Triad`}, or the stored form: {"accel": {"unit": "m/s^2", "matrix":
+        (3, 3), "bias": (3,), "covariance"}, "gyro": {"unit": "rad/s", "matrix", "bias", "g_sensitivity": (3, 3), "covariance"}}, where
         y = matrix x + bias + g_sensitivity a. Held as `Imu`: `imu.gyro.model` is the `Triad`, `imu.gyro.covariance` what is known of it.
-    magnetometer : a `MagFit` of readings in tesla, a `MagModel`, or the stored form: {"unit": "T", "soft_iron": (3, 3), "hard_iron":
-        (3,), "field", "covariance"}, where measured = soft_iron true + hard_iron. Held as `Part`: `magnetometer.model` is the `MagModel`.
+    magnetometer : a `MagFit` of readings in tesla, a `DeviceFit`, a `MagModel`, or the stored form: {"unit": "T", "soft_iron": (3, 3),
+        "hard_iron": (3,), "field", "covariance"}, where measured = soft_iron true + hard_iron. Held as `Part`: `magnetometer.model` is
+        the `MagModel`.
     temperature : what `jaxcal.temperature.characterise` returns (channel -> `TemperatureFit`), or the stored form: {"unit": "degC",
         "reference", "minimum", "maximum"} with "accel" and "gyro" (3, powers), coefficients of the powers 1, 2, ... of the temperature
         above the reference, in the unit of the sensor, or with "channels": {"gyro_x": {"curve", "minimum", "maximum", "lag", "play",

@@ -12,6 +12,7 @@ from jaxtyping import Float
 from .._errors import DataError
 from .._types import AnyArray
 from .._units import si_unit
+from ..device import DeviceFit
 from ..imu import ImuFit, RateTest, Triad
 from ..magnetometer import MagFit, MagModel
 from ._codec import check_finite, checked_unit, document_of, numbers, required, structured, wrong
@@ -168,13 +169,18 @@ class Imu(eqx.Module):
 
 
 def imu_of(value: Any) -> Imu | None:
-    """The inertial part of a calibration, checked: an `ImuFit`, a `RateTest`, the stored form, or sensor -> `Triad` or `Part`."""
+    """The inertial part of a calibration, checked: an `ImuFit`, `DeviceFit` or `RateTest`, the stored form, or `Triad`s by sensor."""
     if value is None or isinstance(value, Imu):
         return value
     if isinstance(value, ImuFit):
         return _from_imu_fit(value)
     if isinstance(value, RateTest):
         return _from_rate_test(value)
+    if isinstance(value, DeviceFit):
+        sensors = [sensor for sensor in SENSORS if value.verdicts[sensor] != "refused"]
+        if not sensors:
+            raise DataError(f"the calibration was refused and cannot be stored: {value.reason}")
+        return Imu(**{sensor: _of_device(value, sensor) for sensor in sensors}, verdict=value.verdict, verdict_reason=value.reason)
     if not isinstance(value, dict):
         raise wrong(value, "a dictionary with accel, gyro, verdict, verdict_reason", "imu")
     texts = {name: structured(value.get(name), str | None, f"imu.{name}") for name in ("verdict", "verdict_reason")}
@@ -183,7 +189,11 @@ def imu_of(value: Any) -> Imu | None:
 
 
 def magnetometer_of(value: Any) -> Part[MagModel] | None:
-    """The magnetometer of a calibration, checked: a `MagFit` in tesla, the stored form, a `MagModel`, or a `Part`."""
+    """The magnetometer of a calibration, checked: a `MagFit` in tesla, a `DeviceFit`, the stored form, a `MagModel`, or a `Part`."""
+    if isinstance(value, DeviceFit):
+        if value.verdicts["magnetometer"] == "refused":
+            raise DataError(f"the magnetometer is refused, and is no calibration: {value.reason}")
+        value = _of_device(value, "magnetometer")
     if isinstance(value, MagFit):
         if value.model is None or value.verdict == "refused":
             raise DataError(f"the magnetometer fit is refused, and is no calibration: {value.reason}")
@@ -217,6 +227,17 @@ def _from_imu_fit(fit: ImuFit) -> Imu:
             covariance = Covariance(names, values) if np.isfinite(values).all() else None
             parts[sensor] = _part(Part(triad, si_unit(sensor), None, covariance, Interval(low, high)), Triad, sensor, f"imu.{sensor}")
     return Imu(**parts, verdict=fit.verdict, verdict_reason=fit.reason)
+
+
+def _of_device(fit: DeviceFit, sensor: str) -> Part[Any]:
+    """A sensor's part of the fit of a whole device."""
+    where = [i for i, name in enumerate(fit.names) if name.startswith(f"{sensor}.")]
+    known = Covariance(tuple(fit.names[i].partition(".")[2] for i in where), np.asarray(fit.covariance)[np.ix_(where, where)])
+    low, high = np.asarray(fit.interval)[where].T
+    short = {"magnetometer": "mag"}.get(sensor, sensor)
+    field = float(fit.model.field) if short == "mag" else None
+    part = Part(getattr(fit.model, sensor), si_unit(short), field, known, Interval(low, high), fit.verdicts[sensor], fit.reason)
+    return _part(part, MagModel if short == "mag" else Triad, short, sensor)
 
 
 def _from_rate_test(test: RateTest) -> Imu:

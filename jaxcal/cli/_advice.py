@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 #: commands that take a log, and what else they are called
-LOGS = ("info", "noise", "allan", "psd", "temperature", "imu", "rate-table", "vibration", "mag", "north")
+LOGS = ("info", "noise", "allan", "psd", "temperature", "imu", "rate-table", "vibration", "mag", "device", "north")
 #: options of every command that reads a log
 READING_OPTIONS = {"--columns", "--units", "--rate", "--topics", "--raw", "--data", "--missing", "--format"}
 #: commands that `jaxcal batch --task` can do

@@ -19,6 +19,7 @@ from ._batch import batch
 from ._cache import cache
 from ._curves import allan, psd
 from ._demo import demo
+from ._device import device
 from ._diff import diff
 from ._export import export
 from ._imu import imu
@@ -32,7 +33,7 @@ from ._temperature import temperature
 from ._turntable import rate_table, vibration
 
 _COMMANDS = (
-    demo, info, noise, allan, psd, temperature, imu, rate_table, vibration, mag, north, apply, convert, export, diff, batch, cache,
+    demo, info, noise, allan, psd, temperature, imu, rate_table, vibration, mag, device, north, apply, convert, export, diff, batch, cache,
 )  # fmt: skip
 _SIMULATE = (simulate_noise, simulate_temperature, simulate_imu, simulate_mag, simulate_device, simulate_north)
 DONE, DATA, CALL, FAULT, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 3, 130, 141

@@ -14,15 +14,14 @@ from ..magnetometer import MagModel
 from ._contribution import shares
 from ._judge import known, lacks, stretches, unseen
 from ._model import DeviceModel
-from ._normal import MAG_DELAY, logarithm
+from ._normal import HARD, IRON, logarithm
 from ._record import recorded
 from ._result import DeviceFit, gauged
-from ._solve import STEPS, Noise, Place, Record, Rests, Solution, solved
+from ._solve import REACH, STEPS, Noise, Place, Record, Rests, Solution, solved
 from ._start import started, undisturbed
-from ._verdict import judged
-from ._windows import NAMES, model_of, readings_of
+from ._verdict import judged, sensor_of
+from ._windows import NAMES, model_of, template, vector_of
 
-_REACH = 0.05  # s, the largest delay
 _ROUNDS, _MOST = 3, 8
 _FEW = 12  # steps where the motion leaves parameters open
 _SAME = 0.1  # change of a window's weight
@@ -89,7 +88,7 @@ def fit(
         raise DataError(f"gravity={gravity:g} m/s^2 is not that of a place on Earth; expected 9.76 to 9.84")
     if log.duration < _LEAST:
         raise DataError(f"The recording lasts {log.duration:.3g} s; {_LEAST:g} s are needed, and three minutes are advised.")
-    record, level, mag = recorded(log, float(gravity), _REACH, None if latitude is None else float(latitude))
+    record, level, mag = recorded(log, float(gravity), REACH, None if latitude is None else float(latitude))
     if noise is not None:
         level = Noise(float(noise.get("gyro", level.gyro)), float(noise.get("accel", level.accel)), level.mag)
     vector, way, strength = started(record, mag)
@@ -105,17 +104,16 @@ def _rounds(record: Record, vector: Any, way: Any, free: Any, level: Noise) -> t
     counts = undisturbed(record, vector)
     place, rests, settled = Place(0.3, 0.4), _rests(record, vector), False
     # what the motion does not show is known before the fit: there the least squares have a flat valley, along which to go is no use
-    first = solved(record, vector, way, free, level, place, counts[:, None] * record.there[readings_of(record.grid, 0.0)], 2, rests, centre)
+    first = solved(record, vector, way, free, level, place, counts, 2, rests, centre)
     vector, way, blind = first.vector, first.way, bool(unseen(first).any())
     for turn in range(2 if blind else _MOST):
-        kept = record.there[readings_of(record.grid, float(vector[MAG_DELAY]))]
-        found = solved(record, vector, way, free, level, place, counts[:, None] * kept, _FEW if blind else STEPS, rests, centre)
+        found = solved(record, vector, way, free, level, place, counts, _FEW if blind else STEPS, rests, centre)
         vector, way = found.vector, found.way
         if settled and turn >= _ROUNDS - 1:
             break
         # the size of what is left of the field, by windows, of which a few may be disturbed
-        power, number = _power(found.rows.field / np.where(kept, counts[:, None], 1.0)[..., None], kept)
-        some = kept.any(axis=1)
+        power, number = _power(found.field, found.kept)
+        some = found.kept.any(axis=1)
         size = level.mag * np.sqrt(power)
         level = Noise(level.gyro, level.accel, float(np.sqrt(np.median(size[some] ** 2) / _median(3 * float(np.median(number[some]))))))
         far = size / level.mag
@@ -176,9 +174,20 @@ def _result(
     # a parameter is seen where all are that its value stands on
     blind = np.abs(slope) @ ~told.seen > 0
     names, values = (*fitted, "field"), np.append(found.vector[found.free], 0.0)
-    model = model_of(found.vector)
+    if not found.converged:
+        # along a flat valley the errors at one place of it say nothing: no parameter of a sensor that is open has a number
+        open_ = {sensor_of(name) for name, lost in zip(names, blind, strict=True) if lost}
+        blind |= np.array([sensor_of(name) in open_ for name in names])
+    plain = vector_of(template())
+    vector = found.vector.copy()
+    lost = found.free[blind[:-1]]
+    vector[lost] = plain[lost]
+    model = model_of(vector)
+    soft, offset = (np.isin(np.arange(first, first + size), lost) for first, size in ((IRON, 9), (HARD, 3)))
+    iron = np.where(soft.reshape(3, 3), np.eye(3), sensors["soft_iron"])
+    hard = np.where(offset, 0.0, sensors["hard_iron"])
     model = DeviceModel(
-        model.accel, model.gyro, MagModel(sensors["soft_iron"], sensors["hard_iron"]), float(sensors["field"]), float(model.dip),
+        model.accel, model.gyro, MagModel(iron, hard), float(sensors["field"]), float(model.dip),
         float(model.gyro_delay), float(model.mag_delay), np.asarray(model.lever),
     )  # fmt: skip
     values[[names.index(f"magnetometer.soft_iron[{i},{j}]") for i in range(3) for j in range(3)]] = sensors["soft_iron"].ravel()
@@ -190,12 +199,9 @@ def _result(
     covariance = np.where(blind[:, None] | blind[None], np.where(np.eye(len(blind), dtype=bool), np.inf, 0.0), covariance)
     half = scipy.special.stdtrit(told.freedom, 0.975) * np.sqrt(np.diag(covariance))
     missing = lacks(found, record, level.mag, told.ratio)
-    used = found.weight > 0
-    scale = np.where(used, found.weight, 1.0)[..., None]
-    left = np.where(used[..., None], found.rows.field / scale, 0.0) * level.mag
-    rms = np.sqrt(np.sum(left**2, axis=1) / np.maximum(used.sum(axis=1), 1)[:, None]) * strength
-    there = record.there[readings_of(record.grid, float(found.vector[MAG_DELAY]))].any(axis=1)
-    disturbed = stretches(there & (found.weight.max(axis=1) < 0.5), record)
+    number = np.maximum(found.kept.sum(axis=1), 1)[:, None]
+    rms = np.sqrt(np.sum(found.field**2, axis=1) / number) * level.mag * strength
+    disturbed = stretches(found.kept.any(axis=1) & (found.counts < 0.5), record)
     undetermined = tuple(name for name, lost in zip(names, blind, strict=True) if lost)
     facts = {
         "names": names, "values": values, "covariance": covariance, "undetermined": undetermined, "disturbed": disturbed,

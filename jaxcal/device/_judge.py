@@ -8,7 +8,7 @@ import scipy  # loads its parts when they are first used
 
 from ..fitting import Chain, leave_out_pieces
 from ._contribution import kinds_of, terms_of
-from ._normal import skew
+from ._normal import inertial, skew
 from ._solve import SIZES, Place, Record, Rests, Solution
 from ._windows import NAMES
 
@@ -120,9 +120,7 @@ class Lack:
 
 def lacks(found: Solution, record: Record, mag: float, ratio: float) -> list[Lack]:
     """Terms of the field that the model lacks, each by a test of its score with everything else fitted beside it."""
-    model, w = found.model, record.windows(found.vector)
-    from ._normal import inertial
-
+    model, w = found.model, record.windows(found.vector, found.back)
     moved = inertial(model, w)
     turn = found.way.rotation[:-1, None] @ moved.to_reading
     at = np.asarray(model.magnetometer.soft_iron) @ np.swapaxes(turn, 2, 3)
@@ -133,9 +131,9 @@ def lacks(found: Solution, record: Record, mag: float, ratio: float) -> list[Lac
     x, y, z = np.moveaxis(place, -1, 0)
     zero = np.zeros_like(x)
     # symmetric gradients without trace: a static field in air has neither curl nor divergence
-    fields = np.stack([
-        np.stack([x, zero, -z], -1), np.stack([zero, y, -z], -1), np.stack([y, x, zero], -1), np.stack([z, zero, x], -1), np.stack([zero, z, y], -1),
-    ], axis=-1)  # fmt: skip
+    fields = np.stack(
+        [np.stack(column, axis=-1) for column in ((x, zero, -z), (zero, y, -z), (y, x, zero), (z, zero, x), (zero, z, y))], axis=-1
+    )
     gradient = at @ fields
     world = np.asarray(model.world_field)
     seen = np.einsum("kiba,b->kia", turn, world)

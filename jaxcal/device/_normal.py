@@ -192,11 +192,10 @@ def rows(
     earth: np.ndarray,
 ) -> Rows:
     """Whitened rows: `whiten` (K, 9, 9) of the inertial part, `weight` (K, m) of every reading of the magnetometer."""
-    turn, velocity, place = states
+    turn = states[0]
     count, steps = weight.shape
     back, h, size = np.swapaxes(turn[:-1], 1, 2), float(w.step[0]), len(NAMES)
-    time, down = h * steps, np.array([0.0, 0.0, gravity])
-    rotation = found.rotation[:, -1]
+    time = h * steps
     residual, field = left_over(states, w, found, model, gravity, earth)
     by = np.zeros((count, 9, size + 18))
     many = found.turned_by.shape[-1]
@@ -251,7 +250,7 @@ def chain_of(found: Rows, free: np.ndarray) -> Chain:
     score[1:, :9] += push[:, second]
     corner, right = normal[:, :width, :width].sum(axis=0), push[:, :width].sum(axis=0)
     # the magnetometer's rows see some parameters alone
-    seen = np.flatnonzero(np.any(found.field_by[0, 0, :, :size] != 0, axis=0)[free])
+    seen = np.flatnonzero(np.any(found.field_by[..., free] != 0, axis=(0, 1, 2)))
     f = found.field_by[..., np.append(free[seen], np.arange(size, size + 3))].reshape(count, -1, len(seen) + 3)
     normal = np.swapaxes(f, 1, 2) @ f
     push = np.einsum("kra,kr->ka", f, found.field.reshape(count, -1))

@@ -20,7 +20,7 @@ class DeviceFit(Result):
 
     Attributes
     ----------
-    model : `DeviceModel`; None where the fit is refused. A parameter that the recording does not determine has its value without errors
+    model : `DeviceModel`. A parameter that the recording does not determine has its value without errors
         there, and stands in `undetermined`.
     names : names of the p parameters that were fitted, by their path in the model.
     values : (p,) their values; NaN, and None in a file, for those that the recording does not determine.
@@ -57,7 +57,7 @@ class DeviceFit(Result):
     verdict: str = eqx.field(static=True)
     reason: str = eqx.field(static=True)
     warnings: tuple[str, ...] = eqx.field(static=True)
-    model: DeviceModel | None
+    model: DeviceModel
     names: tuple[str, ...] = eqx.field(static=True)
     values: AnyArray
     covariance: AnyArray

@@ -9,8 +9,11 @@ import scipy  # loads its parts when they are first used
 from ..fitting import Chain, Eliminated
 from ._model import DeviceModel
 from ._normal import GYRO_DELAY, LINK, MAG_DELAY, Inertial, Rows, chain_of, exponential, inertial, logarithm, rows
-from ._windows import NAMES, Grid, Windows, model_of, windows
+from ._windows import NAMES, Grid, Windows, model_of, steps_back, windows
 
+#: s, the largest delay
+REACH = 0.05
+_NEAR = 0.75  # steps
 STEPS = 25
 _SETTLED = 1e-4  # of the cost that a step promises to take away, in halves of squared standard deviations
 #: standard deviation that an error of each kind has before anything is recorded; far wider than what a recording leaves
@@ -149,8 +152,18 @@ class Record:
         """Length of a window, s."""
         return self.grid.steps * self.grid.step
 
-    def windows(self, vector: np.ndarray) -> Windows:
-        return windows(self.grid, self.accel, self.gyro, self.mag, float(vector[GYRO_DELAY]), float(vector[MAG_DELAY]))
+    def back(self, vector: np.ndarray, now: int | None = None) -> int:
+        """`steps_back` for a delay; where it is near to the one of `now`, that one, for the cost then has no steps."""
+        part = -float(vector[MAG_DELAY]) / self.grid.step
+        return now if now is not None and now - _NEAR < part < now + 1 + _NEAR else steps_back(self.grid, float(vector[MAG_DELAY]))
+
+    def kept(self, back: int) -> np.ndarray:
+        """(K, m) readings of the magnetometer that are there, in windows whose rates are."""
+        return self.there[self.grid.inner[:, :-1] - back] & ~self.broken[:, None]
+
+    def windows(self, vector: np.ndarray, back: int) -> Windows:
+        """The windows, for the delays of these parameters."""
+        return windows(self.grid, self.accel, self.gyro, self.mag, float(vector[GYRO_DELAY]), float(vector[MAG_DELAY]), back)
 
 
 @dataclasses.dataclass
@@ -166,7 +179,18 @@ class Solution:
     converged: bool
     eliminated: Eliminated
     free: np.ndarray
-    weight: np.ndarray
+    counts: np.ndarray  # (K,) by which the residuals of the field in each window are multiplied
+    back: int
+    kept: np.ndarray  # (K, m) readings of the magnetometer that are used
+
+    @property
+    def weight(self) -> np.ndarray:
+        return self.counts[:, None] * self.kept
+
+    @property
+    def field(self) -> np.ndarray:
+        """(K, m, 3) residuals of the field in standard deviations, before they are weighed; zero where there is no reading."""
+        return self.rows.field / self.counts[:, None, None]
 
     @property
     def model(self) -> DeviceModel:
@@ -175,7 +199,7 @@ class Solution:
 
 @dataclasses.dataclass(frozen=True)
 class Rests:
-    """Where the device rests: windows (K,), and how far it does: standard deviations of velocity (m/s) and of the turn of a window (rad)."""
+    """Where the device rests: windows (K,), and how far it does: standard deviations of velocity (m/s) and of a window's turn (rad)."""
 
     windows: np.ndarray
     speed: float = 2e-3
@@ -213,30 +237,30 @@ class Rests:
 
 
 def solved(
-    record: Record, vector: np.ndarray, way: Way, free: np.ndarray, noise: Noise, place: Place, weight: np.ndarray, steps: int = STEPS,
+    record: Record, vector: np.ndarray, way: Way, free: np.ndarray, noise: Noise, place: Place, counts: np.ndarray, steps: int = STEPS,
     rests: Rests | None = None, centre: np.ndarray | None = None,
 ) -> Solution:  # fmt: skip
-    """Least squares from a start. `weight` (K, m) multiplies the residuals of the magnetometer, in standard deviations."""
+    """Least squares from a start. `counts` (K,) multiplies the residuals of the magnetometer, in standard deviations."""
     rests = Rests(np.zeros(len(record.grid.first), dtype=bool)) if rests is None else rests
     centre = vector if centre is None else centre
     wanted = [name.partition("[")[0] for name in np.array(NAMES)[free]]
     options = {"sensitivity": "gyro.g_sensitivity" in wanted, "lever": "lever" in wanted}
     sizes, damping = SIZES[free], 0.0
-    whiten = None
+    back = record.back(vector)
 
-    def at(vector, way, whiten):
-        model, w = model_of(vector), record.windows(vector)
+    def at(vector, way, back):
+        model, w = model_of(vector), record.windows(vector, back)
         found = inertial(model, w, **options)
-        whiten = whitened(found, noise, record.time, record.broken) if whiten is None else whiten
+        whiten, weight = whitened(found, noise, record.time, record.broken), counts[:, None] * record.kept(back)
         made = rows(way.states, w, found, model, whiten, weight / noise.mag, record.gravity, record.earth)
         prior, more = place.rows(way, record.time, rests.moving)
         if rests.windows.any():
             still, other = rests.rows(way, place)
             prior, more = prior + still, added(more, other)
         cost = 0.5 * float(np.sum(made.inertial**2) + np.sum(made.field**2) + np.sum(((vector - centre)[free] / sizes) ** 2)) + prior
-        return cost, made, more, whiten
+        return cost, made, more
 
-    cost, made, more, whiten = at(vector, way, whiten)
+    cost, made, more = at(vector, way, back)
 
     def equations(vector, made, more):
         chain = added(chain_of(made, free), more)
@@ -244,28 +268,27 @@ def solved(
         return dataclasses.replace(chain, corner=chain.corner + np.diag(sizes**-2.0), score=chain.score + off)
 
     chain = equations(vector, made, more)
-    done, step = False, 0
-    for step in range(steps):
+    done, taken = False, 0
+    for taken in range(1, steps + 1):  # noqa: B007
         known = chain.eliminated()
         while True:
             move = -np.linalg.solve(known.information + damping * np.diag(sizes**-2.0), known.score)
             promised = -0.5 * float(move @ known.score) - 0.5 * float(np.sum(chain.link_score * known.links(np.zeros(len(free)))))
             trial = vector.copy()
             trial[free] += move
-            if not np.all(np.abs(trial[[GYRO_DELAY, MAG_DELAY]]) < _REACH):
-                trial[[GYRO_DELAY, MAG_DELAY]] = np.clip(trial[[GYRO_DELAY, MAG_DELAY]], -_REACH, _REACH)
+            if not np.all(np.abs(trial[[GYRO_DELAY, MAG_DELAY]]) < REACH):
+                trial[[GYRO_DELAY, MAG_DELAY]] = np.clip(trial[[GYRO_DELAY, MAG_DELAY]], -REACH, REACH)
             there = way.moved(known.links(move))
-            found = at(trial, there, None)
+            found = at(trial, there, back)
             if found[0] <= cost * (1 + 1e-9) + 1e-6 or damping > 1e12:
                 break
             damping = max(10 * damping, 1.0)
         done = abs(promised) < _SETTLED
-        vector, way, cost, made, more, whiten = trial, there, *found
+        vector, way, (cost, made, more) = trial, there, found
+        if (moved := record.back(vector, back)) != back:
+            back, (cost, made, more) = moved, at(vector, way, moved)
         damping = damping / 10 if damping > 1 else 0.0
         chain = equations(vector, made, more)
         if done:
             break
-    return Solution(vector, way, cost, made, chain, step + 1, done, chain.eliminated(), free, weight)
-
-
-_REACH = 0.05  # s, the largest delay
+    return Solution(vector, way, cost, made, chain, taken, done, chain.eliminated(), free, counts, back, record.kept(back))

@@ -30,7 +30,7 @@ def started(record: Record, mag: np.ndarray) -> tuple[np.ndarray, Way, float]:
 
 
 def _ellipsoid(record: Record, mag: np.ndarray, vector: np.ndarray) -> tuple[np.ndarray, np.ndarray, float] | None:
-    """Soft iron, hard iron and strength by the norms, with rotation, bias and delay by the rates; None where the norms show no ellipsoid."""
+    """Soft iron, hard iron and strength by the norms; rotation, bias and delay by the rates. None where the norms show no ellipsoid."""
     there, rate = record.there, 1 / record.grid.step
     extent = np.linalg.svd(np.cov(mag[there].T), compute_uv=False)
     if extent[-1] < _PLANE**2 * extent[0]:
@@ -87,10 +87,11 @@ def undisturbed(record: Record, vector: np.ndarray) -> np.ndarray:
 
 def followed(record: Record, vector: np.ndarray) -> tuple[Way, float]:
     """Attitude by the gyroscope, drawn to the field and slowly to the vertical, forwards and then backwards; and the dip."""
-    model, w = model_of(vector), record.windows(vector)
+    back = record.back(vector)
+    model, w = model_of(vector), record.windows(vector, back)
     seen = inertial(model, w)
     fields = (w.field - model.magnetometer.hard_iron) @ np.linalg.inv(model.magnetometer.soft_iron).T
-    kept = record.there[record.grid.inner[:, :-1]]
+    kept = record.kept(back)
     ahead = np.einsum("kiab,kib->kia", seen.to_reading, fields) * kept[..., None]
     count = np.maximum(kept.sum(axis=1), 1)
     field, force = ahead.sum(axis=1) / count[:, None], seen.speed / record.time

@@ -14,14 +14,23 @@ _MOTIONS = {
     "magnetometer": "turn it about all three of its axes, through all attitudes",
 }
 _TITLES = {"accel": "accelerometer", "gyro": "gyroscope", "magnetometer": "magnetometer"}
-_WIDE = 1.0  # m from the middle
+_WIDE = 1.5  # m from the middle: a hand with a reach of 0.25 m along each axis goes to 1.1 m in three minutes
 _DELAY = 2e-3  # s
 
 
-def _sensor(name: str) -> str:
-    """Sensor that a parameter belongs to."""
+def sensor_of(name: str) -> str:
+    """Sensor that a parameter belongs to, with the delay of its stream; the field and its dip are the magnetometer's."""
     first = name.partition(".")[0]
     return {"gyro_delay": "gyro", "lever": "accel"}.get(first.partition("[")[0], first if first in _GOOD else "magnetometer")
+
+
+def _grouped(names: list[str]) -> str:
+    """Names with the entries of each field together: gyro.matrix[0,0 0,1]."""
+    fields: dict[str, list[str]] = {}
+    for name in names:
+        field, _, entry = name.partition("[")
+        fields.setdefault(field, []).append(entry.rstrip("]"))
+    return ", ".join(field + (f"[{' '.join(entries)}]" if entries[0] else "") for field, entries in fields.items())
 
 
 def judged(facts: dict[str, Any]) -> tuple[str, str, tuple[str, ...], dict[str, str]]:
@@ -29,8 +38,8 @@ def judged(facts: dict[str, Any]) -> tuple[str, str, tuple[str, ...], dict[str, 
     names, error = facts["names"], np.sqrt(np.diag(facts["covariance"]))
     verdicts, sentences, warnings = {}, [], []
     for sensor, (matrix, bias) in _GOOD.items():
-        lost = [name for name in facts["undetermined"] if _sensor(name) == sensor]
-        own = [i for i, name in enumerate(names) if _sensor(name) == sensor and name not in lost]
+        lost = [name for name in facts["undetermined"] if sensor_of(name) == sensor]
+        own = [i for i, name in enumerate(names) if sensor_of(name) == sensor and name not in lost]
         kinds = {"matrix": [], "bias": []}
         for i in own:
             what = names[i].partition(".")[2].partition("[")[0]
@@ -41,7 +50,7 @@ def judged(facts: dict[str, Any]) -> tuple[str, str, tuple[str, ...], dict[str, 
         verdicts[sensor] = "refused" if lost else "good" if worst[0] <= matrix and worst[1] <= bias else "weak"
         title = _TITLES[sensor]
         if lost:
-            sentences.append(f"The motion does not show {', '.join(lost)} of the {title}: {_MOTIONS[sensor]}.")
+            sentences.append(f"The motion does not show {_grouped(lost)} of the {title}: {_MOTIONS[sensor]}.")
         elif verdicts[sensor] == "weak":
             sentences.append(
                 f"The {title} is known to {100 * worst[0]:.2g} % and {_bias(sensor, worst[1])} only: record longer, and {_MOTIONS[sensor]}."
@@ -57,8 +66,8 @@ def judged(facts: dict[str, Any]) -> tuple[str, str, tuple[str, ...], dict[str, 
         verdicts["magnetometer"] = "refused" if verdicts["magnetometer"] == "refused" else "weak"
         if lack.name == "gradient":
             warnings.append(
-                f"The field varies with the place, by {100 * lack.size:.2g} % per metre (p = {max(lack.level, 1e-300):.1g}): go away from iron, or "
-                "move the device less."
+                f"The field varies with the place, by {100 * lack.size:.2g} % per metre (p = {max(lack.level, 1e-300):.1g}): go away from "
+                "iron, or move the device less."
             )
         else:
             warnings.append(
@@ -85,9 +94,8 @@ def judged(facts: dict[str, Any]) -> tuple[str, str, tuple[str, ...], dict[str, 
     if verdict == "good":
         sentences.append("The recording determines all three sensors.")
     elif not sentences:
-        sentences.append(
-            f"The {' and '.join(_TITLES[s] for s, w in verdicts.items() if w != 'good')} may be wrong by more than the intervals say: see the warnings."
-        )
+        doubtful = " and ".join(_TITLES[sensor] for sensor, word in verdicts.items() if word != "good")
+        sentences.append(f"The {doubtful} may be wrong by more than the intervals say: see the warnings.")
     elif good:
         sentences.append(f"The {' and '.join(good)} {'is' if len(good) == 1 else 'are'} good.")
     return verdict, " ".join(sentences), tuple(warnings), verdicts

@@ -89,8 +89,8 @@ class Grid:
         return self.first[:, None] + np.arange(self.steps + 1)
 
 
-def windows(grid: Grid, accel: Any, gyro: Any, mag: Any, gyro_delay: float, mag_delay: float) -> Windows:
-    """Windows of raw readings (n, 3) on one grid, for these delays in s."""
+def windows(grid: Grid, accel: Any, gyro: Any, mag: Any, gyro_delay: float, mag_delay: float, back: int | None = None) -> Windows:
+    """Windows of raw readings (n, 3) on one grid, for these delays in s; `back` as `steps_back` gives it, or near to that."""
     whole, h = grid.inner, grid.step
     late = gyro_delay / h
     shift = math.floor(late)
@@ -98,7 +98,7 @@ def windows(grid: Grid, accel: Any, gyro: Any, mag: Any, gyro_delay: float, mag_
     turn = integral(gyro, x, 1.0, index[:, :-1]) + integral(gyro, 0.0, x, index[:, 1:])
     # the reading j is the field at j - d: within the step that begins at i
     early = -mag_delay / h
-    back = math.floor(early)
+    back = steps_back(grid, mag_delay) if back is None else back
     part = early - back
     readings = whole[:, :-1] - back
     first, start = index[:, :-1], x
@@ -116,9 +116,9 @@ def windows(grid: Grid, accel: Any, gyro: Any, mag: Any, gyro_delay: float, mag_
     )  # fmt: skip
 
 
-def readings_of(grid: Grid, mag_delay: float) -> np.ndarray:
-    """(K, m) index of the reading of the magnetometer that falls into each step."""
-    return grid.inner[:, :-1] - math.floor(-mag_delay / grid.step)
+def steps_back(grid: Grid, mag_delay: float) -> int:
+    """Steps from a reading of the magnetometer to the step in which the field was as it reads."""
+    return math.floor(-mag_delay / grid.step)
 
 
 # ----------------------------------------------------------------------------------------------------------------------------------------

@@ -39,7 +39,7 @@ class Chain:
 
     def variances(self, covariance: np.ndarray, carried: np.ndarray) -> np.ndarray:
         """(K, n, n) covariances of the links, from that of the parameters and `Eliminated.carried`."""
-        count, size, _ = self.links.shape
+        count = len(self.links)
         pivots, gains = np.empty_like(self.links), np.empty_like(self.ties)
         pivots[0] = self.links[0]
         for k in range(count - 1):

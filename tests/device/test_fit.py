@@ -1,0 +1,131 @@
+"""`jaxcal.device.fit` against simulated devices: errors, what the motion leaves open, disturbed fields, files."""
+
+import functools
+
+import numpy as np
+import pytest
+
+import jaxcal
+from jaxcal.device import fit, simulate
+
+
+def leaf(model, name):
+    """A parameter of a model by its path."""
+    path, _, entry = name.partition("[")
+    for part in path.split("."):
+        model = getattr(model, part)
+    return float(np.asarray(model)[tuple(int(i) for i in entry.rstrip("]").split(","))] if entry else model)
+
+
+def errors(found, true):
+    """Error of every parameter that has a number, in standard errors."""
+    truth = np.array([leaf(true, name) for name in found.names])
+    return ((found.values - truth) / found.standard_error)[np.isfinite(found.values)]
+
+
+def assert_covered(z):
+    """Errors in standard errors that are those of normal variables, however they are correlated."""
+    assert np.sqrt(np.mean(z**2)) < 2.0
+    assert np.abs(z).max() < 4.5
+
+
+@functools.cache
+def free():
+    log, true, motion = simulate(60.0, 50.0, seed=11)
+    return log, true, motion, fit(log)
+
+
+def test_free_motion_determines_all_sensors_within_their_errors():
+    _, true, motion, found = free()
+    z = errors(found, true)
+    assert len(z) == 37
+    assert not found.undetermined
+    assert_covered(z)
+    assert 0.1 < found.reach < 0.5
+    # the attitude follows the truth
+    index = np.round(found.time * 50).astype(int)
+    away = np.einsum("kji,kjl->kil", motion.attitude[index], found.attitude)
+    assert np.rad2deg(np.arccos(np.clip((np.trace(away, axis1=1, axis2=2) - 1) / 2, -1, 1))).max() < 0.6
+
+
+def test_rests_make_the_accelerometer_several_times_better():
+    log, true, motion = simulate(60.0, 50.0, seed=11, rests=8, still=3.0)
+    found = fit(log)
+    assert_covered(errors(found, true))
+    bias = [found.names.index(f"accel.bias[{i}]") for i in range(3)]
+    assert found.standard_error[bias].max() < free()[-1].standard_error[bias].max() / 4
+    # what it names as rests is rest
+    inside = np.zeros(len(log.time), dtype=bool)
+    for start, stop in found.rests:
+        inside |= (log.time > start) & (log.time < stop)
+    assert np.mean(motion.resting[inside]) > 0.98
+    assert np.mean(inside[motion.resting]) > 0.5
+
+
+def test_turns_about_one_axis_leave_parameters_without_numbers():
+    found = fit(simulate(40.0, 25.0, seed=3, turns="one axis")[0])
+    assert found.verdict == "refused"
+    assert "turn it about all three" in found.reason
+    lost = [found.names.index(name) for name in found.undetermined]
+    assert set(found.undetermined) >= {"gyro.matrix[0,0]", "magnetometer.soft_iron[0,0]"}
+    assert np.isnan(found.values[lost]).all()
+    document = found.to_dict()
+    assert all(document["values"][i] is None and document["covariance"][i][i] is None for i in lost)
+    # the model has no numbers from nowhere
+    assert leaf(found.model, "gyro.matrix[0,0]") == 1
+    assert leaf(found.model, "magnetometer.soft_iron[0,0]") == 1
+    with pytest.raises(jaxcal.DataError, match="refused"):
+        jaxcal.Calibration(magnetometer=found)
+
+
+def test_a_stretch_beside_iron_is_named_and_left_out():
+    log, true, _ = simulate(60.0, 50.0, seed=11, iron=(25.0, 32.0, 0.3))
+    found = fit(log)
+    assert all(24.8 < start < stop < 32.2 for start, stop in found.disturbed)
+    assert sum(stop - start for start, stop in found.disturbed) > 4
+    assert "disturbed" in " ".join(found.warnings)
+    assert np.abs(errors(found, true)).max() < 4.5
+
+
+def test_a_field_that_varies_with_the_place_is_said():
+    found = fit(simulate(60.0, 50.0, seed=11, gradient=0.05)[0])
+    assert found.verdicts["magnetometer"] != "good"
+    assert "varies with the place" in " ".join(found.warnings)
+
+
+def test_a_loose_magnetometer_is_said():
+    found = fit(simulate(60.0, 50.0, seed=11, soft_mount=6.0)[0])
+    assert found.verdicts["magnetometer"] != "good"
+    assert "turns against the other sensors" in " ".join(found.warnings)
+
+
+def test_a_calibration_takes_the_sensors_and_corrects_the_log(tmp_path):
+    log, _, motion, found = free()
+    calibration = jaxcal.Calibration(imu=found, magnetometer=found)
+    calibration.save(tmp_path / "device.json")
+    corrected = jaxcal.Calibration.load(tmp_path / "device.json").correct(log)
+    assert np.abs(np.mean(corrected.accel - motion.force, axis=0)).max() < 0.03
+    assert abs(np.median(np.linalg.norm(corrected.mag, axis=1)) / found.model.field - 1) < 1e-3
+    found.save(tmp_path / "fit.json")
+    assert (tmp_path / "fit.json").stat().st_size > 1000
+    assert "gyro_delay" in found.summary()
+
+
+def test_missing_samples_and_a_slow_magnetometer_cost_little():
+    log, true, _, found = free()
+    accel, gyro, mag = (np.array(x) for x in (log.accel, log.gyro, log.mag))
+    mag[np.arange(len(mag)) % 5 != 0] = np.nan
+    accel[700:701], gyro[900:940] = np.nan, np.nan
+    part = fit(jaxcal.Log(None, accel=accel, gyro=gyro, mag=mag, rate=50.0))
+    assert_covered(errors(part, true))
+    assert part.standard_error[:9].max() < 1.5 * found.standard_error[:9].max()
+
+
+def test_wrong_calls_say_what_is_expected():
+    log = free()[0]
+    with pytest.raises(jaxcal.DataError, match=r"9\.76 to 9\.84"):
+        fit(log, gravity=1.0)
+    with pytest.raises(jaxcal.DataError, match="20 s are needed"):
+        fit(log.select(0, 10))
+    with pytest.raises(jaxcal.DataError, match="no mag"):
+        fit(jaxcal.Log(None, accel=log.accel, gyro=log.gyro, rate=50.0))
