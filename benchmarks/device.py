@@ -133,7 +133,9 @@ def _single(log, truth):
     if alone.gyro is not None:
         error[9:18] = np.ravel(alone.gyro.matrix) - truth[9:18]
         error[18:21] = alone.gyro.bias - truth[18:21]
-    error[30:33] = np.asarray(jaxcal.magnetometer.fit(log.mag).model.hard_iron) - truth[30:33]
+    iron = jaxcal.magnetometer.fit(log.mag).model
+    if iron is not None:
+        error[30:33] = np.asarray(iron.hard_iron) - truth[30:33]
     return error
 
 
