@@ -10,7 +10,9 @@ from .._log import as_log
 from .._precision import host_float64
 from .._units import STANDARD_GRAVITY
 from ..imu import windowed_variance
+from ..imu._fits import coefficients
 from ..magnetometer import MagModel
+from ..noise import Noise as SlowNoise
 from ._contribution import shares
 from ._judge import known, lacks, stretches, unseen
 from ._model import DeviceModel
@@ -58,7 +60,10 @@ def fit(
     field : strength of the Earth's field in the unit of the readings, where the size of the soft iron is wanted too.
     latitude : rad, to account for the Earth's rate; None leaves it out.
     g_sensitivity, lever : whether to fit the gyroscope's sensitivity to specific force, and the places of the accelerometer's elements.
-    noise : {"gyro": N, "accel": N} densities in rad/sqrt(s) and m/s/sqrt(s); None takes them from the fast differences of the readings.
+    noise : {"gyro": noise, "accel": noise}, each a `jaxcal.noise.Noise` or {"N": ..., "B": ..., "K": ...} in SI; or what
+        `jaxcal.noise.characterise` returns, or a `Calibration` with noise. Flicker and random walk then count in the errors of the biases,
+        as those of a mean over a day: one recording cannot show them by itself. None takes white noise from the fast differences of the
+        readings, and no slow noise.
 
     Returns
     -------
@@ -89,13 +94,18 @@ def fit(
     if log.duration < _LEAST:
         raise DataError(f"The recording lasts {log.duration:.3g} s; {_LEAST:g} s are needed, and three minutes are advised.")
     record, level, mag = recorded(log, float(gravity), REACH, None if latitude is None else float(latitude))
+    slow: dict[str, SlowNoise] = {}
     if noise is not None:
-        level = Noise(float(noise.get("gyro", level.gyro)), float(noise.get("accel", level.accel)), level.mag)
+        white = {}
+        for sensor in ("gyro", "accel"):
+            white[sensor], flicker, walk = coefficients(noise, sensor)
+            slow[sensor] = SlowNoise(B=flicker, K=walk)
+        level = Noise(white["gyro"] or level.gyro, white["accel"] or level.accel, level.mag)
     vector, way, strength = started(record, mag)
     held = (*_HELD, *(() if g_sensitivity else ("gyro.g_sensitivity",)), *(() if lever else ("lever",)))
     free = np.array([i for i, name in enumerate(NAMES) if name.partition("[")[0] not in held and name not in _BELOW])
     found, place, rests, level = _rounds(record, vector, way, free, level)
-    return _result(log, record, found, place, rests, level, strength, None if field is None else float(field))
+    return _result(log, record, found, place, rests, level, strength, None if field is None else float(field), slow)
 
 
 def _rounds(record: Record, vector: Any, way: Any, free: Any, level: Noise) -> tuple[Solution, Place, Rests, Noise]:
@@ -165,9 +175,10 @@ def _rests(record: Record, vector: np.ndarray) -> Rests:
 
 
 def _result(
-    log: Any, record: Record, found: Solution, place: Place, rests: Rests, level: Noise, strength: float, field: float | None
-) -> DeviceFit:
-    told = known(found, place, rests, record.time)
+    log: Any, record: Record, found: Solution, place: Place, rests: Rests, level: Noise, strength: float, field: float | None,
+    slow: dict[str, SlowNoise],
+) -> DeviceFit:  # fmt: skip
+    told = known(found, place, rests, record.time, slow)
     fitted = tuple(np.array(NAMES)[found.free].tolist())
     sensors, slope = gauged(found.vector, found.free, fitted, strength, field)
     covariance = slope @ told.covariance @ slope.T

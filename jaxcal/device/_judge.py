@@ -7,8 +7,9 @@ import numpy as np
 import scipy  # loads its parts when they are first used
 
 from ..fitting import Chain, leave_out_pieces
+from ..noise import Noise
 from ._contribution import kinds_of, terms_of
-from ._normal import inertial, skew
+from ._normal import ACCEL_BIAS, GYRO_BIAS, inertial, skew
 from ._solve import SIZES, Place, Record, Rests, Solution
 from ._windows import NAMES
 
@@ -16,6 +17,7 @@ _PIECES, _PARTS = 24, 6
 _CHANCE = 0.003  # of taking white noise for correlated
 _UNSEEN = 0.2  # of the standard deviation beforehand: what is known no better was not determined
 _LOOSE, _DEPENDS = 5.0, 1.2  # with a prior so many times as wide, an error grows by this where it stands on the prior
+_LINES, _DAY = 200, 86400.0  # of a bias that wanders; s
 _LACK = 1e-3  # level of the tests for terms that the model lacks
 
 
@@ -30,13 +32,13 @@ class Known:
     terms: dict[str, np.ndarray]  # kind of motion -> (p, p) its part of the covariance
 
 
-def known(found: Solution, place: Place, rests: Rests, time: float) -> Known:
+def known(found: Solution, place: Place, rests: Rests, time: float, wander: dict[str, Noise]) -> Known:
     """Errors from the information where parts of the recording agree, and else from fits without parts of it.
 
     The score of a part is that of its residuals with the way at its best, so that it has the information of the part as its covariance
-    where noise is as the model says.
+    where noise is as the model says. `wander` is the slow noise of a sensor's bias, where it is given: it adds to the errors.
     """
-    normal, score = _by_window(found, place, rests, time)
+    normal, score, pushed = _by_window(found, place, rests, time)
     hats, scores = _pieces(normal), _pieces(score)
     whole = found.eliminated.information
     prior = np.diag(SIZES[found.free] ** -2.0)
@@ -57,7 +59,25 @@ def known(found: Solution, place: Place, rests: Rests, time: float) -> Known:
         apart = leave_out_pieces(hats, scores, prior)
         if np.isfinite(apart).all():
             return Known(apart + matrix @ prior @ matrix, _PARTS - 1, ratio, seen, terms)
-    return Known(matrix * max(ratio, 1.0), np.inf, ratio, seen, terms)
+    more = np.zeros_like(matrix)
+    for sensor, noise in wander.items():
+        more = more + _wandering(pushed[sensor], noise, time)
+    return Known(matrix * max(ratio, 1.0) + matrix @ more @ matrix, np.inf, ratio, seen, terms)
+
+
+def _wandering(pushed: np.ndarray, noise: Noise, time: float) -> np.ndarray:
+    """(p, p) variance of the score by a bias that wanders: `pushed` (K, p, 3) is by how much one in a window changes it.
+
+    Flicker has no mean of its own: the bias that is wanted is the mean over a day, within which a calibration is used.
+    """
+    count = len(pushed)
+    edges = np.geomspace(1 / _DAY, 1 / (2 * time), _LINES + 1)
+    middle, width = np.sqrt(edges[1:] * edges[:-1]), np.diff(edges)
+    power = 2 * np.asarray(noise.psd(middle)) * width
+    angle = 2 * np.pi * time * np.arange(count)[:, None] * middle
+    waves = np.concatenate([np.cos(angle), np.sin(angle)], axis=1) * np.sqrt(np.tile(power, 2))
+    felt = np.einsum("kpa,kl->pal", pushed, waves, optimize=True)
+    return np.einsum("pal,qal->pq", felt, felt, optimize=True)
 
 
 def unseen(found: Solution) -> np.ndarray:
@@ -74,8 +94,8 @@ def _pieces(values: np.ndarray) -> np.ndarray:
     return np.array([values[a:b].sum(axis=0) for a, b in itertools.pairwise(edges)])
 
 
-def _by_window(found: Solution, place: Place, rests: Rests, time: float) -> tuple[np.ndarray, np.ndarray]:
-    """J'J (K, p, p) and J'r (K, p) of all windows, with the derivative of the way in J."""
+def _by_window(found: Solution, place: Place, rests: Rests, time: float) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+    """J'J (K, p, p) and J'r (K, p) of all windows, with the derivative of the way in J; what a bias there adds to J'r (K, p, 3)."""
     free, carried, rows = found.free, -found.eliminated.carried, found.rows
     size, count = len(NAMES), len(rows.inertial)
     first, second = carried[:-1], carried[1:]
@@ -106,7 +126,12 @@ def _by_window(found: Solution, place: Place, rests: Rests, time: float) -> tupl
     start = carried[0][at]
     normal[0] += np.einsum("xap,ab,xbq->pq", start, begin, start)
     score[0] += np.einsum("xap,ab,bx->p", start, begin, x[0])
-    return normal, score
+    pushed = {}
+    for sensor, first in (("accel", ACCEL_BIAS), ("gyro", GYRO_BIAS)):
+        own = slice(first, first + 3)
+        alone = np.concatenate([by[:, :, own], rows.field_by[..., own].reshape(count, -1, 3)], axis=1)
+        pushed[sensor] = np.swapaxes(j[:, : alone.shape[1]], 1, 2) @ alone
+    return normal, score, pushed
 
 
 @dataclasses.dataclass(frozen=True)
