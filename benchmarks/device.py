@@ -39,7 +39,7 @@ def _ar1(deviation):
 
 @dataclasses.dataclass(frozen=True)
 class Cell:
-    """Options of `simulate`, what the bound knows (None: no bound is computed), options of `fit`, and the flicker (accel, gyro) that is added."""
+    """Options of `simulate`, what the bound knows (None: no bound), options of `fit`, and flicker (accel, gyro) that is added."""
 
     motion: dict
     known: bound.Setting | None = None
