@@ -204,6 +204,7 @@ def simulate_device(
     """
     _check_size(rate, duration)
     given = {f"{sensor}_noise": noise for sensor, noise in noises(gyro, accel).items()}
+    kinds: dict[str, Any] = {"free": "free", "one-axis": "one axis", "no-tilt": "no tilt"}
     said: list[str] = []
 
     def make(_: Any) -> tuple[Any, dict[str, Any]]:
@@ -212,7 +213,7 @@ def simulate_device(
 
         try:
             log, model, _ = simulate(
-                duration, rate, seed=running.seed, rests=rests, initial=initial, held=held, turns=turns.replace("-", " "), reach=reach,
+                duration, rate, seed=running.seed, rests=rests, initial=initial, held=held, turns=kinds[turns], reach=reach,
                 gradient=gradient, soft_mount=soft_mount, **given,
             )  # fmt: skip
         except DataError as error:
