@@ -56,7 +56,7 @@ def test_two_operators_who_differ_are_a_weak_study():
     assert few.verdict == "weak"
     assert "standard deviation of operator may be" in few.warnings[0]
     assert "1 degree of freedom" in few.warnings[0]
-    # two operators who agree leave nothing open that matters
+    # if two operators agree, their number does not limit the result
     rng = np.random.default_rng(1)
     x = rng.normal(size=(1, 1, 10)) + 0.1 * rng.normal(size=(2, 3, 10))
     assert gauge((x - x.mean(axis=(1, 2), keepdims=True)).ravel(), part, operator).verdict == "good"
