@@ -73,9 +73,9 @@ def test_what_another_spectrum_explains_as_well_is_a_hint_that_names_it(term):
             assert cause in notes[0]
             assert found.verdict[term] == "hint"
             assert found.interval[term][0] == 0.0
-    assert false <= 2  # in 3 % of records twice as long
+    assert false <= 2  # for records twice as long, 3 % of the verdicts are false
     assert hints >= 2
-    assert covered >= 6  # of 8 at 95 %
+    assert covered >= 6  # of 8 intervals of 95 %
 
 
 @pytest.mark.long
