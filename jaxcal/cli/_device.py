@@ -1,4 +1,4 @@
-"""`jaxcal device`: accelerometer, gyroscope and magnetometer together, from one log by hand."""
+"""`jaxcal device`: calibrate accelerometer, gyroscope and magnetometer together from one log of motion by hand."""
 
 import math
 from collections.abc import Sequence
@@ -27,7 +27,7 @@ _SENSORS = (
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class DeviceWriting:
-    """Where results go. Without any of these, into the folder LOG-device, all of them."""
+    """Where results go. By default all go into the folder LOG-device."""
 
     out: Annotated[Path | None, Parameter(help="Folder for the files, made if it is missing.")] = None
     json: Annotated[Path | None, Parameter(help="Models, intervals, attitude, residuals and verdicts as JSON.")] = None
@@ -57,9 +57,9 @@ def device(
 ) -> None:
     """Calibrate accelerometer, gyroscope and magnetometer together.
 
-    Wave the device for three minutes, through all attitudes and within
-    your reach, far from iron. Lay it down now and then: rests make the
-    accelerometer ten times better.
+    Stay in one place and move the device by hand for three minutes
+    through all attitudes, far from iron. Lay it down several times:
+    rests make the accelerometer's result ten times more accurate.
     """
     options = {"gravity": gravity, "latitude": latitude, "height": height, "field": field, "name": name, "lever": lever}
     options |= {"g_sensitivity": g_sensitivity}
@@ -102,7 +102,7 @@ def device(
 
 
 def _tables(screen: Screen, found: Any) -> None:
-    """Matrix and offset of every sensor, delays, and the verdict on each."""
+    """Print matrix and offset of every sensor with its verdict, delays, dip and field, and the overall verdict."""
     known = {row.name: row for row in found._rows()}
 
     def cell(key: str, size: float = 1.0) -> str:

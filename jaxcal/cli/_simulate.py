@@ -196,11 +196,11 @@ def simulate_device(
     ] = None,
     running: Running = Running(),
 ) -> None:
-    """A log of accelerometer, gyroscope and magnetometer waved by hand.
+    """Simulate accelerometer, gyroscope and magnetometer, moved by hand.
 
-    Scale factors, misalignment, biases, hard and soft iron and delays are
-    those of a consumer's MEMS device, drawn with the seed. They are
-    printed: the truth to hold a calibration against.
+    The seed determines scale factors, misalignment, biases, hard and
+    soft iron and delays, which are those of a consumer MEMS device. The
+    command prints them, for comparison with a calibration.
     """
     _check_size(rate, duration)
     given = {f"{sensor}_noise": noise for sensor, noise in noises(gyro, accel).items()}
@@ -229,7 +229,7 @@ def simulate_device(
 
 
 def _told(model: Any) -> list[str]:
-    """The truth of a simulated device, a line each for what the sensors read per unit and at zero."""
+    """Lines with the true parameters of a simulated device: matrices, biases, field and delays."""
     parts = (
         ("accelerometer", model.accel.matrix, model.accel.bias, 1.0, "m/s^2"),
         ("gyroscope", model.gyro.matrix, model.gyro.bias, 1 / _DEG, "deg/s"),

@@ -1,4 +1,4 @@
-"""A device calibrated from one recording, as sections of a page, and as JSON can say it."""
+"""Sections of the page of a device calibrated from one recording, and its JSON document."""
 
 import importlib.metadata
 from typing import Any
@@ -12,8 +12,8 @@ from ..device import DeviceFit
 from ._charts import Chart, Curve, charts
 from ._html import Markup, definitions, join, numbers, provenance, recording, scroll, section, table, tag, warnings_of
 
-_MOST = 300  # points of a curve
-_ROWS = 100  # of the table behind the figures
+_MOST = 300  # largest number of points of a curve
+_ROWS = 100  # largest number of rows of the table behind the figures
 _DEGREE = np.pi / 180
 _MEANING = (
     ("Frame", "The axes are those of the accelerometer: its x axis, and its y axis in their plane. The matrices of gyroscope and "
@@ -24,7 +24,7 @@ _MEANING = (
     ("Contribution", "The share of the rests, of the slower and of the faster half of the motion in what is known of a parameter. "
      "The shares of a parameter add up to 100 %."),
 )  # fmt: skip
-#: heading, fields of matrix and offset, size and name of the unit in which the offset is shown
+#: heading, names of matrix and offset, size and name of the unit in which the offset is shown
 _SENSORS = (
     ("Accelerometer", "accel.matrix", "accel.bias", 1.0, "m/s²"),
     ("Gyroscope", "gyro.matrix", "gyro.bias", _DEGREE, "deg/s"),
@@ -37,7 +37,7 @@ _OTHERS = (
 
 
 def document(found: DeviceFit, log: Log | None) -> dict[str, Any]:
-    """A calibration of a device as a dictionary for JSON; what the recording does not determine is None."""
+    """Document for JSON, schema "jaxcal.device/1"; parameters that the recording does not determine are None."""
     parameters = {
         name: None if name in found.undetermined else {"value": plain(value), "low": plain(low), "high": plain(high)}
         for name, (value, low, high) in _known(found).items()
@@ -54,17 +54,17 @@ def document(found: DeviceFit, log: Log | None) -> dict[str, Any]:
 
 
 def summary(found: DeviceFit) -> list[tuple[str, str, Any]]:
-    """What it is of, its verdict in a word, and what that means."""
+    """The sensors, the verdict, and its reason, as one row."""
     return [("Accelerometer, gyroscope and magnetometer", found.verdict, found.reason)]
 
 
 def _unit_of_field(found: DeviceFit) -> tuple[float, str]:
-    """Size and name of the unit in which fields are shown: uT where the readings are teslas."""
+    """Size and name of the unit in which fields are shown: uT if the readings are in teslas."""
     return (1e-6, "µT") if found.model is not None and float(found.model.field) < 1e-2 else (1.0, "of the readings")
 
 
 def page(found: DeviceFit, log: Log | None, version: str) -> tuple[str, str, Markup]:
-    """What the page is on, the line below its title, and its sections; of a refused calibration the reason alone."""
+    """Subject of the page, the line below its title, and its sections; of a refused one only reason and recording."""
     lead = f"{found.duration:.4g} s at {found.rate:.6g} Hz"
     badge = tag("span", found.verdict, class_="badge present" if found.verdict == "good" else "badge hint")
     verdict = tag("p", badge, " ", found.reason)
@@ -89,7 +89,7 @@ def page(found: DeviceFit, log: Log | None, version: str) -> tuple[str, str, Mar
 
 
 def _known(found: DeviceFit) -> dict[str, tuple[float, float, float]]:
-    """Name of a parameter -> value and interval."""
+    """Name of a parameter -> value and limits of its interval."""
     return {
         name: (float(value), float(low), float(high))
         for name, value, (low, high) in zip(found.names, np.asarray(found.values), np.asarray(found.interval), strict=True)
@@ -97,7 +97,7 @@ def _known(found: DeviceFit) -> dict[str, tuple[float, float, float]]:
 
 
 def _verdicts(found: DeviceFit) -> Markup:
-    """The verdict on every sensor."""
+    """Table of the verdict on every sensor."""
     names = {"accel": "Accelerometer", "gyro": "Gyroscope", "magnetometer": "Magnetometer"}
     rows = [
         (names[sensor], tag("span", verdict, class_="badge present" if verdict == "good" else "badge hint"))
@@ -107,7 +107,7 @@ def _verdicts(found: DeviceFit) -> Markup:
 
 
 def _cell(known: dict[str, tuple[float, float, float]], name: str, size: float = 1.0) -> Markup:
-    """A value and its interval, to the second digit of its half."""
+    """Cell with a value and its interval, rounded to the second digit of the interval's half-width."""
     value, low, high = (part / size for part in known.get(name, (0.0, 0.0, 0.0)))
     if not np.isfinite(low):
         return tag("span", "not determined", class_="small")
@@ -118,7 +118,7 @@ def _cell(known: dict[str, tuple[float, float, float]], name: str, size: float =
 
 
 def _tables(found: DeviceFit) -> list[Markup]:
-    """Matrix and offset of every sensor, then delays and dip."""
+    """Tables of matrix and offset of every sensor, and of delays and dip."""
     known, (field, unit) = _known(found), _unit_of_field(found)
     tables = []
     for name, matrix, offset, size, own in _SENSORS:
@@ -134,7 +134,7 @@ def _tables(found: DeviceFit) -> list[Markup]:
 
 
 def _stretches(found: DeviceFit, values: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Times, means, lowest and highest values of at most `_MOST` stretches of the windows; NaN where a stretch has no value."""
+    """Combine the windows to at most `_MOST` groups: their times, means, lowest and highest values; NaN for a group without values."""
     time, values = np.asarray(found.time)[:-1], np.asarray(values, dtype=float)
     starts = np.arange(0, len(values), max(-(-len(values) // _MOST), 1))
     count = np.add.reduceat(np.isfinite(values).astype(float), starts)
@@ -144,7 +144,7 @@ def _stretches(found: DeviceFit, values: Any) -> tuple[np.ndarray, np.ndarray, n
 
 
 def _lines(found: DeviceFit, values: Any, names: str = "xyz", first: int = 0) -> list[Curve]:
-    """A line for each column, with the band from its lowest to its highest value."""
+    """A line for each column of `values`, with a band from its lowest to its highest value."""
     curves = []
     for i, name in enumerate(names):
         time, mean, low, high = _stretches(found, np.asarray(values)[:, i])
@@ -153,7 +153,7 @@ def _lines(found: DeviceFit, values: Any, names: str = "xyz", first: int = 0) ->
 
 
 def _way(found: DeviceFit) -> list[Chart]:
-    """Attitude and place along the recording."""
+    """Charts of attitude and position during the recording."""
     attitude = np.asarray(found.attitude)
     up, north = attitude[:, 2], attitude[:, 0]
     marks = _edges(found)
@@ -175,12 +175,12 @@ def _way(found: DeviceFit) -> list[Chart]:
 
 
 def _edges(found: DeviceFit) -> list[float]:
-    """Where disturbed stretches begin and end, s."""
+    """Times at which disturbed intervals begin and end, s."""
     return sorted({float(edge) for start, stop, *_ in found.disturbed for edge in (start, stop)})
 
 
 def _residuals(found: DeviceFit) -> list[Chart]:
-    """What each sensor leaves, window by window."""
+    """Charts of the residuals of each sensor in every window."""
     step, marks = float(np.median(np.diff(found.time))), _edges(found)
     size, unit = _unit_of_field(found)
     percent = float(found.model.field) / 100  # type: ignore[union-attr]
@@ -199,7 +199,7 @@ def _residuals(found: DeviceFit) -> list[Chart]:
 
 
 def _numbers(found: DeviceFit) -> Markup:
-    """The numbers behind the figures, for some of the windows."""
+    """Table of the residuals in a subset of the windows."""
     size, unit = _unit_of_field(found)
     pick = np.unique(np.linspace(0, len(found.time) - 2, min(len(found.time) - 1, _ROWS)).astype(int))
     kinds = (("turn", ""), ("velocity", ""), ("field", f" ({unit})"))
@@ -210,7 +210,7 @@ def _numbers(found: DeviceFit) -> Markup:
 
 
 def _stretches_of(found: DeviceFit) -> list[Markup]:
-    """Rests and disturbed stretches, as sentences."""
+    """Sentences that list the rests and the disturbed intervals."""
     parts = []
     for what, spans in (("Rests", found.rests), ("Disturbed stretches, which count less or not at all", found.disturbed)):
         if spans:
@@ -219,7 +219,7 @@ def _stretches_of(found: DeviceFit) -> list[Markup]:
 
 
 def _contributions(found: DeviceFit) -> Markup:
-    """The share of each kind of motion in what is known."""
+    """Section with the contribution of each kind of motion to the information on the parameters."""
     groups = {
         "Accelerometer, matrix": "accel.matrix", "Accelerometer, bias": "accel.bias", "Gyroscope, matrix": "gyro.matrix",
         "Gyroscope, bias": "gyro.bias", "Soft iron and rotation": "magnetometer.soft_iron", "Hard iron": "magnetometer.hard_iron",

@@ -1,4 +1,4 @@
-"""`Accumulator` against `deviation` of the whole record: any chunking, any merging, gaps; strides; noise types; bad input."""
+"""`Accumulator` agrees with `deviation` of the whole record for any chunks, merges and gaps; strides, noise types, bad input."""
 
 import math
 
@@ -19,7 +19,7 @@ M = [1, 2, 3, 5, 8, 13, 21, 34]
 
 @pytest.fixture
 def short_pieces(monkeypatch):
-    """Pieces of 64 samples instead of a million, so that short records span many."""
+    """Process pieces of 64 samples instead of a million, so that short records have many pieces."""
     monkeypatch.setattr(_phase_stream, "PIECE", 64)
 
 
@@ -47,7 +47,7 @@ def same(found, whole):
     np.testing.assert_allclose(found.deviation, whole.deviation, rtol=1e-12)
 
 
-LENGTHS = st.integers(102, 400)  # every cluster size has a difference; shorter records are below, at a stride
+LENGTHS = st.integers(102, 400)  # long enough that every cluster size has a difference; tests with a stride use shorter records
 CUTS = st.lists(st.integers(0, 400), max_size=12)
 SEEDS = st.integers(0, 2**32 - 1)
 GAPS = st.integers(0, 4)
@@ -64,7 +64,7 @@ def test_any_chunking_gives_the_deviation_of_the_whole(short_pieces, kind, lengt
     assert acc.samples == length
     found = acc.result()
     same(found, whole)
-    alike = np.minimum(found.alpha, 1) == np.minimum(whole.alpha, 1)  # R(n), which a stream does not form, tells 1 from 2
+    alike = np.minimum(found.alpha, 1) == np.minimum(whole.alpha, 1)  # only R(n), which a stream lacks, tells 1 from 2
     assert alike.all()
     equal = found.alpha == whole.alpha
     np.testing.assert_allclose(found.edf[equal], whole.edf[equal], rtol=1e-12)
@@ -83,7 +83,7 @@ def test_merged_parts_give_the_deviation_of_the_whole(short_pieces, kind, length
         place = begin if kind in ("adev", "hdev") else None
         parts.append(fed(part, sorted(c for c in cuts if c < len(part)), kind=kind, start=place))
         begin += len(part)
-    while len(parts) > 1:  # from the left, or from the right
+    while len(parts) > 1:  # merge from the left or from the right
         parts = [parts[0].merge(parts[1]), *parts[2:]] if left else [*parts[:-2], parts[-2].merge(parts[-1])]
     same(parts[0].result(), deviation(y, 10.0, kind=kind, m=M))
     more = record(50, seed + 1, 0, 9.81)
@@ -94,7 +94,7 @@ def test_merged_parts_give_the_deviation_of_the_whole(short_pieces, kind, length
 @slow
 @hypothesis.given(length=st.integers(3, 2400), border=st.integers(1, 2399), place=st.booleans(), seed=SEEDS, gaps=GAPS)
 def test_strides_are_the_plain_definition_however_chunked_and_merged(short_pieces, kind, length, border, place, seed, gaps):
-    """Every difference at a stride by hand; parts that know their place, or that begin at a multiple of the largest stride."""
+    """Differences at a stride agree with the definition, for parts with a known start or that begin at a multiple of the stride."""
     m = np.array([1, 100, 300, 701])
     stride = [1, 1, 2, 4]
     y = record(length, seed, gaps, 9.81)
@@ -176,11 +176,11 @@ def test_it_is_frozen_and_may_branch():
 
 
 def test_a_wandering_mean_costs_no_digits(short_pieces):
-    """Steps of the mean of 1e6 times the noise, long past: the latest differences keep their digits, against extended precision."""
+    """After an earlier step of the mean by 1e6 times the noise, later differences agree with extended precision."""
     random = np.random.default_rng(4)
     y = random.standard_normal(20_000)
     y[:5000] += 1e6
-    y[3000] = np.nan  # so that the step can be cut out
+    y[3000] = np.nan  # so that the part with the step can be separated
     y[4900:5100] = np.nan
     found = Accumulator(1.0, [1, 30]).update(y).result()
     theta = np.cumsum(np.nan_to_num(y.astype(np.longdouble) - np.where(np.arange(len(y)) < 5000, 1e6, 0.0)))
@@ -193,7 +193,7 @@ def test_a_wandering_mean_costs_no_digits(short_pieces):
 
 @pytest.mark.parametrize("term", ["N", "B", "K"])
 def test_the_stride_costs_less_than_one_per_cent(term):
-    """Exact variance of the mean of the squares, every start against every s-th, summed over the covariance of two differences."""
+    """Compare the exact variances of the mean square for all starts and for every s-th, from the covariance of two differences."""
 
     lagged = next(part.lagged for name, _, part in Noise().parts if name == term)
 
@@ -204,9 +204,9 @@ def test_the_stride_costs_less_than_one_per_cent(term):
         return np.sum((number - np.abs(h / s)) * c**2) / number**2
 
     for m in (65_537, 131_071):
-        s = 2 ** int(np.log2(m // 128)) if m > 65_536 else 1  # the largest power of two with 128 starting points to a cluster
+        s = 2 ** int(np.log2(m // 128)) if m > 65_536 else 1  # the largest power of two with 128 starting points per cluster
         assert m / 256 < s <= m / 128
-        for n in (2 * m + s - 1, 2 * m + 40 * s, 3 * m, 8 * m):  # the first has a single start, instead of s
+        for n in (2 * m + s - 1, 2 * m + 40 * s, 3 * m, 8 * m):  # the first length has a single start instead of s
             loss = variance(n, m, s) / variance(n, m, 1) - 1
             assert loss < (0.001 if n > 2 * m + s else 0.01), (m, n, loss)
 
@@ -326,7 +326,7 @@ def test_messages_about_parts_that_do_not_join():
     odd = Accumulator(1.0, [1, 7], kind="adev")
     with pytest.raises(DataError, match=r"start=100\), or cut the record at a multiple of 7 samples"):
         odd.update(y).merge(odd.update(y))
-    # a cluster size that neither part can have yet is not followed any more, and that is said
+    # a cluster size for which both parts are too short is dropped with a message
     far = Accumulator(1.0, [1, 70_000])
     found = far.update(y).merge(far.update(y)).update(np.tile(y, 2000)).result()
     assert found.m.tolist() == [1]

@@ -1,4 +1,4 @@
-"""Every cluster size of a record at once, against sums in extended precision, and the guard against rounding."""
+"""All cluster sizes of a record at once agree with sums in extended precision; the guard against rounding errors."""
 
 import hypothesis
 import hypothesis.strategies as st
@@ -14,7 +14,7 @@ OVERLAPPED = ("oadev", "mdev", "ohdev")
 
 
 def differences(y, m, name):
-    """Differences of the phase, or of its running sum, in extended precision, and the factor from their mean square to the variance."""
+    """Differences of the phase or of its running sum in extended precision, and the factor from their mean square to the variance."""
     order, modified = 3 if name.endswith("hdev") else 2, name in ("mdev", "tdev")
     y = y.astype(np.longdouble)
     d = np.concatenate([[np.longdouble(0)], np.cumsum(y - y.mean())])
@@ -27,7 +27,7 @@ def differences(y, m, name):
 
 
 def truth(y, sizes, name):
-    """Deviation at rate 1 in extended precision."""
+    """Deviation for a rate of 1, computed in extended precision."""
     found = []
     for m in (int(size) for size in sizes):
         d, scale = differences(y, m, name)
@@ -58,7 +58,7 @@ def test_a_million_samples(kind, colour):
     found = deviation(y, 1.0, kind=kind, m="all")
     assert len(found.m) == (len(y) + (kind == "mdev")) // (2 if kind in ("adev", "oadev") else 3)
     chosen = np.unique(np.concatenate([np.round(np.geomspace(1, len(found.m), 12)).astype(int), len(found.m) - np.array([0, 40])])) - 1
-    # at the smallest cluster sizes of a random walk the rounding of the phase shows, whichever way it is summed: 1e-8 there
+    # at the smallest cluster sizes of a random walk, rounding of the phase causes errors of 1e-8 for any order of summation
     np.testing.assert_allclose(found.deviation[chosen], truth(y, found.m[chosen], kind), rtol=1e-7)
     for values in (found.lower, found.upper, found.edf):
         assert np.all(np.isfinite(values))
@@ -73,7 +73,7 @@ def test_every_cluster_size_of_a_record(name, colour):
     found = deviation(y, 1.0, kind=name, m="all")
     assert found.m.tolist() == list(range(1, (12_001 if name == "mdev" else 12_000) // (3 if name != "oadev" else 2) + 1))
     chosen = np.unique(np.concatenate([np.arange(1, 140), np.geomspace(140, len(found.m), 200).astype(int), len(found.m) - np.arange(80)]))
-    # the rounding of the phase shows at the smallest cluster sizes of the reddest noise
+    # rounding of the phase matters at the smallest cluster sizes of the reddest noise
     np.testing.assert_allclose(found.deviation[chosen - 1], truth(y, chosen, name), rtol=1e-6 if "integrated" in colour else 1e-8)
 
 
@@ -123,7 +123,7 @@ def test_what_rounding_would_spoil_is_summed_directly(name, case):
     y = HARD[case](length, np.random.default_rng(0).standard_normal(length))
     whole = deviation(y, 1.0, kind=name, m="all")
     part = np.unique(np.concatenate([np.geomspace(1, len(whole.m), 30).astype(int), np.arange(25, len(whole.m), 100)]))[:400]
-    # the phase of the ramp is rounded to 0.004, which the number of threads that sum it changes
+    # the phase of the ramp has rounding errors of 0.004, which depend on the number of threads
     rtol = 1e-3 if case == "huge ramp" else 1e-8
     np.testing.assert_allclose(whole.deviation[part - 1], deviation(y, 1.0, kind=name, m=part).deviation, rtol=rtol)
 
@@ -145,7 +145,7 @@ def test_phase_channels_and_lists(kind):
         np.testing.assert_allclose(getattr(both, field)[:, 1], getattr(alone, field), rtol=1e-9, err_msg=field)
     theta = np.concatenate([np.zeros(1), np.cumsum(y[:, 1])]) / 10.0
     np.testing.assert_allclose(deviation(theta, 10.0, kind=kind, m="all", data="phase").deviation, alone.deviation, rtol=1e-7)
-    m = random.integers(1, alone.m[-1] + 1, size=4000)  # in no order, and some of them twice
+    m = random.integers(1, alone.m[-1] + 1, size=4000)  # in random order, with repetitions
     some = deviation(y[:, 1], 10.0, kind=kind, m=m)
     np.testing.assert_array_equal(some.m, m)
     np.testing.assert_allclose(some.deviation, alone.deviation[m - 1], rtol=1e-8)

@@ -1,4 +1,4 @@
-"""Every statistic against its definition, gaps, grids, channels, and the messages for input that cannot be used."""
+"""Every statistic against its definition, gaps, grids of cluster sizes, channels, and messages for unusable input."""
 
 import math
 
@@ -16,7 +16,7 @@ KINDS = ("adev", "oadev", "mdev", "tdev", "hdev", "ohdev")
 
 
 def by_definition(y, m, kind, data="rate"):
-    """Deviation at rate 1 and number of differences, term by term, leaving out terms that touch a NaN; extended precision."""
+    """Deviation for a rate of 1 and number of differences, summed term by term without NaN in extended precision."""
     y = np.asarray(y, dtype=np.longdouble)
     order = 3 if kind in ("hdev", "ohdev") else 2
     points = len(y) + (1 if data == "rate" else 0)
@@ -85,7 +85,7 @@ def test_equals_the_definition_with_and_without_gaps(kind, data, length, seed, g
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_blocks_and_threads_do_not_show(kind):
-    """Longer than several blocks, over the length at which a record is shared among threads, against plain slices."""
+    """A record of several blocks, long enough for several threads, agrees with differences of plain slices."""
     y = np.random.default_rng(3).standard_normal(60_000).cumsum() + np.random.default_rng(4).standard_normal(60_000)
     m = np.array([1, 2, 7, 100, 4095, 8192, 8193, 20_000])
     m = m[m <= (20_000 if kind in ("adev", "oadev", "hdev", "ohdev") else 19_999)]
@@ -122,7 +122,7 @@ def test_a_long_record_is_shared_among_threads_without_a_trace():
 
 
 def test_mdev_keeps_its_digits_on_a_random_walk():
-    """The running sum of the phase of a random walk of rate is of the size n^2.5: float64 alone would lose small clusters."""
+    """For a random walk of rate, the running sum of the phase grows as n^2.5; float64 alone would lose the digits of small clusters."""
     y = np.random.default_rng(0).standard_normal(200_000).cumsum()
     m = np.array([1, 3, 30])
     theta = np.concatenate([[np.longdouble(0)], np.cumsum(y.astype(np.longdouble) - y.astype(np.longdouble).mean())])
@@ -149,14 +149,14 @@ def test_grids():
 
 
 def test_interval_of_white_noise_covers_as_often_as_it_says():
-    """500 records of 512 samples at four cluster sizes; the count of covering intervals is binomial."""
+    """For 500 records of 512 samples, the number of intervals that contain the truth is binomial at each of four cluster sizes."""
     runs = 500
     y = np.random.default_rng(11).standard_normal((512, runs))
     m = np.array([1, 8, 32, 64])
     found = deviation(y, 1.0, m=m, alpha=0)
     truth = 1.0 / np.sqrt(m)[:, None]
     share = np.mean((found.lower <= truth) & (truth <= found.upper), axis=1)
-    # 5 standard errors of a binomial share at 0.95, and 1 % for the chi-square approximation
+    # the limit is 5 standard errors of a binomial share of 0.95, plus 1 % for the chi-square approximation
     assert np.all(np.abs(share - 0.95) < 5 * math.sqrt(0.95 * 0.05 / runs) + 0.01), share
     np.testing.assert_allclose(found.edf[:, 0], 2 / np.var(found.deviation**2 / truth**2, axis=1), rtol=0.35)
 

@@ -1,4 +1,4 @@
-"""`dynamic` against `deviation` of each window alone; gaps, channels, a loud stretch, bad input."""
+"""`dynamic` agrees with `deviation` of each window alone; gaps, channels, a part with large noise, bad input."""
 
 import math
 
@@ -59,7 +59,7 @@ def test_a_quiet_window_after_a_loud_one_keeps_its_digits():
     y[:2000] *= 1e7
     found = dynamic(y, 1.0, window=500, step=250, m=[1, 20])
     alone = deviation(y[2500:3000], 1.0, m=[1, 20])
-    # the phase itself, summed through the loud part, has lost 1e7 of its 1e16
+    # summation of the phase through the part with large noise loses a factor of 1e7 of the precision of 1e-16
     np.testing.assert_allclose(found.deviation[10], alone.deviation, rtol=1e-7)
 
 
@@ -81,7 +81,7 @@ def test_channels_defaults_and_the_record_at_hand():
 
 
 def test_more_windows_than_noise_types():
-    """A change of type half way is seen, though the types are told in 256 windows of 2,800."""
+    """A change of noise type in the middle is found, although types are identified in only 256 of 2,800 windows."""
     y = np.concatenate([Noise(N=1.0).simulate(15_000, 1.0, seed=1), Noise(K=1.0).simulate(15_000, 1.0, seed=2)])
     found = dynamic(y, 1.0, window=2000, step=10, m=[1, 10])
     assert len(found.time) == 2801
@@ -92,12 +92,12 @@ def test_more_windows_than_noise_types():
 
 
 def test_intervals_cover_as_often_as_they_say():
-    """White noise; windows side by side are independent."""
+    """The noise is white, so that adjacent windows are independent."""
     windows = 400
     found = dynamic(np.random.default_rng(3).standard_normal(512 * windows), 1.0, window=512, step=512, m=[1, 8, 32])
     truth = 1.0 / np.sqrt(found.m)
     share = np.mean((found.lower <= truth) & (truth <= found.upper), axis=0)
-    # 5 standard errors; 2 % for the chi-square approximation and a noise type that is told from 16 averages
+    # the limit is 5 standard errors, plus 2 % for the chi-square approximation and for identifying the noise type from 16 averages
     assert np.all(np.abs(share - 0.95) < 5 * math.sqrt(0.95 * 0.05 / windows) + 0.02), share
 
 

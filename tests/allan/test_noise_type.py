@@ -1,4 +1,4 @@
-"""Noise types against the lag-1 autocorrelation written out, one cluster size after another."""
+"""Noise types agree with the definition by the lag-1 autocorrelation, evaluated for one cluster size after another."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from jaxcal.noise import Noise
 
 
 def lag_one_type(y, m):
-    """Riley and Greenhall, EFTF 2004: averages less their line, differenced until they are stationary."""
+    """Noise type by Riley and Greenhall, EFTF 2004: averages without their linear trend are differenced until they are stationary."""
     z = y[: len(y) // m * m].reshape(-1, m).mean(axis=1)
     t = np.arange(len(z)) - (len(z) - 1) / 2
     z = z - z.mean() - t * (t @ z) / (t @ t)
@@ -23,7 +23,7 @@ def lag_one_type(y, m):
 
 @pytest.mark.parametrize("noise", [{"N": 1.0}, {"Q": 1.0}, {"K": 1.0}, {"B": 1.0}, {"N": 1e-3, "R": 1.0}], ids=str)
 def test_types_are_those_of_the_definition(noise):
-    """Records of fewer than 2,048 samples, all of whose averages are used; sizes that leave 30 averages and more."""
+    """Records of fewer than 2,048 samples use all averages; the cluster sizes leave at least 30 averages."""
     for seed in range(4):
         samples = 1200 + 211 * seed
         y = Noise(**noise).simulate(samples, 1.0, seed=seed)
@@ -39,11 +39,11 @@ def test_a_line_that_hides_the_noise_is_taken_off_first(slope):
 
 
 def test_types_are_held_between_the_cluster_sizes_identified():
-    """Of all 15,000 cluster sizes 512 are identified; each of the others has the type of the next smaller one."""
+    """Types are identified at 512 of 15,000 cluster sizes; each other size has the type of the next smaller one of these."""
     y = Noise(N=1.0, K=0.02).simulate(30_000, 1.0, seed=0)
     held = deviation(y, 1.0, m="all").alpha
     changes = np.flatnonzero(np.diff(held)) + 2  # cluster sizes where a new type begins
     few = changes[np.linspace(0, len(changes) - 1, min(len(changes), 400)).astype(int)]
     np.testing.assert_array_equal(held[few - 1], deviation(y, 1.0, m=few).alpha)
     assert held[0] == 0
-    assert held[-1] < 0  # few averages, overlapped: flicker or random walk
+    assert held[-1] < 0  # there are few, overlapping averages, which give flicker or random walk

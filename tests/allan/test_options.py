@@ -1,4 +1,4 @@
-"""Robust variances, uneven stamps, and channels without samples."""
+"""Options: robust variances, uneven stamps, and channels without samples."""
 
 import jax
 import numpy as np
@@ -13,13 +13,13 @@ from jaxcal.noise import Noise
 @pytest.mark.parametrize("kind", ["adev", "oadev", "hdev", "ohdev"])
 def test_robust_scale_solves_its_equation(kind):
     y = Noise(N=1.0, K=0.01).simulate(1500, 1.0, seed=0)
-    m = 7  # every starting point is used up to 16
+    m = 7  # all starting points are used for sizes up to 16
     order = 2 if "a" in kind[:2] else 3
     theta = np.concatenate([[0.0], np.cumsum(y)])
     starts = np.arange(0, len(y) - order * m + 1, 1 if kind.startswith("o") else m)
     d = sum((-1.0) ** j * [1, order, order * (order - 1) // 2, 1][j] * theta[starts + (order - j) * m] for j in range(order + 1))
     z = np.random.default_rng(1).standard_normal(4_000_000)
-    level = np.mean(np.maximum(1.0 - z**2 / 49.0, 0.0) ** 4 * z**2)  # to 4e-4
+    level = np.mean(np.maximum(1.0 - z**2 / 49.0, 0.0) ** 4 * z**2)  # expectation, to 4e-4
 
     def excess(s2):
         return np.mean(np.maximum(1.0 - d**2 / s2 / 49.0, 0.0) ** 4 * d**2) / s2 - level
@@ -34,10 +34,10 @@ def test_robust_is_unbiased_on_gaussian_noise_and_costs_a_tenth():
     y = np.stack([Noise(N=1.0).simulate(1000, 1.0, seed=s) for s in range(runs)], axis=1)
     plain, robust = (deviation(y, 1.0, m=m, robust=way) for way in (False, True))
     ratio = (robust.deviation**2).mean(axis=1) / (plain.deviation**2).mean(axis=1)
-    assert np.all(np.abs(ratio - 1.0) < [0.005, 0.01, 0.03])  # 2.5 standard errors of the paired difference and more
+    assert np.all(np.abs(ratio - 1.0) < [0.005, 0.01, 0.03])  # at least 2.5 standard errors of the paired difference
     spread = (plain.deviation**2).var(axis=1)[0] / (robust.deviation**2).var(axis=1)[0]
-    np.testing.assert_allclose(spread, 0.92, atol=0.08)  # the sampling error of the ratio is 3 %
-    np.testing.assert_allclose(robust.edf / plain.edf, 0.92, atol=0.005)  # as documented: 8 % is its price
+    np.testing.assert_allclose(spread, 0.92, atol=0.08)  # the ratio has a sampling error of 3 %
+    np.testing.assert_allclose(robust.edf / plain.edf, 0.92, atol=0.005)  # as documented, robustness costs 8 % of the degrees of freedom
 
 
 def test_outliers_do_not_carry_robust_off():

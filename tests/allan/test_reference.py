@@ -1,4 +1,4 @@
-"""Numbers printed by others: NIST SP 1065 (NBS14 sets), Stable32 on PHASE.DAT, and curves published with an ADIS16405 recording."""
+"""Published numbers: NIST SP 1065 (NBS14 data), Stable32 on PHASE.DAT, and curves published with an ADIS16405 recording."""
 
 import json
 
@@ -18,7 +18,7 @@ def _thousand_points():
 
 
 def _nbs14(reference):
-    """Records, what they are, and the values printed for them."""
+    """Records, whether they are rate or phase, and the published values for them."""
     table = json.loads((reference / "reference/nbs14.json").read_text())
     ten, thousand = table["ten_point"], table["thousand_point"]
     n = _thousand_points()
@@ -35,7 +35,7 @@ def _nbs14(reference):
 def test_nbs14(reference, kind):
     for record, data, printed in _nbs14(reference):
         found = jaxcal.allan.deviation(record, 1.0, kind=kind, m=printed["m"], data=data)
-        # the phase of the ten-point set is itself rounded to 8 digits
+        # the published phase of the ten-point set is rounded to 8 digits
         np.testing.assert_allclose(found.deviation, printed[kind], rtol=1e-6 if data == "rate" else 1e-4)
 
 
@@ -46,7 +46,7 @@ def test_nbs14_total(reference, kind):
             jaxcal.allan.deviation(record, 1.0, kind=kind, m=printed["m"], data=data, alpha=0, bias_corrected=constants)
             for constants in (False, "published")
         )
-        # htotdev is printed with its constant taken off
+        # the published htotdev is corrected for its bias
         np.testing.assert_allclose((corrected if kind == "htotdev" else plain).deviation, printed[kind], rtol=1e-4)
         if f"{kind}_bias_corrected" in printed:
             np.testing.assert_allclose(corrected.deviation, printed[f"{kind}_bias_corrected"], rtol=1e-4)
@@ -82,7 +82,7 @@ def test_phase_dat(reference, kind, table):
     np.testing.assert_array_equal(found.count, count)
     np.testing.assert_array_equal(found.alpha, alpha)
     if table == "all":
-        assert not np.any(low)  # this table prints no limits
+        assert not np.any(low)  # this table has no limits
         return
     white = jaxcal.allan.deviation(phase, 1.0, kind=kind, m=m, data="phase", confidence=0.683, alpha=0)
     there = alpha == 0
@@ -105,7 +105,7 @@ def test_phase_dat_total(reference, table):
     found = jaxcal.allan.deviation(phase, 1.0, kind=kind, m=m, data="phase", confidence=0.683, alpha=0)
     np.testing.assert_allclose(found.tau, tau)
     np.testing.assert_array_equal(found.count, count)
-    # the two long tables of mtotdev and ttotdev and one of htotdev are corrected, with Stable32's constants for the type it found
+    # the long tables of mtotdev and ttotdev and one of htotdev are corrected for bias with Stable32's constants for its noise type
     constant = np.ones(len(m))
     if table in ("mtotdev", "ttotdev_all"):
         constant = np.where(alpha == 1, 0.83, 0.73)
@@ -113,18 +113,18 @@ def test_phase_dat_total(reference, table):
     elif table == "htotdev_octave":
         constant = np.where(m > 1, 0.995, 1.0)
     np.testing.assert_allclose(found.deviation / np.sqrt(constant), deviation, rtol=1e-4)
-    if not table.endswith("nobias"):  # made with the type set by hand
+    if not table.endswith("nobias"):  # computed by Stable32 with a given noise type
         types = jaxcal.allan.deviation(phase, 1.0, kind=kind, m=m, data="phase").alpha
         decided = len(phase) // m >= 30
         np.testing.assert_array_equal(types[decided], alpha[decided])
     shown = (alpha == 0) & (low > 0) & (m >= 8)
     if kind == "totdev" and "octave" in table:
-        # the published edf, T/tau times 1.5, counts twice too many at m = 1 and 2 % too many at m = 8
+        # the published edf, 1.5 T/tau, is too large by a factor of two at m = 1 and by 2 % at m = 8
         assert shown.sum() == 6
         np.testing.assert_allclose(found.lower[shown], low[shown], rtol=1e-3)
         np.testing.assert_allclose(found.upper[shown], high[shown], rtol=1e-3)
     elif shown.any():
-        # limits relative to the value, from a published edf that is up to 10 % too large at these sizes (m up to 40)
+        # compare limits relative to the value; the published edf is up to 10 % too large at these sizes (m up to 40)
         np.testing.assert_allclose((found.lower / found.deviation)[shown], (low / deviation)[shown], rtol=0.013)
         np.testing.assert_allclose((found.upper / found.deviation)[shown], (high / deviation)[shown], rtol=0.021)
 
@@ -140,9 +140,9 @@ def test_phase_dat_theo1(reference, table):
 
     found = jaxcal.allan.deviation(phase, 1.0, kind="theo1", m=m, data="phase", alpha=0)
     np.testing.assert_allclose(found.tau, tau)
-    np.testing.assert_allclose(found.count, count, rtol=5e-5)  # printed to five digits
+    np.testing.assert_allclose(found.count, count, rtol=5e-5)  # the table has five digits
     ratio = 1.0
-    if table == "theo1":  # this table is ThêoBR (NIST SP 1065, 5.2.16): brought to the level of the Allan variance of the same record
+    if table == "theo1":  # the table is ThêoBR (NIST SP 1065, 5.2.16), scaled to the Allan variance of the record
         steps = np.arange(int(len(phase) / 6 - 3) + 1)
         ratio = np.mean(variance("oadev", 9 + 3 * steps) / variance("theo1", 12 + 4 * steps))
         assert round(float(ratio), 4) == 0.6028
@@ -182,7 +182,7 @@ def test_adis16405_published_curves(adis):
     for i, name in enumerate(names):
         published = np.array(curves["adis_av"]["avar"][name]["allan"])
         np.testing.assert_allclose(found.deviation[:, i] ** 2, published, rtol=1e-5)
-        # the publisher averages one difference fewer, the last, over the full number of them
+        # the publisher omits the last difference but divides by the full number of differences
         last = theta[-1, i] - 2.0 * theta[-1 - m, i] + theta[-1 - 2 * m, i]
         count = found.count[:, i]
         np.testing.assert_allclose(found.deviation[:, i] ** 2 - last**2 / (2.0 * m**2 * count), published, rtol=1e-9)

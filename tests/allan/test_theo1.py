@@ -8,7 +8,7 @@ from jaxcal.allan import bias_factors, degrees_of_freedom, deviation, phase_cova
 
 
 def double_sum(theta, m):
-    """The definition, term by term over offsets."""
+    """Double sum of the definition, term by term over offsets."""
     theta, half = np.asarray(theta, dtype=np.longdouble), m // 2
     i = np.arange(len(theta) - m)
     total = np.longdouble(0)
@@ -18,7 +18,7 @@ def double_sum(theta, m):
 
 
 def theo1_sum(theta, m):
-    """The sum that the deviation is made of."""
+    """The same sum, recovered from the deviation that jaxcal returns."""
     return deviation(theta, 1.0, kind="theo1", m=[m], data="phase").deviation[0] ** 2 * (0.75 * (len(theta) - m) * m**2)
 
 
@@ -29,7 +29,7 @@ def phases(length):
 
 @pytest.mark.parametrize(("name", "error"), [("white", 1e-13), ("walk", 1e-12), ("integrated walk", 1e-10)])
 def test_the_sum_is_the_double_sum(name, error):
-    """Sizes about the direct limit, powers of two and their neighbours, and up to the whole record."""
+    """Cluster sizes are near the limit of direct summation, near powers of two, and up to the whole record."""
     theta = phases(1201)[name]
     for m in (2, 4, 6, 10, 62, 64, 66, 68, 100, 126, 128, 130, 254, 258, 514, 770, 1000, 1134, 1136, 1138, 1198, 1200):
         np.testing.assert_allclose(theo1_sum(theta, m), float(double_sum(theta, m)), rtol=error, err_msg=str(m))
@@ -105,7 +105,7 @@ def quadratic_form(points, m):
 
 @pytest.mark.parametrize("m", [10, 16, 32, 64])
 def test_bias_and_edf_against_those_of_gaussian_noise(m):
-    """Mean and variance of the quadratic form that the definition is; the published edf is good to 16 % up to T/tau = 4."""
+    """Bias and edf follow from mean and variance of the definition as a quadratic form; the published edf has 16 % up to T/tau = 4."""
     points, kind = 193, "theo1"
     form, time = quadratic_form(points, m), np.arange(points)
     tau = 0.75 * m
@@ -118,7 +118,7 @@ def test_bias_and_edf_against_those_of_gaussian_noise(m):
 
 
 def test_bias_near_the_published_fit():
-    """AVAR/Theo1 = a + b/m^c (NIST SP 1065, table 12): random walk and flicker within 3 %, phase noise within 15 %."""
+    """The bias agrees with AVAR/Theo1 = a + b/m^c (NIST SP 1065, table 12), to 15 % for phase noise and to 3 % otherwise."""
     table = {2: (0.09, 0.74, 0.40), 1: (0.14, 0.82, 0.30), 0: (1, 0, 0), -1: (1.87, -1.05, 0.79), -2: (2.70, -1.53, 0.85)}
     for alpha, (a, b, c) in table.items():
         for m in (10, 16, 64, 128):
@@ -127,11 +127,11 @@ def test_bias_near_the_published_fit():
 
 
 def test_corrected_theo1_of_simulated_noise():
-    """300 records each of white rate and of its random walk: the mean to 5 standard errors of the Allan variance at 0.75 m."""
+    """For 300 records each of white noise and random walk, the mean is the Allan variance at 0.75 m within 5 standard errors."""
     white = np.random.default_rng(6).standard_normal((512, 300))
     for y, alpha, per_tau in ((white, 0, lambda t: 1.0 / t), (np.cumsum(white, axis=0), -2, lambda t: t / 3.0 + 1.0 / (6.0 * t))):
         found = deviation(y, 1.0, kind="theo1", m=[32, 96], alpha=alpha, bias_corrected=True)
         expected = per_tau(found.tau)
         error = np.sqrt(2.0 / found.edf[:, 0] / 300)
-        # a walk summed from samples is not quite the continuous one whose bias is taken off: (1/m)^2
+        # a random walk of samples differs from the continuous one, for which the bias is corrected, by (1/m)^2
         assert np.all(np.abs((found.deviation**2).mean(axis=1) / expected - 1.0) < 5.0 * error + 0.002)

@@ -1,4 +1,4 @@
-"""Interval errors: the largest range of phase within windows, and the rms difference."""
+"""Time interval errors: the largest range of phase within windows (mtie), and the rms difference (tierms)."""
 
 import jax
 import jax.numpy as jnp
@@ -12,7 +12,7 @@ M = [1, 2, 3, 4, 7, 8, 15, 16, 17, 60]
 
 
 def by_definition(theta, m, kind, valid):
-    """Over the windows theta[k] .. theta[k + m] that are valid; rate 1."""
+    """Value by definition for a rate of 1, over the windows theta[k] .. theta[k + m] that are valid, and their number."""
     found = []
     for k in range(len(theta) - m):
         if valid(k, m):

@@ -1,4 +1,4 @@
-"""Total statistics against their definitions written out; their bias and degrees of freedom against theory and simulation; gaps."""
+"""Total statistics against their definitions; bias and degrees of freedom against theory and simulations; gaps."""
 
 import jax
 import jax.numpy as jnp
@@ -13,7 +13,7 @@ M = [1, 2, 3, 4, 7, 12, 13, 14, 33, 40]
 
 
 def records(length):
-    """White noise, its running sum, and the running sum of that."""
+    """White noise, its running sum, and the running sum of this sum."""
     white = np.random.default_rng(5).standard_normal(length)
     return {"white": white, "walk": np.cumsum(white), "integrated walk": np.cumsum(np.cumsum(white))}
 
@@ -28,7 +28,7 @@ def totdev_by_definition(theta, m):
 
 
 def reflected_windows(z, m):
-    """Every window of 3 m points less the line of its half averages, with its mirror image before and after."""
+    """Every window of 3 m points without the trend between the means of its halves, extended by its mirror image on both sides."""
     length = 3 * m
     for i in range(len(z) - length + 1):
         w = z[i : i + length]
@@ -50,7 +50,7 @@ def of_windows(z, m, divisor):
 
 
 def by_definition(y, m, kind):
-    """Deviation of rate samples at rate 1."""
+    """Deviation of rate samples by definition for a rate of 1."""
     y = np.asarray(y, dtype=np.longdouble)
     theta = np.concatenate([[0], np.cumsum(y - y.mean())])
     if kind == "totdev":
@@ -77,7 +77,7 @@ def test_every_statistic_is_its_definition(kind, name):
 
 @pytest.mark.parametrize(("name", "error"), [("white", 1e-13), ("walk", 1e-11), ("integrated walk", 1e-9)])
 def test_the_sum_over_windows_keeps_its_digits(name, error):
-    """3000 points, against the windows one by one; sizes that fall just short of and just over the literal limit and a chunk."""
+    """The sums for 3000 points agree with all windows; sizes are just below and above the limits of direct summation and of a chunk."""
     z = records(3000)[name]
     for m in (1, 2, 3, 4, 7, 8, 12, 13, 16, 64, 65, 300, 900, 1000):
         literal, windows = 0.0, len(z) - 3 * m + 1
@@ -88,7 +88,7 @@ def test_the_sum_over_windows_keeps_its_digits(name, error):
 
 
 def kernels_literal(z, m):
-    """Sum over windows of the mean squared third difference of the running sum of the extension, all windows at once."""
+    """Sum over all windows of the mean squared third difference of the running sum of the extended window."""
     length, half = 3 * m, 3 * m // 2
     w = np.lib.stride_tricks.sliding_window_view(z, length)
     w = w - w[:, :1]
@@ -178,7 +178,7 @@ def test_totdev_traced_is_totdev():
 
 
 def quadratic_form(kind, samples, m):
-    """Matrix A of the variance theta' A theta, from the definition applied to unit phases."""
+    """Matrix A for which the variance is theta' A theta, obtained by applying the definition to unit phases."""
     unit = np.eye(samples + 1)
     if kind == "totdev":
         extended = np.concatenate([2 * unit[:1] - unit[:0:-1], unit, 2 * unit[-1:] - unit[-2::-1]])
@@ -204,7 +204,7 @@ def reflected_windows_of_columns(z, m):
 
 
 def plain_variance(kind, m, phase_covariance):
-    """Expectation of the plain statistic."""
+    """Expectation of the ordinary statistic, which is not a total one."""
     filters = {
         "totdev": (np.bincount([0, m, m, 2 * m], [1, -1, -1, 1]), 2 * m**2),
         "mtotdev": (np.repeat([1.0, -2.0, 1.0], m) / m, 2 * m**2),
@@ -217,7 +217,7 @@ def plain_variance(kind, m, phase_covariance):
 @pytest.mark.parametrize("kind", ["totdev", "mtotdev", "htotdev"])
 @pytest.mark.parametrize("m", [1, 2, 4, 8, 12, 16, 24, 32])
 def test_bias_and_edf_are_those_of_gaussian_noise(kind, m):
-    """Mean and variance of the quadratic form that the definition is, for each noise type: tr AC and 2 tr ACAC."""
+    """Bias and edf follow from mean tr AC and variance 2 tr ACAC of the definition as a quadratic form, for each noise type."""
     if kind == "htotdev" and m == 1:
         assert bias_factors(1, 0, kind, 96) == 1.0
         return
@@ -227,13 +227,13 @@ def test_bias_and_edf_are_those_of_gaussian_noise(kind, m):
     for alpha in range(2, -5 if kind == "htotdev" else -3, -1):
         cov = phase_covariance(alpha, time[:, None] - time[None, :])
         mean = np.sum(form * cov)
-        # totdev: published slopes, and those for phase noise, leave out 1/n
+        # the published slopes of totdev, and those for phase noise, neglect 1/n
         expected = mean / plain_variance(kind, m, cov)
         np.testing.assert_allclose(bias_factors(m, alpha, statistic, samples), expected, rtol=0.012 if kind == "totdev" else 1e-9)
         if kind == "htotdev" and alpha > 0:
-            continue  # below: a bound
+            continue  # a bound is tested below
         edf = mean**2 / np.sum((form @ cov) * (form @ cov).T)
-        # m = 2 of htotdev shares its small-size factor with mtotdev: 10 %; flicker phase of totdev is a fit: 4 %
+        # htotdev at m = 2 uses the factor of mtotdev for small sizes (10 %); flicker phase of totdev uses a fitted formula (4 %)
         error = 0.11 if kind == "htotdev" and m == 2 else 0.05
         np.testing.assert_allclose(degrees_of_freedom(m, alpha, statistic, samples), max(edf, 1.0), rtol=error, err_msg=f"alpha {alpha}")
 
@@ -251,9 +251,9 @@ def test_edf_of_phase_noise_in_htotdev_is_on_the_safe_side():
 
 
 def test_published_factors_and_formulas():
-    """NIST SP 1065: htotdev 0.995 .. 0.679, totdev 1 - 0.481 tau/T and 1 - 0.750 tau/T, and the edf of totdev at long cluster times.
+    """Bias and edf agree with NIST SP 1065 for htotdev (0.995 .. 0.679) and totdev (1 - 0.481 tau/T, 1 - 0.750 tau/T).
 
-    mtotdev: simulation gives 1.00, 0.77, 0.715, 0.69 within 0.01, where Stable32 prints 0.94, 0.73, 0.70, 0.69.
+    For mtotdev, simulations give 1.00, 0.77, 0.715, 0.69 within 0.01, while Stable32 has 0.94, 0.73, 0.70, 0.69.
     """
     m, types = 128, np.array([0, -1, -2, -3, -4])
     np.testing.assert_allclose(bias_factors(m, types, "htotdev", 2048), [0.995, 0.851, 0.771, 0.717, 0.679], atol=6e-4)
@@ -265,7 +265,7 @@ def test_published_factors_and_formulas():
 
 @pytest.mark.parametrize(("kind", "m"), [("totdev", 32), ("mtotdev", 16), ("mtotdev", 32), ("htotdev", 32)])
 def test_simulated_records_scatter_and_are_biased_as_told(kind, m):
-    """1000 records of 128 white samples: the mean to 5 standard errors, the edf to 5 of its own (sd of a sample variance)."""
+    """For 1000 records of 128 white samples, mean and edf agree within 5 of their standard errors."""
     runs, samples = 1000, 128
     y = np.random.default_rng(8).standard_normal((samples, runs))
     corrected = deviation(y, 1.0, kind=kind, m=[m], alpha=0, bias_corrected=True)
@@ -274,7 +274,7 @@ def test_simulated_records_scatter_and_are_biased_as_told(kind, m):
     np.testing.assert_allclose(corrected.upper[:, 0] / corrected.deviation[:, 0], raw.upper / raw.deviation)
     assert np.all(raw.bias == 1.0)
     variance, edf = corrected.deviation[0] ** 2, raw.edf[0]
-    plain = (m**2 / 2 + 1 / 4) / m**3 if kind == "mtotdev" else 1 / m  # NIST SP 1065, MVAR and AVAR of white rate
+    plain = (m**2 / 2 + 1 / 4) / m**3 if kind == "mtotdev" else 1 / m  # MVAR and AVAR of white rate noise, NIST SP 1065
     assert abs(variance.mean() / plain - 1) < 5 * np.sqrt(2 / edf / runs)
     measured = 2 * variance.mean() ** 2 / variance.var()
     assert abs(measured / edf - 1) < 5 * np.sqrt((2 + 12 / edf) / runs) + 0.01

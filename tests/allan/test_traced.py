@@ -1,4 +1,4 @@
-"""The differentiable path: under jit, vmap and grad, in both precisions."""
+"""Deviations under jit, vmap and grad in both precisions."""
 
 import jax
 import jax.numpy as jnp

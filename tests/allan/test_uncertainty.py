@@ -1,4 +1,4 @@
-"""Degrees of freedom against published values and Monte Carlo, and noise identification on noise of known type."""
+"""Degrees of freedom against published values and simulations, and identification of known noise types."""
 
 import functools
 
@@ -16,12 +16,12 @@ TYPES = [(2, "Q"), (0, "N"), (-1, "B"), (-2, "K")]
 
 @functools.cache
 def records(name, samples, runs):
-    """Records of one term of noise with a coefficient of one, (samples, runs)."""
+    """Simulate records of one noise term with a coefficient of one, (samples, runs)."""
     return np.stack([Noise(**{name: 1.0}).simulate(samples, 1.0, seed=s) for s in range(runs)], axis=1)
 
 
 def test_edf_of_white_noise_as_published():
-    """NIST SP 1065 (Greenhall and Riley), overlapped Allan variance of white FM noise, 1025 phase points."""
+    """The edf agrees with NIST SP 1065 (Greenhall and Riley): overlapped Allan variance of white FM noise, 1025 phase points."""
     m = 2 ** np.arange(10)
     published = [801, 554, 314, 170, 88.5, 44.4, 21.8, 9.83, 4.00, 1]
     np.testing.assert_allclose(degrees_of_freedom(m, 0, "oadev", 1024), published, rtol=2e-3)
@@ -33,7 +33,7 @@ def test_edf_against_the_scatter_of_simulated_records(kind, alpha, name):
     samples, m = 256, np.array([1, 4, 16, 48])
     variance = deviation(records(name, samples, 400), 1.0, kind=kind, m=m, alpha=alpha).deviation ** 2
     measured = 2.0 * variance.mean(axis=1) ** 2 / variance.var(axis=1)
-    # sampling error of a variance over 400 runs is 7 % and more where the edf is small; the formulas are good to 10 %
+    # a variance over 400 runs has a sampling error of 7 %, and more at a small edf; the formulas are accurate to 10 %
     np.testing.assert_allclose(degrees_of_freedom(m, alpha, kind, samples), measured, rtol=0.35)
 
 
@@ -50,7 +50,7 @@ def test_interval_factors_are_chi_square_quantiles():
 @pytest.mark.parametrize(("alpha", "name"), TYPES)
 @pytest.mark.parametrize("data", ["rate", "phase"])
 def test_the_noise_type_is_found(alpha, name, data):
-    # flicker lies close to the boundary with a random walk (r1 = -0.217 after averaging, boundary -0.2): take the median record
+    # flicker is close to the boundary with a random walk (r1 = -0.217 after averaging, boundary -0.2); the test uses the median record
     y = records(name, 20_000, 31)
     if data == "phase":
         y = np.concatenate([np.zeros((1, 31)), np.cumsum(y, axis=0)])
@@ -60,7 +60,7 @@ def test_the_noise_type_is_found(alpha, name, data):
 
 def test_the_last_type_is_carried_forward():
     found = deviation(Noise(K=1.0).simulate(3000, 1.0, seed=1), 1.0, m=[10, 100, 400, 700])
-    assert found.alpha[2] == found.alpha[3]  # fewer than eight averages decide nothing
+    assert found.alpha[2] == found.alpha[3]  # fewer than eight averages do not determine a type
     assert found.alpha[:2].tolist() == [-2, -2]
 
 
@@ -71,19 +71,19 @@ def test_the_ratios_tell_the_type_of_twenty_averages(alpha, name, gap):
     if gap:
         y[900:1000] = np.nan
     found = deviation(y, 1.0, kind="adev", m=[100])
-    # measured on 150 records each: 73-89 % right (71-89 with the gap); a type drawn by chance is right in one of five
+    # for 150 records each, 73-89 % are correct (71-89 with the gap); a random type would be correct in 20 %
     assert np.mean(found.alpha == alpha) > 0.55
 
 
 def test_b1_of_simulated_averages_has_its_expectation():
-    """NBS Technical Note 375: the ratio of the expected sample variance to the expected Allan variance."""
+    """The ratio of the expected sample variance to the expected Allan variance agrees with NBS Technical Note 375."""
     averages, runs = 16, 4000
     for noise, mu in ((Noise(N=1.0), -1), (Noise(K=1.0), 1), (Noise(B=1.0), 0)):
-        fine = 64  # averages over 64 samples: the law of continuous time
-        # one long record: neither ratio sees where a stretch of it begins
+        fine = 64  # averages over 64 samples behave as in continuous time
+        # parts of one long record suffice, since neither variance depends on where a part begins
         y = noise.simulate(runs * averages * fine, 1.0, seed=0).reshape(runs, averages, fine).mean(axis=2)
         ratio = y.var(axis=1, ddof=1).mean() / (np.diff(y, axis=1) ** 2 / 2.0).mean()
-        # the sampling error of the ratio of means is 1 % and, for the random walk, 2 %
+        # the ratio of means has a sampling error of 1 %, for the random walk of 2 %
         np.testing.assert_allclose(ratio, _b1(np.float64(averages), mu, np), rtol=0.06)
 
 
@@ -107,7 +107,7 @@ def test_intervals_hold_where_few_averages_are_left(noise):
 @pytest.mark.parametrize("samples", [3000, 1_000_000])
 @pytest.mark.parametrize("kind", ["adev", "oadev", "mdev", "hdev", "ohdev"])
 def test_edf_of_many_cluster_sizes_agrees_with_the_formula_at_each(kind, samples):
-    """Many are interpolated where the formula needs a sum for each; a few at a time are evaluated as published."""
+    """For many cluster sizes the edf is interpolated if its formula needs a sum; for a few sizes the formula itself is used."""
     m = cluster_sizes("all", kind, samples)
     chosen = np.unique(np.concatenate([np.arange(60), len(m) - 1 - np.arange(150), np.linspace(0, len(m) - 1, 400).astype(int)]))
     for alpha in range(2, -5 if kind.endswith("hdev") else -3, -1):
@@ -118,7 +118,7 @@ def test_edf_of_many_cluster_sizes_agrees_with_the_formula_at_each(kind, samples
 
 
 def test_flicker_phase_keeps_its_digits_at_large_cluster_sizes():
-    """s_x is a second difference at spacing 1/m: at m = 10^6 the plain form has 4 digits; extended precision has 8."""
+    """s_x is a second difference at a spacing of 1/m; at m = 10^6 its plain form has 4 correct digits, extended precision 8."""
     f, t = np.longdouble(1e6), np.array([1.0, 2.0, 0.5], dtype=np.longdouble)
 
     def sw(t):

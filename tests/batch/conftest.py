@@ -1,4 +1,4 @@
-"""Small logs, and a module of tasks that worker processes can import."""
+"""Fixtures: small logs, and a module of tasks that worker processes can import."""
 
 import importlib
 import sys
@@ -57,7 +57,7 @@ def leaves(log):
 
 @pytest.fixture(scope="session")
 def tasks(tmp_path_factory):
-    """The module of tasks; spawned workers find it, as they are given this process's path."""
+    """The module of tasks, in a folder on the path of this process, which spawned workers receive."""
     folder = tmp_path_factory.mktemp("tasks")
     (folder / "fleet_tasks.py").write_text(textwrap.dedent(TASKS))
     sys.path.insert(0, str(folder))
@@ -67,7 +67,7 @@ def tasks(tmp_path_factory):
 
 @pytest.fixture
 def room(tmp_path, monkeypatch):
-    """Folder in which the tasks count; `room.counts()` tells how often each log was computed."""
+    """Folder in which tasks count their calls; `counts(room)` returns how often each log was computed."""
     folder = tmp_path / "room"
     folder.mkdir()
     monkeypatch.setenv("FLEET_ROOM", str(folder))
@@ -79,7 +79,7 @@ def counts(room):
 
 
 def make_logs(folder, number, samples=200, scale=1.0):
-    """Logs unit1.npz ... of white noise at 100 Hz."""
+    """Write logs unit1.npz ... of white noise at 100 Hz."""
     folder.mkdir(parents=True, exist_ok=True)
     paths = []
     for i in range(1, number + 1):
@@ -91,5 +91,5 @@ def make_logs(folder, number, samples=200, scale=1.0):
 
 
 def results(out):
-    """Name -> bytes of every file among the results, hidden ones too."""
+    """Name -> bytes of every result file, including hidden ones."""
     return {path.name: path.read_bytes() for path in (out / "results").iterdir()}

@@ -38,12 +38,12 @@ def test_the_example_of_the_aiag_manual():
     for name, value in printed.items():
         assert reported[name] == pytest.approx(value, rel=3e-4), name
     assert int(reported["distinct categories"]) == 4
-    # its table of the analysis of variance, with the interaction
+    # the manual's analysis of variance, with the interaction
     whole = gauge(AIAG.ravel(), part, operator, pool=1.0)
     order = [whole.names.index(name) for name in ("part", "operator", "part:operator", "repeatability")]
     np.testing.assert_allclose(whole.degrees_of_freedom[order], [9, 2, 18, 60])
     np.testing.assert_allclose(whole.mean_square[order], [9.81799, 1.58363, 0.01994, 0.04598], atol=6e-6)
-    assert found.interval[found.names.index("part:operator"), 1] > 0.0  # pooled, it may still be there
+    assert found.interval[found.names.index("part:operator"), 1] > 0.0  # although it was pooled, it may be present
     assert "AV" in found.summary()
     by_tolerance = gauge(AIAG.ravel(), part, operator, tolerance=6.0)
     assert by_tolerance.ratios[-1] == pytest.approx(0.302373, rel=3e-4)
@@ -56,7 +56,7 @@ def test_two_operators_who_differ_are_a_weak_study():
     assert few.verdict == "weak"
     assert "standard deviation of operator may be" in few.warnings[0]
     assert "1 degree of freedom" in few.warnings[0]
-    # two operators who agree leave nothing open that matters
+    # if two operators agree, their number does not limit the result
     rng = np.random.default_rng(1)
     x = rng.normal(size=(1, 1, 10)) + 0.1 * rng.normal(size=(2, 3, 10))
     assert gauge((x - x.mean(axis=(1, 2), keepdims=True)).ravel(), part, operator).verdict == "good"
@@ -69,7 +69,7 @@ def test_nested_levels_of_a_balanced_study_are_those_of_the_textbook():
     found = components(x.ravel(), {"device": device, "recording": recording})
     inner, middle, outer = x.var(axis=2, ddof=1).mean(), x.mean(axis=2).var(axis=1, ddof=1).mean(), x.mean(axis=(1, 2)).var(ddof=1)
     np.testing.assert_allclose(found.variance, [outer - middle / 4, middle - inner / 3, inner])
-    # that of the rest is the classical interval, up to its draws
+    # the interval of the rest agrees with the classical one to the error of its simulations
     np.testing.assert_allclose(found.interval[2] / inner, 48 / np.array([69.02, 30.75]), rtol=0.01)
 
 
@@ -86,7 +86,7 @@ def test_gauge_studies_find_their_components_and_intervals_hold(deviations):
         ratio.append(found.variance[order])
         held.append((found.interval[order, 0] <= truth) & (truth <= found.interval[order, 1]))
     there = truth > 0.0
-    # the variance of three operators scatters by its own size: 5 % of 400
+    # the variance of three operators scatters by its own size, so that the mean of 400 has an error of 5 %
     np.testing.assert_array_less(np.abs(np.mean(ratio, axis=0)[there] / truth[there] - 1.0), np.array([0.08, 0.16, 0.08, 0.05])[there])
     np.testing.assert_array_less(np.abs(np.mean(held, axis=0)[there] - 0.95), 0.033)
     assert np.mean(held, axis=0)[~there].min(initial=1.0) > 0.93

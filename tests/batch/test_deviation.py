@@ -1,4 +1,4 @@
-"""`batch.deviation` against `allan.deviation`: files and arrays, longer than a chunk or not, lists, compilations, bad input."""
+"""`batch.deviation` agrees with `allan.deviation` for files, arrays and lists of any length; compilations, bad input."""
 
 import pathlib
 
@@ -83,7 +83,7 @@ def test_a_list_of_logs_is_a_list_of_results():
 
 @pytest.mark.parametrize("kind", ["oadev", "adev", "mdev", "ohdev", "tierms", "totdev"])
 def test_logs_taken_together_are_those_taken_alone(kind):
-    """More than one group of a bucket, several buckets, gaps, other types of number; every field of the result."""
+    """Logs of several buckets, with several groups in one of them, gaps and other number types; all fields of the results agree."""
     random = np.random.default_rng(3)
     logs: list = [random.standard_normal(n) for n in (*range(900, 922), 9_000, 40_000)]
     logs[3] = np.cumsum(logs[3]) + 9.81
@@ -111,14 +111,14 @@ def test_one_log_of_a_group_that_is_no_record_is_named():
 
 
 def test_a_hundred_lengths_compile_once():
-    """The sums of records that stay in the cache are one program, of whatever length and number of cluster sizes."""
+    """Records that fit into the cache share one compiled program for the sums, for any length and number of cluster sizes."""
     random = np.random.default_rng(2)
     lengths = random.choice(np.arange(10_000, 100_000), 40, replace=False)
     record, compiled = random.standard_normal(100_000), []
     jax.clear_caches()
 
     def hear(event, duration, fun_name="", **_):
-        # what only moves arguments is compiled too, in milliseconds
+        # other programs, which only move arguments, compile in milliseconds
         if event == "/jax/core/compile/backend_compile_duration" and "sums" in fun_name:
             compiled.append(fun_name)
 

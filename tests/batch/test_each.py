@@ -1,4 +1,4 @@
-"""A result for every IMU of a log that holds several."""
+"""With `each`, every IMU of a log with several has its own result."""
 
 import json
 from concurrent.futures import ThreadPoolExecutor
@@ -24,7 +24,7 @@ def signals(number):
 
 @pytest.fixture
 def logs(tmp_path):
-    """An ArduPilot log of two IMUs, a ULog of three, HDF5 of two, and a log of one."""
+    """Write an ArduPilot log with two IMUs, a ULog with three, HDF5 with two, and a log with one."""
     folder = tmp_path / "logs"
     make_logs(folder, 1)
     log = flightlogs.DataFlashWriter()
@@ -63,7 +63,7 @@ def test_each_imu_of_a_log_has_a_result_of_its_own(tasks, room, logs, tmp_path):
     assert manifest["count"] == {"logs": 8, "done": 8, "failed": 0, "left": 0}
     assert [row["topics"] for row in manifest["logs"]][1:3] == ["", "IMU:1"]
     assert pl.read_csv(tmp_path / "out" / "summary.csv")["topics"].to_list()[2] == "IMU:1"
-    # without it one of several is read, and the result says so; where none is the first, the log is refused
+    # without `each`, the first of several IMUs is read with a warning; a log in which none is the first is refused
     assert [entry.status for entry in alone] == ["done", "done", "done", "failed"]
     assert any("IMU:0 is read, the first of 2" in sentence for sentence in alone.done[1].warnings)
     assert "several groups hold sensors" in alone.failed[0].reason
@@ -74,7 +74,7 @@ def test_a_run_that_was_cut_off_between_two_imus_goes_on(tasks, room, logs, tmp_
     with ThreadPoolExecutor(1) as pool:
         call = {"executor": pool, "out": tmp_path / "out", "each": True}
         fleet = run(logs, tasks.counted, **call)
-        lost = [fleet.entries[2], fleet.entries[5], fleet.entries[6]]  # the second of two, the third of three, the first of two
+        lost = [fleet.entries[2], fleet.entries[5], fleet.entries[6]]  # IMUs: second of two, third of three, first of two
         for entry in lost:
             entry.file.unlink()
         again = run(logs, tasks.counted, **call)

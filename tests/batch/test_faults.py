@@ -1,6 +1,6 @@
-"""Fleets under faults: whatever happens, the union of results is that of an undisturbed run, and no file is half there.
+"""Faults during a run over many logs: all results together equal those of an undisturbed run, and no file is incomplete.
 
-The long version is benchmarks/fleet.py.
+benchmarks/fleet.py has a longer version.
 """
 
 import importlib.util
@@ -28,14 +28,14 @@ posix = pytest.mark.skipif(os.name != "posix", reason="signals and limits of POS
 
 
 def undisturbed(tasks, logs, out):
-    """The results of the same run without a fault."""
+    """Results of the same run without faults."""
     with ThreadPoolExecutor(1) as pool:
         run(logs, tasks.slow, executor=pool, out=out)
     return results(out)
 
 
 def same(found, expected):
-    """Results of another task with the same answer differ in the task alone."""
+    """Check that results are equal, except for the name of the task."""
     plain = {name: {**json.loads(text), "task": 0} for name, text in found.items()}
     assert plain == {name: {**json.loads(text), "task": 0} for name, text in expected.items()}
 
@@ -43,7 +43,7 @@ def same(found, expected):
 @pytest.mark.long
 @posix
 def test_workers_killed_from_outside_and_by_their_logs(tasks, room, tmp_path):
-    """unit3 kills its worker once, unit5 always; two workers more are killed at random."""
+    """unit3 kills its worker once and unit5 always; the test kills two more workers at random."""
     logs = make_logs(tmp_path / "logs", 9)
     expected = undisturbed(tasks, logs, tmp_path / "plain")
     rng, killed = random.Random(0), []
@@ -59,10 +59,10 @@ def test_workers_killed_from_outside_and_by_their_logs(tasks, room, tmp_path):
     fleet = run(tmp_path / "logs", tasks.deadly, out=tmp_path / "out", workers=2, progress=move)
     assert len(killed) == 2
     failed = {entry.path.stem: entry for entry in fleet.failed}
-    assert {"unit5"} <= set(failed) <= {"unit3", "unit5"}  # unit3 may have met one of the two
+    assert {"unit5"} <= set(failed) <= {"unit3", "unit5"}  # unit3 may have been in one of the two killed workers
     assert "its worker process died twice" in failed["unit5"].reason
     assert failed["unit5"].again
-    # computed once, but for what was in the hands of a worker that died
+    # every log is computed once, except those that a worker had when it died
     assert sum(count - before[name] - 1 for name, count in counts(room).items()) <= 2 + len(killed)
     assert not multiprocessing.active_children()
     (logs[4]).unlink()
@@ -77,7 +77,7 @@ def test_workers_killed_from_outside_and_by_their_logs(tasks, room, tmp_path):
 @posix
 def test_a_log_without_end_is_given_up(tasks, tmp_path):
     logs = make_logs(tmp_path / "logs", 2)
-    fleet = run(logs, tasks.stuck, workers=1, timeout=8.0)  # the other log imports what it needs in less
+    fleet = run(logs, tasks.stuck, workers=1, timeout=8.0)  # enough time for the imports of the other log
     assert [entry.status for entry in fleet] == ["failed", "done"]
     assert fleet.failed[0].reason == "unit1.npz: it took longer than 8 s and was given up"
 
@@ -118,7 +118,7 @@ def test_a_run_that_is_killed_is_taken_up_again_and_leaves_no_workers(tasks, roo
                 children = [int(word) for word in workers.read_text().split()] if workers.exists() else []
                 process.kill()
                 break
-    for child in children:  # they end with their parent, though that could not tell them
+    for child in children:  # children end with their parent, although it was killed
         deadline = time.monotonic() + 10
         while pathlib.Path(f"/proc/{child}/cmdline").exists() and pathlib.Path(f"/proc/{child}/cmdline").read_bytes():
             assert time.monotonic() < deadline
@@ -131,7 +131,7 @@ def test_a_run_that_is_killed_is_taken_up_again_and_leaves_no_workers(tasks, roo
     assert results(out) == expected
     assert sum(entry.kept for entry in fleet) == len([name for name in done if not name.startswith(".")])
     twice = sum(count - before[name] - 1 for name, count in counts(room).items())
-    assert twice <= 2  # the logs in flight
+    assert twice <= 2  # only logs that were being computed
 
 
 def test_files_truncated_removed_and_changed_during_the_run(tasks, room, tmp_path, monkeypatch):
@@ -148,7 +148,7 @@ def test_files_truncated_removed_and_changed_during_the_run(tasks, room, tmp_pat
         fleet = run(logs, tasks.slow, executor=pool, workers=1, out=tmp_path / "out", progress=move)
         status = {entry.path.stem: (entry.status, entry.again) for entry in fleet}
         assert status == {f"unit{i}": ("done", False) for i in (1, 2, 3, 6)} | {"unit4": ("failed", False), "unit5": ("failed", True)}
-        # what is said of a log is said of the content that was read
+        # the result of a log belongs to the content that was read
         assert fleet.entries[5].sha256 == fleet.entries[0].sha256
         for path, content in zip(logs, whole, strict=True):
             path.write_bytes(content)
@@ -156,7 +156,7 @@ def test_files_truncated_removed_and_changed_during_the_run(tasks, room, tmp_pat
         assert [entry.kept for entry in mended] == [True, True, True, False, False, False]
         assert len(mended.done) == 6
 
-        # one that is still being written
+        # a log that is still being written
         def growing(path, **options):
             log = jaxcal.read(path, **options)
             with open(path, "ab") as file:
@@ -179,7 +179,7 @@ def test_a_full_disk_ends_the_run_with_a_sentence_and_keeps_what_is_done(tasks, 
 
     def move(done, total, name):
         if done == 2:
-            resource.setrlimit(resource.RLIMIT_FSIZE, (500, limits[1]))  # bytes in a file: too few for a result
+            resource.setrlimit(resource.RLIMIT_FSIZE, (500, limits[1]))  # limit of the size of a file, too small for a result
 
     with ThreadPoolExecutor(1) as pool:
         try:
@@ -199,7 +199,7 @@ def test_a_folder_that_cannot_be_listed_costs_no_other(tasks, room, tmp_path, mo
     make_logs(tmp_path / "logs" / "closed", 2)
     scandir = os.scandir
 
-    def refused(path="."):  # as for a user without rights; the superuser may list anything
+    def refused(path="."):  # imitates missing rights, which the superuser would not notice
         if str(path).endswith("closed"):
             raise PermissionError(13, "Permission denied", str(path))
         return scandir(path)
@@ -233,7 +233,7 @@ def test_a_second_run_into_the_same_folder_is_refused(tasks, room, tmp_path):
     with ThreadPoolExecutor(1) as pool:
         run(logs, tasks.slow, executor=pool, out=tmp_path / "out", progress=move)
         assert refusals == [1, 2]
-        if os.name == "posix":  # by another process, and free as soon as that has gone, in whatever way
+        if os.name == "posix":  # another process has the lock, which is free as soon as that process ends in any way
             hold = "import fcntl, sys, time; f = open(sys.argv[1]); fcntl.flock(f, fcntl.LOCK_EX); print(1, flush=True); time.sleep(60)"
             with subprocess.Popen([sys.executable, "-c", hold, tmp_path / "out" / ".lock"], stdout=subprocess.PIPE) as other:
                 other.stdout.readline()
@@ -257,7 +257,7 @@ def test_half_written_files_of_a_killed_run_are_cleared_and_its_results_not_trus
 
 @posix
 def test_a_script_without_a_guard_is_told_so(tasks, tmp_path):
-    """Spawned workers import the script again, and would begin the run again."""
+    """Spawned workers import the script again and would start the run again without the guard."""
     make_logs(tmp_path / "logs", 1)
     script = tmp_path / "script.py"
     script.write_text(f"import jaxcal\njaxcal.batch.run({str(tmp_path / 'logs')!r}, 'allan', workers=1)\n")
@@ -367,6 +367,6 @@ def test_a_cluster_that_loses_its_scheduler_ends_the_run_with_a_sentence_and_ano
     said, files, union = found.stdout.splitlines()
     assert said.startswith("the executor takes no more logs (ClosedClientError: ")
     assert said.endswith(f"3 of 8 logs are done and kept in {out}; the same call goes on from there")
-    assert 3 <= int(files) <= 5  # and those that it held, which are tried again
+    assert 3 <= int(files) <= 5  # includes failures of logs that it had, which are tried again
     assert union == "8 3"
     assert results(out) == expected

@@ -1,4 +1,4 @@
-"""Parts of one record merged in a tree are one pass, to 1e-12."""
+"""Accumulators of the parts of a record, merged in a tree, agree with one pass to 1e-12."""
 
 import itertools
 import pickle
@@ -17,7 +17,7 @@ RATE = 100.0
 
 
 def cuts(n, number, seed):
-    """Edges of stretches of uneven lengths, some of a single sample."""
+    """Edges of random parts of unequal lengths, some with a single sample."""
     inner = np.random.default_rng(seed).choice(np.arange(1, n), number - 1, replace=False)
     return np.concatenate([[0], np.sort(inner), [n]])
 
@@ -25,7 +25,7 @@ def cuts(n, number, seed):
 @pytest.mark.parametrize("channels", [1, 2])
 @pytest.mark.parametrize(("segment", "overlap"), [(64, 0.5), (50, 0.0), (64, 0.75), (33, 0.5)])
 def test_spectrum_segments(segment, overlap, channels):
-    """Uneven parts, many shorter than a segment: every segment across a border is made once."""
+    """The parts are unequal and many are shorter than a segment; every segment across a border is counted once."""
     rng = np.random.default_rng(0)
     y = rng.standard_normal((5000, channels)) + 9.81
     whole = density(y, RATE, method="welch", segment=segment, overlap=overlap, sided=1)
@@ -50,7 +50,7 @@ def test_merging_segments_is_associative():
     left, right = a.merge(b).merge(c), a.merge(b.merge(c))
     np.testing.assert_allclose(left.result().density, right.result().density, rtol=1e-13)
     assert left.count == right.count == 11
-    # without a place, parts join where segments begin
+    # without start=, parts can be merged where segments begin
     one, two = (Segments(RATE, 64).update(y[s:e]) for s, e in ((0, 128), (128, 400)))
     np.testing.assert_allclose(one.merge(two).result().density, left.result().density, rtol=1e-13)
 
@@ -95,7 +95,7 @@ def test_moments_and_what_cannot_be_merged():
     rng = np.random.default_rng(0)
     m = rng.standard_normal((3000, 3)) @ np.diag([1.0, 1.1, 0.9]) + [3.0, -2.0, 1.0]
     whole = Moments([3.0, -2.0, 1.0], 1.0).update(m)
-    # each worker about a centre of its own
+    # each worker uses its own centre
     parts = [Moments(part[0], 1.0).update(part) for part in np.array_split(m, 7)]
     found = reduce(parts).moved(whole.centre, whole.scale)
     np.testing.assert_allclose(found.sums, whole.sums, rtol=1e-12, atol=1e-12 * np.abs(whole.sums).max())

@@ -1,4 +1,4 @@
-"""Populations of the logs of a run, by name patterns and tables."""
+"""Populations from the logs of a run, with devices and covariates from name patterns or tables."""
 
 import json
 from concurrent.futures import ThreadPoolExecutor
@@ -15,7 +15,7 @@ SIZES = 1e-3 * np.exp(0.2 * np.random.default_rng(0).standard_normal(6))
 
 @pytest.fixture(scope="module")
 def fleet(tmp_path_factory):
-    """Six units at three temperatures, one channel of 1000 samples each."""
+    """A run over logs of six units at three temperatures, with one channel of 1000 samples each."""
     folder = tmp_path_factory.mktemp("fleet")
     for i, size in enumerate(SIZES):
         y = 10.0 * size * np.random.default_rng(i).standard_normal(1000)
@@ -30,7 +30,7 @@ def test_a_run_is_pooled_from_its_results(fleet):
     assert one.devices == tuple("012345")
     assert one.covariates == ("temperature",)
     np.testing.assert_allclose(one.pooled[:, 0], SIZES, rtol=0.1)
-    # the likelihoods in the results are those of the fits
+    # likelihoods in the results equal those of fits
     y = np.load(fleet.done[0].path)["gyro"][:, 0]
     fit = jaxcal.noise.fit(y, 100.0, terms=("N",))
     assert one.seen[0, 0] == pytest.approx(np.log(float(fit.noise.N)), abs=1e-3)

@@ -1,4 +1,4 @@
-"""Pooling over a fleet: records drawn from densities written out here, so that nothing is shared with the package's simulation."""
+"""Pooling over many devices, with records drawn from densities in this file and not by the simulation of jaxcal."""
 
 import dataclasses
 
@@ -12,7 +12,7 @@ from jaxcal.batch import line, population
 
 RATE = 100.0
 SAMPLES = 2**14
-#: unit/sqrt(Hz), and a bias instability that a record of this length shows now and then
+#: N in unit/sqrt(Hz), and a bias instability B that only some records of this length show
 N, B = 1.0, 0.35
 
 
@@ -24,7 +24,7 @@ def record(n, b, rng):
 
 
 def fleet(seed, devices=16, recordings=1, spread=0.15, repeat=0.0, odd=0.0):
-    """Coefficients (recordings in all, 2), the fits, and the device of each."""
+    """Simulate recordings of many devices: true coefficients (all recordings, 2), the fits, and the device of each."""
     rng = np.random.default_rng(seed)
     truth, names = [], []
     for device in range(devices):
@@ -47,7 +47,7 @@ def test_the_population_halves_the_error_of_what_a_record_hardly_shows(one):
     truth, _, found = one
     alone, pooled = (np.sqrt(np.mean(np.log(np.maximum(values, 0.1) / truth) ** 2, axis=0)) for values in (found.raw, found.pooled))
     assert pooled[1] < 0.6 * alone[1]
-    assert pooled[0] < 1.05 * alone[0]  # N is known by each record
+    assert pooled[0] < 1.05 * alone[0]  # each record determines N well
     assert np.all((found.median_interval[:, 0] <= [N, B]) & (found.median_interval[:, 1] >= [N, B]))
     assert found.spread_interval[0, 0] < 0.1 < found.spread_interval[0, 1]
     assert found.verdict == "good"
@@ -65,9 +65,9 @@ def test_pooled_intervals_hold_the_truth():
         around.append([low <= true <= high for (low, high), true in zip(found.spread_interval, (0.1, 0.15), strict=True)])
         around[-1] += [low <= true <= high for (low, high), true in zip(found.median_interval, (N, B), strict=True)]
         named.append(np.mean(found.chance < 0.05, axis=0))
-    # 400 intervals of 95 % each, those of a fleet correlated
+    # 400 intervals of 95 % for each coefficient; those of the same devices are correlated
     np.testing.assert_array_less(np.abs(np.mean(inside, axis=(0, 1)) - 0.95), 0.04)
-    assert np.mean(around) > 0.95 - 0.07  # 100 of spread and median
+    assert np.mean(around) > 0.95 - 0.07  # 100 intervals of spread and median
     np.testing.assert_array_less(np.abs(np.mean(named, axis=0) - 0.05), 0.04)  # usual devices
 
 
@@ -82,7 +82,7 @@ def test_an_odd_unit_is_named_and_not_drawn_in():
 
 @dataclasses.dataclass
 class Estimate:
-    """What a fit of another kind has."""
+    """A result of another kind of fit, with the attributes that pooling needs."""
 
     names: tuple
     values: list
@@ -90,7 +90,10 @@ class Estimate:
 
 
 def nested(seed, devices=12, error=0.1):
-    """Truth, estimates, device, recording, axis and class: devices 0.2, recordings 0.1, axes 0.15, rest 0.05, a class 0.3."""
+    """Simulate truth, estimates, device, recording, axis and class.
+
+    The standard deviations are 0.2 of devices, 0.1 of recordings, 0.15 of axes and 0.05 of the rest; the classes differ by 0.3.
+    """
     rng = np.random.default_rng(seed)
     device, recording, axis = (index.ravel() for index in np.indices((devices, 3, 3)))
     batch = np.where(np.arange(devices) % 2, "b", "a")[device]
@@ -104,7 +107,7 @@ def nested(seed, devices=12, error=0.1):
 def test_levels_and_classes_of_estimates_of_other_kinds():
     x, fits, device, recording, axis, batch = nested(1)
     found = population(fits, devices=device, levels={"recording": recording, "axis": axis}, covariates={"batch": batch})
-    assert found.terms == ("x",)  # what is the same in all says nothing
+    assert found.terms == ("x",)  # terms that are equal in all fits are left out
     assert found.levels == ("device", "recording", "axis", "rest")
     low, high = found.components_interval[:, 0].T
     assert np.all((low < [0.2, 0.1, 0.15, 0.05]) & (high > [0.2, 0.1, 0.15, 0.05]))
@@ -147,7 +150,7 @@ def test_recordings_of_a_device_tell_its_repeatability_and_covariates_their_effe
 def test_a_line_that_changes_is_told_from_one_that_does_not(one):
     found = one[2]
     assert line(found, range(16)).verdict == "steady"
-    # the same records, sorted by their N: a drift
+    # the same records sorted by N look like a drift
     order = np.argsort(np.argsort(found.raw[:, 0]))
     drifting = line(found, order)
     assert drifting.verdict == "changed"

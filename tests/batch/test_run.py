@@ -1,4 +1,4 @@
-"""`run`: results, what is kept, what is computed again, and the files about the whole."""
+"""`run`: its results, which of them are kept or computed again, and the summary files."""
 
 import csv
 import functools
@@ -36,7 +36,7 @@ def test_every_log_has_its_result_and_one_bad_log_costs_no_other(tasks, room, tm
     fleet = run(
         [tmp_path / "logs", missing], tasks.counted, executor=pool, out=tmp_path / "out", progress=lambda *at: moves.append(at)
     )  # fmt: skip
-    names = ["empty.csv", *(f"unit{i}.npz" for i in range(1, 12)), "unit99.npz"]  # as people count
+    names = ["empty.csv", *(f"unit{i}.npz" for i in range(1, 12)), "unit99.npz"]  # numbers in names are in numerical order
     assert [entry.path.name for entry in fleet] == names
     assert {entry.path.name for entry in fleet.failed} == {"empty.csv", "unit5.npz", "unit99.npz"}
     reasons = {entry.path.name: entry.reason for entry in fleet.failed}
@@ -73,9 +73,9 @@ def test_a_run_taken_up_again_computes_only_what_is_new_changed_or_may_now_succe
     assert computed == []
     assert results(tmp_path / "out") == files
     again = next(path for path in stamps if path.name.startswith("unit7"))
-    assert all(path.stat().st_mtime_ns == stamp for path, stamp in stamps.items() if path != again)  # a missing file is looked for again
+    assert all(path.stat().st_mtime_ns == stamp for path, stamp in stamps.items() if path != again)  # only a missing log is tried again
     assert [(e.status, e.reason, e.coefficients) for e in first] == [(e.status, e.reason, e.coefficients) for e in second]
-    # a log mended, one changed in content but neither in length nor in time, one lost its result, one had half a result
+    # one log is repaired, one has new content of the same size and time, one result is deleted, and one is truncated
     damaged.write_bytes(good)
     state = paths[0].stat()
     np.savez(paths[0], **{**np.load(paths[0]), "gyro": np.load(paths[0])["gyro"] * 2.0})
@@ -88,7 +88,7 @@ def test_a_run_taken_up_again_computes_only_what_is_new_changed_or_may_now_succe
     assert computed == [f"unit{i}.npz" for i in (1, 2, 3, 4)]
     assert len(third.done) == 6
     assert third.entries[0].coefficients["mean[0]"].value == pytest.approx(entry[paths[0]].coefficients["mean[0]"].value * 2.0)
-    # another task or other options
+    # another task or other options require a new computation
     assert len(go(functools.partial(tasks.counted))[1]) == 6
     assert len(go(functools.partial(tasks.counted))[1]) == 0
     assert len(go(functools.partial(tasks.counted), reading={"stop": 1.0})[1]) == 6
@@ -99,7 +99,7 @@ def test_the_files_about_the_whole(tasks, room, tmp_path, pool):
     paths = make_logs(tmp_path / "logs", 5)
     (tmp_path / "logs" / "=<script>&.csv").write_text("no log")
     (tmp_path / "logs" / "a.npz").mkdir()
-    twin = make_logs(tmp_path / "logs" / "a.npz", 1)[0]  # a log of the same name elsewhere
+    twin = make_logs(tmp_path / "logs" / "a.npz", 1)[0]  # a log of the same name in another folder
     fleet = run(tmp_path / "logs", tasks.counted, executor=pool, out=tmp_path / "logs" / "out")
     again = run(tmp_path / "logs", tasks.counted, executor=pool, out=tmp_path / "logs" / "out")
     assert len(again) == len(fleet) == 7  # results in the folder are not logs
@@ -155,7 +155,7 @@ def test_named_tasks_give_what_the_library_gives(tmp_path, pool):
         return entry
 
     found, expected = one("allan", m="octave").coefficients, jaxcal.allan.deviation(log.gyro, log.rate, m=[10, 100])
-    # read from the curve at octaves, in logarithms
+    # the value is interpolated logarithmically between octaves of the curve
     assert found["gyro_y.oadev(1 s)"].value == pytest.approx(expected.deviation[0, 1], rel=0.02)
     assert found["gyro_y.oadev(10 s)"].unit == "rad/s"
     entry, fit = one("mag", method="consistent"), jaxcal.magnetometer.fit(log.mag, method="consistent")
@@ -208,7 +208,7 @@ def test_a_wrong_call_is_said_before_anything_is_done(tasks, room, tmp_path, poo
 
 
 def test_a_fleet_of_multi_position_recordings(tmp_path, pool):
-    """Three units, the second of which was hardly moved; the others hold the truth of the simulation."""
+    """The second of three units was hardly moved and fails; the intervals of the others contain the truth."""
     for i, poses in enumerate((cases.POSES, 6, cases.POSES)):
         log = cases.recording(i, poses=poses, up=cases.UP[:poses])
         np.savez(tmp_path / f"unit{i}.npz", time=log.time, gyro=log.gyro, accel=log.accel)
@@ -219,8 +219,8 @@ def test_a_fleet_of_multi_position_recordings(tmp_path, pool):
     names = [f"{sensor}[{k}]" for sensor in sensors for k in (["0", "1", "2"] if "bias" in sensor else INDICES)]
     truth = dict(zip([*names, *(f"gyro.g_sensitivity[{k}]" for k in INDICES)], cases.turned_truth(), strict=True))
     for entry in fleet.done:
-        assert set(truth) - set(entry.coefficients) == {"accel.matrix[1,0]", "accel.matrix[2,0]", "accel.matrix[2,1]"}  # zero by the frame
+        assert set(truth) - set(entry.coefficients) == {"accel.matrix[1,0]", "accel.matrix[2,0]", "accel.matrix[2,1]"}  # fixed at zero
         inside = [one.low <= truth[name] <= one.high for name, one in entry.coefficients.items()]
-        assert sum(inside) >= 25  # of 30, each with 95 %; fewer has a chance of 0.3 %
+        assert sum(inside) >= 25  # of 30 intervals of 95 %; fewer have a probability of 0.3 %
     alone = multi_position(jaxcal.read(fleet.done[0].path, quiet=True), gravity=cases.GRAVITY, held_out=False)
     assert [fleet.done[0].coefficients[name].value for name in names[-3:]] == alone.gyro.bias.tolist()

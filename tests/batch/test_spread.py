@@ -1,4 +1,4 @@
-"""Spread, outliers and trends over a fleet."""
+"""Spread, outliers and trends over the logs of a run."""
 
 import dataclasses
 import datetime
@@ -12,7 +12,7 @@ from jaxcal.batch import Coefficient, Entry, Fleet, run
 
 
 def entries(table, *, half=0.0, dates=None, unit=""):
-    """A fleet whose coefficients are the columns of `table`."""
+    """Entries of a run, each with the coefficients of one row of `table`."""
     rows = []
     for i, row in enumerate(table):
         known = {
@@ -35,7 +35,7 @@ def gaussian(n, k, seed):
 @pytest.mark.long
 @pytest.mark.parametrize(("n", "k"), [(5, 4), (12, 24), (60, 8), (300, 2)])
 def test_fleets_without_outliers_or_trends_rarely_have_one(n, k):
-    """5 % of fleets for outliers; 150 fleets: standard error 1.8 %. Trends likewise."""
+    """At most 5 % of the runs have outliers, and 5 % have trends; 150 runs determine these shares to 1.8 %."""
     odd = trends = 0
     runs = 150
     for seed in range(runs):
@@ -77,7 +77,7 @@ def test_a_log_that_knows_its_coefficient_badly_is_no_outlier():
 
 
 def test_noise_is_compared_by_factors():
-    """A tenth of the median is as far away as ten times it; values that scatter by factors have no outlier for their skewness."""
+    """A tenth of the median counts as far away as ten times the median, so that a skewed distribution of noise has no outliers."""
     rng = np.random.default_rng(0)
     values = np.exp(rng.standard_normal(200))
     fleet = spread_of(entries([{"gyro_x.N": v, "linear": v} for v in values]))
@@ -116,7 +116,7 @@ def test_a_trend_over_serial_number_and_date_has_its_slope():
 
 
 def judged(log):
-    """A task whose coefficients go with the number in the name of the log; one log stands out."""
+    """A task whose coefficient N depends on the number in the log's name; one log is an outlier."""
     number = int(log.provenance["file"].removeprefix("unit").removesuffix(".npz").removesuffix("<i>"))
     bias = np.random.default_rng(number).standard_normal()
     return {"gyro_x.N": 1.0 + 0.05 * number, "bias": 77.0 if number == 4 else bias}
@@ -126,7 +126,7 @@ def test_the_page_shows_spread_outliers_trends_and_failures(tmp_path):
     logs = tmp_path / "logs"
     logs.mkdir()
     for i in range(30):
-        time = np.delete(np.arange(60), [20, 21, 22] if i == 7 else []) / 100  # a gap is worth a warning
+        time = np.delete(np.arange(60), [20, 21, 22] if i == 7 else []) / 100  # a gap causes a warning
         np.savez(logs / f"unit{i}{'<i>' * (i == 7)}.npz", time=time, gyro=np.random.default_rng(i).standard_normal((len(time), 3)))
     (logs / "bad<b>.csv").write_text("no log & no sense")
     with ThreadPoolExecutor(2) as pool:

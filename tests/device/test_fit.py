@@ -1,4 +1,4 @@
-"""`jaxcal.device.fit` against simulated devices: errors, what the motion leaves open, disturbed fields, files."""
+"""`jaxcal.device.fit` on simulated devices: errors, parameters that the motion does not determine, disturbed fields, files."""
 
 import functools
 
@@ -10,7 +10,7 @@ from jaxcal.device import fit, simulate
 
 
 def leaf(model, name):
-    """A parameter of a model by its path."""
+    """Value of a parameter of a model, by its name."""
     path, _, entry = name.partition("[")
     for part in path.split("."):
         model = getattr(model, part)
@@ -18,13 +18,13 @@ def leaf(model, name):
 
 
 def errors(found, true):
-    """Error of every parameter that has a number, in standard errors."""
+    """Errors of all determined parameters, divided by their standard errors."""
     truth = np.array([leaf(true, name) for name in found.names])
     return ((found.values - truth) / found.standard_error)[np.isfinite(found.values)]
 
 
 def assert_covered(z):
-    """Errors in standard errors that are those of normal variables, however they are correlated."""
+    """Check that normalised errors are plausible for normal variables with any correlation."""
     assert np.sqrt(np.mean(z**2)) < 2.0
     assert np.abs(z).max() < 4.5
 
@@ -42,7 +42,7 @@ def test_free_motion_determines_all_sensors_within_their_errors():
     assert not found.undetermined
     assert_covered(z)
     assert 0.1 < found.reach < 0.5
-    # the attitude follows the truth
+    # the attitude agrees with the truth
     index = np.round(found.time * 50).astype(int)
     away = np.einsum("kji,kjl->kil", motion.attitude[index], found.attitude)
     assert np.rad2deg(np.arccos(np.clip((np.trace(away, axis1=1, axis2=2) - 1) / 2, -1, 1))).max() < 0.6
@@ -54,7 +54,7 @@ def test_rests_make_the_accelerometer_several_times_better():
     assert_covered(errors(found, true))
     bias = [found.names.index(f"accel.bias[{i}]") for i in range(3)]
     assert found.standard_error[bias].max() < free()[-1].standard_error[bias].max() / 4
-    # what it names as rests is rest
+    # the reported rests are true rests
     inside = np.zeros(len(log.time), dtype=bool)
     for start, stop in found.rests:
         inside |= (log.time > start) & (log.time < stop)
@@ -71,7 +71,7 @@ def test_turns_about_one_axis_leave_parameters_without_numbers():
     assert np.isnan(found.values[lost]).all()
     document = found.to_dict()
     assert all(document["values"][i] is None and document["covariance"][i][i] is None for i in lost)
-    # the model has no numbers from nowhere
+    # undetermined parameters of the model keep their nominal values
     assert leaf(found.model, "gyro.matrix[0,0]") == 1
     assert leaf(found.model, "magnetometer.soft_iron[0,0]") == 1
     with pytest.raises(jaxcal.DataError, match="refused"):

@@ -1,4 +1,4 @@
-"""`jaxcal.device.simulate`: its motion against finite differences, and its sensors against the formulas of `DeviceModel`."""
+"""`jaxcal.device.simulate`: the motion agrees with finite differences, and the sensors with the formulas of `DeviceModel`."""
 
 import dataclasses
 
@@ -28,7 +28,7 @@ MOTIONS = {
 
 @pytest.mark.parametrize("options", MOTIONS.values(), ids=list(MOTIONS))
 def test_rates_and_accelerations_are_the_derivatives_of_attitude_and_place(options):
-    # steps of 0.5 ms: the error of a central difference is below 1e-6 of the fastest tremor
+    # with steps of 0.5 ms, the error of a central difference is below 1e-6 of the fastest tremor
     _, _, true = simulate(8.0, 2000.0, seed=3, **options)
     step = 1 / 2000.0
     middle = slice(1, -1)
@@ -70,7 +70,7 @@ def test_a_free_motion_keeps_its_reach_and_shows_every_side():
     assert np.std(places) == pytest.approx(0.25, rel=0.1)
     assert np.sqrt(np.mean(np.square(rates))) == pytest.approx(1.0, rel=0.1)
     for up in ups:
-        # the mean square along the weakest direction would be 1/3 if all sides were seen alike
+        # if all directions were equally frequent, the mean square along the weakest direction would be 1/3
         assert np.linalg.eigvalsh(up.T @ up / len(up)).min() > 0.1
 
 
@@ -95,10 +95,10 @@ def test_each_sensor_reads_the_motion_at_its_own_time():
 
 def test_the_elements_of_the_accelerometer_feel_the_rotation_at_their_places():
     arm = np.array([[0.02, 0.0, 0.01], [0.0, -0.03, 0.0]])
-    # at 1 kHz the second difference is off by 3e-4 of the tremor's acceleration
+    # at 1 kHz the second difference has an error of 3e-4 of the tremor's acceleration
     log, _, true = simulate(4.0, 1000.0, seed=5, model=eqx.tree_at(lambda m: m.lever, PLAIN, arm), **SILENT)
     for axis, r in ((0, np.zeros(3)), (1, arm[0]), (2, arm[1])):
-        # the place of the element in the world, twice differentiated
+        # differentiate the position of the element in the world twice
         path = true.position + true.attitude @ r
         acceleration = (path[2:] - 2 * path[1:-1] + path[:-2]) * 1000.0**2
         force = np.einsum("nji,nj->ni", true.attitude[1:-1], acceleration + UP * 9.80665)
@@ -128,7 +128,7 @@ def test_the_rate_of_the_earth_is_added_about_its_axis():
     still, _, _ = simulate(10.0, seed=8, **SILENT)
     turned = (np.asarray(device.gyro.correct(log.gyro)) - np.asarray(device.gyro.correct(still.gyro))) / 7.292115e-5
     late = np.einsum("nij,nj->ni", true.attitude, turned)[500]
-    # north and up; the attitude is that at the stamp and not at the stamp less the delay
+    # components north and up; the tolerance allows for the delay, since the attitude is that at the time stamp
     assert late == pytest.approx([np.cos(np.deg2rad(50.0)), 0.0, np.sin(np.deg2rad(50.0))], abs=0.1)
 
 

@@ -1,4 +1,4 @@
-"""One small instance of each kind of calibration. Residual functions live here so that every test reuses their compilation."""
+"""A small example of each kind of calibration. All tests use these residual functions, so that each is compiled only once."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -8,7 +8,7 @@ LN2 = 2 * np.log(2) / np.pi
 
 
 class Coefficients(eqx.Module):
-    """Squared noise coefficients: they enter the Allan variance linearly, and may be zero."""
+    """Squared noise coefficients, in which the Allan variance is linear; they may be zero."""
 
     Q2: float
     N2: float
@@ -21,7 +21,7 @@ def allan_columns(tau):
 
 
 def noise(model, data):
-    """Allan variance of quantisation, white noise, bias instability and random walk, whitened."""
+    """Whitened residuals of the Allan variance of quantisation, white noise, bias instability and random walk."""
     squares = jnp.stack([model.Q2, model.N2, model.B2, model.K2])
     return (allan_columns(data["tau"]) @ squares - data["avar"]) / data["sigma"]
 
@@ -34,7 +34,7 @@ def noise_data(squares, seed=0, relative=0.05):
 
 
 class Iron(eqx.Module):
-    """Symmetric soft iron (its inverse) and hard iron."""
+    """Magnetometer model with the inverse of a symmetric soft iron, and hard iron."""
 
     upper: jnp.ndarray
     hard: jnp.ndarray
@@ -53,7 +53,7 @@ IRON_START = Iron(np.array([1.0, 0.0, 0.0, 1.0, 0.0, 1.0]), np.zeros(3))
 
 
 def magnetometer_data(count=None, sigma=0.005, seed=0, points=60):
-    """Noise is added to the corrected field, whose norm then has standard deviation sigma."""
+    """Simulate readings; noise is added to the corrected field, so that its magnitude has the standard deviation sigma."""
     rng = np.random.default_rng(seed)
     direction = rng.normal(size=(points, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
@@ -64,7 +64,7 @@ def magnetometer_data(count=None, sigma=0.005, seed=0, points=60):
 
 
 class Accelerometer(eqx.Module):
-    """Corrected = matrix (y - bias), matrix upper triangular."""
+    """Accelerometer model: corrected = matrix (y - bias), with an upper triangular matrix."""
 
     matrix: jnp.ndarray
     bias: jnp.ndarray
@@ -81,7 +81,7 @@ def static_attitudes(model, data):
 
 
 def attitude_data(seed=0, positions=18, samples=4, position_sigma=0.01, sigma=0.01):
-    """Several samples per position, which share an error of the position."""
+    """Simulate several samples per position, with a common error of each position."""
     rng = np.random.default_rng(seed)
     down = rng.normal(size=(positions, 3))
     down = np.repeat(down / np.linalg.norm(down, axis=1, keepdims=True), samples, axis=0)
@@ -103,7 +103,7 @@ def thermal_data(seed=0, n=120):
 
 
 def north(model, data):
-    """Gyroscope on a turntable: the earth's rate seen at table angles, plus a bias."""
+    """Residuals of a gyroscope on a turntable: the Earth's rate at the table angles plus a bias."""
     return (model["rate"] * jnp.cos(data["angle"] + model["azimuth"]) + model["bias"] - data["y"]) / data["sigma"]
 
 

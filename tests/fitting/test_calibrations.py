@@ -1,4 +1,4 @@
-"""Each kind of calibration: solves, is differentiable through the solution, and runs under vmap and lax.map."""
+"""Each kind of calibration is solved, differentiated through its solution, and run under vmap and lax.map."""
 
 import jax
 import jax.numpy as jnp
@@ -108,12 +108,12 @@ def test_alignment_over_its_branches(azimuth):
     fit = solve(p.north, start, data, starts=starts, bounds=bounds).checked()
     turn = (fit.model["azimuth"] - azimuth + np.pi) % (2 * np.pi) - np.pi
     assert abs(turn) < 4 * covariance(fit)[fit.names.index("azimuth"), fit.names.index("azimuth")] ** 0.5
-    # rate cos(angle + azimuth) is linear in its cosine and sine amplitude: the same angle in closed form
+    # rate cos(angle + azimuth) is linear in its cosine and sine amplitudes, which give the azimuth in closed form
     design = np.stack([np.cos(data["angle"]), -np.sin(data["angle"]), np.ones(8)], axis=1)
     cosine, sine, _ = np.linalg.lstsq(design, data["y"], rcond=None)[0]
     np.testing.assert_allclose(np.exp(1j * float(fit.model["azimuth"])), np.exp(1j * np.arctan2(sine, cosine)), atol=1e-7)
     if azimuth == 0.4:
-        # its sine, for the starts reach the same azimuth a turn apart, and rounding decides between them
+        # test the sine: the starts reach azimuths that differ by a whole turn, and rounding decides between them
         check_derivative(
             lambda y: jnp.sin(solve(p.north, start, {**data, "y": y}, starts=starts, bounds=bounds).model["azimuth"]), data["y"], 1e-4
         )

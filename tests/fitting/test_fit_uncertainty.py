@@ -1,4 +1,4 @@
-"""Covariances, profiles and identifiability against closed forms and Monte Carlo."""
+"""Covariances, profiles and identifiability against closed forms and simulations."""
 
 import jax
 import jax.numpy as jnp
@@ -55,7 +55,7 @@ def test_covariance_by_blocks_in_closed_form():
     e = data["y"] / 0.5 - x @ fit.parameters
     bread = np.linalg.inv(x.T @ x)
     hat = x @ bread @ x.T
-    # Bell and McCaffrey: residuals of a block times (1 - H)^-1/2
+    # correction of Bell and McCaffrey: residuals of a block are multiplied by (1 - H)^-1/2
     score = np.array(
         [
             x[one].T @ np.linalg.inv(scipy.linalg.sqrtm(np.eye(4) - hat[np.ix_(one, one)])) @ e[one]
@@ -110,7 +110,7 @@ def test_a_jackknife_without_its_data_or_identity():
     many = solve_many(line, np.zeros(2), jax.tree.map(lambda a: np.stack([a]), data), batched=(False, True))
     with pytest.raises(FitError, match="out of many does not keep its data"):
         covariance(jax.tree.map(lambda a: a[0], many), "jackknife")
-    # the second parameter is seen by the first block alone: without it nothing determines it
+    # only the first block depends on the second parameter; without this block the parameter is undetermined
     apart = {**data, "design": np.stack([np.ones(40), np.arange(40) < 5], axis=1).astype(float)}
     fit = solve(line, np.zeros(2), apart)
     assert np.isfinite(covariance(fit)).all()
@@ -122,7 +122,7 @@ RUNS, LENGTH = 1000, 600
 
 @pytest.fixture(scope="module")
 def covered():
-    """Coverage of 95 % intervals of offset and slope under white and correlated errors, by kind of covariance, in one program."""
+    """Coverage of 95 % intervals of offset and slope for white and correlated errors, by kind of covariance."""
     rng, design = np.random.default_rng(3), line_data(n=LENGTH)["design"]
     white = rng.normal(size=(RUNS, LENGTH))
     walk = scipy.signal.lfilter([np.sqrt(1 - 0.81)], [1, -0.9], rng.normal(size=(RUNS, LENGTH + 200)), axis=1)[:, 200:]
@@ -166,7 +166,7 @@ def test_information_of_a_jacobian():
     np.testing.assert_allclose(known.leverage(rows), np.diag(rows @ np.linalg.inv(rows.T @ rows) @ rows.T), rtol=1e-9)
     traced = jax.jit(information)(rows)
     np.testing.assert_allclose(traced.covariance, known.covariance, rtol=1e-9)
-    # two parameters that only their sum is known of, beside one that is known
+    # the data determine only the sum of two parameters, and the third
     rows = np.stack([rows[:, 0], rows[:, 0], rows[:, 2]], axis=1)
     known = information(rows)
     assert known.rank == 2
@@ -210,7 +210,7 @@ def test_profile_of_a_curved_model():
     fit = solve(growth, {"top": 2.0, "speed": 0.5}, GROWTH).checked()
 
     def excess(speed):
-        # top enters linearly: its best value for a given speed in closed form
+        # the model is linear in top, whose best value for a given speed has a closed form
         shape = 1 - np.exp(-speed * GROWTH["x"])
         top = shape @ GROWTH["y"] / (shape @ shape)
         return np.sum(((top * shape - GROWTH["y"]) / 0.1) ** 2) - 2 * float(fit.cost) - scipy.stats.chi2.ppf(0.95, 1)
@@ -234,7 +234,7 @@ def test_profile_at_a_bound_and_without_limit():
         assert interval.low == 0
         assert 0 < interval.high < 1e-3
     flat = solve(growth, {"top": 2.0, "speed": 0.5}, {"x": GROWTH["x"][:3], "y": GROWTH["y"][:3]})
-    interval = profile_interval(flat, "top")  # three points do not bend enough to bound the level they tend to
+    interval = profile_interval(flat, "top")  # the curvature of three points is too small to bound their limit
     assert 0 < interval.low < flat.model["top"]
     assert interval.high == np.inf
 

@@ -12,7 +12,7 @@ RNG = np.random.default_rng(4)
 DESIGN = RNG.normal(size=(30, 3))
 Y = DESIGN @ [1.0, 2.0, 3.0] + RNG.normal(size=30)
 START = {"x": np.zeros(2), "scale": 0.0}
-MEAN, SIGMA = np.array([0.5, 0.8, 2.9]), np.array([0.1, 0.2, 0.3])  # of scale and x, in the order of the leaves
+MEAN, SIGMA = np.array([0.5, 0.8, 2.9]), np.array([0.1, 0.2, 0.3])  # for scale and x, in the order of the leaves
 
 
 def line(model, data):
@@ -30,13 +30,13 @@ def test_posterior_of_a_linear_model():
     np.testing.assert_allclose(fit.parameters, POSTERIOR @ (DESIGN.T @ Y + PRIOR @ MEAN), rtol=1e-8)
     np.testing.assert_allclose(covariance(fit), POSTERIOR, rtol=1e-10)
     np.testing.assert_allclose(covariance(fit, information=DESIGN.T @ DESIGN), POSTERIOR, rtol=1e-10)
-    # the data's share alone counts: n less the trace of the hat matrix of the data
+    # degrees of freedom count only the data: n less the trace of the hat matrix of the data
     hat = DESIGN @ POSTERIOR @ DESIGN.T
     np.testing.assert_allclose(leverage(fit), np.diag(hat), rtol=1e-9)
     np.testing.assert_allclose(fit.degrees_of_freedom, 30 - np.trace(hat), rtol=1e-10)
     assert fit.residuals.shape == (30,)
     assert fit.count == 30
-    # errors of the data of another size than assumed: those of the priors keep theirs
+    # scaling applies to the errors of the data, not to those of the priors
     scatter = fit.variance * DESIGN.T @ DESIGN + PRIOR
     np.testing.assert_allclose(covariance(fit, scaled=True), POSTERIOR @ scatter @ POSTERIOR, rtol=1e-9)
 
@@ -55,7 +55,7 @@ def test_covariances_by_blocks_hold_the_prior_for_certain():
 
 
 def test_coverage_with_a_prior():
-    """The truth is drawn from the prior, and the data have three times the assumed errors."""
+    """The true parameters are drawn from the prior, and the errors of the data are three times the assumed ones."""
     rng = np.random.default_rng(5)
     truth = MEAN + SIGMA * rng.normal(size=(2000, 3))
     y = np.einsum("np,kp->kn", DESIGN, truth) + 3 * rng.normal(size=(2000, 30))
@@ -73,7 +73,7 @@ def test_a_prior_determines_what_the_data_do_not():
 
 
 class Ratio(AbstractPrior):
-    """The two are known to be equal, but for a tenth."""
+    """A user-defined prior: both elements of x are equal to within 0.1."""
 
     def residuals(self, model):
         return (model["x"][0] - model["x"][1]) / 0.1

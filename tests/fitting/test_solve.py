@@ -1,4 +1,4 @@
-"""What `solve` accepts, refuses and reports."""
+"""Inputs that `solve` accepts and refuses, and the fields of its result."""
 
 import jax
 import jax.numpy as jnp
@@ -103,7 +103,7 @@ def test_padding_changes_nothing():
     other = solve(padded, p.IRON_START, more)
     np.testing.assert_allclose(other.parameters, fit.parameters, atol=1e-9)
     np.testing.assert_allclose([other.goodness, other.degrees_of_freedom], [fit.goodness, 51])
-    # padding forms no block: five contiguous ones of twelve, and labels that padding has alone
+    # padding forms no block, neither for five contiguous blocks of twelve nor with labels that only padding has
     for kind, blocks, padded_blocks in (("sandwich", 12, 12), ("jackknife", 5, 5), ("jackknife", np.arange(60) // 12, np.arange(67) // 12)):
         expected = covariance(fit, kind, blocks=blocks)
         np.testing.assert_allclose(covariance(other, kind, blocks=padded_blocks), expected, rtol=1e-5, atol=1e-6 * expected.max())
@@ -127,7 +127,7 @@ def test_precision_follows_the_inputs(precision):
     assert identifiability(fit).rank == 9
     gradient = jax.grad(lambda m: solve(p.magnetometer, start, {**data, "m": m}).model.hard[0])(jnp.asarray(data["m"]))
     assert gradient.dtype == precision
-    np.testing.assert_allclose(gradient.sum(axis=0), [1, 0, 0], atol=1e-3)  # moving every reading moves the hard iron
+    np.testing.assert_allclose(gradient.sum(axis=0), [1, 0, 0], atol=1e-3)  # a shift of all readings shifts the hard iron
 
 
 def test_float32_data_among_float64():

@@ -165,7 +165,7 @@ def test_still_intervals_are_those_that_were_made():
         x[i:j] += 3 * np.sin(np.arange(j - i) / 15)[:, None]
     found = static_intervals(x, 100.0)
     assert len(found) == 5
-    # a window of a second keeps half a second away from motion, give or take what the first samples of a move are worth
+    # a window of 1 s keeps a distance of 0.5 s from motion, to within the few samples that a motion needs to exceed the threshold
     for (stop, start), (i, j) in zip(zip(found.stop[:-1], found.start[1:], strict=True), moves, strict=True):
         assert -5 <= i - 50 - stop <= 5
         assert -5 <= start - (j + 50) <= 5

@@ -1,11 +1,11 @@
-"""A recording of a real sensor, made and first analysed by others: an ADIS16405 at rest, 10^6 samples of six axes at 100 Hz."""
+"""A published recording of a real sensor: an ADIS16405 at rest, with 10^6 samples of six axes at 100 Hz."""
 
 import numpy as np
 import pytest
 
 import jaxcal
 
-#: deg/sqrt(s): plateau of sqrt(tau) times the deviation near 1 s, by an independent robust fit of the same recording
+#: N in deg/sqrt(s) by an independent robust fit: the plateau of sqrt(tau) times the deviation near 1 s
 PLATEAU = (0.0409, 0.0431, 0.0391)
 
 
@@ -28,7 +28,7 @@ def test_the_random_walk_of_the_gyroscopes(fits):
 
 @pytest.mark.long
 def test_the_model_describes_the_measured_deviation(record, fits):
-    """From 0.3 s to 100 s, the range that the methods file names; lines are part of the model."""
+    """The range is 0.3 s to 100 s, as the document on methods states; the model includes spectral lines."""
     y, rate = record
     m = np.unique(np.round(np.geomspace(0.3 * rate, 100.0 * rate, 25)).astype(int))
     measured = jaxcal.allan.deviation(y, rate, m=m, alpha=0).deviation
@@ -49,7 +49,7 @@ def test_the_random_walk_of_one_gyroscope(gyro_x):
 
 
 def steps(fit):
-    """Times of the steps that a fit tells of."""
+    """Times of the steps that a fit reports."""
     return [float(said.split(" s explains")[0].split(" at ")[1]) for said in fit.warnings if said.startswith("a step of")]
 
 
@@ -62,19 +62,19 @@ def test_the_step_of_one_accelerometer_is_told(record, gyro_x):
 @pytest.mark.long
 def test_what_the_sensor_does_is_told(fits):
     for fit in fits:
-        # its internal filter rolls off from some 15 Hz on
+        # the internal filter of the sensor attenuates from about 15 Hz on
         assert 0.03 < fit.band[0] < 0.5
         assert any("Q was not fitted" in sentence for sentence in fit.warnings)
         for term in ("N", "B", "K"):
             assert np.isfinite(fit.interval[term]).all()
     for fit in fits[3:]:
-        # the table it stood on rings
+        # the table on which the sensor stood rings
         assert any(abs(frequency - 0.55) < 0.02 for _, frequency in fit.noise.sinusoid)
         assert fit.verdict["N"] == "present"
 
 
 def apart(record, terms):
-    """How many coefficients of the two halves of the recording, over six axes, differ by more than their 95 % intervals allow."""
+    """Number of coefficients over six axes that differ between the halves of the recording by more than their 95 % intervals allow."""
     y, rate = record
     count = 0
     for i in range(6):
@@ -82,7 +82,7 @@ def apart(record, terms):
         for term in terms:
             (low, high), (lower, higher) = (half.interval[term] for half in halves)
             first, second = (float(getattr(half.noise, term)) for half in halves)
-            # the half-widths towards one another, as two independent errors of 95 %
+            # combine the half-widths of both intervals on the sides that face each other, as independent errors
             allowed = np.hypot(high - first, second - lower) if first < second else np.hypot(first - low, higher - second)
             count += bool(abs(first - second) > allowed)
     return count
@@ -90,13 +90,13 @@ def apart(record, terms):
 
 @pytest.mark.long
 def test_disjoint_halves_agree(record):
-    # the sensor was knocked or warmed at 2150 s and more than once before: without allowance for that 5 comparisons fail
+    # the sensor was knocked or warmed at 2150 s and several times before; without allowance for this, 5 comparisons fail
     assert apart(record, "NBK") <= 3  # 18 comparisons at 95 %: P(> 3) = 1 %
 
 
 @pytest.mark.long
 def test_steps_are_told(fits):
-    """The eye sees them in means of 20 s: all accelerometers stepped at 2150 s, z by most, and x and y were knocked near 7000 s."""
+    """Means over 20 s show the steps: all accelerometers step at 2150 s, z the most, and x and y were knocked near 7000 s."""
     for fit, times in zip(fits[3:], ((2150, 7000), (2150, 7000), (2150,)), strict=True):
         for time in times:
             assert min(abs(step - time) for step in steps(fit)) < 60.0, (time, steps(fit))

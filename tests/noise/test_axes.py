@@ -1,4 +1,4 @@
-"""Correlation of the axes' white noise, and cross-spectra, on records whose mixture is known."""
+"""Correlation between the white noise of axes, and cross-spectra, on simulated records with known correlation."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ RATE = 100.0
 
 
 def mixed(seed, n=4096, walk=0.0):
-    """Two axes with a correlation of 0.3 in their white noise, and a random walk of its own in each."""
+    """Simulate two axes with a correlation of 0.3 between their white noise and independent random walks."""
     random = np.random.default_rng(seed)
     a, b = random.standard_normal((2, n))
     white = np.stack([2.0 * a, 0.5 * (0.3 * a + np.sqrt(1 - 0.09) * b)], axis=1)
@@ -31,7 +31,7 @@ def test_intervals_of_the_correlation_hold_the_truth(walk):
 def test_independent_axes_are_seldom_called_correlated():
     random = np.random.default_rng(5)
     said = [bool(correlation(random.standard_normal((1000, 2)), RATE, [Noise(N=0.1)] * 2).warnings) for _ in range(300)]
-    assert np.mean(said) < 0.09  # of 5 %
+    assert np.mean(said) < 0.09  # nominal: 5 %
 
 
 def test_covariance_is_that_of_the_samples_and_serves_a_filter():

@@ -1,4 +1,4 @@
-"""What passes for B and K: steps, warm-ups, sinusoids, other exponents, Gauss-Markov processes. It is named, and B and K are not."""
+"""Effects that look like B or K are named instead: steps, warm-ups, sinusoids, other exponents, Gauss-Markov processes."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ T = np.arange(SAMPLES) / SAMPLES
 
 
 def density(processes=(), exponent=0.0, corner=0.0):
-    """Of the ordinates of a DCT-II: white noise of 1, processes of (level, correlation time), and a power law beside."""
+    """Density of DCT-II ordinates: white noise of 1, processes of (level, correlation time), and a power law."""
     angle, dt = np.pi * np.arange(1, SAMPLES) / SAMPLES, 1 / RATE
     total = 1.0 + (corner / (2 * np.sin(angle / 2) / (2 * np.pi * dt))) ** exponent * (exponent > 0)
     for level, time in processes:
@@ -21,7 +21,7 @@ def density(processes=(), exponent=0.0, corner=0.0):
 
 
 def drawn(level, seed):
-    """A record drawn ordinate by ordinate, which shares nothing with `Noise.simulate`."""
+    """Simulate a record by drawing its ordinates, independently of `Noise.simulate`."""
     ordinates = np.sqrt(np.broadcast_to(level, SAMPLES - 1) * RATE) * np.random.default_rng(seed).standard_normal(SAMPLES - 1)
     return scipy.fft.idct(np.concatenate([[0.0], ordinates]), norm="ortho")
 
@@ -50,7 +50,7 @@ def test_what_passes_for_slow_noise_is_named_and_no_b_or_k_is_present(cause):
         false += [found.verdict[term] for term in "BK"].count("present")
         covered += found.interval["N"][0] <= 1.0 <= found.interval["N"][1]
     assert named >= RUNS - 1
-    assert false <= 1  # of ten verdicts, each false in one of a hundred by chance
+    assert false <= 1  # of ten verdicts, each of which is false with a probability of 1 %
     assert covered >= RUNS - 2
 
 
@@ -73,9 +73,9 @@ def test_what_another_spectrum_explains_as_well_is_a_hint_that_names_it(term):
             assert cause in notes[0]
             assert found.verdict[term] == "hint"
             assert found.interval[term][0] == 0.0
-    assert false <= 2  # in 3 % of records twice as long
+    assert false <= 2  # for records twice as long, 3 % of the verdicts are false
     assert hints >= 2
-    assert covered >= 6  # of 8 at 95 %
+    assert covered >= 6  # of 8 intervals of 95 %
 
 
 @pytest.mark.long
@@ -83,7 +83,7 @@ def test_noise_of_the_model_alone_has_no_other_cause():
     truth = jaxcal.noise.Noise(N=0.25 / 60, B=7.6 / 3600, K=1.8 / 3600)
     records = np.stack([truth.simulate(SAMPLES, RATE, seed=seed) for seed in range(15)], axis=1)
     said = [sentence for one in jaxcal.noise.fit(records, RATE).warnings for sentence in one if "explain" in sentence]
-    assert len(said) <= 2  # a cause is named in about one record in fifty, by chance
+    assert len(said) <= 2  # a cause is named by chance in about 2 % of the records
 
 
 @pytest.mark.long

@@ -1,4 +1,4 @@
-"""The covariance across tau: against its definition summed lag by lag, and against the scatter of simulated records."""
+"""The covariance between cluster times against its definition, summed lag by lag, and against the scatter of simulated records."""
 
 import itertools
 import math
@@ -16,7 +16,10 @@ TERMS = ("Q", "N", "B", "K", "R")
 
 
 def tensor(samples, m):
-    """T with the covariance sum_ij theta_i theta_j T[i, j], by polarisation: theta the squared coefficients of one term, and of two."""
+    """T for which the covariance is sum_ij theta_i theta_j T[i, j], where theta are the squared coefficients.
+
+    The elements follow by polarisation from the covariances of one and of two terms.
+    """
     found = np.empty((len(TERMS), len(TERMS), len(m), len(m)))
     for i, j in itertools.combinations_with_replacement(range(len(TERMS)), 2):
         both = allan_covariance(Noise(**{TERMS[i]: 1.0, TERMS[j]: 1.0}), samples, m, DT)
@@ -68,7 +71,7 @@ def test_equals_the_sum_over_all_lags():
 
 
 def test_cost_and_size_do_not_grow_with_the_record():
-    """A billion samples: white noise at one cluster size has the closed form of Greenhall, edf near 2n/3m for m >> 1."""
+    """For a billion samples of white noise, the edf agrees with Greenhall's closed form, near 2n/3m for m >> 1."""
     samples, m = 10**9, (1, 1000, 10**6, 10**8)
     variance = np.array([1.0 / size for size in m])
     edf = 2.0 * variance**2 / np.diagonal(allan_covariance(Noise(N=1.0), samples, m, 1.0))
@@ -79,7 +82,7 @@ def test_cost_and_size_do_not_grow_with_the_record():
 
 @pytest.mark.long
 def test_against_the_scatter_of_simulated_records():
-    """1,000 records: standard deviations within 4.5 standard errors, correlations within 0.15."""
+    """For 1,000 records, standard deviations agree within 4.5 standard errors, and correlations within 0.15."""
     noise, samples, runs = Noise(Q=0.2, N=1.0, B=0.5, K=0.2), 1024, 1000
     m = np.array([1, 3, 10, 40, 160])
     y = np.stack([noise.simulate(samples, 1 / DT, seed=s) for s in range(runs)], axis=1)
@@ -94,7 +97,7 @@ def test_against_the_scatter_of_simulated_records():
 
 
 def exact_sum(function, cuts, degree):
-    """Sum over integers of a function that is a polynomial between the cuts, in whole numbers (Newton's forward differences)."""
+    """Exact sum over integers of a function that is a polynomial between the cuts, by Newton's forward differences."""
     total = 0
     for low, high in itertools.pairwise(cuts):
         values = [function(h) for h in range(low, min(high, low + degree + 1))]
@@ -107,7 +110,7 @@ def exact_sum(function, cuts, degree):
 @pytest.mark.parametrize(("samples", "small", "large"), [(12_345, 25, 100), (12_345, 26, 26), (10**9, 10**6, 10**8), (10**9, 77, 10**7)])
 @pytest.mark.parametrize(("term", "phase", "degree"), [("N", lambda x: -6 * x, 3), ("K", lambda x: x**3 - x, 7)])
 def test_sums_of_polynomials_are_exact(term, phase, degree, samples, small, large):
-    """White noise and the random walk: sums over all lags, of up to a billion summands, in whole numbers."""
+    """For white noise and random walk, the sums over up to a billion lags agree with sums in whole numbers."""
     first, second = samples - 2 * small + 1, samples - 2 * large + 1
     shifts = [(a * small - b * large, (1, -2, 1)[a] * (1, -2, 1)[b]) for a in range(3) for b in range(3)]
 
@@ -121,7 +124,7 @@ def test_sums_of_polynomials_are_exact(term, phase, degree, samples, small, larg
 
 
 def test_derivative_with_respect_to_a_coefficient():
-    """The covariance is a quadratic form in the squared coefficients: with one term alone, of fourth degree."""
+    """The covariance is a quadratic form in the squared coefficients, and so of fourth degree in a single coefficient."""
     with jax.enable_x64(True):
         slope = jax.jit(jax.jacfwd(lambda n: allan_covariance(Noise(N=n), 1000, (1, 7), DT)))(2.0)
     np.testing.assert_allclose(slope, 2.0 * allan_covariance(Noise(N=2.0), 1000, (1, 7), DT), rtol=1e-12)

@@ -1,4 +1,4 @@
-"""Records without noise, of a moving sensor, nearly empty or very short: an answer in numbers, or a refusal in words."""
+"""Records without noise, of a moving sensor, nearly empty or very short give finite numbers or a refusal with a reason."""
 
 import warnings
 

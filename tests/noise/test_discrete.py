@@ -1,4 +1,4 @@
-"""State-space form: against the densities of the model, by simulation, and in a Kalman filter."""
+"""The state-space form against the densities of the model, in simulations, and in a Kalman filter."""
 
 import math
 
@@ -15,7 +15,7 @@ ALL = Noise(Q=0.02, N=0.5, B=0.7, K=0.1, R=0.01, markov=((0.5, 3.0),), sinusoid=
 
 
 def simulated(model, steps, runs, seed):
-    """(steps, runs) outputs of the state-space model, step by step."""
+    """Simulate outputs of the state-space model step by step, (steps, runs)."""
     random = np.random.default_rng(seed)
 
     def drawn(covariance):
@@ -33,7 +33,10 @@ def simulated(model, steps, runs, seed):
 
 @pytest.mark.parametrize("noise", [ALL, Noise(Q=1.0), Noise(N=1.0), Noise(B=1.0), Noise(K=1.0), Noise(R=1.0), Noise(markov=((1.0, 3.0),))])
 def test_simulation_has_the_allan_variance_of_the_model(noise):
-    """300 records of 4,096 samples, within 4.5 standard errors; of the noise itself where the chain serves, give or take its error."""
+    """300 simulated records of 4,096 samples agree with the state-space model within 4.5 standard errors.
+
+    Where the chain approximates flicker, they agree with the noise itself within the stated error of the chain.
+    """
     model = discrete(noise, RATE, band=(1e-3, 5.0))
     m = np.array([1, 2, 4, 8, 32, 128, 512])
     tau = m / RATE
@@ -50,7 +53,7 @@ def test_simulation_has_the_allan_variance_of_the_model(noise):
 
 @pytest.mark.parametrize("states", [3, 7])
 def test_density_of_the_matrices(states):
-    """dt [H (z - F)^-1 P (z - F)^-H H' + r] at z = exp(2 pi i f dt) is the density of the model, term by term exact."""
+    """The density of the model is dt [H (z - F)^-1 P (z - F)^-H H' + r] at z = exp(2 pi i f dt), exactly for each term."""
     model = discrete(Noise(Q=0.02, N=0.5, B=0.7, K=0.1, markov=((0.5, 3.0), (0.1, 0.01))), RATE, states=states, band=(1e-3, 5.0))
     for f in (1e-4, 0.01, 0.3, 2.0, 5.0):
         z = np.exp(2j * np.pi * f / RATE)
@@ -71,13 +74,13 @@ def test_values():
     np.testing.assert_allclose(model.transition[i, i], np.exp(-0.1 / 3.0))
     np.testing.assert_allclose(model.initial[i, i], 0.5**2 * 3.0 / 2.0)
     np.testing.assert_allclose(model.process[i, i], 0.375 * (1.0 - np.exp(-0.2 / 3.0)))
-    # quantisation: the difference of two rounding errors over the interval
+    # quantisation is the difference of two rounding errors divided by the interval
     i, j = at["next"], at["last"]
     assert model.output[i] == RATE
     assert model.output[j] == -RATE
     assert model.transition[j, i] == 1.0
     assert model.process[i, i] == 0.02**2
-    # what is stationary stays so
+    # stationary states stay stationary
     kept = np.isin(model.names, ["walk", "ramp", "slope"], invert=True)
     after = (model.transition @ model.initial @ model.transition.T + model.process)[np.ix_(kept, kept)]
     np.testing.assert_allclose(after, model.initial[np.ix_(kept, kept)], rtol=1e-12, atol=1e-15)
@@ -89,7 +92,7 @@ def test_values():
 
 @pytest.mark.parametrize(("decades", "states"), [(1, 1), (1, 2), (2, 3), (3, 3), (4, 6), (6, 6)])
 def test_error_of_the_chain_is_the_one_stated(decades, states):
-    """Sum of the densities of sampled first-order processes against dt/(2 sin(pi f dt)), on a grid of our own."""
+    """The sum of densities of sampled first-order processes is compared with dt/(2 sin(pi f dt)) on a separate grid."""
     band = (50.0 * 10.0**-decades, 50.0)
     model = discrete(Noise(B=2.0), 100.0, states=states, band=band)
     f = np.geomspace(*band, 5003)
@@ -99,12 +102,12 @@ def test_error_of_the_chain_is_the_one_stated(decades, states):
         total += strength**2 * correlation / 2.0 * (1.0 - a**2) * 0.01 / (1.0 + a**2 - 2.0 * a * np.cos(2.0 * np.pi * f * 0.01))
     ratio = total / (4.0 * 0.01 / (2.0 * np.sin(np.pi * f * 0.01)))
     np.testing.assert_allclose(np.max(np.abs(ratio - 1.0)), model.psd_error, rtol=0.02)
-    np.testing.assert_allclose(np.max(ratio) - 1.0, 1.0 - np.min(ratio), rtol=0.02)  # as much above as below
+    np.testing.assert_allclose(np.max(ratio) - 1.0, 1.0 - np.min(ratio), rtol=0.02)  # the largest errors above and below are equal
     shortest, longest = model.clusters
     tau = np.unique(np.round(np.geomspace(shortest, longest, 500) * 100.0)) / 100.0
     off = np.abs(np.sqrt(model.avar(tau) / Noise(B=2.0).avar(tau, dt=0.01)) - 1.0)
     np.testing.assert_allclose(np.max(off), model.deviation_error, rtol=0.05)
-    # measured: one state per decade 20 to 8 % of the density, 1.5 per decade 4 % or less
+    # measured errors of the density: 20 to 8 % with one state per decade, 4 % or less with 1.5
     assert model.psd_error < {1.0: 0.21, 1.5: 0.04, 2.0: 0.02}[states / decades]
     assert model.deviation_error < 0.5 * model.psd_error
 
@@ -115,9 +118,9 @@ def test_the_default_chain():
     assert model.psd_error < 0.1
     assert model.deviation_error < 0.05
     assert len(model.chain) == 6
-    # one fewer is not enough
+    # one state fewer is not enough
     assert discrete(Noise(B=1e-4), 100.0, states=5, band=model.band).psd_error > 0.1
-    # it scales with B, and knows nothing of the other terms
+    # the chain scales with B and does not depend on the other terms
     again = discrete(Noise(B=2e-4, N=1.0), 100.0)
     np.testing.assert_allclose(np.array(again.chain) / np.array(model.chain), np.tile([2.0, 1.0], (6, 1)))
 
@@ -125,14 +128,14 @@ def test_the_default_chain():
 def test_a_cut_off_ends_the_band():
     model = discrete(Noise(B=1.0, cutoff=2.0), 100.0)
     assert model.band[1] == 2.0
-    # the chain falls as 1/f^2 above the band, the noise ends there: short cluster times show it
+    # above the band the chain falls as 1/f^2, whereas the noise ends there, which affects short cluster times
     uncut = discrete(Noise(B=1.0), 100.0, band=model.band)
     assert model.chain == uncut.chain
     assert model.deviation_error > 3.0 * uncut.deviation_error
 
 
 def test_a_kalman_filter_with_it_is_consistent():
-    """The innovations of flicker with white noise and a random walk have the variance that the filter gives them, and are white."""
+    """Innovations for flicker with white noise and random walk are white and have the variance that the filter predicts."""
     n, noise = 30_000, Noise(N=0.3, B=1.0, K=0.01)
     model = discrete(noise, 1.0, states=6, band=(1e-4, 0.5))
     y = noise.simulate(n, 1.0, seed=2)
@@ -151,7 +154,7 @@ def test_a_kalman_filter_with_it_is_consistent():
     assert abs(np.mean(settled**2) - 1.0) < 4.5 * math.sqrt(2.0 / len(settled))
     for lag in (1, 2, 10, 100):
         assert abs(np.mean(settled[lag:] * settled[:-lag])) < 4.5 / math.sqrt(len(settled))
-    # and the test could tell: flicker left out, the filter is off
+    # the test is sensitive: without flicker the filter is inconsistent
     assert np.mean(settled**2) * variance > 1.1 * model.white
 
 

@@ -1,4 +1,4 @@
-"""The fit: bias, scatter, coverage and verdicts by Monte Carlo, the band, gaps, the differentiable path, and messages."""
+"""`fit`: bias, scatter, coverage and verdicts on simulated records, the band, gaps, the differentiable path, and messages."""
 
 import jax
 import numpy as np
@@ -16,7 +16,7 @@ WHITE = Noise(N=0.25 / 60)
 
 @pytest.fixture(scope="module")
 def runs():
-    """Records of 2^15 samples: 80 with N, B and K, and 60 of white noise alone."""
+    """Fits of records of 2^15 samples: 80 with N, B and K, and 60 of white noise alone."""
 
     def records(noise, number):
         return fit(np.stack([noise.simulate(2**15, RATE, seed=s) for s in range(number)], axis=1), RATE)
@@ -26,7 +26,7 @@ def runs():
 
 @pytest.mark.long
 def test_coefficients_are_unbiased_and_intervals_cover(runs):
-    """The bound scales from that of 2^17 samples (N 0.20, B 9.8, K 20.7 %) by 2 for B and K at most."""
+    """The expected errors come from those of 2^17 samples (N 0.20, B 9.8, K 20.7 %), which grow at most by 2 for B and K."""
     found = runs["gyro"]
     relative = {term: np.asarray(getattr(found.noise, term)) / getattr(GYRO, term) - 1 for term in ("N", "B", "K")}
     assert abs(relative["N"].mean()) < 0.004
@@ -35,9 +35,9 @@ def test_coefficients_are_unbiased_and_intervals_cover(runs):
         assert np.sqrt(np.mean(relative[term] ** 2)) < rmse
         low, high = found.interval[term]
         share = np.mean((low <= getattr(GYRO, term)) & (getattr(GYRO, term) <= high))
-        # binomial: 80 intervals at 95 % cover at least 69 times but for a chance of one in a thousand
+        # by the binomial distribution, fewer than 69 of 80 intervals of 95 % contain the truth once in a thousand tries
         assert share >= 69 / 80, (term, share)
-        if term != "N":  # N alone can be low where Q, at its bound of zero, takes part of it: its one-sided limit is not a verdict
+        if term != "N":  # N can be low if Q, bounded at zero, absorbs a part of it
             assert np.mean(found.upper_limit[term] >= getattr(GYRO, term)) >= 69 / 80
     low, high = found.interval["Q"]
     assert np.mean(low == 0) >= 69 / 80
@@ -56,7 +56,7 @@ def test_the_sandwich_covariance_is_the_scatter(runs):
 def test_absent_terms_are_not_detected(runs):
     found = runs["white"]
     for term in ("Q", "B", "K"):
-        # 5 % and 1 % at most by chance: 60 records exceed 9 and 4 once in some thousand tries
+        # nominal shares are at most 5 % and 1 %: 60 records exceed 9 and 4 once in several thousand tries
         assert sum(v != "not detected" for v in found.verdict[term]) <= 9, term
         assert sum(v == "present" for v in found.verdict[term]) <= 4, term
     assert set(found.verdict["N"]) == {"present"}
@@ -73,7 +73,7 @@ def test_the_band_is_left_whole_where_the_model_holds(runs):
 
 
 def test_a_low_pass_filter_is_left_out_and_named():
-    """A sensor that averages 16 samples: a moving average spoils cluster times near and below its length."""
+    """The sensor averages 16 samples, which distorts cluster times near and below this length."""
     samples = 2**16
     raw = WHITE.simulate(samples + 15, RATE, seed=3)
     found = fit(np.convolve(raw, np.full(16, 1 / 16), "valid"), RATE)
@@ -94,7 +94,7 @@ def test_a_low_pass_filter_is_left_out_and_named():
 
 @pytest.mark.long
 def test_behind_a_filter_intervals_still_cover():
-    """40 records through a moving average of 4 samples: N, B and K are neither biased by what it leaves nor overconfident."""
+    """For 40 records behind a moving average of 4 samples, N, B and K are not biased, and their intervals cover."""
     samples, runs = 2**15, 40
     y = [np.convolve(GYRO.simulate(samples + 3, RATE, seed=s), np.full(4, 0.25), "valid") for s in range(runs)]
     found = fit(np.stack(y, axis=1), RATE)
@@ -103,7 +103,7 @@ def test_behind_a_filter_intervals_still_cover():
     for term in ("N", "B", "K"):
         low, high = found.interval[term]
         share = np.mean((low <= getattr(GYRO, term)) & (getattr(GYRO, term) <= high))
-        # 33 of 40 is exceeded downwards once in a thousand tries at 95 %
+        # fewer than 33 of 40 intervals of 95 % contain the truth once in a thousand tries
         assert share >= 33 / 40, (term, share)
 
 
@@ -155,7 +155,7 @@ def test_units_scale_and_channels_do_not_mix():
 
 
 def test_longer_record_is_about_right():
-    """A record four times as long halves the relative error of N."""
+    """If the record is four times as long, the relative error of N is halved."""
     short, long = (fit(WHITE.simulate(n, RATE, seed=9), RATE) for n in (2**13, 2**15))
     np.testing.assert_allclose(short.longer_record["N"], long.longer_record["N"], rtol=0.1)
     assert short.longer_record["N"] < short.duration < 1000.0 < short.longer_record["K"]

@@ -1,4 +1,4 @@
-"""Records with gaps: the maximum of the likelihood of what was observed, its scatter and its intervals."""
+"""Records with gaps: the fit maximises the likelihood of the observed samples; its scatter and its intervals."""
 
 import numpy as np
 import pytest
@@ -9,12 +9,12 @@ import scipy.optimize
 import jaxcal
 
 RATE = 100.0
-TRUTH = {"N": 4.36e-5, "B": 3.68e-5, "K": 8.73e-6}  # per second and in rad/s: those of the thesis' gyroscope X
+TRUTH = {"N": 4.36e-5, "B": 3.68e-5, "K": 8.73e-6}  # gyroscope X of the thesis in rad and s
 CHUNKS = {"scattered": (0.05, 1), "short gaps": (0.1, 200), "one gap": (0.3, None)}
 
 
 def lost(y, share, length, seed):
-    """The record without a share of its samples, in gaps of a length; None for one gap."""
+    """Remove a share of the samples in gaps of a given length, or in one gap if the length is None."""
     y, rng = y.copy(), np.random.default_rng(seed)
     length = int(share * len(y)) if length is None else length
     for start in rng.choice(len(y) - length, max(int(share * len(y)) // length, 1), replace=False):
@@ -23,14 +23,14 @@ def lost(y, share, length, seed):
 
 
 def columns(n, dt):
-    """Density of the ordinates of a DCT-II per squared coefficient: random walk of rate exact, flicker to 1 in 1000."""
+    """Density of DCT-II ordinates per squared coefficient of N, B and K; flicker is accurate to 1 in 1000, the others are exact."""
     k = np.arange(1, n)
     s = 2 * np.sin(np.pi * k / (2 * n))
     return np.stack([np.ones(n - 1), dt / s * (1 - 2 / (np.pi**2 * k)), dt**2 / s**2], axis=1)
 
 
 def simulated(n, rate, noise, seed):
-    """A record drawn ordinate by ordinate, which shares nothing with `Noise.simulate`."""
+    """Simulate a record by drawing its ordinates, independently of `Noise.simulate`."""
     density = columns(n, 1 / rate) @ np.array([noise[term] ** 2 for term in "NBK"])
     ordinates = np.sqrt(density * rate) * np.random.default_rng(seed).standard_normal(n - 1)
     return scipy.fft.idct(np.concatenate([[0.0], ordinates]), norm="ortho")
@@ -68,10 +68,10 @@ def test_gaps_cost_the_samples_that_are_missing_and_no_more(kind):
         ratio.append([float(getattr(part.noise, term)) / TRUTH[term] - float(getattr(whole.noise, term)) / TRUTH[term] for term in "NB"])
         inside += [low <= TRUTH[term] <= high for term, (low, high) in part.interval.items() if term in TRUTH]
         assert any(sentence.startswith("gaps: ") for sentence in part.warnings)
-    # what the missing samples told: the difference of two estimates scatters by the root of the difference of their variances
+    # the variance of the difference between both estimates is the difference of their variances
     assert np.std(ratio, axis=0)[0] < 0.012
     assert np.std(ratio, axis=0)[1] < 0.3
-    assert np.mean(inside) > 0.75  # of 18, at 95 %
+    assert np.mean(inside) > 0.75  # 18 intervals of 95 %
 
 
 def test_a_fit_of_a_record_with_gaps_repeats_exactly():

@@ -1,4 +1,4 @@
-"""`mean_covariance` against sums over samples with semivariograms written out here, and against densities."""
+"""`mean_covariance` against sums over samples of known semivariograms, and against densities."""
 
 import jax
 import jax.numpy as jnp
@@ -12,12 +12,12 @@ START, DWELL = np.array([0.0, 31.0, 70.0, 300.0]), np.array([20.0, 30.0, 25.0, 1
 
 
 def contrasts(covariance, weight=DWELL):
-    """What a free constant leaves of a covariance."""
+    """Covariance after subtracting the weighted mean, which removes a free constant."""
     away = np.eye(len(weight)) - np.outer(np.ones(len(weight)), weight / weight.sum())
     return away @ covariance @ away.T
 
 
-#: semivariograms of samples every dt seconds, lags h in samples
+#: noise and semivariogram of its samples for each term, with intervals dt in seconds and lags h in samples
 VARIOGRAMS = {
     "B": (Noise(B=0.7), lambda h, dt: 0.7**2 * 2 / np.pi * np.concatenate([[0], np.cumsum(1 / (2 * np.arange(1, h.size) - 1))])),
     "K": (Noise(K=0.3), lambda h, dt: 0.3**2 * dt * h / 2),
@@ -61,7 +61,7 @@ def test_what_wanders_is_counted_from_the_common_mean():
     wander = mean_covariance(Noise(B=1.0, K=0.1), START, DWELL)
     assert np.abs(wander @ DWELL).max() < 1e-10 * np.abs(wander).max() * DWELL.sum()
     np.testing.assert_allclose(mean_covariance(Noise(N=2.0, R=5.0), START, DWELL), np.diag(4.0 / DWELL))
-    # two means over T, a time T apart, of quantisation noise: each has an error at both ends
+    # a mean of quantisation noise has an error at each of its ends
     np.testing.assert_allclose(mean_covariance(Noise(Q=3.0), START, DWELL)[0, 0], 2 * 9 / DWELL[0] ** 2)
     alone = mean_covariance(Noise(B=1.0, K=0.1), START, DWELL, np.array([1.0, 1.0, 0.0, 0.0]))
     two = mean_covariance(Noise(B=1.0, K=0.1), START[:2], DWELL[:2], np.ones(2))

@@ -1,4 +1,4 @@
-"""The ways to fit an Allan deviation curve: exact curves, dense algebra, bias and scatter by Monte Carlo, the traced path, messages."""
+"""Methods that fit an Allan deviation curve: exact curves, dense algebra, bias and scatter in simulations, traced path, messages."""
 
 import dataclasses
 import functools
@@ -26,14 +26,14 @@ def objects(terms):
 
 
 def fitted(method, y, terms=TERMS, inside=None, **changes):
-    """What `jaxcal.noise.fit` does for one channel; `changes` are fields of the deviation."""
+    """Fit one channel as `jaxcal.noise.fit` does; `changes` replace fields of the deviation."""
     curve = dataclasses.replace(deviation(y, RATE, m=clusters(method, len(y), terms), alpha=0), **changes)
     chosen = np.ones(len(curve.m), dtype=bool) if inside is None else inside(curve.tau)
     return CURVES[method](curve, len(y), objects(terms), chosen, inside is None, 0.95)
 
 
 def exact(method, noise, samples=2**15, terms=TERMS):
-    """The fit of a curve that is the model, without scatter."""
+    """Fit the curve of the model itself, which has no scatter."""
     tau = clusters(method, samples, terms) * DT
     return fitted(method, np.random.default_rng(0).standard_normal(samples), terms, deviation=np.sqrt(noise.avar(tau, dt=DT)))
 
@@ -44,7 +44,7 @@ def coefficients(found, terms=TERMS):
 
 @pytest.fixture(scope="module")
 def runs():
-    """40 records of 2^15 samples with N, B and K, by every method."""
+    """Fits of 40 records of 2^15 samples with N, B and K by every method."""
     records = [GYRO.simulate(2**15, RATE, seed=s) for s in range(40)]
     return {method: [fitted(method, y) for y in records] for method in CURVES}
 
@@ -55,7 +55,7 @@ def test_the_model_s_own_curve_gives_its_coefficients(method, noise):
     truth = np.array([noise.Q, noise.N, noise.B, noise.K])
     found = coefficients(exact(method, noise))
     np.testing.assert_allclose(found[truth > 0], truth[truth > 0], rtol=1e-9)
-    # of an absent term its part of the variance is known to the rounding of the curve
+    # the contribution of an absent term to the variance is zero to the rounding of the curve
     tau = clusters(method, 2**15, TERMS) * DT
     for term, value in zip(np.array(TERMS)[truth == 0], found[truth == 0], strict=True):
         assert np.all(Noise(**{term: value}).avar(tau, dt=DT) < 1e-12 * noise.avar(tau, dt=DT).max())
@@ -82,9 +82,9 @@ def allan_columns(m):
 
 
 def dense(v, m, samples, full, factor=1.0):
-    """Iterated least squares of v = factor A theta, with the whole covariance or its diagonal; coefficients and covariance.
+    """Solve v = factor A theta by iterated least squares with the whole covariance or its diagonal.
 
-    Every set of non-zero coefficients is tried; the covariance is that of all columns, whatever is zero.
+    Every set of non-zero coefficients is tried. Returns the coefficients and the covariance of all columns, including those at zero.
     """
     columns = factor * allan_columns(m)
 
@@ -121,20 +121,20 @@ def test_equals_dense_algebra(method, seed):
     y = Noise(Q=2e-5, N=0.25 / 60, B=0.02, K=0.02).simulate(samples, RATE, seed=seed)
     found = fitted(method, y)
     theta, spread = dense(found.deviation.deviation**2, found.deviation.m, samples, method == "gls")
-    # the 1e-8 on the correlation's diagonal is all that differs
+    # the results differ only because `fit` adds 1e-8 to the diagonal of the correlation
     np.testing.assert_allclose(coefficients(found) ** 2, theta, rtol=2e-4, atol=1e-12 * theta.max())
     np.testing.assert_allclose(found.covariance, spread, rtol=2e-3)
 
 
 def test_wavelet_is_the_haar_wavelet_variance():
-    """Twice the variance is the Allan variance: from the Haar filter by convolution, and fitted by dense algebra on its own scale."""
+    """The Allan variance is twice the wavelet variance, which is computed here by convolution with the Haar filter and fitted."""
     samples = 3000
     y = Noise(Q=2e-5, N=0.25 / 60, B=0.02, K=0.02).simulate(samples, RATE, seed=1)
     found = fitted("wavelet", y)
     assert found.deviation.m.tolist() == [1, 2, 4, 8, 16, 32, 64, 128, 256, 512]
     haar = []
     for m in found.deviation.m:
-        filter_ = np.repeat([0.5 / m, -0.5 / m], m)  # maximal overlap, scale 2m
+        filter_ = np.repeat([0.5 / m, -0.5 / m], m)  # Haar filter of scale 2m with maximal overlap
         haar.append(np.mean(np.convolve(y, filter_, "valid") ** 2))
     np.testing.assert_allclose(haar, 0.5 * found.deviation.deviation**2, rtol=1e-9)
     theta, spread = dense(np.array(haar), found.deviation.m, samples, False, factor=0.5)
@@ -162,7 +162,7 @@ def test_slope_equals_a_plain_reading():
 @pytest.mark.long
 @pytest.mark.parametrize("method", [*WITH_INTERVALS, "unweighted", "log", "slope"])
 def test_scatter_is_that_of_the_method(runs, method):
-    """40 records of 5.5 minutes: bounds are the expected root mean square errors with 4 standard errors (18 %, or 45 % together)."""
+    """Root mean square errors of 40 records of 5.5 minutes exceed the expected ones by less than four standard errors (45 %)."""
     bounds = {"gls": (0.8, 21, 55), "edf": (0.9, 21, 55), "wavelet": (0.9, 21, 55), "unweighted": (1.0, 70, 90), "log": (7, 55, 80)}
     relative = {term: np.array([float(getattr(f.noise, term)) for f in runs[method]]) / getattr(GYRO, term) - 1 for term in "NBK"}
     error = {term: 100 * np.sqrt(np.mean(relative[term] ** 2)) for term in "NBK"}
@@ -174,7 +174,7 @@ def test_scatter_is_that_of_the_method(runs, method):
         for term in "NBK":
             ends = np.array([f.interval[term] for f in runs[method]])
             share = np.mean((ends[:, 0] <= getattr(GYRO, term)) & (getattr(GYRO, term) <= ends[:, 1]))
-            # 33 of 40 is exceeded downwards once in a thousand tries at 95 %
+            # fewer than 33 of 40 intervals of 95 % contain the truth once in a thousand tries
             assert share >= 33 / 40, (term, share)
 
 
@@ -190,13 +190,13 @@ def test_weights_pay(runs):
 
 
 def test_slope_overstates_the_bias_instability():
-    """Case A at 22 minutes: +44 % with a scatter of 14 %, so that the mean of 24 records has a standard error of 3 %."""
+    """For case A and 22 minutes the bias is +44 % with a scatter of 14 %; the mean of 24 records has a standard error of 3 %."""
     b = [float(fitted("slope", GYRO.simulate(2**17, RATE, seed=s)).noise.B) for s in range(24)]
     assert 0.35 < np.mean(b) / GYRO.B - 1 < 0.53
 
 
 def test_k_is_found_where_b_is_absent():
-    """The fit under the null, whose weights are far too large at first, must not swing: found K says so in every record."""
+    """The fit without K starts with weights that are far too large; it must not oscillate, so that K is significant in every record."""
     noise = Noise(N=0.25 / 60, K=1.8 / 3600)
     for seed in (1002, 1022, 1037, 1042, 1045, 1053):
         y = noise.simulate(2**17, RATE, seed=seed)
@@ -219,7 +219,7 @@ def test_methods_without_uncertainty_say_so(method):
 
 
 def test_goodness_without_a_test_of_its_own_tells_good_from_bad():
-    """The chance is that of the curve about the coefficients reported: slope misses a curve with Q that the others follow."""
+    """The goodness tests the curve against the reported coefficients: "slope" does not fit a curve with Q, "edf" does."""
     y = Noise(Q=5e-4, N=0.25 / 60, B=7.6 / 3600, K=1.8 / 3600).simulate(2**15, RATE, seed=3)
     assert fitted("slope", y).goodness < 1e-10
     assert fitted("edf", y).goodness > 1e-3
@@ -251,15 +251,15 @@ def coefficient(method, y, term="N"):
     return getattr(fitted(method, y).noise, term)
 
 
-# "wavelet" is the estimator of "edf"
+# "wavelet" has the same estimator as "edf"
 @pytest.mark.parametrize("method", ["gls", "edf", *WITHOUT])
 def test_traced(method):
-    """Under jit and vmap the values are those of the plain call, and the derivatives those of finite differences."""
+    """Under jit and vmap, values equal those of the plain call, and derivatives those of finite differences."""
     y = np.stack([GYRO.simulate(600, RATE, seed=s) for s in (8, 9)])
     value, gradient = jax.jit(jax.vmap(jax.value_and_grad(functools.partial(coefficient, method))))(jnp.asarray(y))
     np.testing.assert_allclose(value, [coefficient(method, row) for row in y], rtol=1e-6)
     direction = np.random.default_rng(0).standard_normal(y.shape) * np.std(y)
-    # the minimum is found to 1e-8, and without weights, where residuals are far below one, to less: a smaller step would magnify it
+    # the minimum is accurate to 1e-8, and less without weights, where residuals are far below one; a smaller step would magnify this error
     step = 1e-3 if method == "unweighted" else 1e-4
     for i in range(2):
         up, down = (coefficient(method, y[i] + sign * step * direction[i]) for sign in (1, -1))
@@ -272,7 +272,7 @@ def test_no_compilation_for_another_length(method, caplog):
     with jax.log_compiles(), caplog.at_level("WARNING"):
         samples = 5000
         sizes = clusters(method, samples, TERMS)
-        # the deviation has its own test; here it must not count
+        # compilations of the deviation are tested elsewhere and must not count here
         curve = deviation(GYRO.simulate(samples, RATE, seed=1), RATE, m=sizes, alpha=0)
         caplog.clear()
         CURVES[method](curve, samples, objects(TERMS), np.ones(len(sizes), dtype=bool), True, 0.95)
@@ -292,7 +292,7 @@ def test_gaps_are_allowed_for():
 
 @pytest.mark.parametrize("method", list(CURVES))
 def test_a_record_with_few_levels(method):
-    """Output of a coarse converter: one cluster size in three has no scatter at all, and the fit ends in numbers."""
+    """With the output of a coarse converter, one of three cluster sizes has no scatter; the fit is still finite."""
     y = np.zeros(600)
     y[::7] = 1.0
     found = fitted(method, y)

@@ -1,4 +1,4 @@
-"""The noise family: closed forms against sums over the variogram and integrals over the spectrum, and published values."""
+"""`Noise`: closed forms against sums over the variogram, integrals over the spectrum, and published values."""
 
 import itertools
 
@@ -17,7 +17,7 @@ ALL = Noise(Q=0.3, N=1.2, B=0.7, K=0.4, R=0.2, markov=((0.5, 2.0),), sinusoid=((
 
 
 def variogram(term, h):
-    """E[x(t+h) - x(t)]^2 / 2 of unit strength at lag h samples."""
+    """Semivariogram E[x(t+h) - x(t)]^2 / 2 of a term of unit strength at a lag of h samples."""
     if term == "Q":
         return (2.0 + (h == 1)) / DT**2
     if term == "N":
@@ -56,7 +56,7 @@ def test_continuous_form_is_the_integral_over_the_spectrum(noise):
 
 
 def test_published_values_at_short_cluster_times():
-    """Ratio of sampled to continuous: flicker 1/ln 2 and a random walk 1.5 at m = 1."""
+    """The ratio of sampled to continuous variance at m = 1 is 1/ln 2 for flicker and 1.5 for a random walk."""
     m = np.array([1.0, 2.0, 3.0, 7.0, 30.0])
     np.testing.assert_allclose(Noise(B=1.0).avar(m, dt=1.0) / Noise(B=1.0).avar(m), [1.4427, 1.1542, 1.0804, 1.0194, 1.0015], atol=5e-5)
     np.testing.assert_allclose(Noise(K=1.0).avar(m, dt=1.0) / Noise(K=1.0).avar(m), 1 + 0.5 / m**2, rtol=1e-12)
@@ -64,7 +64,7 @@ def test_published_values_at_short_cluster_times():
 
 
 def test_exact_spectrum_integrates_to_the_variance():
-    """A stationary process: the density over the band of the samples is the variance."""
+    """For a stationary process, the integral of the density over the band of the samples is the variance."""
     noise = Noise(Q=0.3, N=1.2, markov=((0.5, 2.0),))
     total, _ = scipy.integrate.quad(lambda f: 2.0 * float(noise.psd(f, dt=DT)), 1e-12, 0.5 / DT, limit=400, points=[0.1, 0.5])
     np.testing.assert_allclose(total, 2.0 * 0.3**2 / DT**2 + 1.2**2 / DT + 0.5**2 * 2.0 / 2.0, rtol=1e-6)
@@ -99,7 +99,7 @@ def test_samples_of_flicker_with_a_cut_off_have_the_sum_over_their_variogram(cut
     gamma = np.array([(k * increments[0] + 2.0 * np.sum((k - h[1:k]) * increments[1:k])) / 2.0 for k in range(1, 2 * m)])
     weight = np.where(h[1:] <= m, 2 * m - 3 * h[1:], h[1:] - 2 * m)
     expected = -np.sum(weight * gamma) / m**2
-    # the sum cancels where flicker hardly moves within a cluster
+    # the sum loses digits if flicker hardly changes within a cluster
     np.testing.assert_allclose(Noise(B=1.0, cutoff=cutoff).avar(m * DT, dt=DT), expected, rtol=1e-9, atol=1e-14)
 
 
@@ -108,7 +108,7 @@ def test_where_a_cut_off_acts():
     whole, cut = Noise(B=2.0, N=0.1), Noise(B=2.0, N=0.1, cutoff=1.0)
     for dt in (None, DT):
         np.testing.assert_array_equal(cut.psd(f, dt=dt), np.where(f <= 1.0, whole.psd(f, dt=dt), 0.1**2))
-    # samples do not feel a cut-off at half their rate or above, and it is of flicker alone
+    # a cut-off at half the sampling rate or above has no effect on samples, and it applies only to flicker
     for cutoff in (5.0, 7.0, 1e12):
         np.testing.assert_allclose(Noise(B=2.0, cutoff=cutoff).avar(tau, dt=DT), Noise(B=2.0).avar(tau, dt=DT), rtol=1e-14)
     np.testing.assert_array_equal(Noise(N=1.0, K=2.0, cutoff=0.01).avar(tau), Noise(N=1.0, K=2.0).avar(tau))
@@ -159,7 +159,7 @@ def test_terms_add_and_channels_come_last():
 
 
 def test_gauss_markov_keeps_its_digits_at_short_cluster_times():
-    """Far below Tc it is a random walk; the closed form cancels there."""
+    """Far below Tc the process is a random walk; the closed form would lose digits there by cancellation."""
     process, walk = Noise(markov=((1.0, 1e4),)), Noise(K=1.0)
     for tau in (0.05, 0.15, 0.25, 1.0):
         np.testing.assert_allclose(process.avar(tau), walk.avar(tau), rtol=2e-4)

@@ -15,7 +15,7 @@ TERMS = tuple(Noise().part(name)[2] for name in NAMES)
 
 
 def covariance(term, n, scale=None):
-    """Of n samples at unit coefficient; generalised (up to a constant, which ordinates do not see) for B and K."""
+    """Covariance of n samples at unit coefficient; for B and K up to a constant, on which ordinates do not depend."""
     h = np.abs(np.arange(n)[:, None] - np.arange(n)[None, :])
     if term == "Q":
         return (2.0 * (h == 0) - (h == 1)) / DT**2
@@ -57,7 +57,7 @@ def test_bins_average_ordinates_and_count_them():
     np.testing.assert_allclose((bins.density * bins.unit)[:48], ordinates[:48])
     np.testing.assert_allclose(np.sum(bins.density * bins.weight) * bins.unit, ordinates.sum())
     assert (bins.weight[:48] == 1).all()
-    # 40 bins to the decade; the last is cut short by the Nyquist frequency
+    # there are 40 bins per decade; the Nyquist frequency truncates the last bin
     f = bins.frequency[bins.weight > 0]
     ratio = np.diff(np.log10(f))[-31:-1]
     np.testing.assert_allclose(ratio, 1 / 40, rtol=0.1)
@@ -76,7 +76,7 @@ def test_gaps_leave_every_stretch_its_own_basis():
     # white noise of density 4: nu P/S is chi-square
     ratio = bins.density[used] * bins.unit / 4.0
     assert abs(np.sum(bins.weight[used] * (ratio - 1.0))) < 4 * np.sqrt(2 * bins.weight.sum())
-    # the random walk's column is a mean over the bins that were merged, so it falls with frequency without steps
+    # the column of the random walk is a mean over merged bins, so that it decreases with frequency without steps
     assert (np.diff(np.log(bins.columns[used, 3])) < 0).all()
 
 

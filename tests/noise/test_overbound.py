@@ -1,4 +1,4 @@
-"""The conservative set: above every limit, the least that is, and against the truth in simulation."""
+"""The overbound lies above every limit, is the least that does so, and lies above the truth in simulations."""
 
 import dataclasses
 import itertools
@@ -16,7 +16,7 @@ TERMS = ("Q", "N", "B", "K")
 
 
 def limits(seed, clusters=12, longest=300.0):
-    """A ragged curve of limits, as of a measured record."""
+    """An irregular curve of upper limits, as of a measured record."""
     random = np.random.default_rng(seed)
     tau = np.geomspace(DT, longest, clusters)
     smooth = Noise(Q=1e-5, N=1e-3, B=5e-4, K=1e-4).avar(tau, dt=DT)
@@ -24,7 +24,7 @@ def limits(seed, clusters=12, longest=300.0):
 
 
 def least_cost(tau, upper, terms):
-    """Mean of variance over limit at the best corner of the feasible set, all of which are tried."""
+    """Least mean ratio of variance to limit; all corners of the feasible set are tried."""
     columns = np.stack([Noise(**{t: 1.0}).avar(tau, dt=DT) for t in terms], axis=1) / upper[:, None] ** 2
     columns = columns / columns.max(axis=0)
     best = np.inf
@@ -47,26 +47,26 @@ def test_nothing_smaller_lies_above_the_limits(terms, seed):
     excess = found.avar(tau, dt=DT) / upper**2
     assert np.all(excess >= 1.0)
     np.testing.assert_allclose(np.mean(excess), least_cost(tau, upper, terms), rtol=1e-7)
-    # it touches the limits as many times as it has positive coefficients
+    # the overbound touches the limits as many times as it has positive coefficients
     positive = [term for term in TERMS if getattr(found, term) > 0.0] + (["R"] if found.R > 0.0 else [])
     assert set(positive) <= set(terms)
     assert np.sum(excess < 1.0 + 1e-6) >= len(positive)
 
 
 def test_limits_that_are_a_model_give_that_model():
-    """Of the curves at or above a model of the family, the least is the model itself."""
+    """If the limits are a curve of the model, the least curve at or above them is this model."""
     tau = np.geomspace(DT, 1e3, 25)
     model = Noise(Q=1e-5, N=1e-3, B=5e-4, K=1e-4)
     found = overbound_curve(tau, np.sqrt(model.avar(tau, dt=DT)), terms=TERMS, dt=DT)
     for term in TERMS:
         np.testing.assert_allclose(getattr(found, term), getattr(model, term), rtol=1e-5)
-    # in the continuous form as well, and in any unit
+    # the same is true in the continuous form and in any unit
     found = overbound_curve(tau, 1e9 * np.sqrt(model.avar(tau)), terms=("B", "N", "K", "Q"))
     np.testing.assert_allclose([found.Q, found.N, found.B, found.K], [1e4, 1e6, 5e5, 1e5], rtol=1e-5)
 
 
 def test_eight_decades_and_one_cluster_time():
-    """Columns that span more powers of ten than a float has digits."""
+    """The columns span more powers of ten than a float has digits."""
     tau = np.geomspace(1e-3, 1e5, 40)
     upper = 1.2 * np.sqrt(Noise(Q=1e-7, N=1e-4, B=1e-5, K=1e-7).avar(tau))
     for terms in (TERMS, ("N",), ("Q",), ("Q", "N", "B", "K", "R")):
@@ -78,7 +78,7 @@ def test_eight_decades_and_one_cluster_time():
 
 @pytest.fixture(scope="module")
 def fits():
-    """Fits of 40 channels of 65,536 samples of one truth."""
+    """The truth, and fits of 40 simulated channels with 65,536 samples."""
     truth = Noise(N=1e-3, B=5e-4, K=1e-4)
     y = np.stack([truth.simulate(2**16, 1.0 / DT, seed=s) for s in range(40)], axis=1)
     return truth, fit(y, 1.0 / DT, method="edf")
@@ -96,13 +96,13 @@ def test_of_a_fit(fits):
     for term in TERMS:
         np.testing.assert_allclose(getattr(one, term), getattr(bound, term)[3], rtol=1e-9)
     assert one.R == 0.0
-    # the prediction of the fit lies below it wherever it was fitted
+    # the variance that the fit predicts lies below the overbound in the fitted range
     predicted = found.noise.avar(tau, dt=DT)
     assert np.all((bound.avar(tau, dt=DT) > predicted)[used])
 
 
 def test_the_truth_lies_below(fits):
-    """At each cluster time above 97.5 % of the time at the least, less 2.6 standard errors of 40 channels."""
+    """At each cluster time, at least 97.5 % of the overbounds lie above the truth, less 2.6 standard errors of 40 channels."""
     truth, found = fits
     bound = overbound(found).avar(found.deviation.tau, dt=DT)
     below = truth.avar(found.deviation.tau, dt=DT)[:, None] <= bound
@@ -122,7 +122,7 @@ def test_only_the_cluster_times_in_use_and_the_terms_of_the_fit():
 
 
 def test_processes_that_are_known_stay():
-    """With a sinusoid and a Gauss-Markov process given, the rest covers what they leave; alone, it would have to cover them."""
+    """If a sinusoid and a Gauss-Markov process are given, the other terms cover the rest; otherwise they would have to cover all."""
     tau = np.geomspace(DT, 300.0, 20)
     known = Noise(markov=((1e-3, 2.0),), sinusoid=((2e-4, 0.5),))
     rest = Noise(N=1e-3, K=1e-5)
@@ -132,7 +132,7 @@ def test_processes_that_are_known_stay():
     np.testing.assert_allclose([found.N, found.K], [1e-3, 1e-5], rtol=1e-4)
     assert np.all(found.avar(tau, dt=DT) >= upper**2 * (1.0 - 1e-12))
     assert overbound_curve(tau, upper, dt=DT).N > 1.05e-3
-    # where they cover everything, nothing is added
+    # if the given processes exceed all limits, no other term is added
     assert overbound_curve(tau, 0.9 * np.sqrt(known.avar(tau, dt=DT)), dt=DT, beside=known).N == 0.0
 
 
@@ -145,7 +145,7 @@ def test_processes_of_a_fit_stay(fits):
     assert (bound.markov, bound.sinusoid) == (one.noise.markov, one.noise.sinusoid)
     excess = bound.avar(one.deviation.tau, dt=DT) / one.deviation.upper**2
     assert np.all(excess[one.used] >= 1.0 - 1e-12)
-    # channels with and without a line come out side by side
+    # channels with and without a spectral line can be mixed
     lines = ((np.append(1e-5, 0.0 * found.noise.N[1:]), np.append(0.5, 1.0 + 0.0 * found.noise.N[1:])),)
     both = overbound(dataclasses.replace(found, noise=dataclasses.replace(found.noise, sinusoid=lines)))
     np.testing.assert_array_equal(both.sinusoid, lines)
@@ -177,7 +177,7 @@ def test_messages(tau, upper, terms, words):
 
 
 def test_terms_that_cannot_follow_the_limits():
-    """Only rising terms against limits that fall over eight decades."""
+    """The limits fall over eight decades, but all terms rise."""
     tau = np.geomspace(1e-3, 1e5, 40)
     with pytest.raises(FitError, match="add N or B"):
         overbound_curve(tau, tau**-1.0, terms=("K", "R"))

@@ -1,4 +1,4 @@
-"""Terms of noise that the package does not know: fitted with honest intervals, drawn, reported and saved like the others."""
+"""User-defined noise terms are fitted with correct intervals, simulated, reported and saved like the built-in terms."""
 
 import json
 from typing import ClassVar
@@ -13,7 +13,7 @@ from jaxcal.noise import Noise, Term
 
 
 class PowerLaw(Term):
-    """Density that falls as a power of the frequency; between flicker (1) and a random walk (2) for samples."""
+    """A term whose density falls as a power of the frequency, with exponents between flicker (1) and random walk (2)."""
 
     exponent: float
     name: ClassVar[str] = "P"
@@ -24,7 +24,7 @@ class PowerLaw(Term):
 
 
 class Resonance(Term):
-    """Second-order Gauss-Markov process: white noise through an oscillator of natural frequency `frequency` (Hz) and damping."""
+    """Second-order Gauss-Markov process: white noise that excites a damped oscillator of natural frequency `frequency` (Hz)."""
 
     frequency: float
     damping: float
@@ -40,7 +40,7 @@ METHODS = ("whittle", "gls", "edf", "wavelet")
 
 
 def power_law(n, exponent, random):
-    """Fractionally integrated white noise at dt = 1 (N. J. Kasdin, Proc. IEEE 83, 1995), long after its start from rest."""
+    """Simulate fractionally integrated white noise at dt = 1 (N. J. Kasdin, Proc. IEEE 83, 1995) that started long before."""
     long = 8 * n
     lag = np.arange(1, long)
     response = np.cumprod(np.append(1.0, (lag - 1 + exponent / 2) / lag))
@@ -54,7 +54,7 @@ def records(count):
 
 
 def numeric(name, **shape):
-    """A built-in term as one of one's own: its density alone, so that everything else is integrated."""
+    """Copy a built-in term to a user-defined one with only its density, so that all else is integrated numerically."""
     inner = Noise(**{name: 1.0}).part(name)[2] if name != "markov" else jaxcal.noise.GaussMarkov(**shape)
 
     class Own(Term):
@@ -73,12 +73,12 @@ def two():
 
 @pytest.mark.long
 def test_intervals_hold_the_truth():
-    """95 % intervals of both coefficients hold the truth in 93 to 97 % of 200 records."""
+    """The 95 % intervals of both coefficients contain the truth in 93 to 97 % of 200 records."""
     fits = [jaxcal.noise.fit(y, 1.0, terms=("N", LAW)) for y in records(200)]
     truth = {"N": 1.0, "P": STRENGTH}
     held = {name: np.mean([fit.interval[name][0] <= value <= fit.interval[name][1] for fit in fits]) for name, value in truth.items()}
     assert 0.93 <= np.mean(list(held.values())) <= 0.97, held
-    # of one coefficient within three standard errors of 200 records
+    # the coverage of each coefficient is within three standard errors for 200 records
     assert all(abs(share - 0.95) < 3 * np.sqrt(0.95 * 0.05 / len(fits)) for share in held.values()), held
     for name, value in truth.items():
         found = np.array([float(fit.noise.coefficient(name)) for fit in fits])
@@ -104,7 +104,7 @@ def test_other_methods(method):
     found = [jaxcal.noise.fit(y, 1.0, terms=(LAW, "N"), method=method) for y in records(12)]
     assert found[0].terms == ("P", "N")
     held = sum(fit.interval["P"][0] <= STRENGTH <= fit.interval["P"][1] for fit in found)
-    assert held >= 9  # of 12; 8 or fewer by chance in 3 of 10,000
+    assert held >= 9  # of 12; 8 or fewer have a probability of 3 in 10,000
     values = [float(fit.noise.coefficient("P")) for fit in found]
     assert abs(np.mean(values) - STRENGTH) < 4 * np.std(values) / np.sqrt(12)
 
@@ -116,7 +116,7 @@ def test_derivative_of_a_traced_fit():
         return jaxcal.noise.fit(jnp.asarray(y) * scale, 1.0, terms=("N", LAW)).noise.coefficient("P")
 
     value, slope = jax.jit(jax.value_and_grad(strength))(1.0)
-    np.testing.assert_allclose(slope, value, rtol=1e-5)  # it is proportional to the record
+    np.testing.assert_allclose(slope, value, rtol=1e-5)  # the coefficient is proportional to the record
 
 
 def test_kept_in_a_calibration(two, tmp_path):
@@ -163,7 +163,7 @@ def test_what_follows_from_a_density_equals_the_closed_forms(name, shape):
 
 
 def test_a_resonance():
-    """Samples have the Allan variance of the model, and a fit finds the coefficient; its density is that of an oscillator."""
+    """Simulated samples of an oscillator have the Allan variance of the model, and a fit finds the coefficient."""
     term = Resonance(frequency=0.05, damping=0.1)
     noise = Noise(N=0.5, further=((1.0, term),))
     m = np.array([1, 4, 10, 30, 200])

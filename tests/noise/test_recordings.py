@@ -1,4 +1,4 @@
-"""Several recordings of one device: the interval holds the coefficient of the next one."""
+"""Several recordings of one device: the interval contains the coefficient of the next recording."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def test_the_interval_of_four_recordings_holds_the_fifth(spread):
         low, high = found.interval["N"]
         inside.append(low <= truth[4] / RATE**0.5 <= high)
         between.append(found.between["N"])
-    assert np.sum(inside) >= 34  # of 40 at 95 %: fewer have a chance of 1 in 300
+    assert np.sum(inside) >= 34  # of 40 at 95 %; fewer have a probability of 1 in 300
     if spread == 0.1:
         assert np.mean(between) == pytest.approx(spread, rel=0.25)
 

@@ -1,4 +1,4 @@
-"""Generators against theory by Monte Carlo, with stated error."""
+"""Simulated noise agrees with theory within stated standard errors."""
 
 import numpy as np
 import pytest
@@ -36,11 +36,11 @@ def mean_variance(noise, **options):
 @pytest.mark.long
 @pytest.mark.parametrize("term", TERMS)
 def test_mean_allan_variance_is_the_exact_one(term):
-    """Within 4.5 standard errors at every cluster size."""
+    """The mean Allan variance agrees within 4.5 standard errors at every cluster size."""
     mean, error = mean_variance(TERMS[term])
-    z = (mean - TERMS[term].avar(M / RATE, dt=1 / RATE)) / np.maximum(error, 1e-9 * mean)  # a ramp has no error but rounding
+    z = (mean - TERMS[term].avar(M / RATE, dt=1 / RATE)) / np.maximum(error, 1e-9 * mean)  # a ramp has no random error
     assert np.all(np.abs(z) < 4.5), z
-    assert np.all(error < 0.025 * mean)  # the test can tell
+    assert np.all(error < 0.025 * mean)  # the test is sensitive enough
 
 
 @pytest.mark.long
@@ -49,17 +49,17 @@ def test_stationary_processes_have_their_autocovariance_from_the_first_sample(te
     y = np.stack([TERMS[term].simulate(4, RATE, seed=s) for s in range(5000)])
     lag = np.abs(np.arange(4)[:, None] - np.arange(4)[None, :])
     expected = 1.5 * np.exp(-lag / (3.0 * RATE)) if term == "markov" else RATE**2 * (2.0 * (lag == 0) - (lag == 1))
-    variance = expected[0, 0] ** 2 + expected**2  # of a product of two Gaussian variables
+    variance = expected[0, 0] ** 2 + expected**2  # variance of a product of two Gaussian variables
     assert np.all(np.abs(y.T @ y / len(y) - expected) < 4.5 * np.sqrt(variance / len(y)))
 
 
 def test_rounding_with_dither_is_white():
-    """A step of one standard deviation: N^2 + LSB^2 dt/12, and the random walk as it was."""
+    """With a step of one standard deviation, rounding adds LSB^2 dt/12 to N^2 and does not change the random walk."""
     noise = Noise(N=1.0 / np.sqrt(RATE), K=0.01)
     mean, error = mean_variance(noise, resolution=1.0)
     model = Noise(N=np.sqrt(noise.N**2 + 1.0 / RATE / 12.0), K=noise.K)
     assert np.all(np.abs(mean - model.avar(M / RATE, dt=1 / RATE)) < 4.5 * error)
-    assert (mean[0] - noise.avar(1 / RATE, dt=1 / RATE)) / error[0] > 50.0  # it is more than without rounding
+    assert (mean[0] - noise.avar(1 / RATE, dt=1 / RATE)) / error[0] > 50.0  # the effect of rounding is significant
 
 
 def test_rounded_samples_are_those_without_rounding_rounded():
@@ -68,12 +68,12 @@ def test_rounded_samples_are_those_without_rounding_rounded():
     rounded = noise.simulate(1000, RATE, seed=0, resolution=step)
     np.testing.assert_array_equal(rounded / step, np.round(rounded / step))
     assert np.all(np.abs(rounded - exact) <= step / 2.0 * (1.0 + 1e-12))
-    # noise far below a step leaves one value
+    # if the noise is far below one step, all samples are equal
     assert len(np.unique(Noise(N=0.01).simulate(1000, 1.0, seed=0, resolution=1.0))) == 1
 
 
 class Draws(np.random.Generator):
-    """A generator of which one normal variable is 1 and all others are 0."""
+    """A random generator for which one normal variable is 1 and all others are 0."""
 
     def __init__(self, index):
         super().__init__(np.random.PCG64(0))
@@ -86,7 +86,7 @@ class Draws(np.random.Generator):
 
 @pytest.mark.parametrize(("n", "edge"), [(16, 1e-2), (64, 1e-2), (64, 0.3), (64, 1.5), (64, 1.5707), (600, 1e-2), (600, 0.3), (600, 1.5)])
 def test_flicker_with_a_cut_off_has_its_allan_variance(n, edge):
-    """No Monte Carlo: samples are linear in the variables drawn, so their variances are sums over these."""
+    """Samples are linear in the random variables, so that their variances are exact sums over these variables."""
     noise = Noise(B=1.0, cutoff=edge / np.pi)
     term, probe = noise.part("B")[2], Draws(0)
     term.simulate(n, 1.0, probe)

@@ -1,4 +1,4 @@
-"""The correction of the test for an absent term: cumulants against Monte Carlo, the cube root against the exact law."""
+"""The skewness correction of the test for an absent term: cumulants against simulations, the cube root against the exact law."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ def test_skewness_of_the_statistic(noise, tested):
     index = TERMS.index(tested)
     heard = response(samples, m.astype(float), 1.0, OBJECTS)
     theory = float(skewness(curve, used, heard, np.append(truth, 0.0) / unit, index))
-    # the statistic itself, by plain linear algebra: the tested column freed of those of the terms that are there
+    # compute the statistic by plain linear algebra, with the tested column orthogonal to those of the terms that are present
     c = allan_covariance(noise, samples, m, 1.0)
     columns = curve.columns[:, :4]
     there = columns[:, truth > 0]
@@ -34,7 +34,7 @@ def test_skewness_of_the_statistic(noise, tested):
     statistic = weight @ found.deviation**2
     halves = [scipy.stats.skew(part) for part in np.array_split(statistic, 10)]
     error = np.std(halves, ddof=1) / np.sqrt(10)
-    # the tail of the law is seldom drawn; the theory leaves out part of what happens at the ends of the record
+    # samples rarely reach the tail of the distribution, and the theory neglects a part of the effects at the ends of the record
     assert abs(theory - scipy.stats.skew(statistic)) < 0.12 * theory + 3.0 * error
     if tested == "K":
         assert theory > 0.8

@@ -1,4 +1,4 @@
-"""Whether noise is as strong in every part of a record: silent on stationary noise, outspoken on noise that is not."""
+"""The check that noise is equally strong in all parts of a record: no message for stationary noise, a warning otherwise."""
 
 import numpy as np
 import pytest
@@ -23,12 +23,12 @@ def test_chances_of_stationary_records_are_what_they_say(term):
     columns, density = _density(512)
     found = [unevenness(NOISE.simulate(N, 1.0 / DT, seed=s), columns[term], density, DT) for s in range(600)]
     chances = np.array([one.chance for one in found])
-    # large ones are told from 99 draws, the same for all records, and are good to 0.1; small ones from 999
+    # large p-values come from 99 simulations, the same for all records, and are accurate to 0.1; small ones from 999
     assert abs(np.median(chances) - 0.5) < 0.15
     for level in (0.01, 0.05):
         error = np.sqrt(level / 600 + level / 999)
         assert level - 3.0 * error < np.mean(chances < level) < level + 3.0 * error
-    # the mean of the factor is 1 by its definition; its scatter is about 1, so its standard error 0.05, and 0.1 from the draws
+    # the factor has a mean of 1 by definition and scatters by about 1; its mean has an error of 0.05, and 0.1 from the simulations
     assert abs(np.mean([one.factor for one in found]) - 1.0) < 0.35
 
 
@@ -49,7 +49,7 @@ def test_wandering_in_one_part_alone_is_told_and_widens_the_intervals():
     uneven = jaxcal.noise.fit(steady + walk, 100.0)
     said = [sentence for sentence in uneven.warnings if "uneven in time" in sentence]
     assert len(said) == 1
-    # the third eighth: 163.8 to 245.8 s of 655
+    # the louder part is the third eighth of the record: 163.8 to 245.8 s of 655
     assert "between 163.8 and 245.8 s" in said[0]
     assert not any("uneven in time" in sentence for sentence in even.warnings)
     widths = [(fit.interval["K"][1] - fit.interval["K"][0]) / float(fit.noise.K) for fit in (even, uneven)]
@@ -71,5 +71,5 @@ def test_gaps():
     y = Noise(N=4e-5, K=4e-6).simulate(1 << 15, 100.0, seed=6)
     y[1000:1100] = np.nan
     y[16000:16100] = np.nan
-    # no stretch is most of this record: nothing is said
+    # no part between two gaps is most of this record, so that there is no message
     assert not any("uneven" in sentence for sentence in jaxcal.noise.fit(y, 100.0).warnings)

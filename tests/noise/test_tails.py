@@ -1,4 +1,4 @@
-"""Heavy tails and levels that change: N of the core, of Student's t, and of each part."""
+"""Noise with heavy tails or changing level: N of the core, of Student's t, and of each part."""
 
 import numpy as np
 import pytest
@@ -30,7 +30,7 @@ def test_n_of_the_core_is_found_and_covered(law):
     values = np.array([float(one.noise.N) for one in found]) * RATE**0.5 / truth
     assert abs(np.median(values) - 1.0) < 0.03
     inside = [one.interval["N"][0] <= truth / RATE**0.5 <= one.interval["N"][1] for one in found]
-    assert sum(inside) >= RUNS - 2  # at 95 %, a third outside of eight has a chance of 1 in 175
+    assert sum(inside) >= RUNS - 2  # of eight intervals of 95 %, three or more miss the truth with a probability of 1 in 175
     said = [any("heavy tails" in sentence for sentence in one.warnings) for one in found]
     assert sum(said) == (0 if law == "normal" else RUNS)
 

@@ -1,7 +1,6 @@
-"""The thesis's noise chain: its tables as simulated cases, its readings beside the joint fit, its curves.
+"""The noise analysis of the thesis: its tables as simulated cases, its results compared with the joint fit, and its curves.
 
-The cases and the curves are those of notebooks/thesis.ipynb, taken from its cells marked "cases" and "curves"; the truth they
-are held against is typed in here.
+Cases and curves are read from the cells of notebooks/thesis.ipynb with the tags "cases" and "curves"; the true values are in this file.
 """
 
 import json
@@ -27,7 +26,7 @@ GYROSCOPES = {
     ("7.4", "X"): (4.0e-3, 1.2e-3, 1e-4), ("7.4", "Y"): (4.4e-3, 1.6e-3, 0.0), ("7.4", "Z"): (5.7e-3, 1.0e-3, 0.0),
 }  # fmt: skip
 PRINTED = ACCELEROMETERS | {key: tuple(RAD * np.array(row)) for key, row in GYROSCOPES.items()}
-#: B where the column is the lowest value of the curve: X of the Allan tables less what N and K contribute, others column/0.664
+#: B if the column is the minimum of the curve: for X of the Allan tables without the contributions of N and K, else column/0.664
 RAW = {
     ("7.1", "X"): 0.0246 * 9.80665e-3, ("7.1", "Y"): 2.94200e-4 / 0.664, ("7.1", "Z"): 4.31493e-4 / 0.664,
     ("7.3", "X"): 7.76 * RAD / 3600, ("7.3", "Y"): 2.2e-3 * RAD / 0.664, ("7.3", "Z"): 8.5e-4 * RAD / 0.664,
@@ -37,7 +36,7 @@ EXPECTED |= {(*key, "raw minimum"): (PRINTED[key][0], b, PRINTED[key][2]) for ke
 
 
 def cell(tag):
-    """Names that the notebook's cell with this tag defines."""
+    """Execute the notebook's cell with this tag; returns the names that it defines."""
     cells = json.loads(NOTEBOOK.read_text(encoding="utf-8"))["cells"]
     (source,) = ["".join(c["source"]) for c in cells if tag in c["metadata"].get("tags", [])]
     names = {}
@@ -63,10 +62,10 @@ def test_the_notebook_has_these_cases_and_no_other(cases):
 @pytest.mark.parametrize("key", EXPECTED, ids=lambda key: "-".join(key).replace(" ", "_"))
 def test_case(cases, key):
     noise = cases[key]
-    rounded = 3e-3 if key[2] == "raw minimum" else 1e-5  # digits printed
+    rounded = 3e-3 if key[2] == "raw minimum" else 1e-5  # as many digits as the thesis prints
     np.testing.assert_allclose([noise.N, noise.B, noise.K], EXPECTED[key], rtol=rounded)
     record = noise.simulate(2**14, RATE, seed=0)
-    # first differences are white noise twice: N to 0.7 %, six of these; B and K add less than 0.3 %
+    # first differences contain white noise twice and determine N to 0.7 %; the limit is six of these; B and K add less than 0.3 %
     np.testing.assert_allclose(np.sqrt(np.mean(np.diff(record) ** 2) / (2 * RATE)), noise.N, rtol=0.045)
 
 
@@ -82,7 +81,7 @@ def test_the_x_axes_as_printed_cannot_be_readings_of_the_minimum(cases, key, flo
     assert abs(without.min() / unit - floor) < digit
     assert abs(tau[without.argmin()] - at) < 0.05
     assert without.min() > 0.664 * noise.B
-    # the other variant has its minimum at the value of the column
+    # the minimum of the other variant equals the value of the column
     np.testing.assert_allclose(np.sqrt(cases[*key, "raw minimum"].avar(tau)).min(), noise.B, rtol=1e-6)
 
 
@@ -96,27 +95,27 @@ def test_the_joint_fit_recovers_every_coefficient(gyro_x, records):
     for found in fits:
         for term in ("N", "B"):
             i = found.terms.index(term)
-            # the covariance is that of the squares
+            # the covariance is that of squared coefficients
             miss = float(getattr(found.noise, term)) ** 2 - getattr(gyro_x, term) ** 2
             assert abs(miss) < 3 * np.sqrt(found.covariance[i, i]), (term, miss)
     # the estimate of K^2 is far from Gaussian; three or more of eight intervals miss in six of a thousand tries
     assert sum(found.interval["K"][0] < gyro_x.K < found.interval["K"][1] for found in fits) >= 6
     error = np.array([float(found.noise.B) for found in fits]) / gyro_x.B - 1
-    # bias -2 %, scatter 11.4 % per record: 4.0 % for the mean of eight, three of these
+    # the bias is -2 % and the scatter 11.4 % per record, which is 4.0 % for the mean of eight; the limits are three of these
     assert -0.14 < error.mean() < 0.10
 
 
 def test_readings_give_b_44_percent_too_high(gyro_x, records):
     readings = [fit(y, RATE, method="slope").noise for y in records]
     error = np.array([float(noise.B) for noise in readings]) / gyro_x.B - 1
-    # scatter 13 % per record: 4.7 % for the mean of eight, three of these
+    # the scatter is 13 % per record, which is 4.7 % for the mean of eight; the limits are three of these
     assert 0.30 < error.mean() < 0.58
     assert np.all(error > 0)
     white = np.array([float(noise.N) for noise in readings]) / gyro_x.N - 1
     np.testing.assert_allclose(white, 0.0, atol=0.03)
 
 
-#: relative rms error of a curve through the exact deviation, N = 0.25 deg/sqrt(h), B = 7.6 deg/h, K = 1.8 deg/h/sqrt(s)
+#: relative rms error of each curve fitted to the exact deviation for N = 0.25 deg/sqrt(h), B = 7.6 deg/h, K = 1.8 deg/h/sqrt(s)
 CURVES = {
     "polynomial 5, linear": 1.1, "polynomial 10, linear": 0.82, "polynomial 20, linear": 0.49, "rational 4/2, linear": 0.017,
     "polynomial 5, log-log": 0.010, "polynomial 10, log-log": 0.0004, "polynomial 20, log-log": 8e-7, "rational 4/2, log-log": 0.0019,
@@ -143,7 +142,7 @@ def test_a_polynomial_is_that_of_numpy():
 def test_a_rational_function_is_found_and_its_pole_named():
     rational = cell("curves")["rational"]
     u = np.linspace(0.0, 2.0, 41)
-    for b, expected in (((0.5, 0.1), False), ((-1.0, 0.0), True)):  # the second has its pole at 1.0, a point of the grid moved off
+    for b, expected in (((0.5, 0.1), False), ((-1.0, 0.0), True)):  # the pole of the second is at 1.0, near a point of the grid
         grid = u + 0.01
         v = (1 + grid**4) / (1 + b[0] * grid + b[1] * grid**2)
         value, pole = rational(grid, v)

@@ -1,4 +1,4 @@
-"""The likelihood fit: against a general minimiser, by Monte Carlo, and under everything that breaks its assumptions."""
+"""The likelihood fit against a general minimiser, in simulations, and with data that violate its assumptions."""
 
 import dataclasses
 
@@ -22,7 +22,7 @@ CASE_A = Noise(N=0.25 / 60 * D, B=7.6 / 3600 * D, K=1.8 / 3600 * D)
 
 @pytest.mark.parametrize("seed", [0, pytest.param(3, marks=pytest.mark.long)])
 def test_minimum_and_limits_equal_those_of_a_general_minimiser(seed):
-    """L-BFGS-B on `log_likelihood` from many starts finds nothing better, and the levels of the profile at the ends of the intervals."""
+    """L-BFGS-B from many starts finds no higher likelihood, and the profile likelihood has the expected level at the interval ends."""
     y = dataclasses.replace(CASE_A, Q=0.4 / 3600 * D).simulate(1 << 13, RATE, seed=seed)
     fit = jaxcal.noise.fit(y, RATE)
     assert not fit.left_out
@@ -34,13 +34,13 @@ def test_minimum_and_limits_equal_those_of_a_general_minimiser(seed):
     def cost(x):
         return -likelihood(Noise(**dict(zip(TERMS, jnp.sqrt(x) * scale, strict=True))))
 
-    # evaluated some thousand times: here the optimiser, which the suite does without, saves more than it takes
+    # this function is evaluated thousands of times, so that the optimisation of compiled code, which other tests omit, saves time
     objective = jax.jit(jax.value_and_grad(cost), compiler_options={"xla_backend_optimization_level": 2})
 
     def least(starts, held=None):
         found = []
         for start in starts:
-            # off zero, where the root of a squared coefficient has no derivative
+            # the bound avoids zero, where the root of a squared coefficient has no derivative
             bounds = [(1e-12, None)] * 4
             if held is not None:
                 start = np.array(start, dtype=float)
@@ -100,13 +100,13 @@ def test_a_low_pass_is_left_out_and_named(record):
     for term in "NBK":
         assert departs(fit, term, getattr(CASE_A, term)) < 4
     assert not fit.noise.sinusoid
-    assert float(fit.noise.N) == pytest.approx(CASE_A.N, rel=0.03)  # its standard error is 0.7 % at the band that is left
+    assert float(fit.noise.N) == pytest.approx(CASE_A.N, rel=0.03)  # the standard error is 0.7 % for the remaining band
 
 
 def test_a_line_is_taken_out_and_told(record):
     fit = jaxcal.noise.fit(record + 2e-3 * D * np.sin(2 * np.pi * 0.1 * np.arange(1 << 17) / RATE + 0.7), RATE)
     ((amplitude, frequency),) = fit.noise.sinusoid
-    assert amplitude / D == pytest.approx(2e-3, rel=0.3)  # the noise at the line's frequency alone scatters it by 10 %
+    assert amplitude / D == pytest.approx(2e-3, rel=0.3)  # noise at the frequency of the line causes a scatter of 10 %
     assert frequency == pytest.approx(0.1, rel=0.04)
     assert any("line at 0.1" in sentence for sentence in fit.warnings)
     for term in "NBK":
@@ -163,7 +163,7 @@ def test_a_ramp_is_told_and_fitted_where_asked(record):
 
 @pytest.mark.long
 def test_the_interval_of_a_ramp_has_the_level_asked_for():
-    """The slope is normal: half-widths go as the quantiles, and 50 % intervals hold the truth in half of the records."""
+    """The slope has a normal distribution: half-widths are proportional to its quantiles, and 50 % intervals contain half of the truths."""
     slope = 2e-4 * D
     levels = (0.5, 0.8, 0.99)
     terms = ("N", "R")
@@ -174,7 +174,7 @@ def test_the_interval_of_a_ramp_has_the_level_asked_for():
     uppers = [fit.upper_limit["R"] - float(fit.noise.R) for fit in fits[1:]]
     np.testing.assert_allclose(uppers[1] / uppers[0], scipy.stats.norm.ppf(0.99) / scipy.stats.norm.ppf(0.8), rtol=1e-9)
     found = [jaxcal.noise.fit(y, RATE, terms=terms, confidence=0.5).interval["R"] for y in records]
-    # binomial: 60 intervals of 50 % hold it 17 to 43 times but for a chance of one in a thousand
+    # by the binomial distribution, 17 to 43 of 60 intervals of 50 % contain the truth except once in a thousand tries
     assert 17 <= sum(low <= slope <= high for low, high in found) <= 43
 
 
@@ -213,7 +213,7 @@ def test_a_log_that_carries_temperature_is_tested_for_it(record):
 
 
 def test_jit_vmap_and_derivative():
-    """Values and derivatives of two records, in one program."""
+    """One compiled program computes values and derivatives of two records."""
     records = np.stack([CASE_A.simulate(1 << 13, RATE, seed=s) for s in range(2)])
 
     def coefficients(y):
@@ -288,7 +288,7 @@ def test_messages_of_log_likelihood():
 @pytest.mark.long
 def test_the_second_opinion_agrees_where_the_model_holds_and_says_so_where_not(record):
     fits = [jaxcal.noise.fit(CASE_A.simulate(1 << 15, RATE, seed=seed), RATE) for seed in range(40)]
-    # the two share their data, so that three standard deviations apart is rarer than 0.3 % of three terms
+    # both fits use the same data, so that differences of three standard deviations are rarer than 0.3 % per term
     assert sum(any("generalised least squares" in sentence for sentence in fit.warnings) for fit in fits) <= 1
     other = np.array([float(np.asarray(fit.other.N)) for fit in fits])
     assert abs(other.mean() / CASE_A.N - 1) < 0.005
@@ -317,7 +317,7 @@ def test_channels_with_different_lines_stand_side_by_side(record):
 
 @pytest.mark.long
 def test_what_would_decide():
-    """An absent K is decided by a record of the length named: a K at its limit would be seen there as a rule."""
+    """A record of the stated length decides on an absent K: if K were at its limit, most such records would detect it."""
     absent = dataclasses.replace(CASE_A, K=0.0)
     fit = jaxcal.noise.fit(absent.simulate(1 << 16, RATE, seed=4), RATE)
     assert fit.verdict["K"] == "not detected"
@@ -325,7 +325,7 @@ def test_what_would_decide():
     assert fit.duration * 0.5 < length < fit.duration * 30
     there = dataclasses.replace(absent, K=limit)
     rise = [float(jaxcal.noise.fit(there.simulate(int(length * RATE), RATE, seed=seed), RATE).significance["K"]) for seed in range(12)]
-    assert np.mean(np.array(rise) > 5.41) >= 0.6  # 95 % nominal for a K known beforehand; the estimate is a rough one
+    assert np.mean(np.array(rise) > 5.41) >= 0.6  # nominally 95 % for a known K; the stated length is a rough estimate
 
 
 def test_gaps_everywhere_are_fitted_and_a_record_of_gaps_is_refused(record):
@@ -338,11 +338,11 @@ def test_gaps_everywhere_are_fitted_and_a_record_of_gaps_is_refused(record):
 
 
 def test_an_interval_is_known_where_only_one_term_is_there():
-    """B is at zero; held at zero, N would leave no density at all."""
+    """B is zero; if N were also zero, the model would have no density."""
     y = Noise(N=8.1e-5).simulate(4_000, 100.0, seed=4)
     found = jaxcal.noise.fit(y, 100.0, terms=("N", "B"))
     assert found.noise.B == 0
     low, high = found.interval["N"]
-    # the likelihood of white noise alone: relative standard error 1 / sqrt(2 n) of N
+    # for white noise alone the relative standard error of N is 1 / sqrt(2 n)
     assert 0.9 < (found.noise.N - low) / (1.96 * found.noise.N / np.sqrt(8_000)) < 1.1
     assert 0.9 < (high - found.noise.N) / (1.96 * found.noise.N / np.sqrt(8_000)) < 1.1

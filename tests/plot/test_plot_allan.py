@@ -1,4 +1,4 @@
-"""`plot.allan`: what is drawn, where, in which unit; and `plot.save`."""
+"""`plot.allan`: curves, labels, positions and units of the figure; and `plot.save`."""
 
 import os
 import pathlib
@@ -56,7 +56,7 @@ def test_terms_follow_their_closed_forms():
     }.items():
         (line,) = lines(ax, TERM_COLORS[term], "--")
         tau = np.asarray(line.get_xdata())
-        long = tau > 100 / 200.0  # the sampled forms differ at the shortest cluster times
+        long = tau > 100 / 200.0  # at the shortest cluster times the sampled forms differ
         np.testing.assert_allclose(np.asarray(line.get_ydata())[long], form(tau[long]) / DEG_PER_H, rtol=1e-3)
 
 
@@ -68,7 +68,7 @@ def test_what_was_not_detected_is_a_dotted_upper_limit():
     np.testing.assert_allclose(np.asarray(line.get_ydata())[-1], 2e-6 * np.sqrt(tau[-1] / 3) / DEG_PER_H, rtol=1e-3)
     assert "K < 0.41 °/h/√s" in key(ax)
     assert "N = 0.34 °/√h" in key(ax)
-    assert "B ≈ 0.69 °/h" in key(ax)  # a hint
+    assert "B ≈ 0.69 °/h" in key(ax)  # the symbol marks a hint
 
 
 def test_model_is_full_in_the_band_alone_and_the_rest_is_shaded():
@@ -124,7 +124,7 @@ def test_nothing_overlaps_and_nothing_leaves_the_figure(own):
         assert box.x1 <= whole.x1 + 1
         assert box.y1 <= whole.y1 + 1
         if own:
-            assert box.y0 >= ax.get_window_extent().y1 - 1  # above the axes
+            assert box.y0 >= ax.get_window_extent().y1 - 1  # the label is above the axes
         visible = [b for b in labels if ax.get_window_extent().padded(20).overlaps(b)]
         assert not any(a.overlaps(b) for i, a in enumerate(visible) for b in visible[:i])
 
@@ -223,7 +223,7 @@ def test_no_global_setting_is_touched():
 
 
 def test_colours_stay_apart_for_colour_blind_readers():
-    """Distance in CIE Lab after the deuteranope projection of Vienot et al. (1999)."""
+    """Colours must differ enough in CIE Lab after the projection of Vienot et al. (1999) for deuteranopes."""
 
     def lab(color):
         rgb = np.array(matplotlib.colors.to_rgb(color))

@@ -1,4 +1,4 @@
-"""`plot.dynamic`: what is drawn, where, in which unit."""
+"""`plot.dynamic`: contents, labels and units of the figure."""
 
 import numpy as np
 import pytest

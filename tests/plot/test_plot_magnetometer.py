@@ -1,4 +1,4 @@
-"""Figures of a magnetometer calibration show what is in it."""
+"""Figures of a magnetometer calibration show the values of its result."""
 
 import numpy as np
 import pytest
@@ -29,10 +29,10 @@ def test_sphere_shows_both(found):
 
 def test_coverage_map_puts_regions_where_they_are(found):
     ax = jaxcal.plot.coverage(found)
-    corners = [path.vertices[:-1] for path in ax.collections[0].get_paths()]  # closed: the first corner again at the end
+    corners = [path.vertices[:-1] for path in ax.collections[0].get_paths()]  # without the last corner, which repeats the first
     assert len(corners) == 100
-    # every region's middle lies in its cell, and all have the same area
-    pole = coverage(np.array([[0.0, 0.0, 1.0]] * 5))  # of readings at the pole alone every other region is missing
+    # the centre of every region lies in its cell, and all cells have the same area
+    pole = coverage(np.array([[0.0, 0.0, 1.0]] * 5))  # with readings only at the pole, all other regions are missing
     for cell, middle in zip(corners[1:-1], pole.missing[:-1], strict=True):
         longitude = np.rad2deg(np.arctan2(middle[1], middle[0]))
         assert cell[:, 0].min() - 1e-6 <= longitude <= cell[:, 0].max() + 1e-6
@@ -49,7 +49,7 @@ def test_residuals_and_heading_error(found):
     with pytest.raises(DataError, match="give the readings that were fitted"):
         jaxcal.plot.residual(M[:5], found)
     level, tilted = jaxcal.plot.heading_error(found).lines
-    # its mean square over the headings is the figure of the fit
+    # the rms over the headings is the heading error that the fit states
     assert np.sqrt(np.mean(level.get_ydata()[:-1] ** 2)) == pytest.approx(np.rad2deg(found.heading_error[0]), rel=1e-6)
     assert np.sqrt(np.mean(tilted.get_ydata()[:-1] ** 2)) == pytest.approx(np.rad2deg(found.heading_error[1]), rel=1e-6)
 

@@ -1,4 +1,4 @@
-"""Readings on the turntable and the azimuth, as drawn."""
+"""Figures of north finding show the turntable readings and the azimuth."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ def test_points_curve_and_density(fitted):
     assert len(axes) == 3
     line = axes[1].lines[0]
     amplitude = (np.max(line.get_ydata()) - np.min(line.get_ydata())) / 2
-    # horizontal Earth's rate at 35 degrees: 12.3 deg/h; the small tilt changes it by less than 0.4
+    # the horizontal Earth's rate at 35 degrees is 12.3 deg/h; the small tilt changes it by less than 0.4
     assert amplitude == pytest.approx(15.041 * np.cos(35 * DEG), abs=0.4)
     x, density = axes[2].lines[0].get_data()
     assert np.trapezoid(density, x) == pytest.approx(1, abs=1e-3)

@@ -1,4 +1,4 @@
-"""`plot.spectrum`: what is drawn, where, in which unit."""
+"""`plot.spectrum`: curves, labels and units of the figure."""
 
 import pathlib
 import runpy
@@ -33,7 +33,7 @@ def key(ax):
 
 
 def drawn(ax):
-    """Everything is laid out, which finds faults that calls alone do not."""
+    """Draw the figure, which finds errors that occur only in the layout."""
     ax.figure.draw_without_rendering()
     return ax
 
@@ -139,7 +139,7 @@ def test_channels_of_one_spectrum_with_a_model_of_channels():
 
 
 def test_a_raw_spectrum_is_thinned_to_its_extremes():
-    """A line that no average hides stays, at its height; the file stays small."""
+    """A spectral line keeps its height although the curve is thinned, which keeps the file small."""
     n = 200_000
     y = np.random.default_rng(0).standard_normal(n) + 0.5 * np.sin(2 * np.pi * 17.3 * np.arange(n) / RATE)
     result = density(y, RATE, average=None)
@@ -150,7 +150,7 @@ def test_a_raw_spectrum_is_thinned_to_its_extremes():
     assert f[np.argmax(values)] == pytest.approx(17.3)
     assert values.max() == pytest.approx(result.density.max() / DEG_PER_H**2)
     assert values.min() == pytest.approx(result.density.min() / DEG_PER_H**2)
-    assert ax.get_ylim()[0] > values.min()  # the deepest dips leave the axes
+    assert ax.get_ylim()[0] > values.min()  # the deepest minima are outside the axes
     assert (f[0], f[-1]) == (result.frequency[0], result.frequency[-1])
 
 

@@ -1,4 +1,4 @@
-"""`plot.temperature` and the thermal report: what is drawn and said, in which unit."""
+"""`plot.temperature` and the thermal report: curves, texts and units."""
 
 import numpy as np
 import pytest

@@ -62,7 +62,7 @@ def mag():
 
 
 def joint():
-    """A device waved for forty seconds, with a rest and a disturbed stretch; the delay of its magnetometer is not determined."""
+    """A device moved for forty seconds, with a rest and a disturbed interval; the delay of its magnetometer is not determined."""
     log, model, true = jaxcal.device.simulate(40.0, seed=2, rests=1, iron=(30.0, 36.0, 0.3))
     values = {}
     for part, field in (("accel", "matrix"), ("accel", "bias"), ("gyro", "matrix"), ("gyro", "bias"), ("magnetometer", "soft_iron"),

@@ -1,4 +1,4 @@
-"""The averaging tables, and the intervals that follow from what was averaged."""
+"""Averaging tables of spectra, and intervals that depend on the number of averaged ordinates."""
 
 import math
 
@@ -8,7 +8,7 @@ import scipy.stats
 
 from jaxcal.spectrum import density
 
-#: thesis, Table 5.1: first ordinate, last ordinate, averaged by
+#: Table 5.1 of the thesis: first ordinate, last ordinate, number of ordinates per average
 TABLE = [
     (1, 32, 1), (33, 64, 2), (65, 128, 4), (129, 256, 8), (257, 512, 16), (513, 1024, 32), (1025, 2048, 64), (2049, 4096, 128),
     (4097, 8192, 256), (8193, 16384, 512), (16385, 32768, 1024),
@@ -16,7 +16,7 @@ TABLE = [
 
 
 def groups(average, ordinates, keep_tail=False):
-    """First ordinate and number of ordinates of every value of a spectrum."""
+    """First ordinate and number of ordinates for every value of an averaged spectrum."""
     y = np.random.default_rng(ordinates).standard_normal(2 * ordinates + 1)
     count = density(y, 1.0, average=average, keep_tail=keep_tail).count
     return np.cumsum(count) - count, count
@@ -51,7 +51,7 @@ def test_groups_lie_one_behind_the_other(average, ordinates):
     dropped = len(start) - len(whole[0])
     assert dropped in (0, 1)
     np.testing.assert_array_equal(whole[0], start[: len(whole[0])])
-    if dropped:  # it was not full: with a few ordinates more it grows
+    if dropped:  # the last group was not full and grows with a few more ordinates
         longer = groups(average, ordinates + int(count[-1]) * 20, keep_tail=True)
         assert longer[1][len(start) - 1] > count[-1]
 
@@ -65,7 +65,7 @@ def test_log_groups_are_forty_to_the_decade():
 
 
 def test_a_ragged_tail_is_dropped_and_said_or_kept_with_its_count():
-    y = np.random.default_rng(1).standard_normal(220)  # 110 ordinates: 2 beyond the last full group of four
+    y = np.random.default_rng(1).standard_normal(220)  # 110 ordinates, of which 2 are after the last full group of four
     raw = density(y, 22.0, average=None)
     dropped, kept = density(y, 22.0), density(y, 22.0, keep_tail=True)
     assert len(kept.density) == len(dropped.density) + 1
@@ -84,20 +84,20 @@ def test_average_is_a_mean_over_each_group():
 
 
 def test_degrees_of_freedom_of_the_periodogram_and_the_dct():
-    """Two to an ordinate, one to that at half the rate, which an even record has; the DCT has one everywhere."""
+    """An ordinate has two degrees of freedom, that at half the rate (in even records) one; each DCT ordinate has one."""
     y = np.random.default_rng(0).standard_normal(101)
     np.testing.assert_allclose(density(y, 1.0).edf, 2.0 * density(y, 1.0).count)
     np.testing.assert_allclose(density(y[:100], 1.0, average=None).edf, [2.0] * 49 + [1.0])
     np.testing.assert_allclose(density(y[:100], 1.0, average=None, sided=1).edf, [2.0] * 49 + [1.0])
     assert density(y[:64], 1.0, sided=1).edf[-1] == pytest.approx(1.0)
-    # one-sided, the last of two stands for half as much: as three equal squares
+    # in a one-sided spectrum the last of two ordinates counts half, so that the sum behaves as three equal squares
     assert density(y[:68], 1.0, sided=1).edf[-1] == pytest.approx(3.0)
     found = density(y, 1.0, method="dct", keep_tail=True)
     np.testing.assert_array_equal(found.edf, found.count)
 
 
 def test_degrees_of_freedom_of_half_overlapping_hann_segments():
-    """36 K^2 / (19 K - 1): Percival and Walden, Spectral Analysis for Physical Applications, 1993, equation 294."""
+    """The value is 36 K^2 / (19 K - 1) by Percival and Walden, Spectral Analysis for Physical Applications, 1993, equation 294."""
     for segments in (1, 2, 7, 100):
         y = np.random.default_rng(0).standard_normal(128 * (segments + 1))
         found = density(y, 1.0, method="welch", segment=256, overlap=0.5, average=None).edf
@@ -106,7 +106,7 @@ def test_degrees_of_freedom_of_half_overlapping_hann_segments():
 
 @pytest.mark.parametrize(("average", "overlap"), [(None, 0.5), ("octave", 0.5), ("log", 0.5), ("octave", 0.75), ("log", 0.0)])
 def test_degrees_of_freedom_of_welch_are_those_of_the_spread(average, overlap):
-    """2 mean^2 / variance over 6000 white records; its standard error is 1.9 to 3 % of it."""
+    """Degrees of freedom agree with 2 mean^2 / variance over 6000 white records, which has a standard error of 1.9 to 3 %."""
     y = np.random.default_rng(3).standard_normal((1024, 6000))
     found = density(y, 1.0, method="welch", average=average, segment=256, overlap=overlap, keep_tail=True)
     spread = 2.0 * found.density.mean(axis=1) ** 2 / found.density.var(axis=1)
@@ -124,16 +124,16 @@ def test_degrees_of_freedom_of_welch_are_those_of_the_spread(average, overlap):
     ids=str,
 )  # fmt: skip
 def test_intervals_of_white_noise_cover_as_often_as_they_say(options):
-    """2000 records of 600 samples: at every frequency the count of covering intervals is binomial."""
+    """For 2000 records of 600 samples, the number of intervals that contain the truth is binomial at every frequency."""
     runs, level = 2000, options.get("confidence", 0.95)
     y = math.sqrt(10.0) * np.random.default_rng(4).standard_normal((600, runs))
     found = density(y, 10.0, keep_tail=True, **options)
     truth = np.full(len(found.frequency), 2.0 if found.sided == 1 else 1.0)
     if found.sided == 1 and found.average is None:
-        truth[-1] = 1.0  # the ordinate at half the rate stands for itself
+        truth[-1] = 1.0  # the ordinate at half the rate is not doubled
     share = np.mean((found.lower <= truth[:, None]) & (truth[:, None] <= found.upper), axis=1)
     error = math.sqrt(level * (1 - level) / runs)
-    # 0.5 % for the chi-square approximation to a sum of unlike squares
+    # 0.5 % allow for the chi-square approximation of a sum of unequal squares
     assert np.all(np.abs(share - level) < 4.5 * error + 0.005), (share.min(), share.max())
     assert abs(share.mean() - level) < 0.005
 

@@ -1,4 +1,4 @@
-"""Spectra against scipy, Parseval's identity and dense covariance matrices; options, channels, and messages."""
+"""Spectra against SciPy, Parseval's identity and dense covariance matrices; options, channels and messages."""
 
 import math
 
@@ -24,7 +24,7 @@ def record(n=500, seed=0, channels=None):
 
 
 def by_definition(y, rate, sided):
-    """The ordinates above zero, term by term."""
+    """Ordinates above frequency zero by definition, summed term by term."""
     n, t = len(y), np.arange(len(y))
     values = []
     for j in range(1, n // 2 + 1):
@@ -63,12 +63,12 @@ def test_welch_equals_scipy(segment, overlap, sided):
     here = slice(1, segment // 2 + 1)
     np.testing.assert_allclose(found.frequency, np.abs(frequency[here]), rtol=1e-13)
     np.testing.assert_allclose(found.density[1:], expected[here][1:], rtol=1e-9)
-    # the mean of a segment takes a sixth of its first ordinate, which scipy leaves so
+    # subtracting the mean of a segment removes a sixth of its first ordinate, for which SciPy does not correct
     np.testing.assert_allclose(found.density[0], expected[1] * 6 / 5, rtol=1e-9)
 
 
 def test_welch_is_unbiased_for_white_noise_at_every_ordinate():
-    """4000 records; the standard error of each mean is the deviation over sqrt(4000), and 4.5 of them leave 0.02 % by chance."""
+    """The limit is 4.5 standard errors for means of 4000 records, which random errors exceed in 0.02 % of the tests."""
     found = density(np.random.default_rng(5).standard_normal((256, 4000)), 1.0, method="welch", average=None, segment=32)
     error = found.density.std(axis=1) / math.sqrt(4000)
     assert np.all(np.abs(found.density.mean(axis=1) - 1.0) < 4.5 * error)
@@ -77,7 +77,7 @@ def test_welch_is_unbiased_for_white_noise_at_every_ordinate():
 @hypothesis.settings(max_examples=40, deadline=None)
 @hypothesis.given(n=st.integers(4, 300), seed=st.integers(0, 2**32 - 1), average=st.sampled_from(["octave", "log", None]))
 def test_parseval(n, seed, average):
-    """The ordinates times their spacing add up to the variance, whatever they were averaged to."""
+    """The sum of ordinates times their spacing is the variance for every kind of averaging."""
     y = record(n, seed)
     one = density(y, RATE, sided=1, average=average, keep_tail=True)
     assert np.sum(one.density * one.count) * RATE / n == pytest.approx(np.var(y), rel=1e-9)
@@ -99,8 +99,8 @@ def test_dct_equals_scipy():
 
 
 def expected_ordinates(root, rate):
-    """E P_k of a Gaussian record with covariance root root': P is quadratic, so the columns of the root add up to it."""
-    moving = np.ptp(root, axis=0) > 0  # a column of equal samples adds nothing above frequency zero
+    """Expected ordinates of a Gaussian record with covariance root root', as the sum of the ordinates of the columns of the root."""
+    moving = np.ptp(root, axis=0) > 0  # a constant column contributes nothing above frequency zero
     return density(root[:, moving], rate, method="dct", average=None).density.sum(axis=1)
 
 
@@ -115,7 +115,7 @@ def test_dct_of_the_noise_terms_has_the_expectations_of_their_covariance(n):
     walk = 2e-3 * math.sqrt(dt) * np.cumsum(np.eye(n), axis=0)
     np.testing.assert_allclose(expected_ordinates(walk, RATE), 2e-3**2 * dt**2 / s**2, rtol=1e-11)
     np.testing.assert_allclose(expected_ordinates(0.7 * np.eye(n), RATE), np.full(n - 1, 0.49 * dt), rtol=1e-11)
-    # the ordinates of a random walk are independent: the transform of its covariance is diagonal
+    # ordinates of a random walk are independent, since the transform of its covariance is diagonal
     transform = scipy.fft.dct(np.eye(n), norm="ortho", axis=0)
     covariance = transform @ walk @ walk.T @ transform.T
     inner = covariance[1:, 1:]
@@ -123,7 +123,7 @@ def test_dct_of_the_noise_terms_has_the_expectations_of_their_covariance(n):
 
 
 def test_dct_of_flicker_against_its_covariance():
-    """Increments of flicker have the autocovariance -(4 B^2/pi)/(4 h^2 - 1); at k = 1 the naive density is 29 % too high."""
+    """Increments of flicker have the autocovariance -(4 B^2/pi)/(4 h^2 - 1); the uncorrected density at k = 1 is 29 % too high."""
     n, h = 96, np.arange(96)
     increments = -(4.0 / np.pi) / (4.0 * h**2 - 1.0)
     root = np.linalg.cholesky(increments[np.abs(h[:, None] - h[None, :])])
@@ -150,7 +150,7 @@ def test_channels_are_what_each_is_alone(method):
 
 
 def test_a_line_stands_at_its_frequency_with_its_power():
-    """A sinusoid of amplitude A has the mean square A^2/2, all of it in one ordinate when it fits the record."""
+    """A sinusoid of amplitude A with whole periods has its mean square A^2/2 in a single ordinate."""
     n, t = 1000, np.arange(1000) / RATE
     y = 3.0 * np.sin(2 * np.pi * 2.5 * t) + 1e-6 * record(n)
     found = density(y, RATE, sided=1, average=None)

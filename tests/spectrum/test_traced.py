@@ -1,4 +1,4 @@
-"""The differentiable path: under jit, vmap and grad, in both precisions; and no compilation on the host."""
+"""Spectra under jit, vmap and grad in both precisions; without tracing nothing is compiled."""
 
 import logging
 
@@ -83,7 +83,7 @@ def test_a_gap_is_an_error_even_when_traced():
 
 
 def test_nothing_is_compiled_on_the_host_whatever_the_length(caplog):
-    density(record(100), 10.0)  # what decides between the two paths
+    density(record(100), 10.0)  # the first call may compile what chooses between the two paths
     with jax.log_compiles(), caplog.at_level(logging.WARNING):
         for n in (101, 202, 1003):
             for method in METHODS:
