@@ -248,8 +248,8 @@ def _fit(log: Any, align: str, joint: bool, options: dict[str, Any], given: Shot
     there = np.isfinite(log.mag).all(axis=1)
     kept, held = there & ~given.held, there & given.held
     # without --align the accelerometer is used for the dip only, not for the rotation
-    three = log.accel is not None and log.accel.shape[1] == 3
-    aid = Accelerometer(log.accel[kept], turns=align == "accel") if align != "gyro" and three else None
+    accel = log.accel if log.accel is not None and log.accel.shape[1] == 3 else None
+    aid = None if align == "gyro" or accel is None else Accelerometer(accel[kept], turns=align == "accel")
     if given.headings is not None:
         aid = Headings(given.headings[kept], None if up is None else up[kept])
     if given.currents:

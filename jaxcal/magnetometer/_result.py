@@ -237,7 +237,7 @@ class MagFit(Result):
         )
 
 
-def between(span: np.ndarray) -> str:
+def between(span: AnyArray) -> str:
     """The range of a heading error in rad, as text in degrees."""
     low, high = np.rad2deg(span)
     return f"{low:.2g} to {high:.2g} degrees" if high < 30 else f"{low:.2g} to more than 30 degrees" if low < 30 else "more than 30 degrees"

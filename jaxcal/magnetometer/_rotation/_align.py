@@ -138,7 +138,7 @@ def vertical(aid: Any, turn: Alignment | None, y: Any = None) -> tuple[float | N
     mean = up.mean(axis=0) if len(up) else np.zeros(3)
     size = float(np.linalg.norm(mean))
     if turn is not None:
-        return turn.dip, -turn.rotation @ mean / size if size > _LEVEL else None
+        return turn.dip, -np.asarray(turn.rotation) @ mean / size if size > _LEVEL else None
     dips = -np.arcsin(np.clip(np.sum(unit(y[kept]) * up, axis=1), -1, 1))
     if len(dips) < _FEWEST or np.std(dips) > LIMITS[1]:
         return None, None
