@@ -40,8 +40,8 @@ def over_models(
     """
     assert found.rival is not None
     behind = max(_own(found) - found.rival.net, 0.0)
-    levels = [max(level - behind, _LEAST) for level in levels_of(confidence)]
-    return widest(limits, names, uncertainty(fitted, widened, *levels, others, ("N",))[1].scaled(unit), ("N",))
+    both, one = (max(level - behind, _LEAST) for level in levels_of(confidence))
+    return widest(limits, names, uncertainty(fitted, widened, both, one, others, ("N",))[1].scaled(unit), ("N",))
 
 
 def doubted(limits: Limits, names: tuple[str, ...], doubts: dict[str, Alternative]) -> tuple[Limits, dict[str, Alternative]]:
