@@ -13,6 +13,7 @@ import functools
 import hashlib
 import importlib.metadata
 import io
+import math
 import os
 import pickle
 import platform
@@ -93,7 +94,7 @@ class Store:
                 self._held[key] = None  # a function inside another one, or a user's function
             else:
                 path = self._folder / f"program-{hashlib.sha256(_world() + name).hexdigest()}-cache"
-                self._held[key] = _read(path, arrays, fixed) or _made(path, lower(arrays, fixed).compile())
+                self._held[key] = _read(path, arrays, fixed) or _made(path, _compiled(lower(arrays, fixed)))
         program = self._held[key]
         return program and program(arrays, fixed)
 
@@ -114,6 +115,21 @@ def _read(path: Path, arrays: list[Any], fixed: Any) -> Callable[..., Any] | Non
         return None
     except Exception:  # any error that a truncated file causes: the program is compiled again and replaces the file
         return None
+
+
+def _compiled(lowered: Any) -> Any:
+    """The program, compiled without leaving an entry in JAX's own cache.
+
+    A program that JAX has loaded from its cache cannot be stored again: the file lacks its functions, and calls of what is read from it
+    fail. Each program here would meet its entry there as soon as its name changes, with a new version of jaxcal.
+    """
+    limit = "jax_persistent_cache_min_compile_time_secs"
+    before = jax.config.values[limit]
+    jax.config.update(limit, math.inf)
+    try:
+        return lowered.compile()
+    finally:
+        jax.config.update(limit, before)
 
 
 def _made(path: Path, compiled: Any) -> Callable[..., Any]:

@@ -9,10 +9,10 @@ import jax
 import jax.numpy as jnp
 import jax.scipy.special
 import numpy as np
-import scipy  # loads its parts when they are first used
 
 from .._errors import DataError
 from .._precision import array_module, host_float64, is_traced
+from .._special import chi_square_tail
 from ..fitting import Fit, solve
 from ..noise import Noise
 from ._closed import WEAK
@@ -208,8 +208,8 @@ def _described(found: Fit, table: Table, readings: Readings, sizes: Any, other: 
     counted = xp.concatenate([*table.measured, table.certainty > 0])
     dof = xp.sum(counted) - known_of.rank_with_priors
     chi_square = xp.sum(r**2)
-    special = scipy.special if xp is np else jax.scipy.special
-    p_value = special.gammaincc(xp.maximum(dof, 1) / 2, chi_square / 2)
+    # on the host without SciPy's special functions, which are slow to load
+    p_value = chi_square_tail(chi_square, max(dof, 1)) if xp is np else jax.scipy.special.gammaincc(jnp.maximum(dof, 1) / 2, chi_square / 2)
     # the solver's own convergence test fails for noise-free readings, whose residuals are rounding, and along undetermined directions
     gradient = jacobian.T @ r
     usable = xp.asarray(found.usable) | (gradient @ finite @ gradient < _DONE**2)

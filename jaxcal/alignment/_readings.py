@@ -7,7 +7,6 @@ import jax
 import jax.core
 import jax.numpy as jnp
 import numpy as np
-import scipy  # loads its parts when they are first used
 
 from .._compile import filter_jit
 from .._errors import DataError
@@ -169,8 +168,9 @@ def _second_harmonic(angle: np.ndarray, value: np.ndarray, dwell: np.ndarray) ->
     amplitude, sigma = float(np.hypot(*pair)), float(np.sqrt(np.trace(covariance) / 2))
     # in noise-free readings, rounding must not count as wobble
     tiny = amplitude < 1e-9 * float(np.abs(value).max())
+    # the tail of F with two degrees of freedom above
     statistic = 0.0 if tiny or sigma == 0 else float(pair @ np.linalg.solve(covariance, pair)) / 2
-    return (amplitude, sigma, float(scipy.special.fdtrc(2, freedom, statistic))), white
+    return (amplitude, sigma, (1 + 2 * statistic / freedom) ** (-freedom / 2)), white
 
 
 @filter_jit

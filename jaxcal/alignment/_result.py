@@ -4,10 +4,10 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
-import scipy  # loads its parts when they are first used
 
 from .._precision import array_module, is_traced
 from .._results import Result, Row
+from .._special import student_quantile
 from .._types import AnyArray
 from ..fitting import Information, information
 from ._model import UNITS, Turntable
@@ -304,7 +304,7 @@ class AlignmentFit(_Known, Result):
     @property
     def interval(self) -> dict[str, tuple[float, float]]:
         """95 % confidence interval of every determined free parameter, SI (host only)."""
-        reach = dict(zip(self.names, scipy.special.stdtrit(np.asarray(self.freedom), 0.975), strict=True))
+        reach = dict(zip(self.names, student_quantile(self.freedom, 0.975), strict=True))
         known = {name: value for name, value in self.parameters.items() if value is not None and np.isfinite(self.std[name])}
         return {name: (x - reach[name] * self.std[name], x + reach[name] * self.std[name]) for name, x in known.items()}
 

@@ -60,7 +60,7 @@ def shell(tmp_path_factory):
         )
         return Outcome(found.returncode, found.stdout, found.stderr)
 
-    run.environment = environment
+    run.environment, run.cached = environment, environment | tests
     return run
 
 

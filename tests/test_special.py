@@ -1,0 +1,23 @@
+"""Chi-square and Student's t against SciPy."""
+
+import numpy as np
+import pytest
+import scipy.special
+
+from jaxcal._special import chi_square_tail, student_quantile
+
+
+@pytest.mark.parametrize("freedom", [1, 2, 3, 4, 7, 20, 51, 400, 2001])
+def test_tail_of_chi_square(freedom):
+    value = freedom * np.array([0.0, 1e-6, 0.01, 0.3, 0.9, 1.0, 1.1, 1.5, 3.0, 20.0])
+    np.testing.assert_allclose(chi_square_tail(value, freedom), scipy.special.chdtrc(freedom, value), rtol=1e-10, atol=1e-300)
+    assert chi_square_tail(np.inf, freedom) == 0
+    assert np.isnan(chi_square_tail(np.nan, freedom))
+
+
+@pytest.mark.parametrize("probability", [0.6, 0.9, 0.975, 0.9995])
+def test_quantile_of_student(probability):
+    freedom = np.array([0.5, 1, 1.5, 2, 3, 4.2, 5, 9, 17.3, 30, 100, 333.3, 499.9, 500, 501, 1e3, 1e4, 1e6, 1e12])
+    np.testing.assert_allclose(student_quantile(freedom, probability), scipy.special.stdtrit(freedom, probability), rtol=1e-10)
+    np.testing.assert_allclose(student_quantile(np.inf, probability), scipy.special.ndtri(probability), rtol=1e-13)
+    assert np.isnan(student_quantile(0.0, probability))
