@@ -9,6 +9,7 @@ from .._errors import DataError
 from .._log import as_log
 from .._precision import host_float64
 from .._units import STANDARD_GRAVITY
+from ..fitting._serial import correlation_time
 from ..imu import windowed_variance
 from ..imu._fits import coefficients
 from ..magnetometer import MagModel
@@ -125,8 +126,9 @@ def _rounds(record: Record, vector: Any, way: Any, free: Any, level: Noise) -> t
         power, number = _power(found.field, found.kept)
         some = found.kept.any(axis=1)
         size = level.mag * np.sqrt(power)
-        level = Noise(level.gyro, level.accel, float(np.sqrt(np.median(size[some] ** 2) / _median(3 * float(np.median(number[some]))))))
-        far = size / level.mag
+        white = float(np.sqrt(np.median(size[some] ** 2) / _median(3 * float(np.median(number[some])))))
+        level = Noise(level.gyro, level.accel, white * np.sqrt(_alike(found)))
+        far = size / white
         new = np.where(far > _GONE, _LITTLE, np.minimum(1.0, _FAR / np.maximum(far, 1e-9)))
         settled, counts = bool(np.max(np.abs(new - counts)) < _SAME), new
         spread = found.chain.variances(np.linalg.inv(found.eliminated.information), found.eliminated.carried)
@@ -140,6 +142,12 @@ def _power(field: np.ndarray, kept: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     return np.sum(np.where(kept[..., None], field, 0.0) ** 2, axis=(1, 2)) / (3 * np.maximum(number, 1)), number
 
 
+def _alike(found: Solution) -> float:
+    """Readings of the magnetometer that are as good as one: what its room adds to the field changes slowly, and is not white."""
+    usual = found.kept & (found.counts > 0.5)[:, None]
+    return max(float(np.mean([correlation_time(axis) for axis in found.field[usual].T])), 1.0)
+
+
 def _median(freedom: float) -> float:
     """Median of a chi-square over its degrees of freedom."""
     return float(scipy.special.chdtri(freedom, 0.5) / freedom)
@@ -151,7 +159,7 @@ def _hand(found: Solution, spread: np.ndarray, rests: Rests, record: Record, lev
     moving = ~ends
     reach = np.mean(way.place[moving] ** 2 + spread[moving, 6:9])
     speed = np.mean(way.velocity[moving] ** 2 + spread[moving, 3:6])
-    place = Place(float(np.sqrt(reach)), float(np.sqrt(speed)))
+    place = Place(float(np.sqrt(reach)), float(np.sqrt(speed))).strained(way, record.time, rests.moving)
     if not ends.any():
         return place, rests
     slow = np.mean(way.velocity[ends] ** 2 + spread[ends, 3:6])
@@ -212,6 +220,7 @@ def _result(
     missing = lacks(found, record, level.mag, told.ratio)
     number = np.maximum(found.kept.sum(axis=1), 1)[:, None]
     rms = np.sqrt(np.sum(found.field**2, axis=1) / number) * level.mag * strength
+    white = level.mag * float(np.sqrt(np.median(_power(found.field, found.kept)[0])))
     disturbed = stretches(found.kept.any(axis=1) & (found.counts < 0.5), record)
     undetermined = tuple(name for name, lost in zip(names, blind, strict=True) if lost)
     facts = {
@@ -225,7 +234,7 @@ def _result(
         verdict=verdict, reason=reason, warnings=warnings, model=model, names=names, values=values, covariance=covariance,
         interval=np.stack([values - half, values + half], axis=1), degrees_of_freedom=float(told.freedom), undetermined=undetermined,
         verdicts=verdicts, disturbed=disturbed, rests=stretches(rests.windows, record),
-        noise={"gyro": level.gyro, "accel": level.accel, "mag": level.mag * strength}, reach=place.reach, speed=place.speed,
+        noise={"gyro": level.gyro, "accel": level.accel, "mag": white * strength}, reach=place.reach, speed=place.speed,
         disagreement=told.ratio, time=np.append(start, start[-1] + record.time), attitude=found.way.rotation, velocity=found.way.velocity,
         place=found.way.place, residual_inertial=found.rows.inertial, residual_field=rms, gravity=record.gravity, rate=float(log.rate),
         duration=float(log.duration), contribution={kind: part[: len(names)] for kind, part in shares(told.terms, slope).items()},

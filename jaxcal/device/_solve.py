@@ -60,6 +60,17 @@ class Place:
         )  # fmt: skip
         return step, np.linalg.inv(left), np.linalg.inv(whole)
 
+    def strained(self, way: Any, time: float, moving: np.ndarray) -> "Place":
+        """The same reach, with a speed at which the way changes between windows as much as it does: a real hand is jerkier than others."""
+        x, place = np.stack([way.velocity, way.place, way.acceleration], axis=1), self
+        for _ in range(12):
+            step, known, _ = place.transition(time)
+            left = x[1:] - step @ x[:-1]
+            if np.sum(left * (known @ left) * moving[:, None, None]) <= 9 * moving.sum():
+                break
+            place = Place(place.reach, 1.15 * place.speed)
+        return place
+
     def rows(self, way: Any, time: float, moving: np.ndarray) -> tuple[float, Chain]:
         """Half a sum of squares, and the part of the normal equations; only of windows in which the device is `moving`."""
         step, known, first = self.transition(time)
