@@ -13,7 +13,7 @@ import pytest
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
 COMMANDS = (
-    "demo", "noise", "allan", "psd", "temperature", "imu", "mag", "north", "apply", "convert", "export", "diff", "info", "batch",
+    "demo", "noise", "allan", "psd", "temperature", "imu", "mag", "device", "north", "apply", "convert", "export", "diff", "info", "batch",
     "simulate", "cache", "rate-table", "vibration",
 )  # fmt: skip
 
@@ -23,7 +23,7 @@ def name(page):
 
 
 def test_there_are_pages():
-    assert len(PAGES) == 27
+    assert len(PAGES) == 28
     settings = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
     listed = re.findall(r": ([a-z_/]+\.md)$", settings, re.MULTILINE)
     assert sorted(listed) == [page.relative_to(ROOT / "docs").as_posix() for page in PAGES]

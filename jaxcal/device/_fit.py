@@ -9,7 +9,7 @@ from .._errors import DataError
 from .._log import as_log
 from .._precision import host_float64
 from .._units import STANDARD_GRAVITY
-from ..fitting import correlation_time
+from ..fitting._serial import correlation_time
 from ..imu import windowed_variance
 from ..imu._fits import coefficients
 from ..magnetometer import MagModel

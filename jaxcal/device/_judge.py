@@ -6,7 +6,8 @@ import itertools
 import numpy as np
 import scipy  # loads its parts when they are first used
 
-from ..fitting import Chain, leave_out_pieces
+from ..fitting import Chain
+from ..fitting._serial import leave_out_pieces
 from ..noise import Noise
 from ._contribution import kinds_of, terms_of
 from ._normal import ACCEL_BIAS, GYRO_BIAS, inertial, skew

@@ -21,4 +21,4 @@ from ._loss_and_prior import (
 from ._problem import names_of as names_of
 from ._profile import Interval as Interval, profile_interval as profile_interval
 from ._result import Fit as Fit, Outcome as Outcome, identifiability as identifiability, leverage as leverage
-from ._serial import correlation_time as correlation_time, is_white as is_white, leave_out as leave_out, leave_out_pieces as leave_out_pieces
+from ._serial import is_white as is_white, leave_out as leave_out

@@ -18,6 +18,22 @@ class Chain:
     corner : (p, p) J'J of the parameters.
     link_score : (K, n) J'r of each link.
     score : (p,) J'r of the parameters.
+
+    Examples
+    --------
+    A mean (the parameter) of readings with a random walk (the links):
+
+    >>> import numpy as np
+    >>> from jaxcal.fitting import Chain
+    >>> one = np.ones((50, 1, 1))
+    >>> links = one + 2.0
+    >>> links[[0, -1]] -= 1.0
+    >>> readings = np.ones((50, 1))
+    >>> chain = Chain(links, -one[1:], one, np.array([[50.0 + 1e-6]]), -readings, -readings.sum(axis=0))
+    >>> found = chain.eliminated(1e-6)
+    >>> step = -np.linalg.solve(found.information, found.score)
+    >>> found.links(step).shape
+    (50, 1)
     """
 
     links: np.ndarray
@@ -61,6 +77,15 @@ class Eliminated:
     score : (p,) gradient of half the sum of squares, with the chain at its best.
     carried : (K, n, p) by how much each link falls when a parameter rises.
     fall : (K, n) by how much each link falls while the parameters stay.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxcal.fitting import Chain
+    >>> one = np.ones((3, 1, 1))
+    >>> found = Chain(2 * one, -0.5 * one[1:], 0.5 * one, 9 * one[0], one[:, 0], np.ones(1)).eliminated()
+    >>> found.information.shape, found.carried.shape
+    ((1, 1), (3, 1, 1))
     """
 
     information: np.ndarray
